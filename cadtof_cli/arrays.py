@@ -17,6 +17,9 @@ Bool = NDArray[np.bool_]
 Index = NDArray[np.intp]
 Status = NDArray[np.uint32]
 
+SomePixels = slice | Index
+"""Which of n pixels: neighbours, or any."""
+
 T = TypeVar("T")
 
 

@@ -6,16 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Index, Stored
+from cadtof_cli.arrays import Complex, SomePixels, Stored
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
-
-Where = slice | Index
-"""Some of a frame's pixels: neighbours, or any."""
 
 EVERY = slice(None)
 
@@ -46,7 +43,7 @@ class FramePixels:
     choice: "DiffuseChoice | None" = None
     tail: "DiffuseModel | None" = None
 
-    def places(self, chosen: Where, /) -> Where:
+    def places(self, chosen: SomePixels, /) -> SomePixels:
         """Return where in the frame some of the pixels stand, as flat indices."""
         if isinstance(chosen, slice):
             start, stop, _ = chosen.indices(self.stored.shape[2])

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, SomePixels, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
-from cadtof_cli.frame_pixels import EVERY, FramePixels, Where
+from cadtof_cli.frame_pixels import EVERY, FramePixels
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
-    """What the MPI of frames is predicted with: how they are cut, and what is asked for."""
+class DiffusePlan:
+    """How the MPI of frames is predicted where it is diffuse: the patches that they are cut into, and what is asked for."""
 
     grid: "PatchGrid"
     settings: "DiffuseSettings"
@@ -41,7 +41,15 @@ class Prediction:
 class FrameStages:
     """What every block of frames of one plan, type and size shares.
 
-    `noise` None: it is to be estimated from each frame; `prediction` None: its MPI is taken for separate paths.
+    Attributes:
+        saturated_counts: stored values at or beyond these are saturated; None: none are.
+        correction: of the stored values.
+        depth: how paths become metres and volts.
+        resolver: settings, with the least confidence in units of the phasors.
+        room: of the resolver, whose solver answers.
+        layers: of the maps, besides the status.
+        noise: of a recorded pixel; None: it is to be estimated from each frame.
+        diffuse: how MPI is predicted; None: it is taken for separate paths.
     """
 
     saturated_counts: tuple[float, float] | None
@@ -51,15 +59,15 @@ class FrameStages:
     room: str
     layers: tuple[Layer, ...]
     noise: NoiseModel | None
-    prediction: Prediction | None
+    diffuse: DiffusePlan | None
 
-    def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
+    def phasors(self, pixels: FramePixels, chosen: SomePixels = EVERY) -> Complex:
         """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
         if pixels.pooled is not None:
             return _some(pixels.pooled, chosen)
         return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
 
-    def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
+    def status(self, pixels: FramePixels, chosen: SomePixels = EVERY, *, saturated: bool = True) -> Status:
         """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
         hot = self.correction.hot
         bits = np.uint32(0) if hot is None else hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
@@ -69,7 +77,7 @@ class FrameStages:
         return np.asarray(bits, np.uint32)
 
 
-def _some(planes: Stored, chosen: Where) -> Stored:
+def _some(planes: Stored, chosen: SomePixels) -> Stored:
     """Return some pixels of planes, (…, n), each plane's as neighbours."""
     return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
 
@@ -95,14 +103,14 @@ def frame_stages(
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
     may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
-    prediction = _prediction(metadata, size, resolver, correction) if may_be_diffuse else None
+    diffuse = _diffuse_plan(metadata, size, resolver, correction) if may_be_diffuse else None
     saturated = metadata.voltage.saturated_counts
-    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise, prediction))
+    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise, diffuse))
 
 
-def _prediction(
+def _diffuse_plan(
     metadata: "CaptureMetadata", size: tuple[int, int], resolver: ResolverSettings, correction: FrameCorrection
-) -> Prediction:
+) -> DiffusePlan:
     from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
@@ -110,15 +118,13 @@ def _prediction(
     focal = optics.focal_length_px
     view = View(focal, optics.principal_point(size)) if focal else assumed_view(*size)
     period_ns = modulation.periods_ns[0]
-    further = None
+    terms = None
     if correction.response is not None:
         from cadtof_cli.resolver.diffuse.other_terms import harmonics_seen
 
-        further = harmonics_seen(correction.response)
-    asked = DiffuseSettings(
-        model=resolver.mpi_model, period_ns=period_ns, harmonics=modulation.harmonics, further=further
-    )
-    return Prediction(patch_grid(*size, view), asked)
+        terms = harmonics_seen(correction.response)
+    asked = DiffuseSettings(model=resolver.mpi_model, period_ns=period_ns, harmonics=modulation.harmonics, terms=terms)
+    return DiffusePlan(patch_grid(*size, view), asked)
 
 
 def kernel_of_frame(
@@ -128,23 +134,23 @@ def kernel_of_frame(
     noise: NoiseModel,
     source_type: np.dtype[np.generic],
     kernel: str,
-    model: "DiffuseModel | None" = None,
+    tail: "DiffuseModel | None" = None,
 ) -> FrameKernel:
     """Return what resolves `count` pixels of a frame from a flat index on, from what was recorded or from complex phasors."""
     block = slice(first, first + count)
     most, more = most_volts(noise, stages.depth.amplitude_v)
-    tail = None
-    if model is not None:
+    buffers = None
+    if tail is not None:
         from cadtof_cli.resolver.diffuse.pixels import tail_buffers
 
-        tail = tail_buffers(model.block(block))
+        buffers = tail_buffers(tail.block(block))
     scales = KernelScales(
         phasor_map=stages.correction.phasor_map[block] if source_type.kind != "c" else None,
         saturated_counts=stages.saturated_counts,
         metres=stages.depth.metres(block),
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
-        tail=tail,
+        tail=buffers,
         most_volts=most,
         noise_volts=more,
     )

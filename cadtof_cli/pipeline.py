@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored
+from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.frame_stages import (
+    DiffusePlan,
     FrameStages,
-    Prediction,
     frame_stages,
     kernel_of_frame,
     kernel_of_frames,
@@ -31,10 +31,10 @@ from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, most_integration, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
-from cadtof_cli.phasors.voltages import saturated_pixels
+from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.status import StatusBit, has_answer
-from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
@@ -42,11 +42,11 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 
 BLOCK_PIXELS = 38400
-"""Pixels a block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
+"""Pixels per block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
 stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
-"""Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
+"""Pixels per block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
 
 
 FREEING_ROUNDS = 3
@@ -105,15 +105,14 @@ def prepare_frame(
     samples = None if samples is None else samples.ravel()
     noise = stages.noise
     if noise is None:
-        unknown = NoiseModel((), math.nan, estimated=True, samples=samples)
-        noise = _estimated_noise(FramePixels(stored, frame.dtype, (height, width), 0, unknown), plan, stages)
+        noise = _estimated_noise(recorded, samples, frame.dtype, plan, stages)
     noise = noise if samples is None else replace(noise, samples=samples)
     same = is_without_noise(stored, noise)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
-    if stages.prediction is not None:
-        pixels = _with_predicted_mpi(pixels, stages, stages.prediction, kernel or chosen_kernel())
+    if stages.diffuse is not None:
+        pixels = _with_predicted_mpi(pixels, stages, stages.diffuse, kernel or chosen_kernel())
     return pixels
 
 
@@ -199,19 +198,23 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
     return ResolvedFrame(DepthMaps(parts[0].names, pages, status), pixels.noise, pixels.choice)
 
 
-def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: FrameStages) -> NoiseModel:
-    phasors = stages.phasors(pixels)
-    phasors[:, saturated_pixels(pixels.stored, stages.saturated_counts)] = np.nan
-    estimate = estimated_integration_length(phasors.reshape(-1, *pixels.size))
+def _estimated_noise(
+    recorded: Stored, samples: Float | None, dtype: np.dtype[np.generic], plan: FramePlan, stages: FrameStages
+) -> NoiseModel:
+    """Return the noise of one recording, by how the pixels of a frame, (H, 2, Y, X), scatter."""
+    stored = recorded.reshape(*recorded.shape[:2], -1)
+    phasors = phasors_from_stored(stored, stages.correction.phasor_map)
+    phasors[:, saturated_pixels(stored, stages.saturated_counts)] = np.nan
+    estimate = estimated_integration_length(phasors.reshape(-1, *recorded.shape[2:]))
     if math.isnan(estimate):
         raise FrameError(
             "the integration length is unknown and the noise cannot be estimated: too few pixels are finite and not "
             "saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
         )
-    if pixels.noise.samples is not None:
+    if samples is not None:
         # 1/(2·n_av − 1) of one recording is so many times that of the mean
-        estimate = 0.5 * (1.0 + (2.0 * estimate - 1.0) / float(np.median(pixels.noise.samples)))
-    length = min(estimate, most_integration(plan.metadata, quantised=pixels.dtype.kind in "iu"))
+        estimate = 0.5 * (1.0 + (2.0 * estimate - 1.0) / float(np.median(samples)))
+    length = min(estimate, most_integration(plan.metadata, quantised=dtype.kind in "iu"))
     return noise_model(plan.metadata, integration_length=length, quantised=False, estimated=True)
 
 
@@ -230,26 +233,26 @@ def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePi
     return replace(pixels, noise=noise, pooled=pooled.phasors.reshape(len(phasors), -1))
 
 
-def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Prediction, kernel: str) -> FramePixels:
+def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffusePlan, kernel: str) -> FramePixels:
     """Choose a frame's model of MPI and, where that is diffuse, predict it from the frame's own geometry."""
     from cadtof_cli.frame_samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
-    noise, asked = pixels.noise, prediction.settings
+    noise, asked = pixels.noise, plan.settings
     look_at = look_at_frames if noise.samples is None else look_at_frame
     look = look_at(stages, noise, pixels.stored.dtype, kernel) if pixels.pooled is None else None
     looked_at: FrameSamples | None = None
     if look is None:
-        looked_at = frame_samples(pixels, stages, prediction.grid, kernel=kernel)
+        looked_at = frame_samples(pixels, stages, plan.grid, kernel=kernel)
         light = looked_at.light()
     else:
-        light = compiled_light(pixels.stored, look, prediction.grid, kernel=kernel)
+        light = compiled_light(pixels.stored, look, plan.grid, kernel=kernel)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     variances = tuple(one.dark_variance for one in noise.each)
     means_of = partial(patch_means, variance=variances[0] / samples, harmonics=asked.harmonics, kernel=kernel)
     means = means_of(light, light.seen)
-    kinds = patch_kinds(means, np.array(variances) / samples, grid=prediction.grid, settings=asked, kernel=kernel)
+    kinds = patch_kinds(means, np.array(variances) / samples, grid=plan.grid, settings=asked, kernel=kernel)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
         return replace(pixels, choice=choice)
@@ -259,7 +262,7 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Pr
     offset = stages.depth.range_offset_m
     predicted = partial(
         diffuse_model,
-        grid=prediction.grid,
+        grid=plan.grid,
         variances=variances,
         settings=asked,
         samples=samples,

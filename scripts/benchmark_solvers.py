@@ -20,13 +20,13 @@ from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.paper.solver import TwoShares, two_shares
 from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
-from cadtof_cli.resolver.two_path.kernel import NUMPY
 from cadtof_cli.units import C_M_PER_NS
 from tests.support.mixtures import C, F, Mixture, noise_of, recorded
 

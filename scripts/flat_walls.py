@@ -9,7 +9,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.pipeline import resolve_frame
-from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Solver
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, SolverName
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
@@ -33,7 +33,7 @@ def main() -> None:
         print(f"| {length:.0f} | {one:.3f} | {forced:.3f} | {forced / one:.2f} |", flush=True)
 
 
-WAYS: tuple[tuple[Solver, MpiModel], ...] = (("one-path", "discrete"), ("two-path", "diffuse"))
+WAYS: tuple[tuple[SolverName, MpiModel], ...] = (("one-path", "discrete"), ("two-path", "diffuse"))
 
 
 def exposure(distance_m: float) -> Exposure:
@@ -43,7 +43,7 @@ def exposure(distance_m: float) -> Exposure:
     return Exposure(scene=Wall(distance_m=distance_m), camera=camera, metadata=metadata, seed=11)
 
 
-def error_cm(wall: Exposure, whole: Band, length: float, solver: Solver, model: MpiModel) -> float:
+def error_cm(wall: Exposure, whole: Band, length: float, solver: SolverName, model: MpiModel) -> float:
     """Return the median error of a wall's range at an integration length, in cm."""
     gain = averaging_gain(length) / averaging_gain(wall.integration_length)
     noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)

@@ -54,7 +54,7 @@ class Drawn:
         return f"two paths, {self.kind}, share {self.share:g}"
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return two paths a pixel."""
+        """Return two paths per pixel."""
         y, x = np.mgrid[: camera.height, : camera.width].astype(float)
         focal = camera.focal_length_px or float(camera.width)
         across, down = (x - 0.5 * (camera.width - 1)) / focal, (y - 0.5 * (camera.height - 1)) / focal

@@ -80,7 +80,7 @@ class Walk:
 
 
 def _is_imported(frame: FrameType) -> bool:
-    """Tell whether a function is called while a module is imported, which is no part of the way."""
+    """Return whether a function is called while a module is imported, which is no part of the way."""
     above = frame.f_back
     while above is not None and (above.f_code.co_name != "<module>" or above.f_globals["__name__"] == "__main__"):
         above = above.f_back

@@ -17,7 +17,7 @@ from cadtof_cli.frame_plan import CalibrationUse, DepthKind, FramePlan, MapSetti
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import require_plausible
 from cadtof_cli.pipeline import resolve_frame
-from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, Solver
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, SolverName
 from cadtof_cli.workflows.resolve.frame_task import answered_maps
 
 
@@ -25,7 +25,7 @@ class ResolverOptions(TypedDict, total=False):
     """How phasors become paths: the fields of `ResolverSettings`, which says what each means and what it is if not given."""
 
     mpi_model: MpiModel
-    solver: Solver
+    solver: SolverName
     paths: int
     order: str
     starts: int

@@ -9,30 +9,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Float, Float32, sealed
-from cadtof_cli.calibration.fit.robust import centre_and_spread
+from cadtof_cli.arrays import Bool, Float32, sealed
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
-from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.frames import CHANNELS
-from cadtof_cli.phasors.frame_mean import FrameMean, median_variance_ratio
-
-OFFSET_LIMIT = 8.0
-"""Robust standard deviations beyond which an offset is an outlier: Gaussian offsets reach 5.5 in a megapixel."""
-
-ROUNDING = 8.0 * float(np.finfo(np.float32).eps)
-"""Where there is no noise: share of the median offset that rounding may move an offset by."""
-
-ROUNDING_V = 1e-12
-"""The same in volts, for a median offset near 0."""
-
-NOISE_FALSE_ALARM = 1e-9
-"""Probability that a sound pixel's noise is taken for an outlier by chance; it must also differ by `NOISE_RATIO`."""
-
-MOST_ALIKE = 0.1
-"""Sound channels of a whole array that may hold the same count in all frames by chance, where those that do are called dead."""
-
-NOISE_RATIO = 2.0
-"""Least ratio of the noise of an outlier to that of the other pixels, or the other way round."""
+from cadtof_cli.phasors.frame_mean import median_variance_ratio
 
 
 class Defect(IntFlag):
@@ -117,61 +97,3 @@ class DarkCalibration:
         shape = (len(origin.harmonics), CHANNELS, *origin.pixels)
         offset, noise = (stacked(maps, what, origin.harmonics, CHANNELS).reshape(shape) for what in ("offset", "noise"))
         return cls(origin, offset, noise, np.asarray(maps["defects"], np.uint32), dict(tables["quality"]))
-
-
-def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:
-    """Return the dark calibration from the mean, in V, of covered-lens frames.
-
-    A pixel is an outlier where its offset lies `OFFSET_LIMIT` robust standard deviations from the median of its plane, or
-    its noise is outside what χ² allows around the plane's median variance. With one frame there is no noise to judge by, and with
-    few frames of counts none is too small: they may hold the same by chance.
-
-    Raises:
-        SettingsError: no pixel is sound in every frame.
-    """
-    if not mean.sound.any():
-        raise SettingsError(
-            "dark frames: found no pixel that is finite and not saturated in all of them, expected most pixels"
-        )
-    variances = np.zeros_like(mean.stored) if mean.variance is None else mean.variance
-    defects, dead_are_told = np.zeros(mean.pixels, np.uint32), tells_dead(mean)
-    defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)
-    for offset, variance in zip(_planes(mean.stored), _planes(variances), strict=True):
-        centre, spread = centre_and_spread(offset)
-        most = max(OFFSET_LIMIT * spread, ROUNDING * abs(centre), ROUNDING_V)
-        defects[np.abs(offset - centre) > most] |= np.uint32(Defect.OFFSET)
-        if mean.frames > 1:
-            low, high = _variance_limits(mean.frames)
-            typical = float(np.nanmedian(variance)) / median_variance_ratio(mean.frames)
-            if typical > 0.0:
-                defects[variance > high * typical] |= np.uint32(Defect.NOISE)
-                if dead_are_told:
-                    defects[variance < low * typical] |= np.uint32(Defect.DEAD)
-    noise = np.sqrt(np.nan_to_num(variances)).astype(np.float32)
-    return DarkCalibration(origin, np.nan_to_num(mean.stored).astype(np.float32), noise, defects)
-
-
-def tells_dead(mean: FrameMean, /) -> bool:
-    """Return whether there are so many frames that a sound pixel does not hold the same value in all of them by chance.
-
-    Of n Gaussian values that are rounded to steps of s, all are the same with a probability of (s/(σ·√(2π)))^(n − 1)/√n, where s
-    is no larger than σ.
-    """
-    if not mean.step:
-        return True
-    sigma = max(float(mean.frame_noise().min()), mean.step)
-    alike = (mean.step / (sigma * math.sqrt(2.0 * math.pi))) ** (mean.frames - 1) / math.sqrt(mean.frames)
-    return alike * mean.stored.size <= MOST_ALIKE
-
-
-def _planes(values: Float) -> Float:
-    return values.reshape(-1, *values.shape[-2:])
-
-
-def _variance_limits(frames: int) -> tuple[float, float]:
-    """Return the least and the largest sample variance of a sound pixel over the true one, from so many frames."""
-    from scipy.stats import chi2
-
-    freedom = frames - 1
-    low, high = chi2.ppf([NOISE_FALSE_ALARM, 1.0 - NOISE_FALSE_ALARM], freedom) / freedom
-    return min(float(low), NOISE_RATIO**-2), max(float(high), NOISE_RATIO**2)

@@ -96,7 +96,11 @@ def named_planes(
 
 
 def stacked(maps: Maps, what: str, harmonics: tuple[int, ...], channels: int = 0) -> NDArray[np.float32]:
-    """Return the maps that `named_planes` has named as one float32 array, (H·channels, Y, X)."""
+    """Return the maps that `named_planes` has named as one float32 array, (H·channels, Y, X).
+
+    Raises:
+        MetadataError: one of them is missing.
+    """
     names = _plane_names(what, harmonics, channels)
     missing = [name for name in names if name not in maps]
     if missing:

@@ -1,1 +1,1 @@
-"""What was recorded: metadata, stored voltages, TIFF and EXR readers, discovery of frames in a folder."""
+"""What was recorded: the metadata of captures, and where their frames lie in folders and files."""

@@ -54,7 +54,7 @@ def find_captures(
 
     What is named twice counts once: a capture, and a file besides the folder that it lies in.
 
-    Parameters:
+    Args:
         inputs: folders and files.
         overrides: metadata by dotted key that goes before any `capture.toml`.
         settings_file: a `capture.toml` that holds for all captures, in place of any other.

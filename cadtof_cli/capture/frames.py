@@ -32,7 +32,7 @@ _DIGITS = re.compile(r"(\d+)")
 class FrameSource:
     """Where one frame lies.
 
-    Parameters:
+    Attributes:
         name: of what is written for the frame, without suffix; with slashes where that lies in folders.
         paths: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
         index: position in a stack; None where the file is to hold this frame alone.
@@ -62,7 +62,7 @@ class FrameSource:
 class FrameFileList(Sequence[FrameSource]):
     """Frames of one folder, each in a file of its own; only the names of the files are kept, as there may be thousands.
 
-    Parameters:
+    Attributes:
         folder: of the files.
         files: their names.
         below: what comes before the names of frames, ends with a slash where it is not empty.
@@ -100,7 +100,7 @@ def natural_key(name: str) -> str:
 class Capture:
     """Frames that were recorded under the same metadata.
 
-    Parameters:
+    Attributes:
         root: folder in which they lie.
         source: their metadata and where each value came from.
         frames: where each frame lies, in the order they were recorded or given.
@@ -151,7 +151,7 @@ def frame_names(captures: Iterable[Capture], /) -> set[str]:
 def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]:
     """Open the file, or the files of single planes, in which a frame lies.
 
-    Parameters:
+    Args:
         source: where the frame lies.
         layout: how the capture's files are laid out.
 
@@ -284,7 +284,7 @@ class TypicalFile:
 
 
 def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[TypicalFile]:
-    """Yield what each file holds that can be opened."""
+    """Yield, for each file that can be opened, what it holds."""
     for source in sources:
         try:
             with open_frames(source, layout) as frames:

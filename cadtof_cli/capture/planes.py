@@ -130,7 +130,7 @@ def grouped_planes(
     A file that is missing is named all the same: its frame then fails on reading, and alone. Without {frame} in the pattern
     there is one frame, of the name `frame`.
 
-    Parameters:
+    Args:
         root: folder of the files.
         names: file names, with folders below the root before them, of which those that do not fit are passed over.
         layout: has a pattern, and says what it calls harmonics and channels. {harmonic} is the number h or the place in the

@@ -1,1 +1,1 @@
-"""One file a command: parse, call one workflow, report."""
+"""One file per command: parse, call one workflow, report."""

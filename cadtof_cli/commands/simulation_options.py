@@ -53,7 +53,11 @@ class TrialOptions:
     stages: Stages
 
     def averaging(self, integration_length: float | None, /) -> Averaging:
-        """Return the averaging from n_av or, in its place, from capacitors."""
+        """Return the averaging from n_av or, in its place, from capacitors.
+
+        Raises:
+            SettingsError: both are given.
+        """
         if self.capacitors is None:
             length = INTEGRATION_LENGTH if integration_length is None else integration_length
             return Averaging(integration_length=length, stages=self.stages)

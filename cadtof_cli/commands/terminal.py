@@ -84,7 +84,11 @@ class Log(io.FileIO):
     """A file that lines are appended to, with the time."""
 
     def note(self, message: str, /) -> None:
-        """Append a line."""
+        """Append a line.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
         line = f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n"
         try:
             self.write(line.encode(errors="backslashreplace"))
@@ -160,6 +164,9 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
     """Yield a bar for the steps of a workflow; rich is imported only where it can be seen.
 
     What is said, and how it ends, is appended to the file `log` too.
+
+    Raises:
+        OutputError: the log cannot be written.
     """
     try:
         opened = nullcontext() if log is None else Log(log, "a")

@@ -94,7 +94,11 @@ class NumberTuple(Typed):
         self.count = count
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a tuple of numbers."""
+        """Return a tuple of numbers.
+
+        Raises:
+            SettingsError: there are more or fewer than the setting has.
+        """
         numbers = super().convert(value, param, ctx)
         if self.count not in {None, len(numbers)}:
             told = f" ({param.metavar})" if param is not None and param.metavar else ""

@@ -265,7 +265,11 @@ class _Pool(Generic[Task, Result]):
 def run_in_pool(
     function: Work[Task, Result], tasks: Iterable[Task], /, *, workers: Workers, shared: Sequence[object] = ()
 ) -> Generator[Outcome[Task, Result], None, None]:
-    """Yield the outcome of function(task) for every task, in the order of the tasks, from processes of their own."""
+    """Yield the outcome of function(task) for every task, in the order of the tasks, from processes of their own.
+
+    Raises:
+        BaseException: what the function raised.
+    """
     waiting, most = iter(tasks), workers.jobs * TASKS_PER_WORKER
     in_order: deque[_Job[Task, Result]] = deque()
     with _pool(function, workers, shared) as pool:

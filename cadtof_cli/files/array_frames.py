@@ -30,7 +30,7 @@ _NAMED = 2
 def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: str | None = None) -> Iterator[Frames]:
     """Yield the frames of an array whose last axes are Y and X, read one by one from a file that is mapped into memory.
 
-    Parameters:
+    Args:
         path: the file, for messages.
         array: shape (…, Y, X); the axes before come in the order [frame,] harmonic, channel, the last two perhaps as one.
         layout: harmonics of the capture, and frames of a stack where the metadata says it.
@@ -93,7 +93,11 @@ def _planes(path: Path, array: Mapped, indices: NDArray[np.intp]) -> Stored:
 
 
 def require_planes(path: Path, array: Stored, /) -> None:
-    """Make sure that an array has planes of a type that we read."""
+    """Make sure that an array has planes of a type that we read.
+
+    Raises:
+        FrameError: it has none, or of another type.
+    """
     if array.dtype.name not in SAMPLE_TYPES:
         raise FrameError(f"{path}: found values of type {array.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
     if array.ndim < 2 or not array.size:

@@ -146,7 +146,11 @@ def _opened(path: Path, *, header_only: bool) -> Any:
 
 
 def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compression: Compression, **header: str) -> None:
-    """Write (Y, X) channels, float16, float32 or uint32, as one part of scan lines; OSError where that fails."""
+    """Write (Y, X) channels, float16, float32 or uint32, as one part of scan lines.
+
+    Raises:
+        OSError: that fails.
+    """
     planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
     described = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage, **header}
     with codes_of_the_system(path, sum(plane.nbytes for plane in planes.values())):
@@ -163,7 +167,7 @@ def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compressio
 def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """Read the frame in one EXR file, all of it on opening.
 
-    Parameters:
+    Args:
         path: an EXR file, scan line or tiled, of any compression that the OpenEXR library reads; of a pyramid the
             full resolution is taken.
         layout: harmonics of the capture.

@@ -35,7 +35,7 @@ class RawLayout:
 class FrameLayout:
     """What the metadata says of how files are laid out.
 
-    Parameters:
+    Attributes:
         harmonics: harmonic numbers h in rising order, such as (1, 2).
         frames: frames in each stack (`[layout] frames`); None where files say it themselves.
         raw: what raw dumps hold; None where nothing says it.
@@ -84,7 +84,7 @@ class Frames:
 
 
 def is_sample_type(dtype: str, /) -> bool:
-    """Tell whether numpy's name of a type, of any byte order, is one that a frame may be recorded in."""
+    """Return whether numpy's name of a type, of any byte order, is one that a frame may be recorded in."""
     try:
         return np.dtype(dtype).name in SAMPLE_TYPES
     except (TypeError, ValueError, SyntaxError):

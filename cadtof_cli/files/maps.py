@@ -92,5 +92,5 @@ class MapHeader:
 
 
 def is_map_layer(name: str, /) -> bool:
-    """Tell whether a channel of this name belongs to a map, not to a frame."""
+    """Return whether a channel of this name belongs to a map, not to a frame."""
     return re.fullmatch(_MAP_LAYER, name) is not None

@@ -73,7 +73,7 @@ def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[
 
 
 def says_a_channel(name: str, /) -> bool:
-    """Tell whether a text is a name that says SC1 or SC2, in whatever words."""
+    """Return whether a text is a name that says SC1 or SC2, in whatever words."""
     return _only(_CHANNEL_WORD, name) is not None
 
 

@@ -18,7 +18,7 @@ def plane_table(
 ) -> NDArray[np.intp]:
     """Return which plane of a file holds each frame, harmonic and channel.
 
-    Parameters:
+    Args:
         labels: the file's axes besides Y and X, slowest first: T frame, H harmonic, C or S channel, others unnamed.
         sizes: lengths of those axes.
         layout: harmonics of the capture, and frames of a stack where the metadata says it.

@@ -27,7 +27,7 @@ _KINDS = {
 
 
 def is_folder(path: Path, /) -> bool:
-    """Tell whether a path leads to a folder; false where it cannot be followed."""
+    """Return whether a path leads to a folder; false where it cannot be followed."""
     try:
         return stat.S_ISDIR(path.stat().st_mode)
     except (OSError, ValueError):

@@ -1,1 +1,1 @@
-"""Voltages → phasors: zero, scale, normalisation, response."""
+"""Stored values → voltages → phasors: whether they can be a recording, their scale, response, noise, and means."""

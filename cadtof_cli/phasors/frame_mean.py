@@ -60,7 +60,10 @@ def median_variance_ratio(frames: int, /) -> float:
 def frame_mean(frames: Iterable[Stored], /, *, saturated_counts: tuple[float, float] | None) -> FrameMean:
     """Return the mean of frames of stored values, (H, 2, Y, X) each: of those frames that recorded a pixel soundly.
 
-    There must be one frame at least. A pixel that none recorded soundly keeps the values of the first, as one sample.
+    A pixel that none recorded soundly keeps the values of the first, as one sample.
+
+    Raises:
+        ValueError: there is no frame.
     """
     number = 0
     for number, stored in enumerate(frames, start=1):
@@ -78,11 +81,12 @@ def frame_mean(frames: Iterable[Stored], /, *, saturated_counts: tuple[float, fl
 def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
     """Return the mean in V, and the variance in V², of frames of stored values, (H, 2, Y, X) each.
 
-    There must be one frame at least. The mean is NaN where a pixel was not sound in every frame. Welford's update loses no
+    The mean is NaN where a pixel was not sound in every frame. Welford's update loses no
     digits to a large offset.
 
     Raises:
         SettingsError: sizes of frames differ, or nothing says how many volts one count stands for.
+        ValueError: there is no frame.
     """
     count = 0
     for count, stored in enumerate(frames, start=1):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32, Index
+from cadtof_cli.arrays import Complex, Float, Float32, SomePixels
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
 from cadtof_cli.phasors.response import ideal_response, pulse_response
 from cadtof_cli.phasors.rotors import Rotor
@@ -40,7 +40,7 @@ class HarmonicNoise:
     """Noise of one harmonic's phasor, in units of the modulation amplitude.
 
     `harmonic` is its number h, `averaging` is 1/(2·n_av − 1) of the exponentially weighted average, `pulse` and
-    `pulse_double` are r_h and r_2h, and `floor` is a variance a channel that comes on top whatever the light (quantisation).
+    `pulse_double` are r_h and r_2h, and `floor` is a variance per channel that is added whatever the light (quantisation).
     """
 
     harmonic: int
@@ -51,12 +51,12 @@ class HarmonicNoise:
 
     @cached_property
     def ambient_variance(self) -> float:
-        """Variance a channel by photons of ambient light alone."""
+        """Variance per channel by photons of ambient light alone."""
         return 0.5 * self.averaging / self.pulse**2
 
     @cached_property
     def dark_variance(self) -> float:
-        """Variance a channel where only ambient light arrives: the most that there can be."""
+        """Variance per channel where only ambient light arrives: the most that there can be."""
         return self.ambient_variance + self.floor
 
     def one_path_variances(self, amplitude: Float | Float32, /) -> tuple[Any, Any]:
@@ -100,7 +100,7 @@ class NoiseModel:
     estimated: bool
     samples: Float | None = None
 
-    def __getitem__(self, pixels: slice | Index, /) -> "NoiseModel":
+    def __getitem__(self, pixels: SomePixels, /) -> "NoiseModel":
         return self if self.samples is None else replace(self, samples=self.samples[pixels])
 
     @cached_property

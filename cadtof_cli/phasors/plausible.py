@@ -54,8 +54,8 @@ _LEAST_SHARE = 0.3
 """Share of pixels that look like one path, from which on another order of the planes is likely, …"""
 
 _LEAST_ODDS = 8.0
-"""… where its odds are so many times those of the share that does as the planes are read. Of 82 captures that are read right
-the largest is 2; scenes of few depths, read in a wrong order, have 18 and more."""
+"""… where the odds p/(1 − p) of its share p are so many times the odds of the share in the order that they are read in. In 82
+captures that are read right this is 2 at the most; scenes of few depths that are read in a wrong order have 18 and more."""
 
 _SURE = 0.98
 """Largest share whose odds count: a few pixels have no light of one path for other reasons."""
@@ -84,8 +84,7 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     Raises:
         SettingsError: see `volts_per_count`.
     """
-    planes = stored.reshape(*stored.shape[:2], -1)
-    some = planes[:, :, :: max(1, planes.shape[2] // LOOKED_AT)]
+    some = _spread(stored, LOOKED_AT)
     kind, voltage, together = stored.dtype, metadata.voltage, np.ascontiguousarray(some)
     if missing := no_recording(together, metadata.modulation.harmonics):
         return missing
@@ -98,7 +97,7 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         return None
     sound = sound_pixels(some, voltage.saturated_counts)
     if not sound.any():
-        return all_saturated(planes, metadata, kind)
+        return all_saturated(stored.reshape(*stored.shape[:2], -1), metadata, kind)
     values = some[:, :, sound].astype(np.float64)
     volts = (values - voltage.zero) * volts_per_count(voltage, kind)
     amplitude = metadata.modulation.amplitude_v
@@ -142,14 +141,17 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
 
 
 def doubts(stored: Stored, metadata: CaptureMetadata, /, *, of_order: bool = True) -> tuple[str, ...]:
-    """Return what a frame's values, (H, 2, Y, X), or planes, where that is asked, are likely to be in place of what they are
-    taken for. Raises SettingsError: see `volts_per_count`."""
+    """Return in words what is likely wrong with a frame, (H, 2, Y, X): values that are cut off, or, `of_order`, swapped planes.
+
+    Raises:
+        SettingsError: see `volts_per_count`.
+    """
     mistaken = mistaken_order(stored, metadata) if of_order else None
     return tuple(doubt for doubt in (mistaken, cut_off(stored, metadata)) if doubt)
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return what the planes of a frame, (H, 2, Y, X), likely are in place of what they are read as; None where all is well.
+    """Return in which other order the planes of a frame, (H, 2, Y, X), are likely stored; None where all is well.
 
     NaN and saturated pixels are left out. Phases that a camera adds to a harmonic, and only a calibration takes out, look like
     such a mistake too.
@@ -179,8 +181,7 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """Return at which stored value those of a frame, (H, 2, Y, X), are likely cut off, though no limit of the metadata says so;
     None where they are not."""
-    planes = stored.reshape(*stored.shape[:2], -1)
-    some = planes[:, :, :: max(1, planes.shape[2] // (4 * LOOKED_AT))]
+    some = _spread(stored, 4 * LOOKED_AT)
     values = some[:, :, sound_pixels(some, metadata.voltage.saturated_counts)]
     if values.shape[2] < FEWEST:
         return None
@@ -198,13 +199,18 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     return None
 
 
+def _spread(stored: Stored, count: int) -> Stored:
+    """Return about so many pixels of a frame, (H, 2, …), spread evenly over it, (H, 2, n); all where it has no more."""
+    planes = stored.reshape(*stored.shape[:2], -1)
+    return planes[:, :, :: max(1, planes.shape[2] // count)]
+
+
 def _share_of_one_path(stored: Stored, metadata: CaptureMetadata, *, sign: float = 1.0) -> float:
     """Return the share of the pixels of a frame, (H, 2, Y, X), that have about the phases and amplitudes of a single path.
 
     By the first two harmonics: on further ones paths that mix shift the phases more, and say less. 0 where too few are sound.
     """
-    planes = stored.reshape(*stored.shape[:2], -1)
-    some = planes[:, :, :: max(1, planes.shape[2] // LOOKED_AT)]
+    some = _spread(stored, LOOKED_AT)
     sound = some[:2, :, sound_pixels(some, metadata.voltage.saturated_counts)]
     if sound.shape[2] < FEWEST:
         return 0.0

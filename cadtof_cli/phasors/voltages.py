@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Stored
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, SomePixels, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
@@ -48,7 +48,7 @@ class PhasorMap:
     other: Float | None = None
     constant: Float | None = None
 
-    def __getitem__(self, pixels: slice | Index) -> "PhasorMap":
+    def __getitem__(self, pixels: SomePixels, /) -> "PhasorMap":
         """Return the maps of some of the pixels."""
         if self.own.shape[2] == 1:
             return self

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.arrays import Bool, Float, Index, SomePixels
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.resolver.paths import FULL_TURN, Fit, Paths
 from cadtof_cli.resolver.returns import direct_first
@@ -27,7 +27,7 @@ class Solver(Protocol):
     def powers(self) -> Sequence[Float]:
         """|p|² of every harmonic, (n,) each."""
 
-    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
+    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[SomePixels, Fit]:
         """Fit `count` paths to the pixels, bool (n,), and return the indices of those that were fitted, rising.
 
         A solver may fit the whole block where that is faster, and then returns a slice. It may leave out pixels whose χ² is
@@ -83,7 +83,7 @@ def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
     return worth
 
 
-def with_direct_first(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: Index | slice) -> Fit:
+def with_direct_first(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: SomePixels) -> Fit:
     """Return a fit with the direct path first, and with the noise of means, where the phasors are means of several pixels."""
     paths = direct_first(fit.paths, settings)
     if noise.samples is None:
@@ -94,7 +94,7 @@ def with_direct_first(fit: Fit, settings: ResolverSettings, noise: NoiseModel, p
     return Fit(replace(paths, sigma_rad=paths.sigma_rad / root), fit.chi_squared * samples, fit.converged, doubt)
 
 
-def _of_all_pixels(fit: Fit, pixels: Index | slice, count: int, rows: int) -> Fit:
+def _of_all_pixels(fit: Fit, pixels: SomePixels, count: int, rows: int) -> Fit:
     """Return a fit of some pixels as one of all, with room for as many paths; NaN elsewhere."""
     if isinstance(pixels, slice) and len(fit.paths) == rows:
         return fit
@@ -103,7 +103,7 @@ def _of_all_pixels(fit: Fit, pixels: Index | slice, count: int, rows: int) -> Fi
     return whole
 
 
-def _fewer_where_enough(whole: Fit, pixels: Index | slice, fewer: tuple[Index, Fit], unresolved: Bool) -> Fit:
+def _fewer_where_enough(whole: Fit, pixels: SomePixels, fewer: tuple[Index, Fit], unresolved: Bool) -> Fit:
     """Write the fit of fewer paths over that of more, which is in `pixels`, where fewer do or another is not worth it."""
     known, fit = fewer
     fitted = np.zeros(unresolved.size, np.bool_)

@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Index, Status
+from cadtof_cli.arrays import Bool, Float, Index, SomePixels, Status
 from cadtof_cli.records import dataclass
 
 Some: TypeAlias = int | slice | Index | Bool | EllipsisType
@@ -85,7 +85,7 @@ class Fit:
         )
         return Fit(paths, self.chi_squared[pixels], self.converged[pixels], self.doubt[pixels])
 
-    def __setitem__(self, pixels: Index | slice, other: "Fit", /) -> None:
+    def __setitem__(self, pixels: SomePixels, other: "Fit", /) -> None:
         """Write over the fit of some pixels; it may have fewer paths."""
         for row, path in enumerate(self.paths):
             path[pixels] = other.paths[row] if row < len(other.paths) else NO_PATH

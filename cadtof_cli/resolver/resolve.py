@@ -9,11 +9,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.order import Solver, fewest_paths, with_direct_first
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels

@@ -5,11 +5,11 @@ from typing import Literal, get_args
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import dataclass, setting
 
-Solver = Literal["two-path", "one-path", "lm"]
+SolverName = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
 MpiModel = Literal["auto", "discrete", "diffuse"]
 
-SOLVERS: tuple[Solver, ...] = get_args(Solver)
+SOLVERS: tuple[SolverName, ...] = get_args(SolverName)
 ORDERS: tuple[str, ...] = ("auto", "1", "2")
 """What `order` may be with two paths; with more, numbers up to theirs."""
 
@@ -37,7 +37,7 @@ class ResolverSettings:
         "Model of the MPI. discrete: separate paths. diffuse: a tail of light, predicted from the geometry of the scene. "
         "auto: chosen for each frame. Another --solver or --order, --paths above 2 and --return last imply discrete.",
     )
-    solver: Solver = setting(
+    solver: SolverName = setting(
         "two-path",
         "How to find the paths. two-path: closed form with two periods, maximum likelihood with more periods or --paths. "
         "one-path: maximum likelihood. lm: the paper's Levenberg–Marquardt from random starts.",

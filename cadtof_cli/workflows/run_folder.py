@@ -19,7 +19,7 @@ from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.reading import is_folder, read_bytes, real_path
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, read_record, report_of
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, place_in, read_record, report_of
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """Recorded frames and their captures, by the name of the map that was made from them: several where it is of their mean."""
@@ -119,12 +119,15 @@ class Run:
         """Return where the maps of a frame lie in the run's folder, wherever that has been moved; None where it has none."""
         if report.output is None:
             return None
-        output = Path(report.output)
         called = Path("" if self.record is None else str(self.record["arguments"].get("out", "")))
-        return self.folder / (output.relative_to(called) if output.is_relative_to(called) else output.name)
+        return self.folder / place_in(called, Path(report.output))
 
     def require_range_depth(self) -> None:
-        """Make sure that the maps can be held against truth, which is radial range."""
+        """Make sure that the maps can be held against truth, which is radial range.
+
+        Raises:
+            SettingsError: they hold z depth.
+        """
         if self.depth_kind == "z":
             raise SettingsError(
                 f"{self.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"

@@ -140,7 +140,7 @@ class Entry:
     cure: str
 
     def holds(self, message: str, /) -> bool:
-        """Tell whether the entry is about a message."""
+        """Return whether the entry is about a message."""
         return re.fullmatch(".*".join(map(re.escape, self.pattern.split(HOLE))), message) is not None
 
 

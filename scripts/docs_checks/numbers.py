@@ -34,7 +34,7 @@ def unsourced(page: Path, root: Path, /) -> Iterator[str]:
 
 
 def has_source(section: Section, /) -> bool:
-    """Tell whether a section says where its numbers come from: a script or test, commands that are run, or a reason."""
+    """Return whether a section says where its numbers come from: a script or test, commands that are run, or a reason."""
     if _PLACE.search(section.text) or REASON.search(section.text):
         return True
     return bool(re.search(r"(?m)^(?: {4})?\$ cadtof |^>>> |`time cadtof ", section.text))

@@ -38,7 +38,7 @@ def differences(expected: str, found: str, /, *, relative: float = RELATIVE) -> 
 
 
 def like(expected: str, found: str, /, *, relative: float = RELATIVE) -> bool:
-    """Tell whether a line is the expected one, but for timings and for numbers within the tolerance."""
+    """Return whether a line is the expected one, but for timings and for numbers within the tolerance."""
     expected, found = (_TIMING.sub("0", text) for text in (expected, found))
     pieces = [NUMBER.split(part) for part in expected.split(ELLIPSIS)]
     pattern = r".*?".join(_NUMBERS.join(map(_words, part)) for part in pieces)
@@ -58,7 +58,7 @@ def _words(text: str) -> str:
 
 
 def close(expected: str, found: str, /, *, relative: float = RELATIVE) -> bool:
-    """Tell whether two printed numbers are the same within the tolerance or one in the last digit that was expected."""
+    """Return whether two printed numbers are the same within the tolerance or one in the last digit that was expected."""
     a, b = (float(text.replace("−", "-")) for text in (expected, found))
     mantissa, _, exponent = expected.lower().partition("e")
     digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))

@@ -22,7 +22,7 @@ def whole(tmp_path: Path) -> Path:
 
 
 def _write_planes(folder: Path, names: str, layout: str, *, called: dict[str, str], frames: int = 2) -> None:
-    """Write the frames of `whole` as a plane a file, with names and a `capture.toml` such as other software would."""
+    """Write the frames of `whole` as one plane per file, with names and a `capture.toml` such as other software would."""
     for frame in range(frames):
         pages = tifffile.imread(folder / "whole" / f"frame_{frame}.tif")
         for (harmonic, channel), page in zip(PLANES, pages, strict=True):

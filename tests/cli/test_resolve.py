@@ -11,7 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.commands.resolve import per_second
-from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from tests.support.captures import (
     PLANE_NAMES,
     TOML,

@@ -11,8 +11,8 @@ from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import ResolvedFrame, joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
-from cadtof_cli.resolver.two_path.kernel import available_kernels
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages

@@ -22,7 +22,7 @@ PLANE_NAMES = ("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2")
 class Form:
     """One way to record a frame.
 
-    Parameters:
+    Attributes:
         name: for the test's name.
         write: writes an array (H, C, Y, X) near a path without suffix.
         dtype: type of the stored values.
@@ -149,7 +149,7 @@ def exr_parts(names: Mapping[str, tuple[str, str]]) -> Writer:
 
 
 def plane_files(suffix: str, **options: Any) -> Writer:
-    """Return a writer of one file a plane."""
+    """Return a writer of one file per plane."""
 
     def write(path: Path, frame: Stored) -> FrameSource:
         files = tuple(path.with_name(f"{path.name}_{name}{suffix}") for name in PLANE_NAMES)

@@ -12,9 +12,9 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.resolver.two_path.kernel import available_kernels
 from tests.support.mixtures import Mixture, recorded
 
 AMPLITUDE_V = 0.2746

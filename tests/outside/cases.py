@@ -27,7 +27,7 @@ class MissingWriterError(Exception):
 class Case:
     """One file, or the files of one frame, by one writer.
 
-    Parameters:
+    Attributes:
         writer: the software, as the table names it.
         form: how it was asked to write.
         write: writes the file.

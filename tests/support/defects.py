@@ -26,7 +26,7 @@ class Defects:
     """What is wrong with a camera. Per-pixel values are drawn once from `seed`.
 
     Attributes:
-        offset_v: largest dark offset; offsets are uniform over ± this, one a pixel, harmonic and channel.
+        offset_v: largest dark offset; offsets are uniform over ± this, one per pixel, harmonic and channel.
         hot_share: share of pixels with an offset far outside, and of as many that are noisy.
         phase_rad: delay of each harmonic's modulation, as a phase of that harmonic.
         gain: of each harmonic's channels.

@@ -9,10 +9,13 @@ from cadtof_cli.arrays import Bool, Complex, Float
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Mean voltages of flat targets, in n pixels.
+    """Mean voltages of N flat targets, in n pixels.
 
-    `volts` complex128 (N, H, n) and their standard deviation per channel `noise_v` (N, H); `phase` (N, n) of the fundamental,
-    true.
+    Attributes:
+        volts: complex128 (N, H, n), in V.
+        noise_v: standard deviation of each channel's mean, (N, H), in V.
+        phase: true phase of the fundamental, (N, n), in rad.
+        harmonics: their numbers h.
     """
 
     volts: Complex
@@ -25,15 +28,24 @@ class Observations:
         return replace(self, volts=self.volts[..., pixels], phase=self.phase[..., pixels])
 
 
+ROUNDS = 6
+"""Rounds in which a pixel's phase, and the series that it stands in too, are found in turn: of a triangle, each leaves a sixth of
+the error."""
+
 Terms = tuple[dict[int, complex], ...]
 """For every harmonic, G[h,k]/G[h,1] by k, without k = 1, for paths whose phase is counted from the pixel's own."""
 
 
 @dataclass(frozen=True, eq=False)
 class PixelFit:
-    """What is each pixel's own: phases (H, n) in rad, log gains (H, n), and what is left.
+    """What each of n pixels adds to the light of N targets.
 
-    `left` is log(measured) − log(modelled), complex (N, H, n); `weights` are the inverse variances of its parts.
+    Attributes:
+        phase: of each harmonic, (H, n), in rad.
+        log_gain: logarithm of the gain, (H, n).
+        left: log(measured) − log(modelled), complex (N, H, n).
+        weights: inverse variances of the parts of `left`, (N, H, n).
+        theta: phases at which the channel pairs answered, h·x plus the pixel's own, (N, H, n), in rad.
     """
 
     phase: Float
@@ -65,7 +77,7 @@ def fit_pixels(observed: Observations, terms: Terms, /) -> PixelFit:
     harmonics = np.array(observed.harmonics)[:, np.newaxis]
     pure = observed.volts * np.exp(-1j * harmonics * observed.phase[:, np.newaxis, :])
     phase = np.angle((pure / np.abs(pure) * weights).sum(axis=0))
-    for _ in range(6):
+    for _ in range(ROUNDS):
         theta = harmonics * observed.phase[:, np.newaxis, :] + phase
         higher = np.stack([series(one, theta[:, row]) for row, one in enumerate(terms)], axis=1)
         flat = pure / higher

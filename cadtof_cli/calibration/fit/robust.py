@@ -35,6 +35,9 @@ LEAST_IN_BLOCK = 4
 MEDIAN_VARIANCE = 0.5 * np.pi
 """Variance of a median over that of a mean, for Gaussian values."""
 
+HIGHEST_CONDITION = 1e13
+"""Condition of the normal matrix above which the observations do not determine the parameters: rounding leaves no digits."""
+
 SURE = 3.0
 """Standard deviations by which blocks must depart more than the scatter within them explains."""
 
@@ -103,10 +106,10 @@ def _weighted(residual: Float) -> tuple[float, Float]:
 
 
 def _inverse(normal: Float) -> tuple[Float, float]:
-    """Return what `scaled_inverse` does of a normal matrix that determines the parameters."""
+    """Return the inverse and the condition number of a normal matrix, see `scaled_inverse`, if it determines the parameters."""
     if not (np.diag(normal) > 0.0).all():
         raise SettingsError("the observations do not determine all parameters: a wall or distance has no usable pixels")
-    inverse, condition = scaled_inverse(normal, most=1e13)
+    inverse, condition = scaled_inverse(normal, most=HIGHEST_CONDITION)
     if inverse is None:
         raise SettingsError(
             f"the observations do not determine all parameters (condition {condition:.1e}): "

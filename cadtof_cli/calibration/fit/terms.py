@@ -24,6 +24,9 @@ LEAST_SIGNIFICANCE = 6.0
 LEAST_TERM = 2e-4
 """… and large enough to matter: 0.2 mm."""
 
+HIGHEST_CONDITION = 1e12
+"""Condition of a normal matrix above which rounding leaves no digits of its inverse."""
+
 PASSES = 4
 """Times that terms are chosen and fitted, each time without the outliers of the last."""
 
@@ -39,7 +42,15 @@ def _centred(columns: Float, weights: Float) -> Float:
 
 @dataclass(frozen=True)
 class TermFit:
-    """The terms taken, the standard errors of each harmonic in the order they were taken, and why each was taken or left."""
+    """The terms that were taken.
+
+    Attributes:
+        terms: all terms of each harmonic, those of the waveform among them.
+        stderr: standard errors of each harmonic's terms, in the order in which they were taken.
+        residual: what is left over the noise: 1 where noise is all that is left.
+        findings: why each term was taken or left, in words.
+        kept: which pixels the terms were fitted to, (n,); the others are outliers.
+    """
 
     terms: Terms
     stderr: tuple[tuple[float, ...], ...]
@@ -162,7 +173,7 @@ class _System:
         places = self._places(orders)
         normal, side = self._normal[np.ix_(places, places)], self._side[places]
         shape = (len(orders), self._harmonics, 2)
-        inverse, condition = scaled_inverse(normal, most=1e12)
+        inverse, condition = scaled_inverse(normal, most=HIGHEST_CONDITION)
         if inverse is None:
             return np.zeros(shape), np.full(shape, np.inf), np.inf
         change = inverse @ side

@@ -74,7 +74,7 @@ class Surroundings:
 
 
 def surroundings(folder: Path, probe: Path | None, /) -> Surroundings:
-    """Return those of this process; `probe` is a file, found from `folder`."""
+    """Return the surroundings of this process; `probe` is a file, found from `folder`, or None."""
     try:
         seen = hashlib.sha256((folder / probe).read_bytes()).hexdigest() if probe else None
     except OSError:

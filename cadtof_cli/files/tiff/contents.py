@@ -30,7 +30,7 @@ _MASK_OR_REDUCED = 4 | 1
 
 
 def is_plain_page(page: Page, /) -> bool:
-    """Tell whether a page is an image in full size, not a mask or one of a pyramid's smaller copies."""
+    """Return whether a page is an image in full size, not a mask or one of a pyramid's smaller copies."""
     return page.keyframe is None or not page.keyframe.subfiletype & _MASK_OR_REDUCED
 
 

@@ -1,4 +1,4 @@
-"""Frames in TIFF files, one a file or in stacks."""
+"""Frames in TIFF files: one per file, or stacks of them."""
 
 import threading
 from collections.abc import Iterator

@@ -81,7 +81,7 @@ def reading_tiff(path: Path) -> Iterator[None]:
 class TiffImages:
     """The images of one TIFF file, read by their place in the file; what is damaged or missing is found on opening.
 
-    Parameters:
+    Attributes:
         path: a TIFF or BigTIFF file of either byte order.
         voltages: whether maps and pictures are refused.
 

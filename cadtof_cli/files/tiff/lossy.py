@@ -77,7 +77,7 @@ def _lerc(data: bytes, page: tifffile.TiffPage) -> str | None:
     if not data.startswith(b"Lerc2 "):
         return None
     (version,) = struct.unpack_from("<i", data, 6)
-    # checksum, rows, columns, values a pixel, valid pixels, block, bytes, type; more of them in later versions
+    # checksum, rows, columns, values per pixel, valid pixels, block, bytes, type; more of them in later versions
     numbers = 6 + (version >= 3) + (version >= 4) + 2 * (version >= 6)
     (error,) = struct.unpack_from("<d", data, 10 + 4 * numbers)
     kept = _ROUNDING if page.dtype is not None and page.dtype.kind in "iu" else 0.0

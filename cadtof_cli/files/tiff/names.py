@@ -20,7 +20,7 @@ def names_of_planes(
 ) -> tuple[str, ...]:
     """Return a name for every plane in the order of the file, empty where one has none; nothing where none has one.
 
-    Parameters:
+    Args:
         tiff: the open file.
         series: its pages.
         axes: labels of the axes besides Y and X, slowest first; I runs over images, S over the samples of a pixel.

@@ -112,7 +112,7 @@ def require_sound_page(path: Path, page: Page, keyframe: tifffile.TiffPage, file
 def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes: int) -> None:
     """Check what the page that describes a series says of its samples against the bytes it says they take.
 
-    Parameters:
+    Args:
         path: the file, for messages.
         page: first page of the series.
         stored_bytes: bytes that the page's strips take if they are not compressed: those of the page, or of the
@@ -150,7 +150,7 @@ def _require_known_compression(path: Path, page: tifffile.TiffPage) -> None:
 
 
 def lies_in_one_run(page: Page, keyframe: tifffile.TiffPage) -> bool:
-    """Tell whether a page's pixels follow each other in the file as they do in memory."""
+    """Return whether a page's pixels follow each other in the file as they do in memory."""
     if not keyframe.is_final:
         return False
     ends = [offset + count for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False)]

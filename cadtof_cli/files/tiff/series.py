@@ -66,7 +66,7 @@ def _series(tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
 
 
 def _is_alone(tiff: tifffile.TiffFile) -> bool:
-    """Tell whether a file holds one plane, whatever its description says; others may follow without a page of their own."""
+    """Return whether a file holds one plane, whatever its description says; others may follow without a page of their own."""
     first = tiff.pages.first
     after = tiff.filehandle.size - min(first.dataoffsets, default=0)
     return len(tiff.pages) == 1 and len(first.shape) == 2 and after < 2 * first.nbytes
@@ -83,7 +83,11 @@ def _axes(series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...]]:
 
 
 def divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...], str]:
-    """Return labels and lengths of the axes that run over images, and labels of the axes within an image."""
+    """Return labels and lengths of the axes that run over images, and labels of the axes within an image.
+
+    Raises:
+        FrameError: a page is no whole image.
+    """
     axes, shape = _axes(series)
     page = series.keyframe
     outer = len(shape) - len(page.shape)
@@ -96,7 +100,11 @@ def divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tupl
 
 
 def sound_items(path: Path, series: Sequence[tifffile.TiffPageSeries], images: int) -> list[Item]:
-    """Return the place of every image, each checked to be within the file."""
+    """Return the place of every image, each checked to be within the file.
+
+    Raises:
+        FrameError: images are missing, or the file was cut off.
+    """
     items: list[Item] = []
     for one in series:
         page = one.keyframe
@@ -125,7 +133,7 @@ def sound_items(path: Path, series: Sequence[tifffile.TiffPageSeries], images: i
 
 
 def is_scattered(series: tifffile.TiffPageSeries, /) -> bool:
-    """Tell whether a plane is spread over pages: its rows or columns are an axis over pages, as in axes Y X C H."""
+    """Return whether a plane is spread over pages: its rows or columns are an axis over pages, as in axes Y X C H."""
     axes, within = _axes(series)[0], series.keyframe.axes
     pairs = zip(axes[::-1], within[::-1], strict=False) if len(axes) >= len(within) else ()
     return {"Y", "X"} <= set(axes) and any(axis != page_axis for axis, page_axis in pairs if page_axis in "YX")

@@ -32,7 +32,7 @@ INLINE double wrapped_d(double phase) { return phase - FULL_TURN * rint(phase / 
 typedef struct {
     const double *number, *rad_per_ns, *onset;      /* of each harmonic */
     const double *natural;                          /* s, b, u, v, decay: planes of n patches */
-    const double *cos, *sin;                        /* a plane a harmonic */
+    const double *cos, *sin;                        /* a plane per harmonic */
     const double *seen, *beyond, *later;            /* the same, re and im */
     double *total;                                  /* re, im, square: planes of harmonics */
     double *jacobian;                               /* states x values */

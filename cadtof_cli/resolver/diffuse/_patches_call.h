@@ -49,7 +49,7 @@ static PyObject *tail_slopes(PyObject *module, PyObject *arguments) {
     return with_buffers(arguments, SLOPE_BUFFER, SLOPE_BUFFERS, slopes_checked, NULL, "");
 }
 
-enum { PATCH_DATA, PATCH_ERROR, WITHIN, PATTERN, PATCH_VALUES, JACOBIAN, STATE, LINEAR, ROOM, SPREAD, STEP_OUT, FURTHER, LAST_OUT, STEP_BUFFERS };
+enum { PATCH_DATA, PATCH_ERROR, WITHIN, PATTERN, PATCH_VALUES, JACOBIAN, STATE, LINEAR, ROOM, SPREAD, STEP_OUT, SECOND_OUT, LAST_OUT, STEP_BUFFERS };
 static const Wanted STEP_BUFFER[STEP_BUFFERS] = {
     {"data", "d ", 0, 0, 0},     {"error", "d ", 0, 0, 0},  {"within", "d ", 0, 0, 0}, {"pattern", "d ", 0, 0, 0},
     {"values", "d ", 0, 1, 0},   {"slopes", "d ", 0, 0, 0}, {"state", "d ", 0, 0, 0},  {"linear data", "d ", 0, 1, 0},
@@ -65,8 +65,8 @@ static int step_fits(enum step step, const Py_buffer *view, int64_t data, int64_
         [MOVED] = {STATES * patches, 0, 0},
         [POSTERIOR] = {values * patches, values * patches, square},
     };
-    const int needed[][4] = {[SAID] = {PATCH_VALUES, FURTHER, STEP_OUT, STEP_OUT}, [MOVED] = {LINEAR, ROOM, SPREAD, STEP_OUT},
-                             [POSTERIOR] = {PATCH_VALUES, ROOM, SPREAD, FURTHER}};
+    const int needed[][4] = {[SAID] = {PATCH_VALUES, SECOND_OUT, STEP_OUT, STEP_OUT}, [MOVED] = {LINEAR, ROOM, SPREAD, STEP_OUT},
+                             [POSTERIOR] = {PATCH_VALUES, ROOM, SPREAD, SECOND_OUT}};
     for (int which = 0; which < 4; which++)
         if (!view[needed[step][which]].obj || (step == POSTERIOR && !view[LAST_OUT].obj)) {
             PyErr_SetString(PyExc_ValueError, "found None, expected all that the step needs");
@@ -97,7 +97,7 @@ static PyObject *step_checked(const Level *level, const void *options, const Py_
         .room = view[ROOM].buf,
         .spread = view[SPREAD].buf,
         .answer = view[STEP_OUT].buf,
-        .second = view[FURTHER].buf,
+        .second = view[SECOND_OUT].buf,
         .third = view[LAST_OUT].buf,
         .harmonics = data / 2 + 1,
         .patches = patches,

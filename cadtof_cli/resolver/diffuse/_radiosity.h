@@ -1,16 +1,16 @@
 #define NEAREST_M2 1e-6f /* radiosity.py */
 
-/* What radiosity.py works out for every pair of surfaces: the operations of _kernel, in their order. */
+/* What radiosity.py works out for every pair of surfaces: the operations of _light_matrix, in their order. */
 typedef struct {
     const float *facing, *square, *area, *albedo; /* onto x sources, but areas and albedos: of the sources */
     float *over;                                  /* onto x sources: become form factors */
-    float *kernel, *turn;                         /* the same, re and im */
+    float *matrix, *turn;                         /* the same, re and im */
     float rad_per_m;
     int64_t onto, sources;
 } Pairs;
 
 /* Pairs from `start` on, m of them, of one row. */
-INLINE void kernel_of_group(const Pairs *restrict all, int64_t start, int64_t source, int m) {
+INLINE void matrix_of_group(const Pairs *restrict all, int64_t start, int64_t source, int m) {
     FloatRow over, facing, area, r2, albedo, cos, sin;
     FROM(over, all->over + start);
     FROM(facing, all->facing + start);
@@ -20,21 +20,21 @@ INLINE void kernel_of_group(const Pairs *restrict all, int64_t start, int64_t so
     EACH_PIXEL r2[i] = at_least_f(r2[i], NEAREST_M2);
     EACH_PIXEL over[i] = at_least_f(over[i], 0.0f) * at_least_f(facing[i], 0.0f) * area[i] / ((r2[i] * (float)PI + area[i]) * r2[i]);
     EACH_PIXEL rotor(sqrtf(r2[i]) * all->rad_per_m, &cos[i], &sin[i]);
-    float *restrict kernel = all->kernel + 2 * start, *restrict turn = all->turn + 2 * start;
+    float *restrict matrix = all->matrix + 2 * start, *restrict turn = all->turn + 2 * start;
     for (int i = 0; i < m; i++) {
         const float sent = over[i] * albedo[i];
         all->over[start + i] = over[i];
-        kernel[2 * i] = sent * cos[i];
-        kernel[2 * i + 1] = sent * sin[i];
+        matrix[2 * i] = sent * cos[i];
+        matrix[2 * i + 1] = sent * sin[i];
         turn[2 * i] = cos[i];
         turn[2 * i + 1] = sin[i];
     }
 }
 
-INLINE void kernel_of(const Pairs *restrict all) {
+INLINE void matrix_of(const Pairs *restrict all) {
     for (int64_t row = 0; row < all->onto; row++)
         for (int64_t source = 0; source < all->sources; source += GROUP) {
             const int64_t left = all->sources - source;
-            kernel_of_group(all, row * all->sources + source, source, left < GROUP ? (int)left : GROUP);
+            matrix_of_group(all, row * all->sources + source, source, left < GROUP ? (int)left : GROUP);
         }
 }

@@ -1,25 +1,25 @@
 /* Light between surfaces as Python calls it: buffers in, buffers filled; a part of _kernel.c, see radiosity.py. */
-enum { FACING, PAIR_SQUARE, PAIR_AREA, ALBEDO, OVER, KERNEL_OUT, TURN_OUT, PAIR_BUFFERS };
+enum { FACING, PAIR_SQUARE, PAIR_AREA, ALBEDO, OVER, MATRIX_OUT, TURN_OUT, PAIR_BUFFERS };
 static const Wanted PAIR_BUFFER[PAIR_BUFFERS] = {
     {"facing", "f ", 0, 0, 0},       {"squares", "f ", 0, 0, 0}, {"area", "f ", 0, 0, 0},    {"albedo", "f ", 0, 0, 0},
-    {"form factors", "f ", 0, 0, 1}, {"kernel", "Zf ", 0, 0, 1}, {"rotors", "Zf ", 0, 0, 1},
+    {"form factors", "f ", 0, 0, 1}, {"matrix", "Zf ", 0, 0, 1}, {"rotors", "Zf ", 0, 0, 1},
 };
 
-static PyObject *light_kernel_checked(const Level *level, const void *options, const Py_buffer *view) {
+static PyObject *light_matrix_checked(const Level *level, const void *options, const Py_buffer *view) {
     const float rad_per_m = *(const float *)options;
     const int64_t sources = values_in(&view[PAIR_AREA]), onto = sources ? values_in(&view[FACING]) / sources : 0;
     const int64_t pairs = onto * sources, expected[PAIR_BUFFERS] = {pairs, pairs, sources, sources, pairs, pairs, pairs};
     if (!fit_call(PAIR_BUFFER, view, PAIR_BUFFERS, expected)) return NULL;
     const Pairs all = {view[FACING].buf, view[PAIR_SQUARE].buf, view[PAIR_AREA].buf, view[ALBEDO].buf, view[OVER].buf,
-                       view[KERNEL_OUT].buf, view[TURN_OUT].buf, rad_per_m, onto, sources};
+                       view[MATRIX_OUT].buf, view[TURN_OUT].buf, rad_per_m, onto, sources};
     Py_BEGIN_ALLOW_THREADS
-    level->kernel(&all);
+    level->matrix(&all);
     Py_END_ALLOW_THREADS
     Py_RETURN_NONE;
 }
 
-static PyObject *light_kernel(PyObject *module, PyObject *arguments) {
+static PyObject *light_matrix(PyObject *module, PyObject *arguments) {
     (void)module;
     float rad_per_m = 0.0f;
-    return with_buffers(arguments, PAIR_BUFFER, PAIR_BUFFERS, light_kernel_checked, &rad_per_m, "f", &rad_per_m);
+    return with_buffers(arguments, PAIR_BUFFER, PAIR_BUFFERS, light_matrix_checked, &rad_per_m, "f", &rad_per_m);
 }

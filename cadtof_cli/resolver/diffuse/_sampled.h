@@ -2,7 +2,7 @@
  * resolver/resolve.py: screened and diffuse/light.py, in their order.
  */
 typedef struct {
-    const void *stored;              /* two planes a harmonic, of `type` */
+    const void *stored;              /* two planes per harmonic, of `type` */
     const double *own, *other, *constant; /* phasors from them; a plane each or one number, as `own_pixels` says; NULL: zeros */
     const uint8_t *hot;              /* NULL: none is */
     const double *samples;           /* recorded pixels that each is a mean of; NULL: 1 */

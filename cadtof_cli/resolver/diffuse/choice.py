@@ -24,7 +24,7 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     median_of_noise,
 )
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.kernels import NUMPY
 
 LARGEST_LEAD_RAD = 0.1
 """Largest arg q_2 of a tail: 0 for one that decays, and what renderings of 30 rooms leave of it."""

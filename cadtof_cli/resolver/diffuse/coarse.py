@@ -41,19 +41,19 @@ FACING_MORE, FACING_MIDDLE = (0.0, 0.05), 0.7
 cosine from the middle: with two harmonics, where it is not to be told among other errors, and with more."""
 
 GUESSED_ERROR = (0.35, 0.5)
-"""Standard deviation of that share: with two harmonics, and with more."""
+"""Standard deviation of the light of guessed walls, as a share of it: with two harmonics, and with more."""
 
 PATCH_SHARE = (0.0, 0.1)
 """Variance that a patch leaves to all its pixels, over its posterior variance."""
 
 SURPRISE = (2.5, 0.1)
-"""How that grows with χ²: with more harmonics in proportion to that of the patch. With two, a small misfit says much, since two
-data are hardly missed by so many unknowns; but the errors of a frame's patches have common causes, so it says it of all of
-them, and the mean over the frame counts."""
+"""How much the share of `PATCH_SHARE` grows per unit of χ². With more harmonics, each patch has its own. With two, a small misfit
+says much, since so many unknowns hardly miss two data; but the errors of a frame's patches have common causes, so it says this
+of all of them, and the mean over the frame counts."""
 
 LARGEST_SURPRISE = 1.0
-"""χ² of a patch from which that mean grows no more with two harmonics: that the data are missed is known then, and by how much
-says nothing of the lag."""
+"""With two harmonics, the largest χ² that a patch brings into this mean: that its data are missed is known then, and by how much
+they are says nothing of the lag."""
 
 STANDING_OUT, LARGEST_LOCAL = 3.0, 20.0
 """Mean χ² of a patch and its neighbours from which they show something that the rest of the room does not, such as a net close to
@@ -63,7 +63,7 @@ STANDING_OUT_OF_MANY = 4.0
 """The same over the median of the frame: where all patches are missed, none stands out."""
 
 UNEXPECTED = 12.0
-"""How the variance of such patches grows with what χ² is more than that, over their posterior variance."""
+"""How much the variance of patches that stand out grows per unit of χ² beyond these limits, over their posterior variance."""
 
 LAG_ERROR = (0.0, 0.05)
 """Standard deviation of the lag, as a share of it, that all patches have in common."""
@@ -105,7 +105,7 @@ class CoarsePlanes:
         return self.values - 2
 
     def less_sure(self, variance: Float32, /) -> "CoarsePlanes":
-        """Return the same with more variance of arg H_1 that a patch leaves to all its pixels, (rows, columns)."""
+        """Return these planes with more of the variance of arg H_1 that a patch leaves to all its pixels, (rows, columns)."""
         planes = self.planes.copy()
         planes[-2] += variance
         return replace(self, planes=planes)

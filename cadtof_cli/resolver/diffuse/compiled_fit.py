@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
+from cadtof_cli.resolver.kernels import NUMPY, extension
 
 MOST_HARMONICS = 8
 """Harmonics that the compiled twins have room for; numpy has for any."""
 
 
-def compiled_fits(harmonics: int, kernel: str, /) -> bool:
-    """Return whether the kernel of that name works with so many harmonics."""
+def is_compiled_for(harmonics: int, kernel: str, /) -> bool:
+    """Return whether a kernel, of `available_kernels`, has compiled twins for so many harmonics: numpy has none."""
     return kernel != NUMPY and harmonics <= MOST_HARMONICS
 
 

@@ -62,13 +62,13 @@ class PatchGrid:
 
     @cached_property
     def even(self) -> Float:
-        """Return what changes evenly over the view: 1, X and Y of the patches' middles, and 1/cos, (rows, columns, 4)."""
+        """What changes evenly over the view: 1, X and Y of the patches' middles, and 1/cos, (rows, columns, 4)."""
         one = np.ones_like(self.slope[0])
         return sealed(np.stack([one, *self.slope, 1.0 / self.ray[2]], axis=-1))
 
     @cached_property
     def powers(self) -> Float:
-        """Return 1, x, y, x², y² and xy of where the sampled pixels lie about the middle of their patch, (6, n)."""
+        """1, x, y, x², y² and xy of the places of the sampled pixels about the middle of their patch, (6, n)."""
         x, y = self.place
         return sealed(np.stack([np.ones_like(x), x, y, x * x, y * y, x * y]))
 

@@ -76,8 +76,8 @@ alike."""
 
 @dataclass(frozen=True)
 class Leaning:
-    """What all patches of a frame have in common: which share of the lag is missed, and the standard deviation of what is left
-    of that, in rad.
+    """What all patches of a frame have in common: the share of the lag that the fit misses, and the standard deviation of the lag
+    that remains when this is added, in rad.
     """
 
     share: float

@@ -10,11 +10,12 @@ from cadtof_cli.arrays import Bool, Complex, Complex64, Float, Float32, Index, S
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits
+from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.kernel import NUMPY, STORED_TYPES, extension, saturation
+from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, saturation
 
 LARGEST_AMPLITUDE = 1e3
 """Largest |p_h| of light, whose phasors are 1 at most: what lies beyond is damage, and would drown a patch."""
@@ -85,7 +86,7 @@ class Look:
         kernel: str,
     ) -> "Look | None":
         """Return what a kernel looks at a frame with that noise and type with; None where only numpy can look at it."""
-        if not compiled_fits(len(noise.each), kernel) or stored not in STORED_TYPES[:-1]:
+        if not is_compiled_for(len(noise.each), kernel) or stored not in STORED_TYPES[:-1]:
             return None
         saturated = saturation(saturated_counts, stored)
         least, variances = settings.min_confidence, tuple(one.dark_variance for one in noise.each)
@@ -183,7 +184,7 @@ def patch_means(
         kernel: of `available_kernels`.
     """
     counted = among & light.seen
-    if not compiled_fits(len(harmonics), kernel):
+    if not is_compiled_for(len(harmonics), kernel):
         power, *parts = (light.weighted * counted).sum(axis=1, dtype=np.float64)
         pixels = counted.sum(axis=0).astype(np.float64)
     else:

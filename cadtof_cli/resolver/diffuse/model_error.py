@@ -45,13 +45,13 @@ def model_error(ratios: Complex, /) -> Float:
 
 
 def mpi_share(ratios: Complex, /) -> float:
-    """Return which share of the usual errors a frame has whose patches have these q_h, (further, n)."""
+    """Return which share of the usual errors a frame has, from the q_h of its patches, (further, n)."""
     return min(max(float(median(np.abs(ratios[0] - 1.0))) / FULL_MPI, LEAST_SHARE), 1.0)
 
 
 @lru_cache(maxsize=8)
 def full_error(further: int, /) -> Float:
-    """Return that covariance where there is MPI enough, for so many harmonics that follow the first."""
+    """Return the covariance of `model_error` where there is MPI enough, for so many harmonics that follow the first."""
     error = np.zeros((2 * further + 2, 2 * further + 2))
     for kind, spread in enumerate((RATIO_ERROR, PHASE_ERROR)):
         for i in range(further):

@@ -105,7 +105,7 @@ def _seen(row: int, phase: Float32, tails: PixelTails, response: "ResponseBlock"
     value = direct.re - sine[0], direct.im - sine[1]
     slope = direct.slope_re + speed * sine[1], direct.slope_im - speed * sine[0]
     for k, share in _orders(table).items():
-        light_re, light_im = tails.further[abs(k) * harmonic]
+        light_re, light_im = tails.of_terms[abs(k) * harmonic]
         tail = light_re - np.float32(1.0), light_im if k > 0 else -light_im
         term = _times(_times(rotor(np.float32(k) * theta), tail), (np.float32(share.real), np.float32(share.imag)))
         value = _plus(value, term)

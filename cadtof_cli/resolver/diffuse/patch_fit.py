@@ -12,11 +12,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, sealed
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import CompiledSteps, compiled_fits
+from cadtof_cli.resolver.diffuse.compiled_fit import CompiledSteps, is_compiled_for
 from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room
 from cadtof_cli.resolver.diffuse.tail import TailModel
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.kernels import NUMPY
 
 STEPS = 4
 """Gauss–Newton steps; with more the state still moves along what the data leave open, and depth gets no better."""
@@ -61,7 +61,7 @@ def fitted_patches(
     prior = _room_prior(known_optics=known_optics)
     within = np.diag(prior.within)
     steps: PatchSteps | CompiledSteps = PatchSteps(data, error, within, pattern)
-    if compiled_fits(len(model.harmonics), kernel):
+    if is_compiled_for(len(model.harmonics), kernel):
         steps = CompiledSteps(data, error, within, pattern, kernel)
     state = MEAN[:, None] + pattern
     for _ in range(STEPS):

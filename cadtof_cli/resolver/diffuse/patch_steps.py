@@ -75,7 +75,7 @@ class PatchSteps:
         return expected, expected + _total(white[:, :-1] * white[:, -1:]), covariance
 
     def _of_data(self, jacobian: Float) -> tuple[Float, Float]:
-        """Return what Jacobians and errors are of the data."""
+        """Return the parts of Jacobians and errors that belong to the data, without those of ln H_1."""
         count = len(self.data)
         return jacobian[:, :count], self.error[:count, :count]
 

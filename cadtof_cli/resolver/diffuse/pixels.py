@@ -10,7 +10,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits
+from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
 from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor, within_a_turn
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
@@ -18,8 +18,9 @@ from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
 from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
 from cadtof_cli.resolver.diffuse.tail import residuals
+from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.response.as_sine import first_phase
-from cadtof_cli.resolver.two_path.kernel import NUMPY, Buffers, extension
+from cadtof_cli.resolver.two_path.kernel import Buffers
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.response.table import ResponseBlock
@@ -60,7 +61,7 @@ def diffuse_pixels(
         kernel: of `available_kernels`, all of which give the same bits.
     """
     model, pixels = tail.model, tail.pixels
-    if compiled_fits(len(model.settings.harmonics), kernel):
+    if is_compiled_for(len(model.settings.harmonics), kernel):
         return _by_kernel(phasors, tail, usable, samples, kernel)
     with np.errstate(over="ignore"):
         re, im = phasors.real.astype(np.float32), phasors.imag.astype(np.float32)
@@ -92,13 +93,17 @@ def diffuse_pixels(
 def pixels_of_sine(
     phasors: Complex, /, *, tail: DiffuseBlock, response: "ResponseBlock", samples: Float | None = None
 ) -> tuple[Complex, Float]:
-    """Return what a sine would have recorded of pixels (H, n), and of how many recorded pixels each then has the noise, (n,)."""
+    """Return what a sine would have recorded of pixels (H, n), and of how many recorded pixels each then has the noise, (n,).
+
+    Raises:
+        ValueError: the model was made for a sine.
+    """
     model = tail.model
-    if model.further is None:
+    if model.terms is None:
         raise ValueError("the model was made for a sine")
     alone = first_phase(phasors[0], response=response)
-    planes = model.further.upsampler.joint(tail.pixels, _first_range(alone.astype(np.float32), model, tail.pixels))
-    tails = PixelTails.of(planes, model.further.harmonics)
+    planes = model.terms.upsampler.joint(tail.pixels, _first_range(alone.astype(np.float32), model, tail.pixels))
+    tails = PixelTails.of(planes, model.terms.harmonics)
     sine, more = freed_of_other_terms(phasors, tails, response=response, alone_rad=alone)
     return sine, (1.0 if samples is None else samples) / more.astype(np.float64)
 

@@ -29,9 +29,9 @@ from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.diffuse.records import (
     NEAREST_M,
     DiffuseModel,
-    FurtherTails,
     SeenThrough,
     Tails,
+    TermTails,
     range_from_phase,
 )
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, missed
@@ -39,8 +39,8 @@ from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.two_path.decomposition import decomposed
-from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 LEAST_RATIO = 0.05
 """Least |q_h| that the noise of a patch's data is taken for."""
@@ -49,7 +49,7 @@ GUESSED_POWER = 4
 """Power of the share of what a patch faces that is unknown, with which the light of guessed walls counts: a view that shows
 walls at right angles holds most of the early light, one of a single wall nothing of it."""
 
-FURTHER_ERROR = 0.5
+TERM_ERROR = 0.5
 """Standard deviation of the tail at a harmonic that only other terms of a response see, as a share of it: early light hardly
 changes the ratios of the harmonics that are fitted, but is all that is left of a tail at those."""
 
@@ -62,7 +62,7 @@ UNHEARD = 1e6
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """What a frame is looked at with: its grid, settings, noise, the offsets of its sampled ranges, and what works it out."""
+    """What is known of a frame besides its light: grid, settings, noise, offsets of the sampled ranges, and which kernel runs."""
 
     grid: PatchGrid
     settings: DiffuseSettings
@@ -125,7 +125,7 @@ def _model(
         kernel=frame.kernel,
     )
     ratios, amplitude, seen = means.ratios[:, valid], means.amplitude[valid], planes.surfaces[valid]
-    tail, further = _tails(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
+    tail, of_terms = _tails(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
     rule = pattern(tail.light.direct)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), NO_RATIO)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
@@ -153,7 +153,7 @@ def _model(
         view = seen if through is None else seen[heard]
         leaning = _leaning(fit, view, amplitude, beside.seen_rad, two_path_rad, heard, frame)
     coarse = coarse_planes(fit, posterior, beside, valid, leaning).if_likely(kinds.mpi_probability)
-    tails = None if further is None else _further_tails(further, fit, coarse, planes, valid, frame)
+    tails = None if of_terms is None else _term_tails(of_terms, fit, coarse, planes, valid, frame)
     if tails is not None:
         coarse = coarse.less_sure(_mistaken(tails, frame.settings))
     covered = 0 if through is None else int(through.found.sum())
@@ -245,10 +245,10 @@ def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
 
 
 def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> tuple[TailModel, TailModel | None]:
-    """Return the model of the patches that these surfaces are of, and that at further harmonics, None for a sine."""
+    """Return the model of patches with these surfaces, and one of what other terms of a response see there, None for a sine."""
     asked = frame.settings
-    further = tuple(h for h, _ in asked.further or ())
-    harmonics = tuple(sorted({*asked.harmonics, *further}))
+    multiples = tuple(h for h, _ in asked.terms or ())
+    harmonics = tuple(sorted({*asked.harmonics, *multiples}))
     light = interreflections(
         seen, beyond, amplitude, harmonics=harmonics, rad_per_m=asked.rad_per_m, kernel=frame.kernel
     )
@@ -256,28 +256,28 @@ def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) ->
     def model(some: tuple[int, ...]) -> TailModel:
         return TailModel(light.at([harmonics.index(h) for h in some]), some, asked.rad_per_ns, frame.kernel)
 
-    return model(asked.harmonics), None if asked.further is None else model(further)
+    return model(asked.harmonics), None if asked.terms is None else model(multiples)
 
 
-def _further_tails(
+def _term_tails(
     tail: TailModel, fit: PatchFit, coarse: CoarsePlanes, planes: PatchPlanes, valid: Bool, frame: _Frame
-) -> FurtherTails:
-    """Return the tail at further harmonics in the state that was fitted; patches that are not valid get the mean."""
+) -> TermTails:
+    """Return the tail that other terms of a response see, in the state that was fitted; invalid patches get the mean."""
     held = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
     held[:2] = coarse.planes[coarse.data : coarse.data + 2]
     if tail.harmonics:
         light = tail.light_at(fit.state).reshape(len(held) - 2, -1)
         held[2:] = light.mean(axis=1)[:, None, None]
         held[2:, valid] = light
-    return FurtherTails(tail.harmonics, held, upsampler(held, planes.surfaces.range_m, valid, frame.grid))
+    return TermTails(tail.harmonics, held, upsampler(held, planes.surfaces.range_m, valid, frame.grid))
 
 
-def _mistaken(tails: FurtherTails, settings: DiffuseSettings) -> Float32:
+def _mistaken(tails: TermTails, settings: DiffuseSettings) -> Float32:
     """Return the variance of the direct phase, rad², (rows, columns), by what the tail is wrong by where other terms see it."""
     count, variance = len(tails.harmonics), np.zeros(tails.planes.shape[1:], np.float32)
     parts = zip(tails.planes[2 : 2 + count], tails.planes[2 + count :], strict=True)
-    for (_, share), (re, im) in zip(settings.further or (), parts, strict=True):
-        variance += np.float32((FURTHER_ERROR * share) ** 2) * ((re - 1.0) ** 2 + im * im)
+    for (_, share), (re, im) in zip(settings.terms or (), parts, strict=True):
+        variance += np.float32((TERM_ERROR * share) ** 2) * ((re - 1.0) ** 2 + im * im)
     return variance
 
 

@@ -11,7 +11,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.elementary import rotor
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.quantiles import median
-from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
+from cadtof_cli.resolver.kernels import NUMPY, extension
 
 LATER_ALBEDO = 0.65
 """Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""
@@ -50,7 +50,7 @@ class Interreflections:
     open_share: Float
 
     def at(self, rows: list[int], /) -> "Interreflections":
-        """Return the same of some of the harmonics."""
+        """Return the light at some of the harmonics, by their rows."""
         return replace(self, seen=self.seen[rows], beyond=self.beyond[rows], later=self.later[rows])
 
 
@@ -74,7 +74,7 @@ def interreflections(
     count = len(seen.range_m)
     both = _joined(seen, beyond)
     albedo = _relative_albedo(seen, amplitude, len(beyond.range_m))
-    form, matrix, turn = _kernel(both, both, albedo, rad_per_m, kernel)
+    form, matrix, turn = _light_matrix(both, both, albedo, rad_per_m, kernel)
     faced = _gathered(form[:count], np.ones(len(form), np.float32)).astype(np.float64)
     open_share = np.minimum(np.maximum(1.0 - faced, 0.0), 1.0)
     light, power = np.empty((3, len(harmonics), count), np.complex128), 1
@@ -91,7 +91,7 @@ def interreflections(
 
 def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float, kernel: str = NUMPY) -> Complex:
     """Return the light that surfaces (n,) get from lit sources of unit albedo in one bounce, over their direct light, (n,)."""
-    _, matrix, _ = _kernel(onto, sources, np.ones(len(sources.range_m), np.float32), rad_per_m, kernel)
+    _, matrix, _ = _light_matrix(onto, sources, np.ones(len(sources.range_m), np.float32), rad_per_m, kernel)
     light = _gathered(matrix, _direct_light(sources, rad_per_m).astype(np.complex64))
     return np.asarray(light / _direct_light(onto, rad_per_m), np.complex128)
 
@@ -104,29 +104,29 @@ def _direct_light(onto: Surfaces, rad_per_m: float) -> Complex:
     return light
 
 
-def _bounces(kernel: Complex64, arrival: Complex, count: int) -> tuple[Complex64, Complex64, Complex64]:
+def _bounces(matrix: Complex64, arrival: Complex, count: int) -> tuple[Complex64, Complex64, Complex64]:
     """Return the light of the second bounce from the first `count` surfaces, from the others, and the light of all later bounces.
 
     The later ones are at unit albedo for the first of them.
     """
     lit = arrival.astype(np.complex64)
-    seen, beyond = _gathered(kernel[:, :count], lit[:count]), _gathered(kernel[:, count:], lit[count:])
+    seen, beyond = _gathered(matrix[:, :count], lit[:count]), _gathered(matrix[:, count:], lit[count:])
     bounce, later = seen + beyond, np.zeros_like(lit)
     for _ in range(LATER_BOUNCES):
-        bounce = np.float32(LATER_ALBEDO) * _gathered(kernel, bounce)
+        bounce = np.float32(LATER_ALBEDO) * _gathered(matrix, bounce)
         later += bounce
     return seen, beyond, later / np.float32(LATER_ALBEDO)
 
 
-def _gathered(kernel: NDArray[T], light: NDArray[T]) -> NDArray[T]:
-    """Return kernel @ light, a few rows at a time."""
-    count, sources = kernel.shape
+def _gathered(matrix: NDArray[T], light: NDArray[T]) -> NDArray[T]:
+    """Return matrix @ light, a few rows at a time."""
+    count, sources = matrix.shape
     rows = max(1, MOST_AT_ONCE // max(1, sources))
     groups, left = divmod(count, rows)
-    gathered, rest = np.empty(count, kernel.dtype), slice(count - left, count)
-    together = kernel[: rest.start].reshape(groups, rows, sources)
+    gathered, rest = np.empty(count, matrix.dtype), slice(count - left, count)
+    together = matrix[: rest.start].reshape(groups, rows, sources)
     np.matmul(together, light, out=gathered[: rest.start].reshape(groups, rows))
-    np.matmul(kernel[rest], light, out=gathered[rest])
+    np.matmul(matrix[rest], light, out=gathered[rest])
     return gathered
 
 
@@ -139,7 +139,7 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     return np.concatenate([albedo, np.ones(beyond)], dtype=np.float32)
 
 
-def _kernel(
+def _light_matrix(
     onto: Surfaces, sources: Surfaces, albedo: Float32, rad_per_m: float, kernel: str
 ) -> tuple[Float32, Complex64, Complex64]:
     """Return form factors F_ij, from source j to i, K_ij of the fundamental, and exp(iω r_ij/c), (onto, sources) each.
@@ -157,7 +157,7 @@ def _kernel(
     area = sources.area_m2.astype(np.float32)
     matrix, turn = np.empty(form.shape, np.complex64), np.empty(form.shape, np.complex64)
     if kernel != NUMPY:
-        extension().light_kernel(kernel, rad_per_m, facing, r2, area, albedo, form, matrix, turn)
+        extension().light_matrix(kernel, rad_per_m, facing, r2, area, albedo, form, matrix, turn)
         return form, matrix, turn
     for over_plane in (form, facing):
         np.maximum(over_plane, 0.0, out=over_plane)

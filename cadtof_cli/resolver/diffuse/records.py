@@ -49,11 +49,11 @@ Parts = tuple[Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class PixelTails:
-    """The tail of n pixels: ln|H_1| and arg H_1, (n,), and H_m of so numbered further harmonics."""
+    """The tail of n pixels: ln|H_1| and arg H_1, (n,), and H_m by the multiple m of the fundamental that other terms see."""
 
     size: Float32
     lag_rad: Float32
-    further: dict[int, Parts]
+    of_terms: dict[int, Parts]
 
     @classmethod
     def of(cls, planes: Float32, harmonics: tuple[int, ...], /) -> "PixelTails":
@@ -64,10 +64,11 @@ class PixelTails:
 
 
 @dataclass(frozen=True, eq=False)
-class FurtherTails:
-    """ln|H_1|, arg H_1, then the real, then the imaginary parts of H_m of patches, for so numbered further harmonics.
+class TermTails:
+    """The tail of patches as the other terms of a response see it, at so many multiples m of the fundamental, `harmonics`.
 
-    `planes`, float32 (2 + 2·M, rows, columns), are those that `upsampler` brings to the pixels.
+    `planes`, float32 (2 + 2·M, rows, columns), are ln|H_1|, arg H_1, then the real, then the imaginary parts of H_m; `upsampler`
+    brings them to the pixels.
     """
 
     harmonics: tuple[int, ...]
@@ -89,7 +90,7 @@ class DiffuseModel:
         separate_variance: variance in rad² that the room's tail adds to those pixels' direct phase.
         range_offset_m: what is added to every pixel's range, (Y, X); None for nothing.
         through: what lets light through; None where nothing does.
-        further: the tail at further harmonics, which the other terms of a response see; None for a sine.
+        terms: the tail at the multiples of the fundamental that other terms of a response see; None for a sine.
     """
 
     settings: DiffuseSettings
@@ -101,18 +102,22 @@ class DiffuseModel:
     separate_variance: float
     range_offset_m: Float | None = None
     through: SeenThrough | None = None
-    further: FurtherTails | None = None
+    terms: TermTails | None = None
 
     def block(self, pixels: slice, /) -> "DiffuseBlock":
         """Return the model for a stretch of the frame's pixels, flat indices row by row."""
         return DiffuseBlock(self, pixels)
 
     def tails_of_patches(self, pixels: Index, /) -> PixelTails:
-        """Return the tail of pixels, flat indices, as that of the patch that each lies in, for a model of further harmonics."""
-        if self.further is None:
+        """Return the tail of pixels, flat indices: each has that of its patch.
+
+        Raises:
+            ValueError: the model was made for a sine.
+        """
+        if self.terms is None:
             raise ValueError("the model was made for a sine")
         row, column = self.upsampler.grid.patch_of(pixels)
-        return PixelTails.of(self.further.planes[:, row, column], self.further.harmonics)
+        return PixelTails.of(self.terms.planes[:, row, column], self.terms.harmonics)
 
     def of_paths(self, pixels: Index, /) -> Bool:
         """Return which pixels, flat indices, lie in patches whose light is more than what the tail goes with, (n,)."""

@@ -14,8 +14,8 @@ from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.tail import wrapped
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.two_path.decomposition import decomposed
-from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 SAME_PER_NS = 0.05
 """Scatter of the logarithm of the second paths' share of light, for every ns that their delays scatter by, below which it is the
@@ -58,7 +58,7 @@ class PatchData:
 
     @classmethod
     def of(cls, means: PatchMeans, lit: Bool, variances: Float, harmonics: tuple[int, ...], /) -> "PatchData":
-        """Return those of the lit patches; `variances` are those of a channel of each harmonic."""
+        """Return the data of the lit patches; `variances` are those of a channel of each harmonic."""
         ratios = means.ratios[:, lit]
         relative = variances[:, None] / (means.amplitude[lit] ** 2 * means.pixels[lit])
         with np.errstate(divide="ignore"):
@@ -66,7 +66,7 @@ class PatchData:
         return cls(ratios, relative, harmonics)
 
     def noise(self, first: int, second: int, /) -> Float:
-        """Return the covariance of two ln|q_h|, and of their arg q_h, (2, n); which of the ratios they are is given."""
+        """Return the covariance of ln|q_h| of two ratios, by their rows, and that of their arg q_h, (2, n)."""
         entries = noise_covariance(list(self.relative), harmonics=self.harmonics)
         count = len(self.ratios)
         noise = np.stack([entries[first, second], entries[count + first, count + second]])
@@ -89,7 +89,7 @@ class SecondPaths:
 
     @classmethod
     def of(cls, data: PatchData, /, *, kernel: str = NUMPY) -> "SecondPaths":
-        """Return those that q_2, (n,), is of; `kernel` is of `available_kernels`, all of which give the same bits."""
+        """Return the second paths that explain q_2, (n,); `kernel` is of `available_kernels`, all of which give the same bits."""
         ratio = data.ratios[0]
         paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
         share = np.minimum(paths.a, paths.b) / np.maximum(paths.a, paths.b)
@@ -102,18 +102,18 @@ class SecondPaths:
 
     @cached_property
     def known(self) -> Bool:
-        """Return whose share is known well enough to tell how shares scatter, (n,); none where they are too few for that."""
+        """Patches whose share is known well enough to tell how shares scatter, (n,); none where they are too few for that."""
         known: Bool = self.noise[0] < WELL_KNOWN**2
         return known & (np.count_nonzero(known) >= LEAST_KNOWN)
 
     @cached_property
     def strength_scatter(self) -> "Scatter":
-        """Return how ln of the share scatters between the patches that know it."""
+        """How ln of the share scatters between the patches where it is known."""
         return Scatter.of(self.strength[self.known], self.noise[0, self.known])
 
     @cached_property
     def delay_scatter(self) -> "Scatter":
-        """Return how delays scatter between them, rad."""
+        """How delays scatter between the same patches, in rad."""
         return Scatter.of(self.later_rad[self.known], self.noise[1, self.known])
 
 
@@ -126,7 +126,7 @@ class Scatter:
 
     @classmethod
     def of(cls, values: Float, noise: Float, /) -> "Scatter":
-        """Return that of values, (n,), of which noise has the given variances, (n,)."""
+        """Return the scatter of values, (n,), whose noise has the given variances, (n,)."""
         low, high = quantiles(values, (0.25, 0.75))
         variance, by_noise = float((high - low) / QUARTILES) ** 2, float(median(noise))
         unsure = CERTAINTY * UNSURE / float(np.sqrt(values.size))

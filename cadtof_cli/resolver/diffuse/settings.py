@@ -17,7 +17,7 @@ class DiffuseSettings:
             the data, patch by patch and then for the frame.
         period_ns: T1, period of the fundamental.
         harmonics: numbers h of the phasors; the first two must be 1 and 2.
-        further: multiples of the fundamental at which the other terms of a response see the tail, in order, each with the share
+        terms: multiples of the fundamental at which the other terms of a response see the tail, in order, each with the share
             |c| of its term; None for a sine.
         nearest_m: range at which the unambiguous range c·T1/2 starts.
     """
@@ -25,7 +25,7 @@ class DiffuseSettings:
     model: MpiModel = "auto"
     period_ns: float
     harmonics: tuple[int, ...]
-    further: tuple[tuple[int, float], ...] | None = None
+    terms: tuple[tuple[int, float], ...] | None = None
     nearest_m: float = 0.0
 
     def __post_init__(self) -> None:

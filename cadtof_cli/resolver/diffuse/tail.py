@@ -19,9 +19,9 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits, compiled_slopes
+from cadtof_cli.resolver.diffuse.compiled_fit import compiled_slopes, is_compiled_for
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.kernels import NUMPY
 
 Values = TypeVar("Values", Float, Float32)
 """float64 for patches, float32 for pixels."""
@@ -56,19 +56,19 @@ class TailModel:
 
     @cached_property
     def _rad_per_ns(self) -> Float:
-        """Return hω of every harmonic, (H, 1)."""
+        """hω of every harmonic, (H, 1), in rad/ns."""
         return self._harmonic * self.rad_per_ns
 
     @cached_property
     def _onset(self) -> Float:
-        """Return by how much it weakens unseen light that it sets in slowly, over τ0, (H, 1)."""
+        """How much unseen light is weaker because it sets in slowly, over τ0, (H, 1)."""
         return np.exp(-0.5 * (self._rad_per_ns * ONSET_NS) ** 2) / REFERENCE_DECAY_NS
 
     def values(self, state: Float, /) -> tuple[Float, Float]:
         """Return the values at a state (6, n), (data + 2, n), and their Jacobian, (6, data + 2, n)."""
         phase = self._rad_per_ns * state[5]
         natural, cos, sin = np.exp(state[:5]), np.cos(phase), np.sin(phase)
-        if compiled_fits(len(self.harmonics), self.kernel):
+        if is_compiled_for(len(self.harmonics), self.kernel):
             total, jacobian = compiled_slopes(
                 (natural, cos, sin, self.light.seen, self.light.beyond, self.light.later),
                 (self._harmonic, self._rad_per_ns, self._onset),

@@ -14,10 +14,10 @@ from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
-from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 NEAR_SHARE, FAR_SHARE = 0.25, 0.2
 """Least share of the nearer and of the farther path in a patch's light: below, it may be what the typical tail is wrong by."""
@@ -103,7 +103,7 @@ def freed_paths(phasors: Complex, tails: Tails, /, *, kernel: str = NUMPY) -> Fr
 
 
 def _times(phasors: Complex, factors: Complex) -> Complex:
-    """Return phasors (H, n) times a factor a harmonic, in real numbers: the same bits wherever a pixel stands."""
+    """Return phasors (H, n) times one factor per harmonic, in real numbers: the same bits wherever a pixel stands."""
     product = np.empty_like(phasors)
     for out, p, factor in zip(product, phasors, factors, strict=True):
         out.real, out.imag = p.real * factor.real - p.imag * factor.imag, p.real * factor.imag + p.imag * factor.real

@@ -6,7 +6,7 @@ from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, range_from_phase
 from cadtof_cli.resolver.diffuse.through import freed_paths
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.kernels import NUMPY
 
 LEAST_SHARE = 0.1
 """Least share of either path in a pixel's light: below, it may be what the typical tail is wrong by."""
@@ -26,7 +26,7 @@ class ThroughPixels:
     own_variance: float
 
     def variance(self, others: float, /) -> Float:
-        """Return that variance, (n,), where that of the other pixels is given."""
+        """Return the variance of the direct phases besides noise, (n,), rad²: `others` where pixels see through nothing."""
         return np.where(self.where, self.own_variance, others)
 
 

@@ -56,7 +56,7 @@ class LikelyPaths:
     fall_off: Float | None = None
 
     def fit(self) -> Fit:
-        """Return them as what a solver gives: paths without an amplitude, or that did not converge, are NaN."""
+        """Return the paths as the fit that a solver gives: those without an amplitude, or that did not converge, are NaN."""
         amplitude, sigma = self.paths.amplitude, self.sigma_rad
         none = ~(amplitude > NO_AMPLITUDE * amplitude.max(axis=0)) | ~self.converged
         phase = phase_of(self.paths.cos, self.paths.sin)

@@ -11,9 +11,9 @@ from typing import Protocol, Self
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.likelihood.compiled import Minimum, Planes, compiled_ends
 from cadtof_cli.resolver.likelihood.normal_equations import Triangle, cholesky, entry, solve
-from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 SHRINK_BELOW = 0.75
 """Share of a block still at work below which the others are dropped: copying costs as much as a fifth of a step."""
@@ -48,7 +48,7 @@ class Compilable(Problem, Protocol):
     """Problems that the compiled search may know."""
 
     def planes(self, points: Float, /) -> Planes | None:
-        """Return them for the compiled search from such points; None: it knows no such problems."""
+        """Return the problems as the compiled search takes them, from points, (P, n); None: it knows no such problems."""
 
 
 @dataclass(frozen=True)

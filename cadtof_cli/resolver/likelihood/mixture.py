@@ -12,10 +12,10 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor, powers, product, unit_rotor
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.likelihood.compiled import WEIGHTED, WHITE, Planes, compiled_weights
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
 from cadtof_cli.resolver.likelihood.normal_equations import entry
-from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Measured:
         return Measured(self.harmonics, self.re[:, chosen], self.im[:, chosen])
 
     def rest(self, row: int, amplitude: Float, rotor: Rotor, /) -> Rotor:
-        """Return what paths whose rotors at the harmonic of a row are given leave of its phasor, (n,) each."""
+        """Return what is left of the phasor in a row, (n,) each, without paths of these amplitudes and rotors at its harmonic."""
         cos, sin = rotor
         return self.re[row] - _summed(amplitude * cos), self.im[row] - _summed(amplitude * sin)
 
@@ -93,7 +93,7 @@ def moved_paths(points: Float, steps: Float, /) -> Float:
 
 @dataclass(frozen=True)
 class WhiteFit:
-    """The fit with the noise of ambient light alone: one weight a harmonic, the same in every direction."""
+    """The fit with the noise of ambient light alone: one weight per harmonic, the same in every direction."""
 
     measured: Measured
     weights: tuple[float, ...]
@@ -124,7 +124,7 @@ class WhiteFit:
     moved = staticmethod(moved_paths)
 
     def planes(self, points: Float, /) -> Planes:
-        """Return them for the compiled search."""
+        """Return the problems as the compiled search takes them, from points, (3·K, n)."""
         one, weights = self.measured, np.array(self.weights)
         return Planes(WHITE, len(points) // 3, one.harmonics, one.re, one.im, weights)
 
@@ -183,7 +183,7 @@ class WeightedFit:
     moved = staticmethod(moved_paths)
 
     def planes(self, points: Float, /) -> Planes:
-        """Return them for the compiled search."""
+        """Return the problems as the compiled search takes them, from points, (3·K, n)."""
         one = self.measured
         return Planes(WEIGHTED, len(points) // 3, one.harmonics, one.re, one.im, self.weights)
 

@@ -1,7 +1,7 @@
-"""Small symmetric systems, one a pixel, solved for a whole block at once.
+"""Small symmetric systems, one per pixel, solved for a whole block at once.
 
 Everything is elementwise over the last axis, so that a pixel's answer does not depend on its neighbours; LAPACK would cost a
-microsecond a matrix.
+microsecond per matrix.
 """
 
 import numpy as np

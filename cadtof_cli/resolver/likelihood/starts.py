@@ -6,11 +6,11 @@ from functools import lru_cache
 import numpy as np
 
 from cadtof_cli.arrays import Float, Index
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.likelihood.compiled import Scanned, compiled_scan
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture
 from cadtof_cli.resolver.likelihood.pisarenko import pisarenko, strongest_of
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
-from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 DELAYS_PER_HARMONIC = 8
 """Grid delays in a period of the highest harmonic: an eighth of it is well within where the fit converges."""

@@ -1,4 +1,4 @@
-"""Levenberg–Marquardt for Eq. (9): two unknowns a pixel, from one start after the other until none can better what was found.
+"""Levenberg–Marquardt for Eq. (9): two unknowns per pixel, from one start after the other until none can better what was found.
 
 The damping is a multiple of the misfit √cost (Fan and Yuan 2005, doi:10.1007/s00607-004-0083-1). The Jacobian vanishes on all
 real z in (0, 1), in proportion to the distance from there, and the misfit of light that one path nearly explains is of the order
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.likelihood.compiled import compiled_search
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.starts import RandomStarts
-from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 EASED, MORE, FURTHER = 0.3, 2.0, 4.0
 """What becomes of the damping where a step lowers the cost as promised, by much less, and not at all."""

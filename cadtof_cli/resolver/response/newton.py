@@ -11,8 +11,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.response.table import STEP, Answer, ResponseBlock
-from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
 
 LARGEST_TURN = 0.4
 """Most that one step may turn a path, in rad: a third of the way between neighbouring extremes of a triangle's slope."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.arrays import Bool, Complex, Float, Index, SomePixels
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import Fit, Paths
 from cadtof_cli.resolver.response.one_path import one_path_of_response
@@ -39,7 +39,7 @@ class FullResponse:
             one_path(self._frame, noise=noise, steps=1), phasors, response=response, noise=noise, steps=steps
         )
 
-    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
+    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[SomePixels, Fit]:
         """Fit one or two paths (see `Solver`)."""
         del limit
         if count == 1:

@@ -6,12 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32, Index, sealed
+from cadtof_cli.arrays import Complex, Float, Float32, SomePixels, sealed
 from cadtof_cli.phasors.response import NEGLIGIBLE_TERM, HarmonicResponse
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.kernels import NUMPY
 
 ENTRIES = 1 << 14
-"""Entries a turn. Linear interpolation is then wrong by less than 1e-7 of the amplitude for a triangle."""
+"""Entries per turn. Linear interpolation is then wrong by less than 1e-7 of the amplitude for a triangle."""
 
 STAGES = (0.5, 0.7, 0.87, 1.0)
 """Shares of the higher terms on the way from a sine to the response, for pixels that do not converge at once: closer towards
@@ -19,8 +19,6 @@ the end, where paths that lie near each other move fastest."""
 
 STEP = 2.0 * np.pi / ENTRIES
 """Phase from one entry of a table to the next, rad."""
-
-Pixels = slice | Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +95,7 @@ class ResponseBlock:
         re, im, _, _ = self.stages[-1][0].planes
         return float(np.hypot(re, im).max())
 
-    def block(self, pixels: Pixels, /, *, kernel: str = NUMPY) -> "ResponseBlock":
+    def block(self, pixels: SomePixels, /, *, kernel: str = NUMPY) -> "ResponseBlock":
         """Return the response for some of the pixels, and what is to search there."""
         if self.phase_rad is None or self.rotors is None:
             return replace(self, kernel=kernel)
@@ -125,11 +123,11 @@ class ResponseBlock:
         rotor = self.rotors[row]
         return re * rotor.real + im * rotor.imag, im * rotor.real - re * rotor.imag
 
-    def at(self, row: int, phase: Float32, pixels: Pixels, /, *, stage: int = -1) -> Answer:
+    def at(self, row: int, phase: Float32, pixels: SomePixels, /, *, stage: int = -1) -> Answer:
         """Return the answer of one harmonic to paths of fundamental phase x in some of the pixels."""
         return self.stages[stage][row].at(self.theta(row, phase, pixels))
 
-    def theta(self, row: int, phase: Float32, pixels: Pixels, /) -> Float32:
+    def theta(self, row: int, phase: Float32, pixels: SomePixels, /) -> Float32:
         """Return the phases θ = h·x plus the pixels' own, of paths of fundamental phase x."""
         theta = phase * np.float32(self.stages[0][row].harmonic)
         if self.phase_rad is not None:

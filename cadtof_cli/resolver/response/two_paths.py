@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float32, Index
+from cadtof_cli.arrays import Bool, Complex, Float32, Index, SomePixels
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.response.newton import Equations, SearchState, searched
@@ -65,7 +65,7 @@ def _led_by_stages(equations: Equations, phasors: Complex) -> SearchState:
     return searched(equations, values, steps=STAGE_STEPS)
 
 
-def _values(paths: TwoPaths, pixels: Index | slice) -> Float32:
+def _values(paths: TwoPaths, pixels: SomePixels) -> Float32:
     """Return a, x, b, y of some pixels, (4, m)."""
     x, y = paths.phases()
     return np.stack([paths.a[pixels], x[pixels], paths.b[pixels], y[pixels]]).astype(np.float32)

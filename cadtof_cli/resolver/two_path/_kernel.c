@@ -1,8 +1,9 @@
-/* The compiled twin of the two-path solver as a Python module: buffers in, buffers filled, nothing kept.
+/* The compiled twins of two_path/, response/ and diffuse/ as one Python module: buffers in, buffers filled, nothing kept.
  *
- * kernel.py is its front. What comes here is checked again all the same: a buffer of the wrong type, size, alignment or layout
- * is a ValueError or TypeError, never a crash. The equations are in the headers beside it, compiled once for every instruction set in
- * LEVELS; which of them this processor has is asked when the module is loaded.
+ * kernel.py is the front of the two-path solver; the headers *_call.h and _decomposition.h name the fronts of the others. What comes
+ * here is checked again all the same: a buffer of the wrong type, size, alignment or layout is a ValueError or TypeError, never a
+ * crash. The equations are in the other headers, compiled once for every instruction set in LEVELS; which of them this processor has
+ * is asked when the module is loaded.
  */
 #ifndef Py_GIL_DISABLED
 #define Py_LIMITED_API 0x030b0000 /* one build for every Python from 3.11 on */
@@ -29,7 +30,7 @@ typedef struct {
     void (*search)(const Search *search);
     void (*slopes)(const Slopes *slopes);
     void (*step)(const Steps *steps);
-    void (*kernel)(const Pairs *pairs);
+    void (*matrix)(const Pairs *pairs);
     void (*look)(const Sampled *sampled);
     void (*sum)(const Sums *sums);
     void (*count)(const uint32_t *status, int64_t pixels, int64_t counts[4]);
@@ -45,14 +46,14 @@ typedef struct {
     attributes static void search_##name(const Search *search) { search_pixels(search); } \
     attributes static void slopes_##name(const Slopes *slopes) { slopes_of_patches(slopes); } \
     attributes static void step_##name(const Steps *steps) { step_of_patches(steps); } \
-    attributes static void kernel_##name(const Pairs *pairs) { kernel_of(pairs); } \
+    attributes static void matrix_##name(const Pairs *pairs) { matrix_of(pairs); } \
     attributes static void look_##name(const Sampled *sampled) { look_at_samples(sampled); } \
     attributes static void sum_##name(const Sums *sums) { sum_patches(sums); } \
     attributes static void count_##name(const uint32_t *status, int64_t pixels, int64_t counts[4]) { \
         count_pixels(status, pixels, counts); \
     }
 #define FUNCTIONS_OF(name) \
-    resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, kernel_##name, look_##name, \
+    resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, matrix_##name, look_##name, \
         sum_##name, count_##name
 #define LISTED(name, attributes, supported) {#name, FUNCTIONS_OF(name), supported},
 FOR_EACH_LEVEL(FUNCTIONS)
@@ -211,9 +212,9 @@ static PyMethodDef METHODS[] = {
     {"step_patches", step_patches, METH_VARARGS,
      "step_patches(level, step, data, error, within, pattern, values, slopes, state, linear data, room, spread, answers...)\n\n"
      "Fill the answers of a step. Everybody but the tests calls it through diffuse/compiled_fit.py."},
-    {"light_kernel", light_kernel, METH_VARARGS,
-     "light_kernel(level, rad per m, facing, squares, area, albedo, form factors, kernel, rotors)\n\n"
-     "Fill kernel and rotors, and make form factors of heights over planes. Everybody but the tests calls it through diffuse/radiosity.py."},
+    {"light_matrix", light_matrix, METH_VARARGS,
+     "light_matrix(level, rad per m, facing, squares, area, albedo, form factors, matrix, rotors)\n\n"
+     "Fill matrix and rotors, and make form factors of heights over planes. Everybody but the tests calls it through diffuse/radiosity.py."},
     {"look_at_samples", look_at, METH_VARARGS,
      "look_at_samples(level, constants, numbers, per variance, places, stored, own, other, constant, hot, samples, weighted, phases, "
      "seen)\n\n"

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.arrays import Bool, Complex, Float, SomePixels
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.two_path.arcsine import phase_of
@@ -49,7 +49,7 @@ class FundamentalFrame:
         """|p1|² and |p2|²."""
         return self.u * self.u, self.pr * self.pr + self.pi * self.pi
 
-    def __getitem__(self, pixels: Index | slice, /) -> "FundamentalFrame":
+    def __getitem__(self, pixels: SomePixels, /) -> "FundamentalFrame":
         return FundamentalFrame(*(values[pixels] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
 
 

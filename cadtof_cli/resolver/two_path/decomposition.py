@@ -4,8 +4,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
-from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
 
 PLANES = 9
 """What the kernel tells of a pixel, `DECOMPOSED_PLANES` in `_kernel_answers.h`."""

@@ -1,13 +1,11 @@
-"""The front of the compiled two-path solver: checks everything, makes constants of settings and noise, and says what runs.
+"""The front of the compiled two-path solver: checks everything, and makes constants of settings and noise.
 
-The solver itself is `_kernel_paths.h`, compiled where a C compiler was at hand when cadtof was installed. Where none was, numpy
-does the same operations, with the same bits, in `closed_form`, `one_path`, `uncertainty` and the stages before and after them.
+The solver itself is `_kernel_paths.h`. Where it was not built, numpy does the same operations, with the same bits, in
+`closed_form`, `one_path`, `uncertainty` and the stages before and after them.
 """
 
 import math
-import os
-from functools import cache, lru_cache
-from types import ModuleType
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -18,15 +16,11 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.noise import LEAST_SHARE, HarmonicNoise, NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings
 from cadtof_cli.resolver.status import StatusCounts
 from cadtof_cli.resolver.status import count_status as status_counts
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms
-
-NUMPY = "numpy"
-
-CHOICE = "CADTOF_KERNEL"
-"""Environment variable that names what runs, of `available_kernels`; without it the first of them does."""
 
 Buffers = tuple[NDArray[Any] | None, ...]
 """Arrays as the extension takes them: neighbours in memory, each of one type."""
@@ -35,43 +29,6 @@ STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
 
 _NEIGHBOURS: tuple[Literal["C", "A"], ...] = ("C", "A")
 """What numpy makes of an array whose values are to be neighbours in memory, aligned: itself, where they are."""
-
-
-@cache
-def extension() -> ModuleType:
-    """Return the extension module; raises ValueError where it was not built."""
-    try:
-        from cadtof_cli.resolver.two_path import _kernel
-    except ImportError as error:
-        raise ValueError("the compiled kernel was not built") from error
-    return _kernel
-
-
-def available_kernels() -> tuple[str, ...]:
-    """Return the names of what can run here, the fastest first: instruction sets of the compiled solver, then `numpy`."""
-    try:
-        return (*extension().levels(), NUMPY)
-    except ValueError:
-        return (NUMPY,)
-
-
-@lru_cache(maxsize=1)
-def chosen_kernel() -> str:
-    """Return the name of what runs here.
-
-    Raises:
-        SettingsError: the environment asks for what this machine has not.
-    """
-    available, asked = available_kernels(), os.environ.get(CHOICE)
-    if asked and asked not in available:
-        raise SettingsError(f"{CHOICE}: found {asked!r}, expected one of {', '.join(available)}")
-    return asked or available[0]
-
-
-def numpy_note() -> str:
-    """Return what a user should know where numpy runs: that it is slower than need be, and why it does."""
-    why = f"{CHOICE} asks for it" if len(available_kernels()) > 1 else "cadtof was installed without a C compiler"
-    return f"two paths are resolved by numpy, not by the compiled kernel: the same maps, but slower ({why})"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

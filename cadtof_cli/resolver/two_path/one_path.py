@@ -31,7 +31,7 @@ class OnePath:
     fall_off: Float
 
     def fit(self) -> Fit:
-        """Return it as what a solver gives."""
+        """Return the path as the fit that a solver gives."""
         phase_rad = phase_of(self.cos, self.sin)
         paths = Paths(self.amplitude[np.newaxis], phase_rad[np.newaxis], self.sigma_rad[np.newaxis])
         count = phase_rad.size

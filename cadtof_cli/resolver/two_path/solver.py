@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.arrays import Bool, Complex, Float, SomePixels
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -25,7 +25,7 @@ class ClosedForm:
         self._frame, self._noise = fundamental_frame(*phasors), noise
         self.modulus, self.powers = self._frame.u, self._frame.powers
 
-    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
+    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[SomePixels, Fit]:
         """Fit one or two paths (see `Solver`)."""
         if count == 2:
             return self._two(pixels)
@@ -35,10 +35,10 @@ class ClosedForm:
         steps = ONE_PATH_STEPS if limit is None else ORDER_TEST_STEPS
         return chosen, one_path(self._frame[chosen], noise=self._noise, steps=steps).fit()
 
-    def _two(self, pixels: Bool) -> tuple[Index | slice, Fit]:
+    def _two(self, pixels: Bool) -> tuple[SomePixels, Fit]:
         """Fit two paths; where most pixels need them, the few others are computed along: faster than to gather."""
         everywhere = 2 * np.count_nonzero(pixels) >= pixels.size
-        chosen: Index | slice = slice(None) if everywhere else np.flatnonzero(pixels)
+        chosen: SomePixels = slice(None) if everywhere else np.flatnonzero(pixels)
         frame = self._frame if everywhere else self._frame[chosen]
         two = two_paths(frame)
         paths = Paths(two.amplitude, two.phases(), two_path_sigmas(two, noise=self._noise))

@@ -39,7 +39,11 @@ class Exposure:
 
     @property
     def integration_length(self) -> float:
-        """n_av of Eq. (1)."""
+        """n_av of Eq. (1).
+
+        Raises:
+            SettingsError: the metadata say none.
+        """
         length = self.metadata.pixel.integration_length
         if length is None:
             raise SettingsError("integration length: found none, expected a number above 1")

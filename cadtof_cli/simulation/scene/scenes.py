@@ -49,7 +49,7 @@ class Wall:
         return f"wall at {self.distance_m:g} m, tilted by {self.tilt_deg[0]:g}° and {self.tilt_deg[1]:g}°"
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return one path a pixel: range D √(1 + X² + Y²)/(1 + αX + βY), with α, β the tangents of the tilt."""
+        """Return one path per pixel: range D √(1 + X² + Y²)/(1 + αX + βY), with α, β the tangents of the tilt."""
         right, down = (math.radians(tilt) for tilt in self.tilt_deg)
         across, along = _unit(1.0, 0.0, -math.tan(right)), _unit(0.0, 1.0, -math.tan(down))
         normal = np.cross(across, along)
@@ -94,7 +94,7 @@ class Card:
         )
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return two paths a pixel."""
+        """Return two paths per pixel."""
         row, column = np.meshgrid(np.arange(camera.height)[rows], np.arange(camera.width), indexing="ij")
         clean = round(self.clean_share * camera.height)
         down = (row - clean) / max(camera.height - 1 - clean, 1)

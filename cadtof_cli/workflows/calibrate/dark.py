@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.calibration.dark import DEFECT_MEANING, fit_dark, tells_dead
+from cadtof_cli.calibration.dark import DEFECT_MEANING
+from cadtof_cli.calibration.fit.dark import fit_dark, tells_dead
 from cadtof_cli.calibration.fit.light import light_seen
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CaptureError, SettingsError

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.calibration.petzval import PetzvalCalibration, WallRanges, fit_petzval
+from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
+from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Modulation, Voltage
@@ -92,7 +93,7 @@ def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration 
 def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: Modulation) -> Float:
     """Return the standard deviation in m, (Y, X), that noise of the dark and response maps brings into each pixel's range.
 
-    The maps' phase errors a harmonic are independent, and the range is their mean weighted by what each harmonic tells; one
+    The maps' phase errors at the harmonics are independent, and the range is their mean weighted by what each harmonic tells; one
     without any error, where no map was applied or a map is of one frame, tells all.
     """
     dark = earlier.dark.quality()["offset_stderr_v"] if earlier.dark else 0.0

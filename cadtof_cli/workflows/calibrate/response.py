@@ -21,6 +21,12 @@ from cadtof_cli.workflows.calibrate.captures import (
 )
 from cadtof_cli.workflows.progress import Progress
 
+FRAMES_ENOUGH = 3
+"""Frames from which on their scatter tells the noise of their mean."""
+
+ASSUMED_LENGTH = 1e5
+"""Integration length n_av that noise is predicted with where fewer frames were recorded, and nothing says it."""
+
 
 def calibrate_response(
     inputs: Sequence[Path], /, *, settings: CalibrateSettings, overrides: Mapping[str, Any], progress: Progress
@@ -55,10 +61,10 @@ def _target(capture: Capture, mean: FrameMean, earlier: Calibration | None) -> T
 
 def _mean_noise(capture: Capture, mean: FrameMean) -> Float:
     """Return the standard deviation of the mean's voltages, (H,): measured where there are frames enough, else predicted."""
-    if mean.frames >= 3:
+    if mean.frames >= FRAMES_ENOUGH:
         return np.asarray(mean.frame_noise() / np.sqrt(mean.frames))
     metadata = capture.source.metadata
-    n_av = metadata.pixel.integration_length or 1e5
+    n_av = metadata.pixel.integration_length or ASSUMED_LENGTH
     predicted = metadata.modulation.amplitude_v / np.sqrt(2.0 * (2.0 * n_av - 1.0) * mean.frames)
     return np.full(mean.stored.shape[0], predicted)
 

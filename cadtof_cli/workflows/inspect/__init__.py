@@ -1,1 +1,1 @@
-"""What `cadtof info`, `evaluate` and `preview` do."""
+"""What the commands do that look at captures and maps, and change neither: from `cadtof info` to `report` and `export`."""

@@ -33,7 +33,7 @@ from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """What a frame holds: the range of stored values a plane, shares of bad pixels, the n_av that its noise shows, and
+    """What a frame holds: the range of stored values of each plane, shares of bad pixels, the n_av that its noise shows, and
     why its values cannot be voltages of the capture, or its planes are hardly those that they are read as."""
 
     problem: str | None = None
@@ -123,7 +123,7 @@ class MapFacts:
 
 
 def is_map(path: Path, /) -> bool:
-    """Tell whether a file, or the first image of a folder without a capture.toml, has layers of maps, as truth has too."""
+    """Return whether a file, or the first image of a folder without a capture.toml, has layers of maps, as truth has too."""
     try:
         if path.is_dir() and not (path / CAPTURE_FILE).exists():
             inside = (one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
@@ -180,7 +180,7 @@ class CalibrationFacts:
 
 
 def is_calibration_folder(path: Path, /) -> bool:
-    """Tell whether a folder is one that `cadtof calibrate` wrote."""
+    """Return whether a folder is one that `cadtof calibrate` wrote."""
     return is_folder(path) and any(os.path.lexists(path / f"{kind}.toml") for kind in PART_KINDS)
 
 

@@ -144,7 +144,11 @@ def require_same_pixels(run: Run, other: Run, /) -> None:
 
 
 def require_same_size(plane: NDArray[Any], expected: tuple[int, ...], path: Path, other: Path, /) -> None:
-    """Make sure that a plane read from `path` has the size, (Y, X), of the one in another file."""
+    """Make sure that a plane read from `path` has the size, (Y, X), of the one in another file.
+
+    Raises:
+        CaptureError: it has another.
+    """
     if plane.shape != expected:
         raise CaptureError(
             f"{path}: found {size_text(plane.shape)} pixels, expected {size_text(expected)} as in {other}"

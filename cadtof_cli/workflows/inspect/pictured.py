@@ -57,7 +57,7 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
 
 
 def _holds_maps(path: Path) -> bool:
-    """Tell whether a folder or file is one of maps or named layers, not of recorded frames; a missing path counts as maps."""
+    """Return whether a folder or file is one of maps or named layers, not of recorded frames; a missing path counts as maps."""
     if path.is_dir():
         if (path / RUN_FILE).exists():
             return True

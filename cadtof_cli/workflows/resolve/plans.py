@@ -18,8 +18,8 @@ from cadtof_cli.frame_plan import CalibrationUse, FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import doubts, implausible
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.status import MEANING
-from cadtof_cli.resolver.two_path.kernel import chosen_kernel
 from cadtof_cli.units import counted
 from cadtof_cli.version import __version__
 from cadtof_cli.workflows.resolve.frame_task import FrameTask

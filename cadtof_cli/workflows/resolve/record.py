@@ -193,7 +193,11 @@ class RunRecorder:
         return None if place is None else report_of(self._line_at(place))
 
     def add(self, report: FrameReport, /) -> None:
-        """Append a frame's line; a frame whose maps were kept has it already, if nothing in it has changed."""
+        """Append a frame's line; a frame whose maps were kept has it already, if nothing in it has changed.
+
+        Raises:
+            OutputError: it cannot be written; PlaceError: no other could be either.
+        """
         line = report.line or report
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
@@ -234,6 +238,9 @@ class RunRecorder:
         """Find the lines of frames that have maps; cut off a last line that a killed run did not complete.
 
         `out` is what the earlier run called its folder.
+
+        Raises:
+            OutputError: there are other lines than those of a run.
         """
         end = 0
         with writing(self.path), self.path.open("rb") as lines:

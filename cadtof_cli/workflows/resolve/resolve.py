@@ -1,4 +1,4 @@
-"""`cadtof resolve`: captures in, one map file a frame out, with a record of the run beside them."""
+"""`cadtof resolve`: captures in, one file of maps per frame out, with a record of the run beside them."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ from cadtof_cli.execution.outcome import Outcome, WorkerDied
 from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.two_path.kernel import NUMPY, numpy_note
+from cadtof_cli.resolver.kernels import NUMPY, numpy_note
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
@@ -72,9 +72,9 @@ def resolve_captures(
 
     Args:
         inputs: folders of frames, and single files.
-        arriving: more of them, in batches that come while the run goes on.
         settings: what to do.
         overrides: values by dotted key that replace those of `capture.toml`.
+        arriving: more inputs, in batches that come while the run goes on.
         progress: a step is a file of maps.
         on_frame: called with every report, in the order of the inputs whatever the number of processes.
 
@@ -222,7 +222,11 @@ class _Run:
         return totals
 
     def report(self, report: FrameReport) -> None:
-        """Record, count and show what has become of a frame."""
+        """Record, count and show what has become of a frame.
+
+        Raises:
+            RunStoppedError: the output folder takes no more maps.
+        """
         self.totals.add(report)
         if report.note is not None:
             why = report.note.rpartition(": ")[2]

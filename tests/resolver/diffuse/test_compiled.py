@@ -14,8 +14,8 @@ from cadtof_cli.pipeline import prepare_frame, resolve_pixels
 from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 from tests.support.diffuse_answers import model_of
 from tests.support.diffuse_frames import OMEGA, F, Tail, Z, corner_range, phasors_of
 from tests.support.hard_pixels import HARD

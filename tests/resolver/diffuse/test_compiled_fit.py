@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS, CompiledSteps, compiled_fits
+from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS, CompiledSteps, is_compiled_for
 from cadtof_cli.resolver.diffuse.patch_fit import fitted_patches
 from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.diffuse.tail import TailModel
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from tests.support.diffuse_frames import OMEGA, F
 
 pytestmark = pytest.mark.usefixtures("compiled")
@@ -100,9 +100,9 @@ def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, specia
 
 
 def test_more_harmonics_than_there_is_room_for_are_left_to_numpy() -> None:
-    assert compiled_fits(MOST_HARMONICS, kernels()[0])
-    assert not compiled_fits(MOST_HARMONICS + 1, kernels()[0])
-    assert not compiled_fits(2, NUMPY)
+    assert is_compiled_for(MOST_HARMONICS, kernels()[0])
+    assert not is_compiled_for(MOST_HARMONICS + 1, kernels()[0])
+    assert not is_compiled_for(2, NUMPY)
 
 
 # --- buffers that do not fit ------------------------------------------------------------------------------------------

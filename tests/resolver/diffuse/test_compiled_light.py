@@ -19,9 +19,9 @@ from cadtof_cli.resolver.diffuse.light import (
     patch_means,
     sampled_light,
 )
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from cadtof_cli.resolver.resolve import screened
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 
 pytestmark = pytest.mark.usefixtures("compiled")
 

@@ -8,7 +8,7 @@ import pytest
 
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -63,7 +63,7 @@ def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType) -> None:
     level = compiled.levels()[0]
 
     def function(level: str, *given: Any) -> None:
-        compiled.light_kernel(level, 0.5, *given)
+        compiled.light_matrix(level, 0.5, *given)
 
     function(level, *buffers())
     with pytest.raises(ValueError, match="level"):
@@ -94,4 +94,4 @@ def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType) -> None:
 def test_no_pieces_at_all_are_no_reason_to_crash(compiled: ModuleType) -> None:
     none = np.empty((0, 0), np.float32)
     filled = (none.copy(), *(none.astype(np.complex64) for _ in range(2)))
-    assert compiled.light_kernel(compiled.levels()[0], 0.5, none, none, none, none, *filled) is None
+    assert compiled.light_matrix(compiled.levels()[0], 0.5, none, none, none, none, *filled) is None

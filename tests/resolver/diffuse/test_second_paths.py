@@ -18,7 +18,7 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     median_of_noise,
     missed,
 )
-from cadtof_cli.resolver.two_path.kernel import available_kernels
+from cadtof_cli.resolver.kernels import available_kernels
 from tests.support.diffuse_frames import OMEGA, F, Tail
 from tests.support.diffuse_patches import PATCHES, patch_data
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.likelihood import levenberg_marquardt
 from cadtof_cli.resolver.likelihood.compiled import WHITE, Minimum, Planes, compiled_ends
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Compilable, LevenbergMarquardt
@@ -17,7 +18,6 @@ from cadtof_cli.resolver.paper import search as search_of_shares
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.kernel import NUMPY
 from tests.support import mixtures
 from tests.support.mixtures import C, noise_of
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.likelihood import levenberg_marquardt, mixture, starts
 from cadtof_cli.resolver.likelihood.compiled import Minimum, Planes, Scanned
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Compilable, LevenbergMarquardt
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
-from cadtof_cli.resolver.two_path.kernel import NUMPY
 from tests.support.mixtures import noise_of
 
 HARMONICS, COUNT, ELSEWHERE = (1, 2, 4), 5, "elsewhere"

@@ -20,10 +20,10 @@ from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.pipeline import prepare_frame, resolve_pixels
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from cadtof_cli.resolver.response.newton import Equations, searched
 from cadtof_cli.resolver.response.table import ENTRIES, STAGES, ResponseBlock, response_block
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 from tests.support.calibrations import made_up_calibration
 from tests.support.hard_pixels import HARD
 

@@ -6,9 +6,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 from tests.support.hard_pixels import HARD
 
 pytestmark = pytest.mark.usefixtures("compiled")

@@ -21,10 +21,10 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen_kernel, numpy_note
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
 from cadtof_cli.resolver.status import count_status
 from cadtof_cli.resolver.two_path import kernel as front
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import record
 from tests.support.hard_pixels import HARD
@@ -301,16 +301,16 @@ def test_each_constant_that_the_kernel_reads_has_a_value(compiled: ModuleType) -
 
 
 def test_the_environment_chooses_among_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    front.chosen_kernel.cache_clear()
-    monkeypatch.setenv(front.CHOICE, NUMPY)
-    assert front.chosen_kernel() == NUMPY
-    assert "asks" in front.numpy_note()
-    front.chosen_kernel.cache_clear()
-    monkeypatch.setenv(front.CHOICE, "mmx")
+    chosen_kernel.cache_clear()
+    monkeypatch.setenv(CHOICE, NUMPY)
+    assert chosen_kernel() == NUMPY
+    assert "asks" in numpy_note()
+    chosen_kernel.cache_clear()
+    monkeypatch.setenv(CHOICE, "mmx")
     with pytest.raises(SettingsError, match=r"CADTOF_KERNEL: found 'mmx', expected one of .*numpy"):
-        front.chosen_kernel()
-    monkeypatch.delenv(front.CHOICE)
-    assert front.chosen_kernel() == available_kernels()[0] != NUMPY
+        chosen_kernel()
+    monkeypatch.delenv(CHOICE)
+    assert chosen_kernel() == available_kernels()[0] != NUMPY
 
 
 WITHOUT_EXTENSION = (

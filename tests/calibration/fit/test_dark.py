@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.calibration.dark import DarkCalibration, Defect, fit_dark, tells_dead
+from cadtof_cli.calibration.dark import DarkCalibration, Defect
+from cadtof_cli.calibration.fit.dark import fit_dark, tells_dead
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError

@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.parts import Origin
-from cadtof_cli.calibration.petzval import PetzvalCalibration, WallRanges, fit_petzval
+from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
 

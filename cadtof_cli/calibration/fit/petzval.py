@@ -1,0 +1,245 @@
+"""Ranges of flat walls → the range that a curved field adds to all of them. Every wall's distance and tilt are fitted too."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.calibration.fit.robust import RobustFit, blocks, robust_fit
+from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
+from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.units import unambiguous_range_m
+
+LEAST_PIXELS = 50
+"""Fewest pixels of a wall that its distance and tilt are fitted to."""
+
+DISTINCT_DISTANCES = 1.2
+"""Ratio of the farthest to the nearest wall from which on the focal length can be fitted."""
+
+OFF_WALL_M = 0.02
+"""What the median of a block may depart from its wall, beside noise, and lie on it."""
+
+LEAST_ON_WALL = 0.6
+"""Share of the blocks with a single path that must lie on their wall."""
+
+LARGEST_STDERR_M = 0.01
+"""Standard error of a coefficient, which is that of the depth in the corners, from which on the user is warned."""
+
+HIGH_CORRELATION = 0.999
+"""Correlation of a coefficient with a wall's parameters from which on they cannot be told apart."""
+
+MANY_OUTLIERS = 0.05
+"""Share of the pixels with a single path that were left out, from which on the user is told: noise alone drops far fewer."""
+
+LARGEST_RESIDUAL = 1.5
+"""What may be left over the noise before the user is warned."""
+
+
+@dataclass(frozen=True, eq=False)
+class WallRanges:
+    """One wall as it was measured: ranges and their standard deviations in m, (Y, X), NaN where there is no single path.
+
+    `distance_m` is the known distance along the optical axis, or None.
+    """
+
+    range_m: Float
+    sigma_m: Float
+    distance_m: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What is fitted: parameters k2, k4 and q, then distance D and tilt α, β of every wall; `free` are those that are not known.
+
+    Angles enter through pixels from the principal `point` over `half_diagonal`, u and v, and q = (half diagonal / f)²:
+    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴. `wall` says whose each of the n ranges is. The fit begins at `start`.
+    """
+
+    u: Float
+    v: Float
+    wall: Index
+    range_m: Float
+    sigma_m: Float
+    point: tuple[float, float]
+    half_diagonal: float
+    unambiguous_m: float
+    free: Bool
+    start: Float
+
+    def residuals(self, parameters: Float) -> tuple[Float, Float]:
+        """Return what is left of the ranges, (n,), and the model's derivatives by what is free, (n, p), both over sigma."""
+        rho2 = self.u**2 + self.v**2
+        slopes = np.zeros((rho2.size, parameters.size))
+        slopes[:, 0], slopes[:, 1] = rho2, rho2**2
+        curvature = slopes[:, 0] * parameters[0] + slopes[:, 1] * parameters[1]
+        q, stretch = parameters[2], np.sqrt(1.0 + parameters[2] * rho2)
+        distance, alpha, beta = parameters[3:].reshape(-1, 3)[self.wall].T
+        leaning = 1.0 + alpha * self.u + beta * self.v
+        ranges = distance * stretch / leaning
+        slopes[:, 2] = 0.5 * ranges * rho2 / (1.0 + q * rho2)
+        of_own_wall = np.stack([stretch / leaning, -ranges / leaning * self.u, -ranges / leaning * self.v], axis=1)
+        slopes[:, 3:].reshape(rho2.size, -1, 3)[np.arange(rho2.size), self.wall] = of_own_wall
+        # ranges repeat: their difference is that nearest to 0
+        half = 0.5 * self.unambiguous_m
+        left = (self.range_m - (ranges + curvature) + half) % self.unambiguous_m - half
+        return left / self.sigma_m, slopes[:, self.free] / self.sigma_m[:, np.newaxis]
+
+
+def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origin) -> PetzvalCalibration:
+    """Return the curvature that all walls share, by weighted least squares in which outliers have no weight.
+
+    Raises:
+        SettingsError: a wall has too few pixels with a single path; or there are no optics, and the walls do not tell the
+            focal length, as where no two are at distances that differ enough; or what was seen is no wall.
+    """
+    usable = [np.isfinite(wall.range_m) & np.isfinite(wall.sigma_m) & (wall.sigma_m > 0.0) for wall in walls]
+    for index, good in enumerate(usable):
+        if good.sum() < LEAST_PIXELS:
+            raise SettingsError(
+                f"wall {index + 1} ({origin.captures[index]}): found {good.sum()} pixels with a single path, expected at "
+                f"least {LEAST_PIXELS}: is it a flat wall without multi-path interference, and the dark and response "
+                "calibration in the folder?"
+            )
+    if optics.focal_length_px is None:
+        _require_distinct(walls)
+    problem = _problem(usable, walls, optics, origin)
+    fit = robust_fit(problem.residuals, problem.start, free=problem.free)
+    if not fit.parameters[2] > 0.0:
+        raise SettingsError(
+            "the optics are unknown, and the walls do not tell the focal length: the view is too narrow, or they are not flat: "
+            "set focal_length_px under [optics] in capture.toml, or --focal-length-px"
+        )
+    _require_walls(problem, fit, usable, origin)
+    curved = np.arange(fit.parameters.size) < 2
+    without = replace(problem, free=problem.free & ~curved)
+    flat = robust_fit(without.residuals, np.where(curved, 0.0, fit.parameters), free=without.free)
+    quality = _quality(problem, fit, flat)
+    quality = replace(quality, findings=_findings(problem, quality, fit, optics))
+    return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), problem.point, quality)
+
+
+def _require_walls(problem: _Problem, fit: RobustFit, usable: Sequence[Bool], origin: Origin) -> None:
+    """Make sure that most of what each capture shows lies on the wall that was fitted to it."""
+    for index, where in enumerate(usable):
+        here = problem.wall == index
+        sigma = problem.sigma_m[here]
+        off = fit.residual[here] * sigma
+        on = [abs(np.median(off[block])) <= OFF_WALL_M + np.median(sigma[block]) for block in blocks(where)]
+        on_wall = float(np.mean(on)) if on else 1.0
+        if on_wall < LEAST_ON_WALL:
+            raise SettingsError(
+                f"wall {index + 1} ({origin.captures[index]}): {on_wall:.0%} of what has a single path lies on a wall within "
+                f"{1000 * OFF_WALL_M:.0f} mm and noise, expected {LEAST_ON_WALL:.0%} or more: it is not a flat wall, or is "
+                "distorted by other light (MPI: floor, corners, glossy objects). Take a plain wall that fills the view; other "
+                "things in view may hide a third of it"
+            )
+
+
+def _require_distinct(walls: Sequence[WallRanges]) -> None:
+    medians = [wall.distance_m or float(np.nanmedian(wall.range_m)) for wall in walls]
+    if len(walls) < 2 or max(medians) < DISTINCT_DISTANCES * min(medians):
+        raise SettingsError(
+            f"the optics are unknown, and {len(walls)} wall(s) at {', '.join(f'{d:.2f} m' for d in medians)} do not suffice "
+            "to separate the ranges of a flat wall from field curvature: set focal_length_px under [optics] in capture.toml, or "
+            f"--focal-length-px, or record walls at distances that differ by {DISTINCT_DISTANCES - 1:.0%} or more"
+        )
+
+
+def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, origin: Origin) -> _Problem:
+    """Return what is fitted to the usable pixels; it starts at walls that face the camera, at their known or median distance."""
+    point, half_diagonal = optics.principal_point(origin.pixels), 0.5 * math.hypot(*origin.pixels)
+    focal = optics.focal_length_px
+    pixels = [np.nonzero(good) for good in usable]
+    u = np.concatenate([(column - point[0]) / half_diagonal for _, column in pixels])
+    v = np.concatenate([(row - point[1]) / half_diagonal for row, _ in pixels])
+    whose = np.repeat(np.arange(len(walls)), [good.sum() for good in usable])
+    ranges = np.concatenate([wall.range_m[good] for wall, good in zip(walls, usable, strict=True)])
+    start, free = np.zeros(3 + 3 * len(walls)), np.ones(3 + 3 * len(walls), np.bool_)
+    start[2], free[2] = (0.5, True) if focal is None else ((half_diagonal / focal) ** 2, False)
+    distances = ranges / np.sqrt(1.0 + start[2] * (u**2 + v**2))
+    for index, wall in enumerate(walls):
+        start[3 + 3 * index] = np.median(distances[whose == index]) if wall.distance_m is None else wall.distance_m
+        free[3 + 3 * index] = wall.distance_m is None
+    return _Problem(
+        u=u,
+        v=v,
+        wall=whose,
+        range_m=ranges,
+        sigma_m=np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)]),
+        point=point,
+        half_diagonal=half_diagonal,
+        unambiguous_m=unambiguous_range_m(origin.periods_ns[0]),
+        free=free,
+        start=start,
+    )
+
+
+def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuality:
+    kept, sigma = fit.weights > 0.0, problem.sigma_m
+    after, before = fit.residual * sigma, flat.residual * sigma
+    errors = np.sqrt(np.diag(fit.covariance))
+    correlation = fit.covariance / np.maximum(np.outer(errors, errors), np.finfo(np.float64).tiny)
+    return PetzvalQuality(
+        k2_stderr_m=float(errors[0]),
+        k4_stderr_m=float(errors[1]),
+        rms_before_m=_rms(before[kept]),
+        rms_after_m=_rms(after[kept]),
+        noise_rms_m=_rms(sigma[kept]),
+        correlation=float(np.abs(correlation[:2, 2:]).max(initial=0.0)),
+        focal_length_px=float(problem.half_diagonal / np.sqrt(fit.parameters[2])),
+        focal_length_known=not problem.free[2],
+        walls=tuple(_wall_fit(problem, index, fit, flat) for index in range(len(fit.parameters[3::3]))),
+    )
+
+
+def _wall_fit(problem: _Problem, index: int, fit: RobustFit, flat: RobustFit) -> WallFit:
+    place, here = 3 + 3 * index, (fit.weights > 0.0) & (problem.wall == index)
+    distance, alpha, beta = fit.parameters[place : place + 3]
+    lean, sigma = np.sqrt(fit.parameters[2]), problem.sigma_m[here]
+    return WallFit(
+        distance_m=float(distance),
+        distance_stderr_m=float(np.sqrt(fit.covariance[place, place])),
+        distance_known=not problem.free[place],
+        slopes=(float(alpha / lean), float(beta / lean)),
+        rms_before_m=_rms(flat.residual[here] * sigma),
+        rms_after_m=_rms(fit.residual[here] * sigma),
+        noise_rms_m=_rms(sigma),
+        pixels=int(here.sum()),
+    )
+
+
+def _findings(problem: _Problem, quality: PetzvalQuality, fit: RobustFit, optics: Optics) -> tuple[str, ...]:
+    findings = []
+    if optics.principal_point_px is None:
+        column, row = problem.point
+        findings.append(
+            f"no principal point given: the middle of the array, column {column:g} and row {row:g}, is taken"
+        )
+    if not quality.focal_length_known:
+        findings.append(f"no focal length given: fitted to the walls, {quality.focal_length_px:.1f} px")
+    k2, k4 = fit.parameters[:2]
+    uncertain = max(quality.k2_stderr_m, quality.k4_stderr_m) > LARGEST_STDERR_M
+    if quality.correlation > HIGH_CORRELATION or uncertain:
+        findings.append(
+            "warning: curvature, distance and tilt can hardly be told apart: "
+            f"k2 = {k2:.4f} ± {quality.k2_stderr_m:.4f} m, k4 = {k4:.4f} ± {quality.k4_stderr_m:.4f} m, correlation with the "
+            f"walls' parameters {quality.correlation:.5f}, condition {fit.condition:.2g}; known distances, more walls at other "
+            "distances, or a wall that fills the whole view help"
+        )
+    dropped = 1.0 - (fit.weights > 0.0).mean()
+    if dropped > MANY_OUTLIERS:
+        findings.append(f"{dropped:.1%} of the pixels with a single path do not lie on the walls and were left out")
+    if quality.rms_after_m > LARGEST_RESIDUAL * quality.noise_rms_m:
+        findings.append(
+            f"warning: what is left, {1000 * quality.rms_after_m:.2f} mm, is more than noise, "
+            f"{1000 * quality.noise_rms_m:.2f} mm: the walls are not flat, or the response is not calibrated"
+        )
+    return tuple(findings)
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
