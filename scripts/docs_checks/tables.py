@@ -48,7 +48,7 @@ TABLES = (
         rows=r"^\| (`simulate --scene cornell`|the same box)",
         slow=True,
     ),
-    Table("docs/diffuse.md", "How good it is", "scripts/flat_walls.py", rows=r"^\| \d+ \|"),
+    Table("docs/diffuse.md", "Flat walls without MPI", "scripts/flat_walls.py", rows=r"^\| \d+ \|"),
     Table("docs/formats.md", "Lossy compression", "scripts/lossy_compressions.py"),
     Table("docs/solvers.md", "More harmonics", "scripts/benchmark_solvers.py harmonics"),
     Table("docs/solvers.md", "The paper's solver", "scripts/benchmark_solvers.py starts", rows="%, .*%"),

@@ -30,7 +30,7 @@ CHAPTERS = {
         "python",
         "shells",
     ),
-    "Understand": ("accuracy", "physics", "simulation", "paper/README", "speed", "architecture"),
+    "Understand": ("accuracy", "physics", "simulation", "paper/README", "diffuse_study", "speed", "architecture"),
     "Limits": ("limits/README", "limits/separation", "limits/false_alarm", "limits/motion", "limits/stages"),
 }
 """Chapters of the site with their pages; a page of docs that is in none stands under “More”."""
@@ -42,6 +42,7 @@ SHORT = {
     "calibration": "Calibration",
     "solvers": "Solvers",
     "diffuse": "Diffuse MPI",
+    "diffuse_study": "Diffuse MPI: the study",
     "cluster": "Clusters",
     "reliability": "Reliability",
     "python": "Python",
