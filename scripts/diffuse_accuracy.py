@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from with_truth import capture_truth, resolved
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.discovery import find_captures
@@ -17,12 +18,10 @@ from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.figures.page import Panel, Scaled, draw_page
 from cadtof_cli.figures.scales import ERRORS, SIGMAS
-from cadtof_cli.files.layers import read_layers
-from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
-from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
@@ -34,6 +33,9 @@ OFFSET_CM = 0.3
 
 FIGURE_CM = 10.0
 """Errors at the ends of the colour scale."""
+
+MODELS: tuple[MpiModel, MpiModel] = ("auto", "discrete")
+"""What the figure holds against each other."""
 
 
 @dataclass(frozen=True)
@@ -86,13 +88,13 @@ def main() -> None:
 
 def measured(capture: Capture, model: MpiModel, integration_length: float | None = None) -> Row:
     """Resolve all frames of a capture both ways, with the noise of less light where an integration length is given."""
-    truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
+    truth = capture_truth(capture.root)
     first, two, taken, score, status = [], [], [], [], []
     for source in single_frames(capture):
         stored, metadata = read_stored(source, capture.layout), capture.source.metadata
         if integration_length is not None:
             stored, metadata = with_less_light(stored, metadata, integration_length)
-        found, discrete = (resolved(stored, metadata, name).maps for name in (model, "discrete"))
+        found, discrete = (resolved(stored, metadata, model=one).maps for one in (model, "discrete"))
         error = found.layer(DIRECT_DEPTH) - truth
         first.append(100 * (first_phasor_depth(stored, plan=FramePlan(metadata=metadata)) - truth))
         two.append(100 * (discrete.layer(DIRECT_DEPTH) - truth))
@@ -134,12 +136,6 @@ def with_less_light(
     return noisy, replace(metadata, pixel=Pixel(integration_length=length))
 
 
-def resolved(stored: Stored, metadata: CaptureMetadata, model: MpiModel) -> ResolvedFrame:
-    """Return the maps of a frame by one model."""
-    settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
-    return resolve_frame(stored, plan=FramePlan(metadata=metadata, settings=settings))
-
-
 def together(rows: Sequence[Row]) -> None:
     """Print what all captures say together."""
     medians = np.array([row.medians for row in rows])
@@ -155,10 +151,10 @@ def together(rows: Sequence[Row]) -> None:
 
 def draw(capture: Capture, path: Path) -> None:
     """Draw the errors of a capture's first frame, before and after, and the sigma that goes with them."""
-    truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
+    truth = capture_truth(capture.root)
     source = next(iter(single_frames(capture)))
     stored = read_stored(source, capture.layout)
-    auto, discrete = (resolved(stored, capture.source.metadata, model).maps for model in ("auto", "discrete"))
+    auto, discrete = (resolved(stored, capture.source.metadata, model=model).maps for model in MODELS)
     depths = {
         "first phasor": first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata)),
         "two paths": discrete.layer(DIRECT_DEPTH).astype(np.float64),

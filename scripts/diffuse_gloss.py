@@ -11,18 +11,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from diffuse_nets import capture_truth, capture_volts
+from diffuse_nets import capture_volts
+from with_truth import capture_truth, resolved
 
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.response import pulse_response
-from cadtof_cli.pipeline import resolve_frame
-from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.simulation.scene.rooms.view import View
@@ -75,8 +74,7 @@ def row(capture: Capture, share: float) -> tuple[float, float, float, float, flo
     errors: list[Float] = []
     models: tuple[MpiModel, ...] = ("discrete", "auto")
     for model in models:
-        settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
-        frame = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
+        frame = resolved(volts, metadata, model=model)
         errors.append(np.abs(frame.maps.layer(DIRECT_DEPTH) - truth))
     score = np.asarray(errors[1] / frame.maps.layer(DIRECT_SIGMA), np.float64)
     two, taken = (100 * float(np.nanmedian(error)) for error in errors)

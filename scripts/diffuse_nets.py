@@ -14,19 +14,17 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+from with_truth import capture_truth, resolved
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
-from cadtof_cli.files.layers import read_layers
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.phasors.voltages import volts_from_stored
-from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.diffuse import predict
-from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.units import C_M_PER_NS, metres_per_radian
 
 DELAYS_NS = (4.0, 6.0, 9.0, 12.0, 14.0)
@@ -152,9 +150,8 @@ def _row(volts: Float, metadata: CaptureMetadata, range_m: Float, covered: Bool)
         ("auto", nullcontext()),
     )
     for model, search in models:
-        settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
         with search:
-            frame = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
+            frame = resolved(volts, metadata, model=model)
         errors.append(np.abs(frame.maps.layer(DIRECT_DEPTH) - range_m))
         sigma = frame.maps.layer(DIRECT_SIGMA)
         found = frame.mpi.through_patches if frame.mpi else 0
@@ -179,11 +176,6 @@ def _median(rows: Sequence[Row]) -> Row:
     return Row(
         (net[0], net[1]), (elsewhere[0], elsewhere[1]), (within[0], within[1]), found, (unsearched[0], unsearched[1])
     )
-
-
-def capture_truth(folder: Path) -> Float:
-    """Return the true ranges of a capture, m."""
-    return read_layers(folder / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
 
 
 def capture_volts(capture: Capture) -> Float:

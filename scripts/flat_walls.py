@@ -1,18 +1,15 @@
 """What it costs to take a wall without MPI for a room: `python scripts/flat_walls.py` prints the rows of docs/diffuse.md."""
 
 import argparse
-from dataclasses import replace
 
 import numpy as np
+from with_truth import resolved, with_length
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.pipeline import resolve_frame
-from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, SolverName
-from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.resolver.settings import MpiModel, SolverName
 from cadtof_cli.simulation.scene.camera import Camera
-from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
+from cadtof_cli.simulation.scene.exposure import Band, Exposure
 from cadtof_cli.simulation.scene.scenes import Wall
 from cadtof_cli.workflows.simulate.record import expose
 
@@ -45,14 +42,8 @@ def exposure(distance_m: float) -> Exposure:
 
 def error_cm(wall: Exposure, whole: Band, length: float, solver: SolverName, model: MpiModel) -> float:
     """Return the median error of a wall's range at an integration length, in cm."""
-    gain = averaging_gain(length) / averaging_gain(wall.integration_length)
-    noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)
-    metadata = replace(wall.metadata, pixel=Pixel(integration_length=length))
-    volts = frame_voltages(replace(wall, metadata=metadata), Band(noisy, whole.truth), 0)
-    settings = MapSettings(resolver=ResolverSettings(solver=solver, mpi_model=model))
-    frame = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
-    found = frame.maps.layer(DIRECT_DEPTH)
-    return 100.0 * float(np.nanmedian(np.abs(found - whole.truth["direct.depth"])))
+    found = resolved(*with_length(wall, whole, length), model=model, solver=solver).maps.layer(DIRECT_DEPTH)
+    return 100.0 * float(np.nanmedian(np.abs(found - whole.truth[DIRECT_DEPTH])))
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ import numpy as np
 from mitsuba_rooms.rooms import ROOMS
 from mitsuba_rooms.stage import Stage
 from mitsuba_rooms.views import SAMPLES, View, drawn_view, moments, scene_of, seen
+from with_truth import seed_range
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
@@ -52,8 +53,7 @@ def main() -> None:
     parser.add_argument("--asr", type=float, default=3.0, help="ambient photons over the median of direct ones")
     parser.add_argument("--width", type=int, default=160, help="columns; rows are three quarters of it")
     chosen = parser.parse_args()
-    first, _, last = chosen.seeds.partition("-")
-    for seed in range(int(first), int(last or first) + 1):
+    for seed in seed_range(chosen.seeds):
         for name in chosen.rooms.split(","):
             folders = {n: chosen.out / f"{name}_{seed}_h{n}" for n in (2, 3)}
             if not all(folder.exists() for folder in folders.values()):

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from with_truth import seed_range
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.files.atomic import new_folder
@@ -42,8 +43,7 @@ def main() -> None:
     periods = tuple(float(period) for period in chosen.periods_ns.split(","))
     modulation = Modulation(periods_ns=periods, waveform=chosen.waveform)
     right, down, forward = (float(part) for part in chosen.lamp_offset_m.split(","))
-    first, _, last = chosen.seeds.partition("-")
-    for seed in range(int(first), int(last or first) + 1):
+    for seed in seed_range(chosen.seeds):
         folders = {n: chosen.out / f"room_{seed:04d}_h{n}" for n in range(chosen.fewest, len(periods) + 1)}
         if not all(folder.exists() for folder in folders.values()):
             scene = RandomRoom(

@@ -1,6 +1,6 @@
 """How far two renderings of the same room differ, beside the MPI that they render: the scatter of `--scene room`.
 
-`python scripts/room_scatter.py --seeds 0-5` prints a row a room: CPU seconds of one rendering without noise, median of
+`python scripts/room_scatter.py --seeds 0-5` prints a row per room: CPU seconds of one rendering without noise, median of
 what MPI adds to the first phasor's depth, and median and 90 % of the scatter of that depth (differences over √2).
 """
 
@@ -8,9 +8,11 @@ import argparse
 import time
 
 import numpy as np
+from with_truth import seed_range
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
+from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
@@ -25,9 +27,8 @@ def main() -> None:
     parser.add_argument("--light-paths", type=int, default=256, help="from every fourth pixel")
     parser.add_argument("--width", type=int, default=320, help="columns; rows are three quarters of it")
     chosen = parser.parse_args()
-    first, _, last = chosen.seeds.partition("-")
     print("| seed | CPU s | MPI, median cm | scatter, median cm | 90 % cm |\n|---|---|---|---|---|")
-    for seed in range(int(first), int(last or first) + 1):
+    for seed in seed_range(chosen.seeds):
         start = time.process_time()
         (one, depth_m), (other, _) = (
             phasor(RandomRoom(seed=seed, light_paths=chosen.light_paths, tracing_seed=tracing), chosen.width)
@@ -49,7 +50,7 @@ def phasor(scene: RandomRoom, width: int) -> tuple[Complex, Float]:
     exposure = Exposure(scene=scene, camera=camera, metadata=CaptureMetadata(pixel=Pixel(integration_length=1e5)))
     whole = expose(exposure)
     first, second = whole.voltages.means_v[0]
-    return first + 1j * second, whole.truth["direct.depth"]
+    return first + 1j * second, whole.truth[DIRECT_DEPTH]
 
 
 if __name__ == "__main__":

@@ -8,19 +8,17 @@ by two paths. Frames that are left to two paths must be those of `--mpi-model di
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from with_truth import resolved, with_length
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
-from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
-from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.simulation.scene.camera import Camera
-from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
+from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Light, Scene
 from cadtof_cli.simulation.scene.scenes import Card, InterReflection
 from cadtof_cli.units import C_M_PER_NS
@@ -37,6 +35,8 @@ and delay slant; before boxes; before a ball; in a part of the view; from a mirr
 """
 
 FARTHEST_M = 5.8
+
+MODELS: tuple[MpiModel, MpiModel] = ("auto", "discrete")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,16 +158,8 @@ def recordings(
     whole = expose(usual)
     for length in lengths:
         each = float(round(length * 2 / harmonics))
-        gain = averaging_gain(each) / averaging_gain(usual.integration_length)
-        noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)
-        shown = replace(usual, metadata=replace(metadata, pixel=Pixel(integration_length=each)))
-        yield frame_voltages(shown, Band(noisy, whole.truth), 0), whole.truth[DIRECT_DEPTH], shown.metadata
-
-
-def resolved(volts: Float, metadata: CaptureMetadata, model: MpiModel) -> ResolvedFrame:
-    """Return the maps of a frame by one model."""
-    settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
-    return resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
+        volts, known = with_length(usual, whole, each)
+        yield volts, whole.truth[DIRECT_DEPTH], known
 
 
 def main() -> None:
@@ -182,7 +174,7 @@ def main() -> None:
     tails: dict[str, list[tuple[float, float]]] = {}
     for kind, scene, camera, lengths in scenes:
         for volts, truth_m, metadata in recordings(scene, camera, lengths, chosen.harmonics, chosen.seed):
-            taken, two = (resolved(volts, metadata, model) for model in ("auto", "discrete"))
+            taken, two = (resolved(volts, metadata, model=model) for model in MODELS)
             counts[kind] = counts.get(kind, 0) + 1
             if taken.mpi is not None and taken.mpi.taken == "diffuse":
                 errors = (100 * np.nanmedian(abs(one.maps.layer(DIRECT_DEPTH) - truth_m)) for one in (taken, two))

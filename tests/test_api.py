@@ -83,7 +83,7 @@ def test_diffuse_mpi_and_a_part_of_the_pixels(tmp_path: Path) -> None:
     _same(maps, file)
 
 
-def test_a_calibration(tmp_path: Path) -> None:
+def test_maps_with_a_calibration_are_those_that_resolve_writes(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     metadata = load_metadata(capture.folder / "capture.toml").metadata
     for part in made_up_calibration(metadata, (24, 32), {"dark", "response", "petzval"}).parts:
@@ -320,7 +320,7 @@ def test_truth_is_read_too() -> None:
     assert truth.facts == {} or "software" not in truth.facts
 
 
-def test_to_xarray(tmp_path: Path) -> None:
+def test_maps_as_xarray_keep_their_units_and_the_meanings_of_their_bits(tmp_path: Path) -> None:
     xarray = needed_module("xarray")
     capture = record(tmp_path / "capture")
     (frame,) = read_frames(capture.folder)

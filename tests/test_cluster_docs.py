@@ -28,7 +28,7 @@ def _free_port() -> int:
         return int(one.getsockname()[1])
 
 
-def test_by_hand_runs(tmp_path: Path) -> None:
+def test_a_cluster_started_by_hand_resolves_a_capture(tmp_path: Path) -> None:
     require_dask()
     capture = record(tmp_path / "room", frames=3)
     command = ["bash", str(PLACE / "by_hand.sh"), str(capture.folder), str(tmp_path / "out"), "1"]

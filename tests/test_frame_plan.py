@@ -10,7 +10,7 @@ from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 
 
-def test_what_nobody_chooses() -> None:
+def test_ranges_of_single_pixels_and_frames_are_what_nobody_chooses() -> None:
     chosen = MapSettings()
     assert (chosen.depth, chosen.pool, chosen.average, chosen.min_confidence_v) == ("range", 1, 1, None)
 

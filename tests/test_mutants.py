@@ -58,7 +58,7 @@ def changes(tree: Path) -> set[tuple[str, str, str]]:
     return {(m.function, m.before, m.after) for group in all_mutants(tree, ["maps"]) for m in group}
 
 
-def test_what_is_changed(tree: Path) -> None:
+def test_numbers_comparisons_operators_and_statements_are_changed_one_at_a_time(tree: Path) -> None:
     returned = "return -abs(x - y) if x and y else max(x, y)"
     assert changes(tree) == {
         ("", "LIMIT = 2.5", "LIMIT = 5.0"),

@@ -22,7 +22,7 @@ from cadtof_cli.files.array_frames import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.frame_task import read_frame, source_name
+from cadtof_cli.workflows.resolve.frame_task import read_frame
 from cadtof_cli.workflows.resolve.plans import plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -148,7 +148,7 @@ def read_frames(
         for task in plan.tasks(settings, taken=partial(frame_names, captures)):
             (source,), (stored, _) = task.sources, read_frame(task)
             assert isinstance(stored, np.ndarray)
-            yield Frame(stored, plan.plan.metadata, source.name, source_name(source))
+            yield Frame(stored, plan.plan.metadata, source.name, source.file_name)
 
 
 def _counts_from_0(frames: slice) -> bool:

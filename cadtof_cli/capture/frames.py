@@ -47,6 +47,11 @@ class FrameSource:
         place = first if len(self.paths) == 1 else first.parent / Path(self.name).name
         return str(place) if self.index is None else f"{place}[{self.index}]"
 
+    @property
+    def file_name(self) -> str:
+        """Name of the frame's first file, with its position in a stack: the same wherever the folder lies."""
+        return f"{self.paths[0].name}{'' if self.index is None else f'[{self.index}]'}"
+
     def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
         """Return a source for each of the `count` frames of the stack that the file turned out to be.
 

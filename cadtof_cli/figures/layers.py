@@ -19,7 +19,7 @@ from cadtof_cli.maps.layers import layer_unit
 PIXELS = 960
 """A layer is magnified, by a whole number, to so many pixels of the picture at most."""
 
-PER_INCH = 100
+DOTS_PER_INCH = 100
 
 _MOST_IN_A_ROW = 4
 
@@ -92,7 +92,7 @@ def draw_layer(block: Block, shown: Shown, path: Path, /) -> None:
     """Draw one layer at full resolution: nothing is averaged or left out."""
     width = magnified_width(block.panels[0].values.shape, PIXELS)
     figure = page_figure(((block,),), title=shown.title, shares=shown.shares(), panel_width=width)
-    save(figure, path, dpi=PER_INCH)
+    save(figure, path, dpi=DOTS_PER_INCH)
 
 
 def draw_all_layers(shown: Shown, path: Path, /) -> None:

@@ -16,9 +16,11 @@ from cadtof_cli.optics import squared_field_radius, wall_range_m
 ROWS = 5
 """Rows about the principal point whose median is drawn."""
 
+DOTS_PER_INCH = 110
+
 
 def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: Path, /) -> None:
-    """Draw, a wall a row, its planar depth along the row next to the principal point, and the deviation from flat in all pixels.
+    """Draw, in a row per wall, its planar depth along the row next to the principal point, and how all pixels deviate from flat.
 
     The walls are those of the calibration, as they were measured: the range of each in m, (Y, X).
     """
@@ -39,7 +41,7 @@ def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: P
         flat = wall_range_m(optics, petzval.origin.pixels, distance_m=wall.distance_m, slopes=wall.slopes)
         _section(row[0], name, range_m, petzval, flat, facing)
         _radial(row[1], name, range_m, petzval, flat)
-    save(figure, path, dpi=110)
+    save(figure, path, dpi=DOTS_PER_INCH)
 
 
 def _section(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:

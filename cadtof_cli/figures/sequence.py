@@ -21,7 +21,7 @@ from cadtof_cli.files.atomic import atomic_write, require_new
 FILMS = (".gif", ".mp4")
 """How the names of films end."""
 
-PER_INCH = 100
+DOTS_PER_INCH = 100
 
 _SHEET_WIDTH, _LEAST_THUMB, _MOST_THUMB = 1800, 48, 320
 _NAME_HEIGHT, _SPACE, _TOP, _RIGHT, _BOTTOM = 15, 6, 44, 92, 34
@@ -69,14 +69,14 @@ def draw_sheet(
         if image is not None:
             sheet[top : top + height, left : left + width] = image
     page_width, page_height = max(sheet.shape[1], 320) + 2 * _SPACE + _RIGHT, sheet.shape[0] + _TOP + _BOTTOM
-    figure = Figure(figsize=(page_width / PER_INCH, page_height / PER_INCH), dpi=PER_INCH)
+    figure = Figure(figsize=(page_width / DOTS_PER_INCH, page_height / DOTS_PER_INCH), dpi=DOTS_PER_INCH)
     figure.figimage(sheet, _SPACE, _BOTTOM, origin="upper")
-    add_title(figure, title, below=20 / PER_INCH)
+    add_title(figure, title, below=20 / DOTS_PER_INCH)
     for (name, image), (row, column) in zip(thumbnails, places, strict=True):
         x = (_SPACE + column * pitch + width / 2) / page_width
         below = _TOP + row * (height + _NAME_HEIGHT) + height
         y = 1 - (below + _NAME_HEIGHT / 2) / page_height
-        short = within(name, pitch / PER_INCH, size=6.5)
+        short = within(name, pitch / DOTS_PER_INCH, size=6.5)
         figure.text(x, y, short, ha="center", va="center", fontsize=6.5, parse_math=False)
         if image is None:
             y = 1 - (below - height / 2) / page_height
@@ -86,7 +86,7 @@ def draw_sheet(
         left, bottom = (page_width - _RIGHT + 4) / page_width, 1 - (_TOP + length) / page_height
         add_bar(figure, scale, (left, bottom, 12 / page_width, length / page_height), length=length)
     add_legend(figure, [one for one in PixelClass if one in kinds], columns=max(1, page_width // LEGEND_ENTRY))
-    save(figure, path, dpi=PER_INCH)
+    save(figure, path, dpi=DOTS_PER_INCH)
 
 
 def draw_film(
@@ -142,8 +142,8 @@ def _pictures(
             figure.texts[0].set_text(within(title, room, size=11))
             figure.axes[0].images[0].set_data(block.painted(block.panels[0]))
         drawn = io.BytesIO()
-        figure.savefig(drawn, format="rgba", dpi=PER_INCH)
-        height = int(figure.bbox.height * PER_INCH / figure.dpi)
+        figure.savefig(drawn, format="rgba", dpi=DOTS_PER_INCH)
+        height = int(figure.bbox.height * DOTS_PER_INCH / figure.dpi)
         yield np.frombuffer(drawn.getbuffer(), np.uint8).reshape(height, -1, 4)[..., :3].copy()
 
 

@@ -16,11 +16,11 @@ Table = Sequence[Mapping[str, float]]
 DOTS_PER_INCH = 120
 
 _READABLE_CELLS = 12
-"""Up to so many columns a map, each cell shows its number."""
+"""Up to so many columns, each cell of a map shows its number."""
 
 
 def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> None:
-    """Draw one heat map a path and MPI ratio: direct on top, the others below.
+    """Draw one heat map per path and MPI ratio: direct on top, the others below.
 
     Args:
         table: rows of a sweep.
@@ -49,7 +49,7 @@ def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> N
 
 
 def draw_confidence(table: Table, path: Path, /) -> None:
-    """Draw confidence, phase precision and phase error of the first phasor over ASR, a curve an MPI ratio.
+    """Draw confidence, phase precision and phase error of the first phasor over ASR, a curve per MPI ratio.
 
     Curves are of the longest integration length; lines are the analytical model, dots the simulation.
     """

@@ -10,20 +10,18 @@ import re
 import shutil
 import sys
 import time
-import traceback
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import NoReturn
 
 import pytest
 
 from mutation.calls import Calls, Chosen, Watch
 from mutation.mutants import PACKAGE, Mutant, mutated
 from mutation.reach import reaches
-from mutation.session import NOT_PUT_IN, TOOL_FAILED, Request, Session, ended, limit
+from mutation.session import NOT_PUT_IN, TOOL_FAILED, Request, Session, end_with, ended, limit
 
 LEFT_BEHIND = (".git", ".venv*", "out", "__pycache__", ".*_cache", ".hypothesis", "build", "dist")
 
@@ -219,32 +217,20 @@ class Bench:
         """Run tests in a fork of this process; return pytest's exit code, and whether it ended by itself."""
         child = os.fork()
         if child == 0:
-            self._be_pytest(files, patience_s, plugin)
+            end_with(partial(self._tried, files, patience_s, plugin), self.tree, self._log)
         return ended(child, patience_s)
 
-    def _be_pytest(self, files: list[str], patience_s: float, plugin: Watch | Chosen | None) -> NoReturn:
-        code = TOOL_FAILED
-        try:
-            limit(patience_s)
-            log = os.open(self._log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-            for stream in (1, 2):
-                os.dup2(log, stream)
-            os.chdir(self.tree)
-            sys.path.insert(0, str(self.tree))
-            # what is not changed is compiled once
-            sys.dont_write_bytecode = False
-            options = [*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files]
-            if isinstance(plugin, Watch):
-                plugin.start()
-            code = int(pytest.main(options, plugins=[plugin] if plugin else []))
-            if isinstance(plugin, Watch):
-                self._noted.write_bytes(pickle.dumps(plugin.calls()))
-        except BaseException:
-            traceback.print_exc()
-            sys.stderr.flush()
-            raise
-        finally:
-            os._exit(code)
+    def _tried(self, files: list[str], patience_s: float, plugin: Watch | Chosen | None) -> int:
+        limit(patience_s)
+        # what is not changed is compiled once
+        sys.dont_write_bytecode = False
+        options = [*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files]
+        if isinstance(plugin, Watch):
+            plugin.start()
+        code = int(pytest.main(options, plugins=[plugin] if plugin else []))
+        if isinstance(plugin, Watch):
+            self._noted.write_bytes(pickle.dumps(plugin.calls()))
+        return code
 
 
 def hands_to_kernel(source: str, line: int, /) -> bool:

@@ -13,9 +13,10 @@ import sys
 import time
 import traceback
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import CodeType, FunctionType
@@ -59,7 +60,7 @@ class Session:
         self._connection, theirs = multiprocessing.Pipe()
         if os.fork() == 0:
             self._connection.close()
-            _wait_for_requests(tree, options, log, theirs)
+            end_with(partial(_wait_for_requests, tree, options, theirs), tree, log)
         theirs.close()
 
     def tried(self, request: Request, /) -> tuple[int, bool]:
@@ -114,7 +115,8 @@ def ended(child: int, patience_s: float, /) -> tuple[int, bool]:
         time.sleep(0.005)
 
 
-def _wait_for_requests(tree: Path, options: Sequence[str], log: Path, connection: Connection) -> NoReturn:
+def end_with(run: Callable[[], int], tree: Path, log: Path, /) -> NoReturn:
+    """End this process, a fork, with the exit code that `run` returns; it runs in the tree, and the log gets what it prints."""
     code = TOOL_FAILED
     try:
         target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
@@ -122,14 +124,18 @@ def _wait_for_requests(tree: Path, options: Sequence[str], log: Path, connection
             os.dup2(target, stream)
         os.chdir(tree)
         sys.path.insert(0, str(tree))
-        import_all(tree / PACKAGE)
-        code = int(pytest.main(list(options), plugins=[_Waiting(tree, connection)]))
+        code = run()
     except BaseException:
         traceback.print_exc()
         sys.stderr.flush()
         raise
     finally:
         os._exit(code)
+
+
+def _wait_for_requests(tree: Path, options: Sequence[str], connection: Connection) -> int:
+    import_all(tree / PACKAGE)
+    return int(pytest.main(list(options), plugins=[_Waiting(tree, connection)]))
 
 
 class _Waiting:

@@ -89,7 +89,7 @@ def test_what_the_metadata_lacks_for_what_is_asked(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_no_frames(tmp_path: Path) -> None:
+def test_inputs_without_frames_say_what_was_looked_for(tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
     for inputs, told in (

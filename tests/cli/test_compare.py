@@ -71,7 +71,7 @@ def test_truth_goes_with_every_frame(runs: tuple[Path, Path], tmp_path: Path) ->
         assert {*found["only_a"]["layers"], *found["only_b"]["layers"]} >= {"other", "mpi.depth", "status"}
 
 
-def test_table_and_picture(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_two_runs_are_compared_in_a_table_and_a_picture(runs: tuple[Path, Path], tmp_path: Path) -> None:
     picture = tmp_path / "a.png"
     done = cadtof("compare", *runs, "-o", picture)
     assert (done.status, done.err) == (0, "")

@@ -40,7 +40,7 @@ def _line(shell: str) -> str:
         (("cadtof", "cal"), "calibrate"),
     ],
 )
-def test_bash(typed: tuple[str, ...], completed: str) -> None:
+def test_bash_completes_commands_and_options(typed: tuple[str, ...], completed: str) -> None:
     words = " ".join(typed)
     script = f"""
     {_line("bash")}
@@ -55,7 +55,7 @@ def test_bash(typed: tuple[str, ...], completed: str) -> None:
 
 
 @pytest.mark.parametrize(("typed", "completed"), [("cadtof res", "resolve"), ("cadtof resolve --recu", "--recursive")])
-def test_fish(typed: str, completed: str, tmp_path: Path) -> None:
+def test_fish_completes_commands_and_options(typed: str, completed: str, tmp_path: Path) -> None:
     (tmp_path / ".config/fish/completions").mkdir(parents=True)
     script = f"{_line('fish').replace('_CADTOF', 'env _CADTOF')}; complete -C '{typed}'"
     done = subprocess.run(
@@ -67,7 +67,7 @@ def test_fish(typed: str, completed: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("typed", "completed"), [("cadtof reso", "cadtof resolve "), ("cadtof resolve --recu", "--recursive")]
 )
-def test_zsh(typed: str, completed: str, tmp_path: Path) -> None:
+def test_zsh_completes_commands_and_options(typed: str, completed: str, tmp_path: Path) -> None:
     """A terminal with zsh, into which the letters and the Tab key are typed."""
     ours, theirs = pty.openpty()
     environment = {**ENVIRONMENT, **os.environ, "TERM": "dumb", "PS1": "% "}

@@ -68,7 +68,7 @@ def test_a_complete_run_is_already_there(here: Path) -> None:
     ("typed", "places"),
     [("1:3", (1, 2)), ("1:", (1, 2)), (":2", (0, 1)), ("2", (2,)), ("2:9", (2,))],
 )
-def test_some_frames(typed: str, places: tuple[int, ...], here: Path) -> None:
+def test_frames_are_chosen_by_place_or_as_a_slice(typed: str, places: tuple[int, ...], here: Path) -> None:
     done = shell(f"cadtof resolve cap -o out -j 1 --frames {typed}", here)
     assert done.status == 0, done.err
     assert sorted(path.name for path in (here / "out").glob("*.tif")) == [f"frame_{place}.tif" for place in places]

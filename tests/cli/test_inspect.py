@@ -212,7 +212,7 @@ def test_the_table_says_the_same(tmp_path: Path) -> None:
     assert len(lines[-1].split()) == 5
 
 
-def test_the_phasor_diagram(tmp_path: Path) -> None:
+def test_a_pixel_is_drawn_as_phasors_with_paths_and_noise(tmp_path: Path) -> None:
     done = cadtof("inspect", DATA / "corner", "--pixel", "9,9", "-q", "-o", tmp_path / "a.svg")
     assert (done.status, done.err) == (0, "")
     drawn = (tmp_path / "a.svg").read_text(encoding="utf-8")

@@ -266,7 +266,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_a_full_disk(small_disk: Path, form: Form, tmp_path: Path) -> None:
+def test_a_full_disk_leaves_whole_maps_and_ends_the_run(small_disk: Path, form: Form, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=16, form=form), small_disk / "out"
     # 16 maps of 27 kB; what is left below a map has room for the lines
     done = program("resolve", capture.folder, "-o", out, "-j", 2)

@@ -78,7 +78,7 @@ for name, synchronised in (("kept", True), ("lost", False), ("half", True)):
 
 @pytest.mark.parametrize("names_too", [False, True])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
-def test_power_is_lost(share: float, names_too: bool, layer: Path, tmp_path: Path) -> None:
+def test_a_run_is_resumed_after_power_was_lost(share: float, names_too: bool, layer: Path, tmp_path: Path) -> None:
     capture, out, fresh = record(tmp_path / "A", frames=12), tmp_path / "out", tmp_path / "fresh"
     assert program("resolve", capture.folder, "-o", fresh, "-j", 2).status == 0
     whole, memory = maps_of(fresh), tmp_path / "memory"

@@ -173,7 +173,7 @@ def test_counts_are_drawn_where_nothing_says_how_many_volts_they_are(tmp_path: P
     assert "<!-- counts -->" in (tmp_path / "a.svg").read_text()
 
 
-def test_a_calibration(tmp_path: Path) -> None:
+def test_a_calibration_is_drawn_with_all_its_parts(tmp_path: Path) -> None:
     metadata = CaptureMetadata()
     calibration = made_up_calibration(metadata, (24, 32), ("dark", "response", "petzval"))
     for part in calibration.parts:

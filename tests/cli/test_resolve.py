@@ -187,7 +187,7 @@ def test_two_paths_everywhere_where_two_are_asked_for(tmp_path: Path) -> None:
     assert ((status & TWO_PATHS) != 0).mean() > 0.9
 
 
-def test_least_confidence(tmp_path: Path) -> None:
+def test_pixels_below_the_least_confidence_have_no_answer(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     volts = VOLTS_PER_COUNT * (tifffile.imread(capture.files[0]).astype(np.float64) - ZERO_COUNTS)
     expected_v = np.hypot(volts[0], volts[1]) / PULSE_RESPONSE
@@ -202,7 +202,7 @@ def test_least_confidence(tmp_path: Path) -> None:
     assert "50.0% no answer" in done.err
 
 
-def test_paths_on_stdin(tmp_path: Path) -> None:
+def test_paths_are_read_from_stdin_in_their_order(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3)
     named = "".join(f"{file}\n" for file in reversed(capture.files[:2]))
     done = program("resolve", "-", "-o", tmp_path / "out", "--json", "-j", 1, stdin=named)

@@ -52,7 +52,7 @@ def test_another_capture_with_the_same_names(tmp_path: Path) -> None:
     assert _resolve(tmp_path / "link", "-o", linked, "--resume").status == 2
 
 
-def test_other_inputs(tmp_path: Path) -> None:
+def test_a_run_of_other_inputs_cannot_be_resumed(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A", frames=3), tmp_path / "out"
     assert _resolve(*capture.files[:2], "-o", out).status == 0
     done = _resolve(*capture.files, "-o", out, "--resume")
@@ -150,7 +150,7 @@ def test_a_frame_that_was_only_touched_is_kept(tmp_path: Path) -> None:
     require_same_run(out, fresh)
 
 
-def test_all_lines_lost(tmp_path: Path) -> None:
+def test_maps_whose_lines_are_lost_are_made_again(tmp_path: Path) -> None:
     capture, out, fresh = record(tmp_path / "A", frames=5), tmp_path / "out", tmp_path / "fresh"
     assert _resolve(capture.folder, "-o", fresh).status == 0
     assert _resolve(capture.folder, "-o", out).status == 0

@@ -114,7 +114,7 @@ def test_letters_that_an_encoding_lacks_are_shown_by_their_number(tmp_path: Path
     assert " ± " in done.stdout.decode("latin-1")
 
 
-def test_all_streams_closed(tmp_path: Path) -> None:
+def test_captures_are_resolved_with_all_streams_closed(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
     done = _shell('"$@" <&- >&- 2>&-', "resolve", capture.folder, "-o", out, "-j", 2)
     assert (done.status, done.out, done.err) == (0, "", "")
@@ -135,7 +135,7 @@ def test_names_cannot_steer_a_terminal(tmp_path: Path) -> None:
     assert "\x1b" not in _shell('"$@"', "info", "--no-such\x1b[2J").err
 
 
-def test_what_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+def test_control_characters_are_escaped_and_other_letters_shown(capsys: pytest.CaptureFixture[str]) -> None:
     tell("µ – 320 × 240\tB\n")
     tell("\x1b[0m\r\udcff\x9b\u2028", err=True)
     assert capsys.readouterr() == ("µ – 320 × 240\tB\n\n", r"\x1b[0m\r\udcff\x9b\u2028" + "\n")

@@ -46,7 +46,7 @@ def test_same_seed_same_bytes_for_any_number_of_processes(way: tuple[str, ...]) 
     assert cadtof("sweep", *grid, "--jobs", 1).out == cadtof("sweep", *grid, "--jobs", 2).out
 
 
-def test_out_and_pictures(tmp_path: Path) -> None:
+def test_a_sweep_writes_a_table_and_pictures(tmp_path: Path) -> None:
     done = cadtof("sweep", *SMALL, "--jobs", 1, "-o", tmp_path / "s.csv", "--plot", tmp_path / "maps")
     assert (done.status, done.out) == (0, "")
     assert len(table((tmp_path / "s.csv").read_text())) == 12
@@ -102,7 +102,7 @@ def test_harmonics_and_paths_that_resolve_takes(tmp_path: Path) -> None:
     assert (tmp_path / "p" / "std.png").exists()
 
 
-def test_the_paper_way() -> None:
+def test_a_sweep_as_the_paper_made_it_scatters_as_the_paper_says() -> None:
     ways = ("--solver", "lm", "--order", "2", "--no-pulse-correction", "--wrapped", "--return", "strongest")
     grid = ("--asr", "6", "--mpi", "0.1", "--integration-length", "1e3", "--runs", "400")
     (row,) = table(cadtof("sweep", *grid, *ways, "--jobs", 1).out)

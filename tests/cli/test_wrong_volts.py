@@ -97,7 +97,7 @@ def test_floats_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Tool) -
     assert "scaled to 0 … 1, as ImageMagick writes floats" in _refused(folder).err
 
 
-def test_millivolts(recorded: Path, tmp_path: Path) -> None:
+def test_millivolts_are_told_with_the_option_that_mends_them(recorded: Path, tmp_path: Path) -> None:
     millivolts = (tifffile.imread(recorded).astype("f8") - ZERO_COUNTS) * VOLTS_PER_COUNT * 1000
     folder = _capture(tmp_path / "mv", millivolts.astype("f4"), toml=TOML["exr"])
     assert "they look like millivolts: give --volts-per-count 0.001" in _refused(folder).err

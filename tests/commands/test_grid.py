@@ -17,7 +17,7 @@ from cadtof_cli.errors import SettingsError
         ("log:1e3:1e5:3", (1000.0, 10000.0, 100000.0)),
     ],
 )
-def test_grids(text: str, values: tuple[float, ...]) -> None:
+def test_a_grid_is_a_list_or_even_or_logarithmic_steps(text: str, values: tuple[float, ...]) -> None:
     assert grid_from_text(text, name="--asr") == pytest.approx(values)
 
 

@@ -53,7 +53,7 @@ def page(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["numbers", "options", "messages"])
-def test_our_pages(name: str) -> None:
+def test_nothing_is_wrong_with_our_pages(name: str) -> None:
     needed_module("click_man")
     wrong = list(CHECKS[name](Form(full=False)))
     assert not wrong, "\n".join(wrong)
@@ -88,7 +88,7 @@ def test_the_commands_of_the_readme(tmp_path: Path) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-def test_sections_and_prose(page: Path) -> None:
+def test_prose_of_a_section_leaves_out_code(page: Path) -> None:
     found = list(sections(page))
     assert [section.heading for section in found] == ["Title", "One", "Two"]
     assert "1.5 ns" in found[1].prose
@@ -117,7 +117,7 @@ def test_commands_are_run(page: Path, tmp_path: Path) -> None:
     ]
 
 
-def test_numbers_from_nowhere(page: Path) -> None:
+def test_numbers_without_a_source_are_told(page: Path) -> None:
     (told,) = unsourced(page, ROOT)
     assert told.startswith("page.md: “Two” has numbers (.23, 1.69, 2.0)")
     for source in ("`scripts/accuracy` prints it", "see `tests/test_imports.py`", "<!-- numbers: chosen -->"):

@@ -32,11 +32,11 @@ def test_lines_that_are_alike(expected: str, found: str) -> None:
         ("depth 1.00 m", "depth 1.00 m and more"),
     ],
 )
-def test_lines_that_differ(expected: str, found: str) -> None:
+def test_lines_that_differ_in_words_or_numbers_are_not_alike(expected: str, found: str) -> None:
     assert not like(expected, found)
 
 
-def test_tolerances() -> None:
+def test_numbers_are_close_within_a_share_or_one_in_the_last_digit() -> None:
     assert close("0.01", "0.02")
     assert not close("0.01", "0.03")
     assert close("100", "101")

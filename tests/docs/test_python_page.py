@@ -18,7 +18,7 @@ def test_the_examples_of_a_page(page: str) -> None:
     assert not list(check_python(ROOT / "docs" / page, ROOT))
 
 
-def test_the_notebook() -> None:
+def test_nothing_is_wrong_with_the_notebook() -> None:
     needed_module("xarray")
     assert not list(check_notebook(ROOT / "docs" / "python.ipynb"))
 

@@ -77,7 +77,7 @@ def test_every_task_has_its_result(count: int, jobs: int) -> None:
 
 
 @pytest.mark.parametrize("start_method", START_METHODS)
-def test_any_start_method(start_method: StartMethod) -> None:
+def test_any_start_method_gives_the_outcomes_in_order(start_method: StartMethod) -> None:
     outcomes = run_ordered(square, range(3), workers=Workers(jobs=2, start_method=start_method))
     assert [outcome.result for outcome in outcomes] == [0, 1, 4]
 

@@ -35,7 +35,9 @@ def _read(path: Path, layout: FrameLayout = LAYOUT, index: int = 0) -> Stored:
     [lambda f: f, lambda f: f.reshape(4, 37, 53), np.asfortranarray, lambda f: f[np.newaxis]],
     ids=["HCYX", "planes", "fortran", "THCYX"],
 )
-def test_npy(dtype: str, arrange: Callable[[Stored], Stored], tmp_path: Path) -> None:
+def test_npy_frames_of_any_type_and_arrangement_are_read(
+    dtype: str, arrange: Callable[[Stored], Stored], tmp_path: Path
+) -> None:
     recorded = known_frame(np.dtype(dtype).newbyteorder("="))
     np.save(tmp_path / "frame.npy", arrange(recorded.astype(dtype)))
     found = _read(tmp_path / "frame.npy")
@@ -44,7 +46,7 @@ def test_npy(dtype: str, arrange: Callable[[Stored], Stored], tmp_path: Path) ->
     np.testing.assert_array_equal(found, recorded)
 
 
-def test_npy_stack(tmp_path: Path) -> None:
+def test_npy_stacks_are_read_frame_by_frame(tmp_path: Path) -> None:
     recorded = np.stack([known_frame("u2", seed=seed) for seed in range(3)])
     np.save(tmp_path / "stack.npy", recorded)
     np.testing.assert_array_equal(_read(tmp_path / "stack.npy", index=2), recorded[2])
@@ -158,7 +160,7 @@ def test_npy_that_is_no_frame(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("dtype", "offset"), [("uint16", 0), (">u2", 512), ("<f4", 7), ("float64", 1)])
-def test_raw_dump(dtype: str, offset: int, tmp_path: Path) -> None:
+def test_raw_dumps_are_read_behind_their_offset(dtype: str, offset: int, tmp_path: Path) -> None:
     recorded = known_frame(np.dtype(dtype).newbyteorder("="))
     path = tmp_path / "frame.raw"
     path.write_bytes(b"x" * offset + recorded.astype(dtype).tobytes())
@@ -172,7 +174,7 @@ def test_raw_dump(dtype: str, offset: int, tmp_path: Path) -> None:
     assert "for a raw dump, give dtype and shape under [layout.raw]" in message(path)
 
 
-def test_raw_stack(tmp_path: Path) -> None:
+def test_raw_dumps_of_several_frames_are_a_stack(tmp_path: Path) -> None:
     recorded = np.stack([known_frame("u2", seed=seed) for seed in range(3)])
     recorded.tofile(tmp_path / "stack.bin")
     layout = FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53)))
@@ -251,7 +253,9 @@ def _gdal(path: Path, plane: Stored) -> None:
 @pytest.mark.parametrize("dtype", ["u2", "u1"])
 @pytest.mark.parametrize("write", [_opencv, _pillow, _skimage, _imageio, _gdal])
 @pytest.mark.filterwarnings("ignore")
-def test_png_planes(write: Callable[[Path, Stored], None], dtype: str, tmp_path: Path) -> None:
+def test_png_planes_of_any_program_are_a_frame(
+    write: Callable[[Path, Stored], None], dtype: str, tmp_path: Path
+) -> None:
     recorded = known_frame(dtype)
     files = tuple(tmp_path / f"plane_{index}.png" for index in range(4))
     for file, plane in zip(files, recorded.reshape(4, 37, 53), strict=True):

@@ -138,7 +138,7 @@ def test_exr_that_ends_early_tells_what_the_library_said(tmp_path: Path, capfd: 
     assert capfd.readouterr() == ("", "")
 
 
-def test_subsampled_exr_channel(tmp_path: Path) -> None:
+def test_a_subsampled_exr_channel_is_refused(tmp_path: Path) -> None:
     path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4", shape=(6, 8))))
     content = bytearray(path.read_bytes())
     # after the name: pixel type, linearity, then the sampling in x and y, four bytes each

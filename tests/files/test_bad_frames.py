@@ -44,7 +44,7 @@ def test_a_folder_for_a_file(tmp_path: Path) -> None:
     assert message(tmp_path).endswith("cannot be read: Is a directory")
 
 
-def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_that_may_not_be_read_is_told_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> int:
         raise PermissionError(13, "Permission denied")
 
@@ -63,7 +63,9 @@ def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (10, 3, "found 10 pages of 7 × 5 uint16, expected 12: layout.frames = 3 frames"),
     ],
 )
-def test_wrong_page_count(pages: int, frames: int | None, expected: str, tmp_path: Path) -> None:
+def test_a_wrong_number_of_pages_says_what_is_expected(
+    pages: int, frames: int | None, expected: str, tmp_path: Path
+) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((pages, 5, 7), "u2"))
     told = message(path, FrameLayout((1, 2), frames))
     assert told.startswith(f"{path}: found {pages} pages")
@@ -80,7 +82,7 @@ def test_axes_in_an_order_that_could_mean_two_things(tmp_path: Path) -> None:
     assert "in axes Q=4 Z=3, expected 4 planes per frame in the order H1.SC1" in message(path)
 
 
-def test_pages_that_differ(tmp_path: Path) -> None:
+def test_pages_that_differ_are_counted_by_their_form(tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"
     with tifffile.TiffWriter(path) as writer:
         for width in (7, 7, 7, 8):

@@ -34,7 +34,7 @@ def maps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {form: folder / form / f"frame_0.{form}" for form in ("tif", "exr")}
 
 
-def test_ome_annotations(maps: dict[str, Path]) -> None:
+def test_tiff_maps_say_what_they_are_in_ome_annotations(maps: dict[str, Path]) -> None:
     with tifffile.TiffFile(maps["tif"]) as file:
         assert file.ome_metadata is not None
         document = tifffile.xml2dict(file.ome_metadata)["OME"]
@@ -46,7 +46,7 @@ def test_ome_annotations(maps: dict[str, Path]) -> None:
     assert str(pairs["periods_ns"]).replace(" ", "").strip("()[]") in ("40,20", "40.0,20.0")
 
 
-def test_exr_attributes(maps: dict[str, Path], tool: Tool) -> None:
+def test_exr_maps_say_what_they_are_in_attributes(maps: dict[str, Path], tool: Tool) -> None:
     header = OpenEXR.File(str(maps["exr"]), header_only=True).header()
     assert (header["cadtof.depth"], header["cadtof.source"]) == ("planar depth z", "frame_0.tif")
     assert (header["cadtof.periods_ns"], header["software"]) == ("40, 20", f"cadtof {__version__}")

@@ -9,7 +9,7 @@ from cadtof_cli.resolver.status import StatusBit
 
 
 @pytest.mark.parametrize(("exact", "within"), [(10**6, 1e-6), (100, 4e-4)])
-def test_quantiles_of_magnitudes(exact: int, within: float) -> None:
+def test_quantiles_of_magnitudes_are_close_to_those_of_all_values(exact: int, within: float) -> None:
     rng = np.random.default_rng(0)
     tally, everything = MagnitudeTally(exact=exact), []
     for scale in (1e-4, 1.0, 30.0):

@@ -96,7 +96,7 @@ def test_planes_that_are_interleaved(periods_ns: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize("signs", [((-1, -1), (-1, -1)), ((-1, 1), (-1, 1)), ((1, 1), (-1, -1))])
-def test_signs(signs: tuple[tuple[int, int], ...]) -> None:
+def test_channels_of_the_opposite_sign_are_told(signs: tuple[tuple[int, int], ...]) -> None:
     assert "with the opposite sign" in str(said(light() * np.array(signs)[..., np.newaxis]))
 
 

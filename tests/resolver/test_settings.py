@@ -8,7 +8,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.settings import ResolverSettings
 
 
-def test_what_nobody_chooses() -> None:
+def test_two_paths_whose_number_is_told_by_noise_are_what_nobody_chooses() -> None:
     chosen = ResolverSettings()
     assert (chosen.solver, chosen.paths, chosen.order, chosen.returns) == ("two-path", 2, "auto", "first")
     assert (chosen.starts, chosen.seed, chosen.false_alarm, chosen.min_return_ratio) == (10, 0, 0.01, 0.1)

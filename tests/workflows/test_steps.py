@@ -14,7 +14,7 @@ from tests.support.captures import TOML, record
 from tests.support.told import Told
 
 
-def test_a_sweep() -> None:
+def test_a_sweep_tells_as_many_steps_as_it_has_cells() -> None:
     told, pixel = Told(), PixelModel(averaging=Averaging(integration_length=1e4))
     base = Trials(condition=Condition(asr=1.0, mpi_ratio=0.1), model=pixel, runs=2)
     sweep(SweepSettings(base=base, asrs=(1.0, 2.0), mpi_ratios=(0.0, 0.1), integration_lengths=(1e4,)), progress=told)

@@ -45,7 +45,7 @@ def lossy_compression(path: Path, _dtype: np.dtype[Any], /) -> str | None:
 
 
 def _jpeg(data: bytes, _page: tifffile.TiffPage) -> str | None:
-    """Lossless JPEG says so by the kind of its frame, SOF3; that of lossy ones is another."""
+    """Lossless JPEG says so by the kind of its frame, SOF3; lossy JPEG has frames of other kinds."""
     place = 2
     while data[place] == 0xFF and data[place + 1] not in _FRAME_KINDS:
         (length,) = struct.unpack_from(">H", data, place + 2)

@@ -3,7 +3,7 @@
 #define MOST_VALUES (MOST_DATA + 2)
 #define LARGEST_STEP 0.8
 
-/* One patch a column. */
+/* One patch per column. */
 typedef struct {
     Row state[STATES], pattern[STATES], pull[STATES];
     Row jacobian[STATES][MOST_VALUES], pushed[STATES][MOST_VALUES];

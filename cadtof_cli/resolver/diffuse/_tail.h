@@ -47,10 +47,10 @@ typedef struct {
     const double *offset_m;     /* what is added to every pixel's range; NULL: nothing */
 } Tail;
 
-/* One pixel a column. re, im, answered and samples come in. */
+/* One pixel per column. re, im, answered and samples come in. */
 typedef struct {
     Row re[MOST_HARMONICS], im[MOST_HARMONICS], answered, samples;
-    FloatRow part[MOST_HARMONICS][2], square[MOST_HARMONICS];  /* re and im of who is answered, and their squares' sum */
+    FloatRow part[MOST_HARMONICS][2], square[MOST_HARMONICS];  /* re and im of pixels with an answer, and the sum of their squares */
     FloatRow plane[MOST_PLANES];                 /* of the pixel; then what the data leave of them */
     FloatRow data[MOST_DATA], relative[MOST_HARMONICS], moved[MOST_DATA + 2];
     FloatRow weight[4], right, range_m;
@@ -75,7 +75,7 @@ INLINE int planes_of(int data) { return entry(data, data + 1, data + 1) + 3; }
     if (m == GROUP) EACH_PIXEL (row)[i] = (source)[i]; \
     else EACH_PIXEL (row)[i] = (source)[i < m ? i : 0]
 
-/* pixels.py: diffuse_pixels, who is answered */
+/* pixels.py: diffuse_pixels, which pixels get an answer */
 INLINE void choose(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, int harmonics) {
     for (int h = 0; h < harmonics; h++) EACH_PIXEL {
         const float re = (float)g->re[h][i], im = (float)g->im[h][i], square = re * re + im * im;
@@ -120,9 +120,9 @@ INLINE void look(TailGroup *restrict g, const Tail *restrict tail, int pooled, i
         const float number = (float)tail->number[h];
         noise_of(variance, g, tail->variance[h], pooled);
         EACH_PIXEL {
-            const float further = at_least_f(g->square[h][i], variance[i]);
-            size[i] = further / g->square[0][i];
-            g->relative[h][i] = variance[i] / further;
+            const float power = at_least_f(g->square[h][i], variance[i]);
+            size[i] = power / g->square[0][i];
+            g->relative[h][i] = variance[i] / power;
         }
         EACH_PIXEL size[i] = 0.5f * logarithm(size[i]);
         EACH_PIXEL phase[i] = phase_of_f(g->part[h][0][i], g->part[h][1][i]) - number * g->phase_rad[i];

@@ -151,10 +151,10 @@ def coarse_planes(
     entries, phases = needed_entries(count - 2), phase_data(count - 2)
     # a turn more of one patch would be a phase of another direction half the way to the next
     values[phases] = wrapped(values[phases])
-    further = (count - 2) // 2
-    more = min(further, 2) - 1
+    following = (count - 2) // 2
+    more = min(following, 2) - 1
     lag = values[-1].copy()
-    values[-1] += BESIDE_MORE * beside.open_share * beside.continued_rad / further**2
+    values[-1] += BESIDE_MORE * beside.open_share * beside.continued_rad / following**2
     if leaning is not None:
         early = MOST_EARLY * beside.open_share**4 * (1.0 - beside.open_share)
         values[-1] += UNSEEN_MORE * early * beside.unseen_rad + GUESSED_SHARE * beside.guessed_rad

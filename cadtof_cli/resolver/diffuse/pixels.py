@@ -169,10 +169,10 @@ def _pixel_data(phases: Float32, square: Float32, model: DiffuseModel, samples: 
     count = len(phases) - 1
     data = np.empty((2 * count, first.size), np.float32)
     for i, h in enumerate(model.settings.harmonics[1:]):
-        further = np.maximum(square[i + 1], np.float32(LEAST_HARMONIC**2) * variances[i + 1])
-        data[i] = np.float32(0.5) * logarithm(further / first)
+        power = np.maximum(square[i + 1], np.float32(LEAST_HARMONIC**2) * variances[i + 1])
+        data[i] = np.float32(0.5) * logarithm(power / first)
         data[count + i] = phases[i + 1] - np.float32(h) * phases[0]
-        relative.append(variances[i + 1] / further)
+        relative.append(variances[i + 1] / power)
     return PixelData(np.sqrt(square[0]), phases[0], data, relative)
 
 

@@ -56,7 +56,7 @@ typedef struct {
     const int64_t *harmonics;
     double relative, first_damping;
     const double *re, *im;             /* of what was measured */
-    const double *weights;             /* WHITE: one a row; WEIGHTED: re_re, re_im, im_im, a plane a row each */
+    const double *weights;             /* WHITE: one per row; WEIGHTED: re_re, re_im, im_im, a plane per row each */
     const double *starts, *worth;
     double *points, *cost, *matrix;
     uint8_t *converged;
@@ -329,7 +329,7 @@ typedef struct {
     const int64_t *harmonics;
     const double *noise; /* of each row: level, double and averaging of HarmonicNoise.covariance */
     const double *points;
-    double *weights; /* re_re, re_im, im_im, a plane a row each */
+    double *weights; /* re_re, re_im, im_im, a plane per row each */
 } Weigh;
 
 /* mixture.py: Mixture.phasors of one harmonic. */

@@ -136,7 +136,7 @@ static KERNEL_INLINE inline void share_linearise(const ShareSearch *search, Shar
     }
 }
 
-/* search.py: the rest of _stepped, and which lanes have stopped. */
+/* likelihood/levenberg_marquardt.py: the rest of _stepped, and which lanes have stopped. */
 static KERNEL_INLINE inline void share_judge(const ShareSearch *search, Shares *at) {
     ShareLinear *now = &at->now;
     const ShareLinear *there = &at->there;

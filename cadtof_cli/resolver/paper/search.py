@@ -63,7 +63,11 @@ DAMPED = MisfitDamped()
 class Ends:
     """Where the searches of n pixels ended.
 
-    Re z and Im z, (2, n), the cost there, (n,), which of them converged, and after how many steps.
+    Attributes:
+        z: real and imaginary part, (2, n).
+        cost: at z, (n,).
+        converged: whether a search ended at a minimum, (n,).
+        steps: how many a search took, (n,).
     """
 
     z: Float

@@ -29,7 +29,7 @@ typedef struct {
     FloatRow re[2], im[2], slope_re[2], slope_im[2], left_re, left_im;
 } Side;
 
-/* One pixel a column; `pixel` is -1 in those that have none. */
+/* One pixel per column; `pixel` is -1 in those that have none. */
 typedef struct {
     Side side[2];
     FloatRow observed[4], phase_rad[2], enough, trial[4], values[4], step[4], misfit, left, closer;

@@ -72,7 +72,7 @@ INLINE int is_rivalled(const Group *restrict g, const Frame *restrict frame, dou
     return found != 0;
 }
 
-/* The same where no pixel of a group needs two paths: who is answered has one, ... */
+/* The same where no pixel of a group needs two paths: those with an answer have one, ... */
 INLINE void answer_one(Group *restrict g) {
     EACH_PIXEL {
         double amplitude = g->one_amplitude[i];
@@ -85,12 +85,12 @@ INLINE void answer_one(Group *restrict g) {
     }
 }
 
-/* ... and where nobody is. */
+/* ... and where no pixel has an answer. */
 INLINE void answer_none(Group *restrict g) {
     EACH_PIXEL g->amplitude[0][i] = g->phase[0][i] = g->sigma[0][i] = g->amplitude[1][i] = NAN;
 }
 
-/* Whether a pixel has no answer and no reason for that; whose confidence is NaN had a reason before. */
+/* Whether a pixel has no answer and no reason for that; one whose confidence is NaN had a reason before. */
 INLINE int is_unexplained(double amplitude, double confidence, double bits) {
     return (amplitude != amplitude) & (confidence == confidence) & (bits <= 0.0);
 }
@@ -253,7 +253,7 @@ INLINE void count_pixels(const uint32_t *restrict status, int64_t pixels, int64_
 
 #define DECOMPOSED_PLANES 9
 
-/* decomposition.py: amplitudes, rotors of mean and half, whether there is one path, and both phases, planes of n each. */
+/* decomposition.py: decomposed. Amplitudes, rotors of mean and half, whether there is one path, and both phases, planes of n each. */
 INLINE void decompose_pixels(const double *restrict first, const double *restrict second, double *restrict to, int64_t n) {
     Group group, *g = &group;
     for (int64_t start = 0; start < n; start += GROUP) {

@@ -10,8 +10,9 @@
  *   resolver/diffuse/                      the tail where MPI is diffuse: _tail.h
  *
  * Those are written to be read; this is written to be fast. Both use nothing but +, -, *, / and square roots, which IEEE 754
- * rounds in one way only, and the bits of a number, so both give the same bits, whatever the compiler and the machine (test_kernel.py holds them to it).
- * That needs a compiler that neither contracts a*b + c nor reorders: -ffp-contract=off, no -ffast-math.
+ * rounds in one way only, and the bits of a number, so both give the same bits, whatever the compiler and the machine;
+ * tests/resolver/two_path/test_kernel.py compares them. That needs a compiler that neither contracts a*b + c nor reorders:
+ * -ffp-contract=off, no -ffast-math.
  *
  * GROUP neighbours stand in short rows that stay in the first-level cache. Each loop holds a few operations for every pixel of
  * a group, so compilers make vector instructions of it; what no pixel of a group needs is left out for the whole group. Most

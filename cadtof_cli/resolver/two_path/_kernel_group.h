@@ -21,7 +21,7 @@
 #define PI 3.141592653589793
 #define FULL_TURN 6.283185307179586
 
-/* One pixel a column. */
+/* One pixel per column. */
 typedef double Row[GROUP];
 typedef float FloatRow[GROUP];
 

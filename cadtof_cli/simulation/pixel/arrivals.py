@@ -11,7 +11,7 @@ from cadtof_cli.simulation.pixel.mix import PhotonMix
 def draw_phases(mix: PhotonMix, generator: np.random.Generator, /, *, count: int, harmonic: int = 1) -> Float32:
     """Return the phases 2π h t/T1 at which photons of one pixel, a mix without pixel axes, arrive: float32 (count,), in rad.
 
-    One uniform number a photon decides both where it comes from and, if that is ambient light, when; laser photons
+    One uniform number per photon decides both where it comes from and, if that is ambient light, when; laser photons
     get a Gaussian about their path's delay. float32 resolves 10⁻⁶ of a period, a thousandth of the pulse.
     """
     shares = mix.shares()

@@ -142,7 +142,7 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """How fast the scene moves away from the camera, and how many frames of all harmonics are recorded a second.
+    """How fast the scene moves away from the camera, and how many frames of all harmonics are recorded per second.
 
     Every harmonic has an equal share of a frame's time, and sees the light of the moment in which it is read: the average forgets
     within n_av photons, which is little of that time. What is true is true in the middle of the moments of a frame.

@@ -198,6 +198,7 @@ class Evolution:
         counts: (BINS,), photons in each.
         photons: (n,), photons sampled so far, evenly thinned.
         voltages_v: (2, n), SC1 and SC2 after that many photons.
+        period_ns: of the modulation, which the histogram spans.
     """
 
     bin_ns: Float

@@ -158,7 +158,7 @@ def bounce_by_directions(seen: Hits, other: Surface, /, *, count: int) -> Bounce
     an equal share of the hemisphere's cosine-weighted solid angle, so it brings ρ E / count.
     """
     local = cosine_directions(count)[:, :, None, None]
-    across, along = _frame(seen.normals)
+    across, along = _tangents(seen.normals)
     directions = local[0] * across[:, None] + local[1] * along[:, None] + local[2] * seen.normals[:, None]
     times = other.distances(seen.points_m[:, None], directions)
     reached = np.isfinite(times)
@@ -207,8 +207,8 @@ def _dot3(first: Float, second: Float) -> Float:
     return np.asarray((first * second).sum(axis=0))
 
 
-def _frame(normals: Float) -> tuple[Float, Float]:
-    """Return two unit vectors at right angles to each normal, (3, Y, X); normals are not along y."""
+def _tangents(normals: Float) -> tuple[Float, Float]:
+    """Return two unit vectors at right angles to each normal, (3, Y, X); normals are not along y, the vertical."""
     up = np.zeros_like(normals)
     up[1] = 1.0
     across = np.cross(up, normals, axis=0)

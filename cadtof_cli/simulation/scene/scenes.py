@@ -174,6 +174,10 @@ class Corner:
         return light_from_bounces(seen, (bounced,), self.albedo, self.distance_m, self.asr)
 
 
+_PATCHES = 6
+"""Patches of the reflector along each side; light comes by way of every one."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class InterReflection:
     """The inter-reflection of Fig. 4: a panel in front of a wall, and a second reflector out of sight at its side.
@@ -236,14 +240,14 @@ class InterReflection:
         return panel, wall, reflector
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return the direct path, and 36 ways by the reflector for the pixels of the panel."""
+        """Return the direct path, and one by each patch of the reflector for the pixels of the panel."""
         panel, wall, reflector = self.surfaces()
         seen = hits((panel, wall), camera.rays(rows))
         middle = hits((panel,), np.array([0.0, 0.0, 1.0]).reshape(3, 1, 1))
-        there = bounce_by_patches(middle, reflector, count=6)
+        there = bounce_by_patches(middle, reflector, count=_PATCHES)
         gain = self.mpi_ratio * float(middle.irradiance[0, 0]) / float(there.irradiance.sum())
-        bounced = bounce_by_patches(seen.of_surface(0), reflector, count=6)
-        scaled = spread_over(seen, {0: Bounce(gain * bounced.irradiance, bounced.lengths_m)}, ways=36)
+        bounced = bounce_by_patches(seen.of_surface(0), reflector, count=_PATCHES)
+        scaled = spread_over(seen, {0: Bounce(gain * bounced.irradiance, bounced.lengths_m)}, ways=_PATCHES**2)
         return light_from_bounces(seen, (scaled,), self.albedo, self.distance_m, self.asr)
 
 

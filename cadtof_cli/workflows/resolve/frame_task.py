@@ -178,7 +178,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     """
     maps, counts = answered_maps(resolved, task.plan, source=task.sources[0])
     note = _why_again(task) if task.resume else None
-    header = task.plan.header.of_frame(source_name(task.sources[0]))
+    header = task.plan.header.of_frame(task.sources[0].file_name)
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise.estimated:
@@ -226,11 +226,6 @@ def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object
     if counts.invalid == maps.status.size:
         raise FrameError(f"{source}: {why_no_answer(maps.status)}")
     return maps, counts
-
-
-def source_name(source: FrameSource, /) -> str:
-    """Return the name of a recorded frame that holds wherever its folder lies."""
-    return f"{source.paths[0].name}{'' if source.index is None else f'[{source.index}]'}"
 
 
 def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:

@@ -7,10 +7,10 @@ from cadtof_cli.resolver.diffuse.model_error import LAG_WITH_DATA, UNIT, full_er
 from tests.support.diffuse_frames import M_PER_RAD
 
 
-@pytest.mark.parametrize("further", [1, 2, 3, 6])
-def test_errors_are_a_distribution_that_there_can_be(further: int) -> None:
-    error = full_error(further)
-    assert error.shape == (2 * further + 2,) * 2
+@pytest.mark.parametrize("following", [1, 2, 3, 6])
+def test_errors_are_a_distribution_that_there_can_be(following: int) -> None:
+    error = full_error(following)
+    assert error.shape == (2 * following + 2,) * 2
     np.testing.assert_array_equal(error, error.T)
     assert (np.linalg.eigvalsh(error) > -1e-12).all()
     assert (np.diag(error)[:-2] > 0.0).all()
@@ -18,31 +18,31 @@ def test_errors_are_a_distribution_that_there_can_be(further: int) -> None:
 
 def test_ratios_are_wrong_by_hundredths_and_phases_by_as_many_radians() -> None:
     """The second harmonic's by 2.3 % and 28 mrad, those of all that follow by 2 % and 21 mrad, each for itself."""
-    for further in (1, 2, 4):
-        error = full_error(further)[:-2, :-2]
-        sigma = np.array([0.023, *[0.02] * (further - 1), 0.028, *[0.021] * (further - 1)])
+    for following in (1, 2, 4):
+        error = full_error(following)[:-2, :-2]
+        sigma = np.array([0.023, *[0.02] * (following - 1), 0.028, *[0.021] * (following - 1)])
         np.testing.assert_allclose(error, np.diag(sigma**2))
 
 
 @pytest.mark.parametrize(
-    ("further", "by_ratios", "by_phases", "left_mm"),
+    ("following", "by_ratios", "by_phases", "left_mm"),
     [(1, [-0.378], [-0.102], 8.73), (2, [0.189, -0.45], [-0.357, 0.091], 13.61)],
 )
 def test_a_lag_is_wrong_by_centimetres_and_the_data_tell_of_it(
-    further: int, by_ratios: list[float], by_phases: list[float], left_mm: float
+    following: int, by_ratios: list[float], by_phases: list[float], left_mm: float
 ) -> None:
     """Radians of the lag for each radian and each neper that a datum is off the model; T1 = 40 ns."""
-    error = full_error(further)
+    error = full_error(following)
     told = np.linalg.solve(error[:-2, :-2], error[:-2, -1])
     np.testing.assert_allclose(told, by_ratios + by_phases, atol=6e-4)
     assert 1000 * np.sqrt(error[-1, -1]) * M_PER_RAD == pytest.approx(left_mm, rel=1e-3)
 
 
-@pytest.mark.parametrize("further", [1, 2])
-def test_the_error_of_the_lag_is_what_those_of_the_data_say_of_it(further: int) -> None:
+@pytest.mark.parametrize("following", [1, 2])
+def test_the_error_of_the_lag_is_what_those_of_the_data_say_of_it(following: int) -> None:
     """Conditioned on the data's errors, none is left: the regression of one on the others explains it."""
-    error = full_error(further)
-    np.testing.assert_allclose(error[-1, :-2], UNIT * np.array(LAG_WITH_DATA[further]))
+    error = full_error(following)
+    np.testing.assert_allclose(error[-1, :-2], UNIT * np.array(LAG_WITH_DATA[following]))
     share = np.linalg.solve(error[:-2, :-2], error[:-2, -1])
     assert error[-1, -1] - share @ error[:-2, -1] == pytest.approx(0.0, abs=1e-15)
 

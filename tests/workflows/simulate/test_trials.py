@@ -40,7 +40,7 @@ def outcome(wanted: Trials) -> TrialsSummary:
 
 
 @pytest.mark.parametrize(("second_ns", "direct_std", "second_std"), TABLE_1)
-def test_table_1(second_ns: float, direct_std: float, second_std: float) -> None:
+def test_table_1_of_the_paper_is_reproduced(second_ns: float, direct_std: float, second_std: float) -> None:
     found = outcome(trials(condition=Condition(asr=5.0, mpi_ratio=0.3, second_ns=second_ns), runs=4000))
     for path, paper in ((found.direct, direct_std), (found.second, second_std)):
         assert path.std_ns == pytest.approx(paper, rel=0.15) or round(path.std_ns, 2) == paper

@@ -25,6 +25,12 @@ LIGHT_LOST = 0.3
 TRIES = 400
 """Rooms drawn for a seed until one fits; most fit among the first ten."""
 
+PLACES, SMALLER = 40, 0.97
+"""Places tried for a piece of furniture, and how many times as large it is at each as at the one before."""
+
+AGAINST_WALL = 0.6
+"""Share of the furniture that stands with its back to a wall."""
+
 KINDS = {"room": 0.5, "corner": 0.2, "corridor": 0.15, "closet": 0.15}
 """Kinds of room, and how often each is drawn."""
 
@@ -99,13 +105,13 @@ def _furnished(
     balls: tuple[Ball, ...] = ()
     taken = [(draft.position_m[0], draft.position_m[2], _CAMERA_ROOM_M)]
     for _ in range(pieces):
-        for attempt in range(40):
-            piece = random_piece(generator, scale=0.97**attempt)
+        for attempt in range(PLACES):
+            piece = random_piece(generator, scale=SMALLER**attempt)
             half_width, half_depth = piece.half_footprint_m
             radius = math.hypot(half_width, half_depth)
             turn = float(generator.uniform(-math.pi, math.pi))
             x, z = float(generator.uniform(0, width)), float(generator.uniform(0, depth))
-            if generator.random() < 0.6:
+            if generator.random() < AGAINST_WALL:
                 x, z, turn = _against_wall(x, z, half_width, half_depth, draft.size_m)
                 across, along = (half_width, half_depth) if abs(math.cos(turn)) > 0.5 else (half_depth, half_width)
             else:

@@ -1,0 +1,43 @@
+"""What scripts share that resolve frames whose true ranges are known: recorded, rendered, or simulated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli.arrays import Float, Stored
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, SolverName
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
+
+
+def seed_range(text: str, /) -> range:
+    """Return the seeds of an option, "FIRST-LAST" or one number."""
+    first, _, last = text.partition("-")
+    return range(int(first), int(last or first) + 1)
+
+
+def capture_truth(folder: Path, /) -> Float:
+    """Return the true ranges of a capture, (Y, X), in m."""
+    return read_layers(folder / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
+
+
+def resolved(
+    stored: Stored | Float, metadata: CaptureMetadata, /, *, model: MpiModel, solver: SolverName = "two-path"
+) -> ResolvedFrame:
+    """Return the maps of a frame, (H, 2, Y, X), by one model of its MPI."""
+    settings = MapSettings(resolver=ResolverSettings(solver=solver, mpi_model=model))
+    return resolve_frame(stored, plan=FramePlan(metadata=metadata, settings=settings))
+
+
+def with_length(exposure: Exposure, whole: Band, length: float, /) -> tuple[Float, CaptureMetadata]:
+    """Return the volts of an exposure's frame, (H, 2, Y, X), at another integration length: its light is followed once."""
+    gain = averaging_gain(length) / averaging_gain(exposure.integration_length)
+    noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)
+    metadata = replace(exposure.metadata, pixel=Pixel(integration_length=length))
+    return frame_voltages(replace(exposure, metadata=metadata), Band(noisy, whole.truth), 0), metadata
