@@ -112,7 +112,7 @@ def prepare_frame(
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if stages.diffuse is not None:
-        pixels = _with_predicted_mpi(pixels, stages, stages.diffuse, kernel or chosen_kernel())
+        pixels = _with_predicted_mpi(pixels, stages, stages.diffuse, plan.settings.pool, kernel or chosen_kernel())
     return pixels
 
 
@@ -233,9 +233,15 @@ def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePi
     return replace(pixels, noise=noise, pooled=pooled.phasors.reshape(len(phasors), -1))
 
 
-def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffusePlan, kernel: str) -> FramePixels:
-    """Choose a frame's model of MPI and, where that is diffuse, predict it from the frame's own geometry."""
+def _with_predicted_mpi(
+    pixels: FramePixels, stages: FrameStages, plan: DiffusePlan, window: int, kernel: str
+) -> FramePixels:
+    """Choose a frame's model of MPI and, where that is diffuse, predict it from the frame's own geometry.
+
+    Its pixels are means over neighbours in a `window` of as many pixels along each side.
+    """
     from cadtof_cli.frame_samples import frame_samples
+    from cadtof_cli.phasors.pooling import shared_noise
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
@@ -250,9 +256,19 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffuseP
         light = compiled_light(pixels.stored, look, plan.grid, kernel=kernel)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     variances = tuple(one.dark_variance for one in noise.each)
-    means_of = partial(patch_means, variance=variances[0] / samples, harmonics=asked.harmonics, kernel=kernel)
+    shared = shared_noise(window, samples=samples, stride=plan.grid.stride, count=plan.grid.side // plan.grid.stride)
+    means_of = partial(
+        patch_means, variance=variances[0] / samples, harmonics=asked.harmonics, shared=shared.pixels, kernel=kernel
+    )
     means = means_of(light, light.seen)
-    kinds = patch_kinds(means, np.array(variances) / samples, grid=plan.grid, settings=asked, kernel=kernel)
+    kinds = patch_kinds(
+        means,
+        np.array(variances) / samples,
+        grid=plan.grid,
+        settings=asked,
+        alike=shared.neighbours,
+        kernel=kernel,
+    )
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
         return replace(pixels, choice=choice)
@@ -266,6 +282,7 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffuseP
         variances=variances,
         settings=asked,
         samples=samples,
+        shared=shared.pixels,
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
         kernel=kernel,
     )

@@ -6,12 +6,12 @@ does; across an edge they differ by far more, so edges stay where they are.
 """
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
+from cadtof_cli.records import dataclass
 
 LOST_NEIGHBOURS = 1e-3
 """Share of neighbours with the same light that noise alone keeps out."""
@@ -27,6 +27,19 @@ class PooledPhasors:
 
     phasors: Complex
     samples: Float
+
+
+@dataclass(frozen=True)
+class SharedNoise:
+    """What pooling does to the noise of means over squares of pixels, whose windows overlap.
+
+    Attributes:
+        pixels: how many pixels share their noise: the variance of the mean, over what it is if each has noise of its own.
+        neighbours: correlation of the noise of two squares side by side.
+    """
+
+    pixels: float = 1.0
+    neighbours: float = 0.0
 
 
 def pooled_phasors(
@@ -63,6 +76,24 @@ def pooled_phasors(
     pooled.real, pooled.imag = mean
     np.copyto(pooled, phasors, where=~usable)
     return PooledPhasors(pooled, np.where(usable, margins.inside(sums)[-1], samples))
+
+
+def shared_noise(window: int, /, *, samples: float, stride: int, count: int) -> SharedNoise:
+    """Return what noise the means over squares of count × count pooled pixels share, `stride` apart, and those squares.
+
+    Along a row, the windows of two pixels that are k steps apart have `window` − k·stride recorded pixels in common.
+
+    Args:
+        window: side of the square of neighbours that pixels are pooled over.
+        samples: over how many recorded pixels a pooled one is a mean: no more of them can share their noise.
+        stride: step from pixel to pixel of those looked at.
+        count: how many are looked at along each side of a square.
+    """
+    apart = np.arange(1, 2 * count)
+    common = np.maximum(window - stride * apart, 0)
+    along = count * window + 2 * int(np.maximum(count - apart, 0) @ common)
+    pixels = (along / (count * window)) ** 2
+    return SharedNoise(min(pixels, samples), int(np.minimum(apart, 2 * count - apart) @ common) / along)
 
 
 def pooling_seconds(size: tuple[int, int], noise: NoiseModel, /, *, window: int) -> float:

@@ -121,6 +121,19 @@ def test_frames_without_a_tail_are_left_alone_to_the_bit(name: str, length: floa
     np.testing.assert_array_equal(taken.maps.status, discrete.maps.status)
 
 
+@pytest.mark.parametrize("window", [3, 5, 9])
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("name", ["one share", "one share and delay", "wall", *TAILS])
+def test_pooling_changes_no_frames_model(name: str, length: float, window: int) -> None:
+    """Pooled neighbours share their noise: that neither looks like MPI nor like a tail that noise hides in each patch."""
+    volts, _, metadata = recorded(name, length)
+    found = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=MapSettings(pool=window)))
+    assert found.mpi is not None
+    assert found.mpi.taken == ("diffuse" if name in TAILS else "discrete")
+    if name == "wall":
+        assert found.mpi.reason == "no MPI to be seen"
+
+
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("name", TAILS)
 def test_a_tail_is_taken_out_where_there_is_one(name: str, length: float) -> None:

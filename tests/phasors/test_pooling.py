@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.phasors.pooling import PooledPhasors, pooled_phasors, pooling_seconds
+from cadtof_cli.phasors.pooling import PooledPhasors, SharedNoise, pooled_phasors, pooling_seconds, shared_noise
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -241,3 +241,24 @@ def test_what_is_timed_is_the_pooling_of_the_frame_s_pixels_over_nine(monkeypatc
     monkeypatch.setattr("cadtof_cli.phasors.pooling.time.perf_counter", lambda: clock[0])
     found = pooling_seconds((200, 400), noise_of((1, 2, 3), n_av=1e5), window=3)
     assert found == pytest.approx(200 * 400 * 8e-6, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("window", "stride", "count"), [(3, 2, 8), (5, 2, 8), (9, 2, 8), (5, 1, 5), (5, 5, 8), (7, 4, 3)]
+)
+def test_what_noise_the_means_of_pooled_pixels_share(window: int, stride: int, count: int) -> None:
+    """White noise, averaged over windows and these over two squares side by side: variance and correlation as foretold."""
+    rng = np.random.default_rng(window)
+    size = ((count - 1) * stride + window, (2 * count - 1) * stride + window)
+    recorded = rng.standard_normal((4000, *size))
+    windows = np.lib.stride_tricks.sliding_window_view(recorded, (window, window), axis=(1, 2))
+    pooled = windows[:, ::stride, ::stride].mean(axis=(-2, -1))
+    left, right = (pooled[:, :, half].mean(axis=(1, 2)) for half in (slice(count), slice(count, None)))
+    found = shared_noise(window, samples=window**2, stride=stride, count=count)
+    assert 0.5 * (left.var() + right.var()) * (window * count) ** 2 == pytest.approx(found.pixels, rel=0.06)
+    assert np.corrcoef(left, right)[0, 1] == pytest.approx(found.neighbours, abs=0.06)
+
+
+def test_pixels_that_are_no_means_share_no_noise() -> None:
+    assert shared_noise(1, samples=1.0, stride=2, count=8) == SharedNoise(1.0, 0.0)
+    assert shared_noise(5, samples=1.0, stride=2, count=8).pixels == 1.0

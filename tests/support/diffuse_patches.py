@@ -23,6 +23,10 @@ def patch_data(*mpi: Complex, sigma: float, noisy: bool = True, seed: int = 0) -
     ratios = np.stack([p / np.abs(phasors[0]) * turn**h for h, p in enumerate(phasors[1:], start=2)])
     amplitude = 0.2 * np.abs(phasors[0])
     means = PatchMeans(
-        ratios.reshape(-1, *PATCHES), amplitude.reshape(PATCHES), np.full(PATCHES, 64.0), np.zeros(PATCHES)
+        ratios.reshape(-1, *PATCHES),
+        amplitude.reshape(PATCHES),
+        np.full(PATCHES, 64.0),
+        np.zeros(PATCHES),
+        np.ones(PATCHES),
     )
     return PatchData.of(means, LIT, np.full(len(mpi), sigma**2), tuple(range(1, len(mpi) + 1)))

@@ -126,15 +126,17 @@ def patch_kinds(
     *,
     grid: PatchGrid,
     settings: DiffuseSettings,
+    alike: float = 0.0,
     kernel: str = NUMPY,
 ) -> PatchKinds:
     """Look at the mean light of every patch of a grid; `variances` are those of a channel of each harmonic.
 
-    With `settings.model` `diffuse`, nothing but too little light speaks against a tail. `kernel` is of `available_kernels`.
+    With `settings.model` `diffuse`, nothing but too little light speaks against a tail. `alike` is the correlation of the noise
+    of neighbours, `kernel` of `available_kernels`.
     """
     sigma = float(np.sqrt(variances[0]))
     # enough of a patch's pixels are lit enough
-    lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.pixels > SEEN_SHARE * grid.place.shape[1])
+    lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.seen > SEEN_SHARE)
     if lit.sum() < LEAST_PATCHES:
         return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
     misfits = misfits_without_mpi(means, lit, variances, harmonics=settings.harmonics)
@@ -151,7 +153,7 @@ def patch_kinds(
         reason = "no MPI to be seen"
     elif are_two_paths(
         PatchData.of(means, lit, variances, settings.harmonics),
-        PatchPlaces(grid.even[lit], lit, settings.rad_per_ns),
+        PatchPlaces(grid.even[lit], lit, settings.rad_per_ns, alike),
         kernel=kernel,
     ):
         reason = "separate paths"

@@ -65,18 +65,20 @@ class PatchPlaces:
     """Where n patches lie, and the fundamental's ω, `rad_per_ns`.
 
     `columns`, (n, 4), is what is even over the view there: 1, the slopes X and Y of their rays, and 1/cos, by which all ranges
-    grow that lie on a plane across the view. `lit`, (rows, columns), says where in the frame they are.
+    grow that lie on a plane across the view. `lit`, (rows, columns), says where in the frame they are; `alike` is the correlation
+    of the noise of neighbours.
     """
 
     columns: Float
     lit: Bool
     rad_per_ns: float
+    alike: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Explained:
     """How well even second paths explain patches: median χ² over that of noise, what the scatter in rooms would add to it, and
-    the mean product of what neighbours are missed by.
+    the mean product of what neighbours are missed by, beyond that of their noise.
     """
 
     misfit: float
@@ -123,7 +125,7 @@ def _explained(found: SecondPaths, data: PatchData, places: PatchPlaces, share_c
     alone = (observed * observed / noise).sum(axis=0) < (off * off / noise).sum(axis=0)
     missed = np.where(alone, observed, off) / np.sqrt(noise)
     misfit = float(median((missed * missed).sum(axis=0))) / median_of_noise(2)
-    return _Explained(misfit, float(median(in_rooms)), _alike(missed, places.lit))
+    return _Explained(misfit, float(median(in_rooms)), _alike(missed, places.lit) - places.alike)
 
 
 def _fitted(found: SecondPaths, observed: Float, noise: Float, shares: Float, delays: Float) -> tuple[Float, Float]:

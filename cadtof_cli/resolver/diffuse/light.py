@@ -40,12 +40,21 @@ class PatchLight:
 
 @dataclass(frozen=True, eq=False)
 class PatchMeans:
-    """Means over some pixels of every patch: q_h, (H − 1, rows, columns), amplitude |p1|, over how many pixels, and arg p1."""
+    """Means over some pixels of every patch.
+
+    Attributes:
+        ratios: q_h, (H − 1, rows, columns).
+        amplitude: |p1|, (rows, columns).
+        pixels: over how many pixels with noise of their own, (rows, columns).
+        phase_rad: arg p1, (rows, columns).
+        seen: which share of the sampled pixels that is, whosever their noise, (rows, columns).
+    """
 
     ratios: Complex
     amplitude: Float
     pixels: Float
     phase_rad: Float
+    seen: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +177,14 @@ def sample_places(grid: PatchGrid, /) -> Index:
 
 
 def patch_means(
-    light: PatchLight, among: Bool, /, *, variance: float, harmonics: tuple[int, ...], kernel: str = NUMPY
+    light: PatchLight,
+    among: Bool,
+    /,
+    *,
+    variance: float,
+    harmonics: tuple[int, ...],
+    shared: float = 1.0,
+    kernel: str = NUMPY,
 ) -> PatchMeans:
     """Return the means over the pixels `among`, (n, rows, columns), whose ratios noise does not make smaller.
 
@@ -181,6 +197,7 @@ def patch_means(
         among: pixels that count, where they are seen.
         variance: of p_1, a channel where there is no light.
         harmonics: their numbers.
+        shared: how many pixels share their noise, as `SharedNoise` has it.
         kernel: of `available_kernels`.
     """
     counted = among & light.seen
@@ -200,7 +217,7 @@ def patch_means(
     both, across = 2.0 * (1.0 - share) * relative, (1.0 - np.sqrt(share)) * relative
     for row, h in enumerate(harmonics[1:]):
         ratios[row] *= (1.0 + both) * (1.0 + 0.5 * (h * h - 1) * across)
-    return PatchMeans(ratios, amplitude, pixels, np.arctan2(parts[1], parts[0]))
+    return PatchMeans(ratios, amplitude, pixels / shared, np.arctan2(parts[1], parts[0]), pixels / len(counted))
 
 
 def patch_phasors(means: PatchMeans, /, *, harmonics: tuple[int, ...]) -> Complex:

@@ -68,6 +68,7 @@ class _Frame:
     settings: DiffuseSettings
     variances: Float
     offset_m: Float32 | float
+    shared: float
     kernel: str
 
 
@@ -81,6 +82,7 @@ def diffuse_model(
     variances: tuple[float, ...],
     settings: DiffuseSettings,
     samples: float = 1.0,
+    shared: float = 1.0,
     range_offset_m: Float | None = None,
     kernel: str = NUMPY,
 ) -> DiffuseModel | Reason:
@@ -95,11 +97,12 @@ def diffuse_model(
         variances: noise of one channel of each harmonic, in squared units of the phasors, of one recorded pixel.
         settings: which model is asked for, and the harmonics' periods.
         samples: over how many recorded pixels most phasors are a mean.
+        shared: how many of them share their noise, as `SharedNoise` has it.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
         kernel: of `available_kernels`, all of which give the same bits.
     """
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
-    frame = _Frame(grid, settings, np.array(variances) / samples, offset, kernel)
+    frame = _Frame(grid, settings, np.array(variances) / samples, offset, shared, kernel)
     planes = _planes(light, means, frame)
     valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
@@ -122,6 +125,7 @@ def _model(
         planes.on_plane,
         variance=frame.variances[0],
         harmonics=frame.settings.harmonics,
+        shared=frame.shared,
         kernel=frame.kernel,
     )
     ratios, amplitude, seen = means.ratios[:, valid], means.amplitude[valid], planes.surfaces[valid]

@@ -10,7 +10,9 @@ SIGMA = 1e-3
 
 def is_separate(h1: complex, h2: complex, *, sigma: float = SIGMA) -> bool:
     ratio = h2 * abs(h1) / h1**2
-    means = PatchMeans(np.full((1, 1, 1), ratio), np.full((1, 1), 0.2), np.full((1, 1), 64.0), np.zeros((1, 1)))
+    means = PatchMeans(
+        np.full((1, 1, 1), ratio), np.full((1, 1), 0.2), np.full((1, 1), 64.0), np.zeros((1, 1)), np.ones((1, 1))
+    )
     return bool(separate_patches(means, np.ones((1, 1), bool), sigma)[0, 0])
 
 

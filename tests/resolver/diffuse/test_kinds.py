@@ -31,7 +31,7 @@ def frame(ratios: list[complex], *, third: complex = 0.7) -> PatchMeans:
     """Patches in a row, all with 64 pixels of amplitude .2."""
     second: Complex = np.array([ratios])
     ratio, one = np.stack([second, np.full_like(second, third)]), np.ones((1, len(ratios)))
-    return PatchMeans(ratio, 0.2 * one, 64.0 * one, 0.0 * one)
+    return PatchMeans(ratio, 0.2 * one, 64.0 * one, 0.0 * one, one)
 
 
 def kinds(means: PatchMeans, model: MpiModel = "auto") -> PatchKinds:
@@ -125,9 +125,9 @@ def test_the_misfit_is_the_mean_over_lit_patches_alone() -> None:
 
 def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_noise() -> None:
     amplitude, pixels = np.array([0.0031, 0.0029, 0.2, 0.2]), np.array([64.0, 64.0, 6.0, 7.0])
-    means = PatchMeans(np.ones((1, 4), complex), amplitude, pixels, np.zeros(4))
+    means = PatchMeans(np.ones((1, 4), complex), amplitude, pixels, np.zeros(4), pixels / 64.0)
     assert kinds(means).lit.tolist() == [True, False, False, True]
-    least = PatchMeans(np.ones((1, 1), complex), np.array([3 * SIGMA]), np.array([64.0]), np.zeros(1))
+    least = PatchMeans(np.ones((1, 1), complex), np.array([3 * SIGMA]), np.array([64.0]), np.zeros(1), np.ones(1))
     assert kinds(least).lit.tolist() == [False]
 
 
@@ -144,7 +144,9 @@ def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_
 )
 def test_a_lead_of_a_tenth_and_a_ratio_of_six_fifths_are_the_most_of_a_tail(ratio: complex, separate: bool) -> None:
     """Beyond seven times the noise of a mean of 64 pixels: 7 · .001/(.2 · 8) = .0044."""
-    means = PatchMeans(np.full((1, 1, 1), ratio), np.full((1, 1), 0.2), np.full((1, 1), 64.0), np.zeros((1, 1)))
+    means = PatchMeans(
+        np.full((1, 1, 1), ratio), np.full((1, 1), 0.2), np.full((1, 1), 64.0), np.zeros((1, 1)), np.ones((1, 1))
+    )
     assert bool(separate_patches(means, np.ones((1, 1), bool), SIGMA)[0, 0]) is separate
     assert not separate_patches(means, np.zeros((1, 1), bool), SIGMA).any()
 
