@@ -1,4 +1,4 @@
-"""What is known of a capture besides its pixels: the records that `capture.toml` describes, one a table."""
+"""What is known of a capture besides its pixels: the records that `capture.toml` describes, one per table."""
 
 import itertools
 import math
