@@ -160,7 +160,7 @@ def kernel_of_frame(
 
 
 kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
-"""The same, where frames share it: nothing in it is a frame's own."""
+"""`kernel_of_frame`, worked out once for frames that share it: nothing in it is a frame's own."""
 
 
 def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic], kernel: str) -> "Look | None":
@@ -174,4 +174,4 @@ def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.ge
 
 
 look_at_frames = lru_cache(maxsize=4)(look_at_frame)
-"""The same, where frames share it: nothing in it is a frame's own."""
+"""`look_at_frame`, worked out once for frames that share it: nothing in it is a frame's own."""

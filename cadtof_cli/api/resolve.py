@@ -36,7 +36,7 @@ class ResolverOptions(TypedDict, total=False):
 
 
 class ResolveOptions(ResolverOptions, total=False):
-    """What may be given to `resolve`: those, and the fields of `MapSettings`."""
+    """What may be given to `resolve`: the fields of `ResolverSettings`, and those of `MapSettings`."""
 
     depth: DepthKind
     pool: int

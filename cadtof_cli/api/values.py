@@ -48,7 +48,7 @@ def _converted(value: Any, kind: Any) -> Any:
 
 
 _NUMBERS: dict[Any, tuple[str, str]] = {int: ("a whole number", "whole numbers"), float: ("a number", "numbers")}
-"""In words: one, and several."""
+"""A type in words: one value of it, and several."""
 
 
 def _in_words(kind: Any) -> str:

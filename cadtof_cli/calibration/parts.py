@@ -16,7 +16,7 @@ from cadtof_cli.version import __version__
 PartKind = Literal["dark", "response", "petzval"]
 
 PART_KINDS: tuple[PartKind, ...] = get_args(PartKind)
-"""In the order in which they are measured and applied."""
+"""The parts of a calibration, in the order in which they are measured and applied."""
 
 Tables = Mapping[str, Mapping[str, Any]]
 """Values by table and key, as a TOML file holds them."""

@@ -1,4 +1,4 @@
-"""What is known of a capture besides its pixels: the records that `capture.toml` describes, one a table."""
+"""What is known of a capture besides its pixels: the records that `capture.toml` describes, one per table."""
 
 import itertools
 import math
@@ -36,7 +36,7 @@ LEAST_MODULATION = 1e-6
 """A pulse leaves at least this share of the highest harmonic's modulation, or nothing can be resolved."""
 
 _BEYOND_FLOAT = 2**1023
-"""From here on there are whole numbers that no float holds."""
+"""Whole numbers from here on may be too large for a float."""
 
 WIDEST_VIEW_DEG = 140.0
 """Angle of view beyond which no lens is a pinhole."""

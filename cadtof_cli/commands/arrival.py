@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PAUSE_S = 0.5
-"""So long nothing may come before the first paths are taken to be all that there are at present."""
+"""Time without a new path after which the paths that came are taken to be all that there are at present."""
 
 SETTLED_S = 5.0
 """After so long the first paths are handed on, even where more keep coming."""

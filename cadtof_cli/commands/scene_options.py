@@ -19,7 +19,7 @@ _MPI = {"card": "mpi_ratios", "inter-reflection": "mpi_ratio"}
 """What `--mpi` sets of a scene; all others are called like the fields that they set."""
 
 ASR, MPI_RATIO = 5.0, 0.3
-"""Of a pixel, where they are not given."""
+"""Ambient light and MPI of a pixel over its direct light, where the options are not given."""
 
 
 @dataclass(frozen=True, kw_only=True)

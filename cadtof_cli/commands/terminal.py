@@ -110,7 +110,7 @@ class Bar:
     _drawn_s: float = 0.0
 
     def advance(self, steps: int = 1, /, *, total: int | None = None) -> None:
-        """So many steps more are done, of as many as are known of now."""
+        """Count steps that were done, of as many as are known of now."""
         if self.drawn is None:
             return
         self.drawn.update(self.drawn.task_ids[0], advance=steps, total=total)

@@ -17,7 +17,7 @@ else:
     ParamType = click.ParamType
 
 MOST_VALUES = 10_000
-"""Of a grid."""
+"""Values that a grid may have."""
 
 _FORMS = "1,2,5 or start:stop:n or log:start:stop:n"
 

@@ -76,7 +76,7 @@ LATER_AT_ONCE = 4
 """Results of one process that may be waited for at once: a disk takes several files in about the time of one."""
 
 HELD_AT_ONCE = 2
-"""Of those, as many may hold much memory, such as maps that are still to be written: more do not make the disk faster."""
+"""Results waited for at once that may hold much memory, such as maps still to be written: more do not make the disk faster."""
 
 
 @dataclass(eq=False)

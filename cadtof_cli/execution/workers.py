@@ -13,7 +13,7 @@ from cadtof_cli.records import dataclass
 StartMethod = Literal["fork", "spawn", "forkserver"]
 
 START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver") if hasattr(os, "fork") else ("spawn",)
-"""Those of this system."""
+"""How processes can be started on this system."""
 
 START_METHOD: StartMethod = "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
 """The usual one: `fork` is safe before any thread runs, and starts in milliseconds."""

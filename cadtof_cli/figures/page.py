@@ -30,7 +30,7 @@ LEGEND_ENTRY = 190
 """Width of an entry of the legend."""
 
 _AREA, _WIDEST, _TALLEST, _NARROWEST = 88_000.0, 760.0, 900.0, 122.0
-"""Of a panel: its area, as far as neither side is longer than the next two, and the least that its titles take across."""
+"""Area of a panel; the largest width and height, where the area gives way; and the least width, which its titles take."""
 
 _GAP, _BAR, _LEFT, _TOP, _TITLE, _BOTTOM, _LEGEND_ROW = 14.0, 80.0, 58.0, 40.0, 42.0, 44.0, 24.0
 """Between panels; for a bar of colours; left of all; for the page's title; for a panel's; below all; for a row of the legend."""

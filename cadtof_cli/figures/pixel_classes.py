@@ -26,7 +26,7 @@ class PixelClass(Enum):
 
     @property
     def colour(self) -> str:
-        """As matplotlib knows it."""
+        """The colour as matplotlib takes it."""
         return self.value[1]
 
 

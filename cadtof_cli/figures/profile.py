@@ -15,7 +15,7 @@ from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.units import shortened
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Of runs, in their order: Okabe and Ito's, told apart by the colour-blind."""
+"""Colours of runs, in their order: Okabe and Ito's, which the colour-blind tell apart."""
 
 TRUTH_COLOUR = "#000000"
 

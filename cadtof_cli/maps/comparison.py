@@ -26,7 +26,7 @@ class LayerDifference:
 
 @dataclass
 class BitChange:
-    """In how many pixels B has a status bit that A lacks, and the other way round."""
+    """How many pixels have a status bit in B but not in A, and the other way round."""
 
     gained: int
     lost: int

@@ -9,7 +9,7 @@ from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.maps.comparison import MagnitudeTally
 
 ERROR_TITLES = ("median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ")
-"""Of the columns of a table of errors; the first two are of |error|."""
+"""Titles of the columns of a table of errors; the first two columns are of |error|."""
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ _SEARCHED = Layer("chi_squared", "", lambda source: (source.resolved.chi_squared
 """What the paths leave over the noise."""
 
 _AVERAGED = Layer(EFFECTIVE_PIXELS, "", lambda source: (source.samples, 1.0))
-"""Over how many recorded pixels each has been averaged."""
+"""The layer of how many recorded pixels each pixel is a mean of."""
 
 _UNITS_BESIDE_MAPS = {"mean": "m", "std": "m", "delay": "ns"}
 """Units of quantities of truth, and over the frames of a run."""

@@ -36,7 +36,7 @@ TOO_MANY = 0.25
 """Share of sound pixels with a phasor that is too long which is not the doing of a few bad ones."""
 
 SCATTER_STEPS = 2.0
-"""By how many steps of whole numbers neighbours differ in the middle, where no plane of a frame can hold one value."""
+"""Median difference of neighbours, in steps of whole numbers, from which on no plane of a frame can hold one value."""
 
 _FEW_VALUES = 8
 """Values in a plane, such as that of saturated pixels, up to which another may hold the same in the same places."""

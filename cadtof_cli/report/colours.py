@@ -15,7 +15,7 @@ from cadtof_cli.files.png import indexed_png
 from cadtof_cli.report.frames import sampled
 
 COLOURS = 255
-"""Of the scale of depths; one more stands for no answer."""
+"""Number of colours of the scale of depths; one more stands for no answer."""
 
 
 @lru_cache(maxsize=1)

@@ -29,7 +29,7 @@ from cadtof_cli.resolver.status import MEANING, bit_words
 from cadtof_cli.version import __version__
 
 SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud.js", "panels.js", "main.js")
-"""In the order in which they use each other."""
+"""The scripts of the page: those that others use stand first."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ class Progress(Protocol):
     """Told of each step of a workflow."""
 
     def advance(self, steps: int = 1, /, *, total: int | None = None) -> None:
-        """So many steps more are done; where the `total` is given, there are so many as far as is known."""
+        """Count `steps` that were done; `total`, where it is given, is how many there are as far as is known."""
 
     def say(self, message: str, /) -> None:
         """Something that the user should know."""

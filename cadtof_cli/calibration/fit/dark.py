@@ -18,7 +18,7 @@ ROUNDING = 8.0 * float(np.finfo(np.float32).eps)
 """Where there is no noise: share of the median offset that rounding may move an offset by."""
 
 ROUNDING_V = 1e-12
-"""The same in volts, for a median offset near 0."""
+"""Where there is no noise: volts that rounding may move an offset by where the median offset is near 0."""
 
 NOISE_FALSE_ALARM = 1e-9
 """Probability that a sound pixel's noise is taken for an outlier by chance; it must also differ by `NOISE_RATIO`."""

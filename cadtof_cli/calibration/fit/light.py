@@ -29,7 +29,7 @@ LAW_SHARE = 0.05
 """Share of a harmonic's residuals from a linear map that, if the law of light predicts it, is no longer chance."""
 
 LAW_SHARE_OF_ROWS = 6.0
-"""That share times the rows or columns, whichever are fewer: offsets of whole rows are no more independent values."""
+"""The share `LAW_SHARE` times the rows or columns, whichever are fewer: offsets of whole rows are no more independent values."""
 
 LIGHT_LEVEL = 0.1
 """Largest offset that all pixels may have in common at every harmonic, over the modulation amplitude."""

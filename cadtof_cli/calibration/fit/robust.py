@@ -18,7 +18,7 @@ BIWEIGHT_LIMIT = 4.685
 """Residual over scale from which on an observation has no weight; 95 % as efficient as least squares on Gaussian noise."""
 
 BIWEIGHT_EFFICIENCY = 0.95
-"""This efficiency, by which its covariance is larger than that of least squares."""
+"""Efficiency of the biweight with this limit, by which its covariance is larger than that of least squares."""
 
 MOST_STEPS = 60
 """Gauss–Newton steps at the most; which observations are outliers is settled after a few of them, mostly."""

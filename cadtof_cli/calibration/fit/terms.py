@@ -45,7 +45,7 @@ class TermFit:
     """The terms that were taken.
 
     Attributes:
-        terms: all terms of each harmonic, those of the waveform among them.
+        terms: all terms of each harmonic, the waveform's among them.
         stderr: standard errors of each harmonic's terms, in the order in which they were taken.
         residual: what is left over the noise: 1 where noise is all that is left.
         findings: why each term was taken or left, in words.
@@ -87,7 +87,7 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
 
 
 def composed(base: dict[int, complex], changes: dict[int, complex]) -> dict[int, complex]:
-    """Return the terms of a waveform `base` after changes by k; that of k = −1 is an imbalance, which mirrors all of the base."""
+    """Return the terms of a waveform `base` after changes by k; that of k = −1 is an imbalance, which mirrors all of it."""
     terms = dict(base)
     for k, change in changes.items():
         for order, share in _shape(base, k).items():

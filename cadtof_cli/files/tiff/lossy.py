@@ -18,7 +18,7 @@ _DEFLATE, _ZSTANDARD = 1, 2
 """What LERC may be packed in once more."""
 
 _MOST_HEADER_BYTES = 64
-"""Of JPEG XR: more than all of a header takes that is not cut into hundreds of tiles."""
+"""Bytes of a JPEG XR that hold all of its header, unless the image is cut into hundreds of tiles."""
 
 _ROUNDING = 0.5
 """What LERC calls the error of whole numbers that it keeps."""
@@ -175,4 +175,4 @@ _TOLD_BY: dict[int, Callable[[bytes, tifffile.TiffPage], str | None]] = {
     50002: _jpeg_xl,
     52546: _jpeg_xl,
 }
-"""By the code of a compression."""
+"""What tells whether values are changed, by the code of a compression."""

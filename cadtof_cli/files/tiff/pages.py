@@ -44,7 +44,7 @@ _FORMS = {
     for order in "<>"
     for big in (False, True)
 }
-"""By byte order, and whether it is a BigTIFF."""
+"""How the structures of a TIFF are laid out, by byte order and whether it is a BigTIFF."""
 
 
 def require_sound_chain(path: Path, descriptor: int, size: int) -> None:

@@ -57,10 +57,10 @@ they are says nothing of the lag."""
 
 STANDING_OUT, LARGEST_LOCAL = 3.0, 20.0
 """Mean χ² of a patch and its neighbours from which they show something that the rest of the room does not, such as a net close to
-its wall; and from which it counts no more, so that no patch alone makes that of its neighbours."""
+its wall; and from which it counts no more, so that no patch alone makes its neighbours stand out."""
 
 STANDING_OUT_OF_MANY = 4.0
-"""The same over the median of the frame: where all patches are missed, none stands out."""
+"""Mean χ², over the median of the frame, from which patches stand out: where all patches are missed, none does."""
 
 UNEXPECTED = 12.0
 """How much the variance of patches that stand out grows per unit of χ² beyond these limits, over their posterior variance."""
@@ -69,7 +69,7 @@ LAG_ERROR = (0.0, 0.05)
 """Standard deviation of the lag, as a share of it, that all patches have in common."""
 
 BESIDE_ERROR = (0.0, 0.5)
-"""The same of the lag by light from beside the view, as a share of that."""
+"""Standard deviation of the lag by light from beside the view, as a share of it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,7 +44,7 @@ LARGEST_EXPONENT = 80.0
 """Exponents beyond this have no meaning here, but an answer that is the same everywhere."""
 
 LARGEST_PHASE = 1e4
-"""The same for phases, in rad."""
+"""Phases beyond this, in rad, have no meaning here, but an answer that is the same everywhere."""
 
 Array = Any
 """float32 (…): numpy's stubs take such an array times a Python number for float64, which it is not."""

@@ -22,7 +22,7 @@ STEPS = 4
 """Gauss–Newton steps; with more the state still moves along what the data leave open, and depth gets no better."""
 
 INDEPENDENT_PATCHES = 4.0
-"""As how many independent patches a frame's patches weigh together."""
+"""Weight of all patches of a frame together, in independent patches."""
 
 FARTHEST = 3.0
 """How far the frame's state may go from the prior's mean, in standard deviations between rooms."""

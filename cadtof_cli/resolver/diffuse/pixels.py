@@ -29,7 +29,8 @@ LEAST_AMPLITUDE = 0.1
 """Least |p_1| in standard deviations of its noise that the noise of its data is taken for; fainter pixels have no answer."""
 
 LEAST_HARMONIC = 1.0
-"""The same for |p_h|: where it is all noise, its phase is known to about a radian."""
+"""Least |p_h| in standard deviations of its noise that the noise of its data is taken for: all noise, its phase is known to
+about a radian."""
 
 LEAST_SHARE = 0.05
 """Least variance of the direct phase, as a share of that of arg p_1: a tail cannot cancel the noise of the data."""

@@ -57,7 +57,7 @@ NO_RATIO = 1e-9
 """|q_h| below which its logarithm is of no interest: it must be finite."""
 
 UNHEARD = 1e6
-"""By how much the noise of patches with two surfaces is raised, so that they say nothing of the room."""
+"""Factor by which the noise of patches with two surfaces is raised, so that they say nothing of the room."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,8 +221,10 @@ def _seen_through(
 
 
 def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float) -> Beside:
-    """Return the lags by light that the view does not show; that of guessed walls counts where a patch faces little that is
-    known, and where there is little MPI, less of it is early light that the fit does not see.
+    """Return the lags by light that the view does not show.
+
+    Light of guessed walls counts where a patch faces little that is known; where there is little MPI, less of it is early light
+    that the fit does not see.
     """
     light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m, kernel=frame.kernel)
     open_share = tail.light.open_share

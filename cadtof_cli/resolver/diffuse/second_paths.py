@@ -1,7 +1,8 @@
 """What two true paths show and a tail does not, though any q_2 can be that of two paths.
 
 A second path that comes by a mirror, a pane or the lens has the same share of the light all over the view, whatever its delay.
-In a room, both follow from where a surface lies. And two paths foretell a third harmonic, which those of a tail miss.
+In a room, both follow from where a surface lies. And two true paths foretell a third harmonic; two paths that explain
+the first two harmonics of a tail miss its third.
 """
 
 from functools import cached_property

@@ -102,7 +102,7 @@ class TailModel:
         """Return the real and imaginary part and the square of H_h, (3, H, n), and the Jacobian of the values.
 
         In real numbers, whose every operation is rounded alone: numpy's products of complex ones differ from machine to machine.
-        `natural`, (5, n), is s, b, u, v and τ; `cos` and `sin`, (H, n), those of hωt.
+        `natural`, (5, n), is s, b, u, v and τ; `cos` and `sin`, (H, n), belong to hωt.
         """
         s, b, u, v, decay = natural
         # 1/(1 − ihωτ)

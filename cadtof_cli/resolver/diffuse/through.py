@@ -20,7 +20,7 @@ from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
 
 NEAR_SHARE, FAR_SHARE = 0.25, 0.2
-"""Least share of the nearer and of the farther path in a patch's light: below, it may be what the typical tail is wrong by."""
+"""Least share of the nearer and of the farther path in a patch's light: less may be an error of the typical tail."""
 
 APART_NS = (2.0, 18.0)
 """Least and largest delay between the two: closer ones cannot be told, and later ones come from round the period."""
@@ -40,7 +40,7 @@ LARGEST_COVER = 0.4
 rendered or hung cover up to a quarter."""
 
 BESIDE_SHARE = 0.15
-"""The same of the farther path in a patch beside such ones, whatever its farther path ends on."""
+"""Least share of the farther path in a patch beside patches that show something, whatever that path ends on."""
 
 SAME_NET = 0.06
 """Relative difference of range within which a patch with two paths belongs to the net beside it."""

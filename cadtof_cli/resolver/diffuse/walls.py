@@ -12,7 +12,7 @@ LEAST_PATCHES = 8
 """Patches that a wall is seen by."""
 
 LEAST_NEIGHBOURS = 6
-"""Of a patch and its eight neighbours, those that must be there for a plane through them."""
+"""How many of a patch and its eight neighbours must be valid for a plane through them."""
 
 ON_PLANE = 0.03
 """Relative difference of depth within which a patch lies on a plane."""

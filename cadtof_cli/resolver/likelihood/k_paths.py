@@ -19,13 +19,13 @@ SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
 """From a start to a minimum, with white noise: to a third of a standard deviation of the phasors, and a step further."""
 
 CLOSE_SEARCH = LevenbergMarquardt(max_steps=40, absolute=1e-3)
-"""The same for more than two paths, which lie in long valleys: they need a step or two more."""
+"""From a start to a minimum for more than two paths, which lie in long valleys: they need a step or two more."""
 
 EXACT_SEARCH = LevenbergMarquardt(max_steps=40, absolute=1e-12)
-"""The same where there are as many paths as harmonics: they leave nothing at all."""
+"""From a start to a minimum for as many paths as harmonics: they leave nothing at all."""
 
 POLISH = LevenbergMarquardt(max_steps=40, absolute=0.1, first_damping=1e-6)
-"""From there to the maximum of the likelihood with the noise that the found light has, as closely."""
+"""From the minimum that was found to the maximum of the likelihood with the noise that this light has, as closely."""
 
 ON_THE_SPOT = LevenbergMarquardt(max_steps=0)
 """No step: cost and matrix where others have ended."""

@@ -18,7 +18,7 @@ ORDER_TEST_STEPS = 2
 """Gauss–Newton steps of the one-path fit where the order test or two paths follow."""
 
 ONE_PATH_STEPS = 6
-"""Those where one path is all that is asked for."""
+"""Gauss–Newton steps of the one-path fit where one path is all that is asked for."""
 
 
 class FullResponse:

@@ -44,7 +44,7 @@ class ResponseTable:
 
     @cached_property
     def entries(self) -> Float32:
-        """The same by entries, (ENTRIES, 4): what a look-up needs lies together."""
+        """The planes by entries, (ENTRIES, 4): what a look-up needs lies together."""
         return np.ascontiguousarray(self.planes.T)
 
     @cached_property

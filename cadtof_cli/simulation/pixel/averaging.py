@@ -45,7 +45,7 @@ class Capacitors:
 
     @property
     def nodes_ff(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """For each channel: the sampling capacitor, then what stands behind SM, ST1 and ST2."""
+        """Capacitances of each channel, fF: the sampling capacitor, then what stands behind SM, ST1 and ST2."""
         c = self.values_ff
         return (c[0], c[1], c[4] + c[5], c[8] + c[9]), (c[2], c[3], c[6] + c[7], c[10] + c[11])
 

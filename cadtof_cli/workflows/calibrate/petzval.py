@@ -30,7 +30,7 @@ from cadtof_cli.workflows.calibrate.captures import (
 from cadtof_cli.workflows.progress import Progress
 
 FALSE_ALARM = 1e-4
-"""Of the order test: the mean of many frames shows the maps' own noise too, which is not MPI."""
+"""False alarms of the order test: the mean of many frames shows the maps' own noise too, which is not MPI."""
 
 
 def calibrate_petzval(

@@ -41,7 +41,7 @@ class FrameDifference:
 
 @dataclass
 class AnswerChange:
-    """In how many pixels only one of the two has a value."""
+    """How many pixels have a value in only one of the two."""
 
     only_a: int = 0
     only_b: int = 0

@@ -16,13 +16,13 @@ from cadtof_cli.simulation.scene.rooms.solids import Box, Interior, Patch
 from cadtof_cli.simulation.scene.rooms.view import Room, View
 
 SIZE_M = 2.765
-"""Of the box along each side, five times the original's."""
+"""Length of each side of the box, five times the original's."""
 
 STAND_OFF_M = 1.6
-"""From the camera to the open side."""
+"""Distance of the camera from the open side."""
 
 BLOCK_WIDTH_M = 0.825
-"""Of both blocks, along both sides."""
+"""Width and depth of both blocks."""
 
 WHITE, RED, GREEN = 0.75, 0.6, 0.35
 

@@ -36,7 +36,7 @@ class Piece:
 
     @property
     def height_m(self) -> float:
-        """Of its highest point over the floor."""
+        """Height of its highest point over the floor."""
         return max((centre[1] + half[1] for centre, half in self.parts), default=2 * self.radius_m)
 
     def solids(

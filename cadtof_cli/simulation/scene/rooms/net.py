@@ -27,7 +27,7 @@ DRAWN_ASIDE_RAD = math.radians(8.0)
 """How far its middle is to the side of the view's at most."""
 
 DRAWN_ALBEDO = (0.4, 0.9)
-"""Of its threads."""
+"""Least and largest albedo of its threads."""
 
 HALF_THICKNESS_M = 0.002
 

@@ -195,7 +195,7 @@ class Interior:
 
     @property
     def area_m2(self) -> float:
-        """Of the six faces."""
+        """Area of all six faces together."""
         width, height, depth = self.size_m
         return 2.0 * (width * height + height * depth + depth * width)
 
