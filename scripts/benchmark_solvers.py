@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from speed.paper_way import paper_way
 
+from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import read_stored
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
@@ -27,7 +29,11 @@ from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages
+from cadtof_cli.simulation.scene.scenes import Wall
 from cadtof_cli.units import C_M_PER_NS
+from cadtof_cli.workflows.simulate.record import expose
 from tests.support.mixtures import C, F, Mixture, noise_of, recorded
 
 CARD = Path(__file__).resolve().parent.parent / "sample_data" / "card"
@@ -223,24 +229,34 @@ def paths(pixels: int) -> None:
 
 
 def pooling() -> None:
-    """What pooling does to the card below its clean rows, and beside an edge."""
+    """What pooling does to the card below its clean rows, to a wall, and beside an edge."""
     table("the card", "direct RMSE, cm", "of that without pooling (5 × 5: ≤ 0.35)", "true errors over sigma")
     (capture,) = find_captures([CARD])
-    stored = read_stored(capture.frames[0], capture.layout)
-    truth = read_layers(CARD / "truth.exr")[DIRECT_DEPTH][CLEAN_ROWS:]
-    alone = 0.0
-    for window in (1, 3, 5, 7):
-        plan = FramePlan(metadata=capture.source.metadata, settings=MapSettings(pool=window))
-        maps = resolve_frame(stored, plan=plan).maps
-        error, sigma = (maps.layer(name)[CLEAN_ROWS:].astype(np.float64) for name in (DIRECT_DEPTH, DIRECT_SIGMA))
-        error -= truth
-        rmse = 100.0 * float(np.sqrt(np.nanmean(error**2)))
-        alone = alone or rmse
-        spread = float(np.nanmedian(np.abs(error / sigma))) / MAD_PER_SIGMA
-        row(f"{window} × {window}", f"{rmse:.3f}", f"{rmse / alone:.3f}", f"{spread:.2f}")
+    stored, truth = read_stored(capture.frames[0], capture.layout), read_layers(CARD / "truth.exr")[DIRECT_DEPTH]
+    _pooled_rows("", stored, capture.source.metadata, truth, slice(CLEAN_ROWS, None))
+    table("a wall at 4 m without MPI, n_av 1e5", "direct RMSE, cm", "of that without pooling", "true errors over sigma")
+    camera = Camera()
+    metadata = CaptureMetadata(optics=camera.optics, pixel=Pixel(integration_length=1e5))
+    exposure = Exposure(scene=Wall(distance_m=4.0), camera=camera, metadata=metadata, seed=3)
+    band = expose(exposure)
+    _pooled_rows("wall, ", frame_voltages(exposure, band, 0), metadata, band.truth[DIRECT_DEPTH], slice(None))
     table("step of 30 cm, ASR 2, MPI 0.3, n_av 1e5", "columns beside the edge off by > 3 cm")
     for window in (1, 5, 7):
         row(f"beside a step, {window} × {window}", _smeared_columns(window))
+
+
+def _pooled_rows(of: str, stored: Stored, metadata: CaptureMetadata, truth: F, rows: slice) -> None:
+    """Print how far the direct depths of some rows of a frame are off without pooling and with it."""
+    alone = 0.0
+    for window in (1, 3, 5, 7):
+        plan = FramePlan(metadata=metadata, settings=MapSettings(pool=window))
+        maps = resolve_frame(stored, plan=plan).maps
+        depth, sigma = (maps.layer(name)[rows].astype(np.float64) for name in (DIRECT_DEPTH, DIRECT_SIGMA))
+        error = depth - truth[rows]
+        rmse = 100.0 * float(np.sqrt(np.nanmean(error**2)))
+        alone = alone or rmse
+        spread = float(np.nanmedian(np.abs(error / sigma))) / MAD_PER_SIGMA
+        row(f"{of}{window} × {window}", f"{rmse:.3f}", f"{rmse / alone:.3f}", f"{spread:.2f}")
 
 
 def _smeared_columns(window: int) -> int:

@@ -1,10 +1,12 @@
 """Phasors with less noise: the mean over those neighbours that show the same light, as far as the known noise can tell.
 
-Phasors are linear in the voltages, so a mean of phasors is what an exposure as many times as long would have recorded. A
-neighbour counts where its phasors, in confidence and in phase at every harmonic, differ from the pixel's by no more than noise
-does; across an edge they differ by far more, so edges stay where they are.
+Phasors are linear in the voltages, so a mean of phasors is what an exposure as many times as long would have recorded. Neighbours
+count in pairs, one on either side of the pixel, where the mean of both differs from the pixel's phasors, in confidence and in
+phase at every harmonic, by no more than noise does. On a surface that slants, both differ from the pixel, but not their mean.
+Across an edge it differs by far more, so edges stay where they are.
 """
 
+import math
 import time
 
 import numpy as np
@@ -15,6 +17,10 @@ from cadtof_cli.records import dataclass
 
 LOST_NEIGHBOURS = 1e-3
 """Share of neighbours with the same light that noise alone keeps out."""
+
+BENT = 0.1
+"""By what share of its noise a pixel's phasors may come out too small. The mean of two phasors that a slope turns by δ to either
+side has the right phase, but cos δ of the amplitude, less at higher harmonics: as light that comes by more than one way."""
 
 BLOCK_PIXELS = 4096
 """Least number of pixels that are dealt with at a time: numpy's loops over planes of fewer take thrice as long a pixel, and as
@@ -45,10 +51,11 @@ class SharedNoise:
 def pooled_phasors(
     phasors: Complex, /, *, usable: Bool, samples: Float, noise: NoiseModel, window: int
 ) -> PooledPhasors:
-    """Return the means of every pixel and its neighbours with the same light; inputs are not changed.
+    """Return the means of every pixel and its pairs of neighbours with the same light; inputs are not changed.
 
-    Neighbours are compared twice: with the pixel, and then with the mean that came of it, whose noise is small. So a pixel
-    that noise has thrown far from the others still finds them.
+    Pairs are compared twice: with the pixel, and then with the mean that came of it, whose noise is small. So a pixel that noise
+    has thrown far from the others still finds them. Where one of a pair is not usable, or beyond the frame, the other gives
+    nothing; where they stand for different numbers of recorded pixels, both count as the one that stands for fewer.
 
     Args:
         phasors: (H, Y, X), each the mean of `samples` recorded pixels.
@@ -68,9 +75,10 @@ def pooled_phasors(
     np.copyto(margins.inside(weight)[0], samples, where=usable)
     limit = chi_squared_threshold(LOST_NEIGHBOURS, pairs=len(phasors))
     with np.errstate(all="ignore"):
-        light = _Light(given, np.concatenate((given * weight, weight)), limit / weight[0])
+        # what is not usable agrees with nothing
+        light = _Light(given, weight[0], np.where(weight[0] > 0.0, limit / weight[0], np.nan))
         first = _sums_of_alike(light, given, light.most, margins)
-        sums = _sums_of_alike(light, first[:-1] / first[-1], limit / first[-1], margins)
+        sums = _sums_of_alike(light, first[:-1] / first[-1], limit / first[-1], margins, bent=BENT)
         mean = margins.inside(sums[:-1] / sums[-1]).reshape(2, *phasors.shape) / scales
     pooled = np.empty_like(phasors)
     pooled.real, pooled.imag = mean
@@ -149,43 +157,55 @@ class _Margins:
             for begin in begins
         ]
 
-    def offsets(self, *, half: bool) -> list[int]:
-        """Return how many places neighbours are away; with `half`, only those that come after the pixel."""
+    def offsets(self) -> list[int]:
+        """Return how many places after the pixel the later of each pair of neighbours is."""
         reach = range(-self.reach, self.reach + 1)
-        away = [(dy, dx) for dy in reach for dx in reach if (dy, dx) != (0, 0)]
-        return [dy * self.row + dx for dy, dx in away if not half or dy * self.row + dx > 0]
+        away = [dy * self.row + dx for dy in reach for dx in reach]
+        return [places for places in away if places > 0]
 
 
 @dataclass(frozen=True)
 class _Light:
-    """What neighbours give, flat: planes whose noise is 1 for a pixel of weight 1, and as they count.
+    """What neighbours give, flat: planes whose noise is 1 for a pixel of weight 1, (2·H, places), and the `weight`, (places,).
 
-    `counted` is each plane times the weight, then the weight; `most` is the misfit that each pixel's noise explains.
+    `most` is the misfit that each pixel's noise explains.
     """
 
     given: Float
-    counted: Float
+    weight: Float
     most: Float
 
 
-def _sums_of_alike(light: _Light, reference: Float, reference_most: Float, margins: _Margins) -> Float:
-    """Return the sums of what counts of all neighbours that agree with a pixel's reference, and of the pixel itself.
+def _sums_of_alike(
+    light: _Light, reference: Float, reference_most: Float, margins: _Margins, *, bent: float = math.inf
+) -> Float:
+    """Return the sums of what is given times its weight, and of the weights, of a pixel and of all pairs that agree with it.
 
-    Where the references are what is given, neighbours agree with each other or do not: each pair is looked at once. A few rows
-    are dealt with at a time, for all offsets, as they stay in the processor's cache then.
+    They agree where the mean of both differs from the pixel's reference by no more than noise explains, and each of them from the
+    other by no more than that or what makes their mean smaller by the share `bent` of a pixel's noise. A few rows are dealt with
+    at a time, for all offsets, as they stay in the processor's cache then.
     """
-    both = reference is light.given
-    sums = light.counted.copy()
+    sums = np.concatenate((light.given * light.weight, light.weight[np.newaxis]))
     for here in margins.blocks():
-        counted, misfit = np.empty((2, *sums[:, here].shape))
-        for offset in margins.offsets(half=both):
-            there = slice(here.start + offset, here.stop + offset)
-            np.subtract(reference[:, here], light.given[:, there], out=misfit[:-1])
-            np.multiply(misfit[:-1], misfit[:-1], out=misfit[:-1])
-            # what is not usable has no limit, and counts for nothing; nobody looks at its own mean
-            limit = reference_most[here] + light.most[there]
-            alike = (np.add.reduce(misfit[:-1], axis=0, out=misfit[-1]) <= limit).astype(np.float64)
-            for to, other in ((here, there), (there, here))[: 1 + both]:
-                total = sums[:, to]  # added to in place: an index on the left of += would be written back once more
-                total += np.multiply(light.counted[:, other], alike, out=counted)
+        total, of_reference = sums[:, here], reference[:, here]
+        both, squares = np.empty((2, *of_reference.shape))
+        # δ²/2 of the amplitude a is (2·a·δ)²/(8·a)
+        turned = 8.0 * bent * np.sqrt((of_reference * of_reference).sum(axis=0) / (len(of_reference) // 2))
+        for offset in margins.offsets():
+            after, before = (slice(here.start + to, here.stop + to) for to in (offset, -offset))
+            most = light.most[after] + light.most[before]
+            np.add(light.given[:, after], light.given[:, before], out=both)
+            np.multiply(both, 0.5, out=squares)
+            np.subtract(squares, of_reference, out=squares)
+            np.multiply(squares, squares, out=squares)
+            alike = squares.sum(axis=0) <= reference_most[here] + 0.25 * most
+            if bent < math.inf:
+                np.subtract(light.given[:, after], light.given[:, before], out=squares)
+                np.multiply(squares, squares, out=squares)
+                alike &= squares.sum(axis=0) <= most + turned
+            weight = np.minimum(light.weight[after], light.weight[before]) * alike
+            # added to in place: an index on the left of += would be written back once more
+            values, weights = total[:-1], total[-1]
+            values += np.multiply(both, weight, out=both)
+            weights += 2.0 * weight
     return sums

@@ -127,9 +127,10 @@ def end_with(run: Callable[[], int], tree: Path, log: Path, /) -> NoReturn:
         code = run()
     except BaseException:
         traceback.print_exc()
-        sys.stderr.flush()
         raise
     finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
         os._exit(code)
 
 
