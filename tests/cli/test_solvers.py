@@ -69,19 +69,20 @@ def test_pooling_and_averaging_lower_the_noise_and_say_by_how_much(tmp_path: Pat
     single = depth_std_m(TWO, (1, 2))
     for options, names, pixels in (
         (("--average", 2), ["frame_0000", "frame_0002", "frame_0004"], [2.0, 2.0, 1.0]),
-        (("--pool", 3), [f"frame_{index:04}" for index in range(5)], [7.8] * 5),
-        (("--average", 5, "--pool", 3), ["frame_0000"], [39.0]),
+        (("--pool", 3), [f"frame_{index:04}" for index in range(5)], [7.3] * 5),
+        (("--average", 5, "--pool", 3), ["frame_0000"], [36.7]),
     ):
         out = tmp_path / "-".join(map(str, options))
         assert resolve(capture, out, *options) == Finished(0, "", "")
         assert [path.stem for path in sorted(out.glob("*.exr"))] == names
         for name, expected in zip(names, pixels, strict=True):
             maps = read_maps(out / f"{name}.exr")
-            assert maps["effective_pixels"].mean() == pytest.approx(expected, rel=0.05)
-            assert np.median(maps["direct.sigma"]) == pytest.approx(single / expected**0.5, rel=0.1)
+            effective = maps["effective_pixels"]
+            assert effective.mean() == pytest.approx(expected, rel=0.05)
+            assert np.median(maps["direct.sigma"]) == pytest.approx(single / np.median(effective) ** 0.5, rel=0.1)
             assert maps["direct.depth"].std() < 1.5 * single / expected**0.5
             pooled = (maps["status"].astype(int) & StatusBit.POOLED) > 0
-            assert pooled.all() == (expected > 1.0)
+            np.testing.assert_array_equal(pooled, effective > 1.0)
 
 
 def test_a_frame_that_cannot_be_read_is_left_out_of_its_mean(tmp_path: Path) -> None:
