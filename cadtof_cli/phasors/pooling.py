@@ -186,26 +186,26 @@ def _sums_of_alike(
     at a time, for all offsets, as they stay in the processor's cache then.
     """
     sums = np.concatenate((light.given * light.weight, light.weight[np.newaxis]))
+    half = 0.5 * light.given
     for here in margins.blocks():
         total, of_reference = sums[:, here], reference[:, here]
-        both, squares = np.empty((2, *of_reference.shape))
-        # δ²/2 of the amplitude a is (2·a·δ)²/(8·a)
-        turned = 8.0 * bent * np.sqrt((of_reference * of_reference).sum(axis=0) / (len(of_reference) // 2))
+        mean, squares = np.empty((2, *of_reference.shape))
+        # half of what two differ by is a·δ, and δ²/2 of the amplitude a is missing
+        turned = 2.0 * bent * np.sqrt((of_reference * of_reference).sum(axis=0) / (len(of_reference) // 2))
         for offset in margins.offsets():
             after, before = (slice(here.start + to, here.stop + to) for to in (offset, -offset))
-            most = light.most[after] + light.most[before]
-            np.add(light.given[:, after], light.given[:, before], out=both)
-            np.multiply(both, 0.5, out=squares)
-            np.subtract(squares, of_reference, out=squares)
+            most = 0.25 * (light.most[after] + light.most[before])
+            np.add(half[:, after], half[:, before], out=mean)
+            np.subtract(mean, of_reference, out=squares)
             np.multiply(squares, squares, out=squares)
-            alike = squares.sum(axis=0) <= reference_most[here] + 0.25 * most
+            alike = squares.sum(axis=0) <= reference_most[here] + most
             if bent < math.inf:
-                np.subtract(light.given[:, after], light.given[:, before], out=squares)
+                np.subtract(half[:, after], half[:, before], out=squares)
                 np.multiply(squares, squares, out=squares)
                 alike &= squares.sum(axis=0) <= most + turned
-            weight = np.minimum(light.weight[after], light.weight[before]) * alike
+            weight = 2.0 * np.minimum(light.weight[after], light.weight[before]) * alike
             # added to in place: an index on the left of += would be written back once more
             values, weights = total[:-1], total[-1]
-            values += np.multiply(both, weight, out=both)
-            weights += 2.0 * weight
+            values += np.multiply(mean, weight, out=mean)
+            weights += weight
     return sums
