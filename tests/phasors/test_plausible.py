@@ -94,6 +94,17 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
             Voltage(zero_counts=32896.0, volts_per_count=STEP),
             "scaled to 8 bits",
         ),
+        # each picture by itself stretched over all of its range, as MATLAB's mat2gray does
+        (
+            np.rint(np.interp(counts(), (counts().min(), counts().max()), (0, 255))).astype(np.uint8),
+            COUNTS,
+            "scaled to 8 bits",
+        ),
+        (
+            np.rint((counts() - counts().min()) / 10).astype(np.uint16),
+            COUNTS,
+            "zero_counts = 8192 is far from them: give --zero-counts",
+        ),
         ((counts() - ZERO).astype(np.int16), COUNTS, "like counts with the zero taken out: give --zero-counts 0"),
         ((counts() + 20000).astype(np.uint16), COUNTS, "zero_counts = 8192 is far from them: give --zero-counts"),
     ],
