@@ -274,9 +274,9 @@ def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None =
     pattern = source.metadata.layout.pattern
     looked_for = _expected_names(pattern)
     if among is None:
-        entries = _entries(root, pattern)
-        among = [name for name, is_dir in entries if not is_dir or name.lower().endswith(FRAME_SUFFIXES)]
-    hint = _what_is_missing(root, source.metadata.layout, {Path(name).suffix.lower(): name for name in among})
+        among = [name + "/" * is_dir for name, is_dir in _entries(root, pattern) or _entries(root)]
+    files = (name for name in among if not name.endswith("/"))
+    hint = _what_is_missing(root, source.metadata.layout, {Path(name).suffix.lower(): name for name in files})
     return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}{hint}")
 
 
@@ -288,6 +288,9 @@ def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -
         return f"; what dumps such as {dump} hold is said by --raw-dtype and --raw-shape, or [layout.raw]"
     if layout.pattern is None and ".png" in by_suffix:
         return "; a PNG holds one plane, and --pattern says how the planes of a frame are named"
+    suffixes = frame_suffixes(planes=True, raw=layout.raw_dtype is not None)
+    if layout.pattern is not None and not layout.pattern.lower().endswith(suffixes):
+        return f"; planes are read from {', '.join(suffixes)} files"
     return ""
 
 
