@@ -22,7 +22,7 @@ from cadtof_cli.capture.checks import (
     each,
 )
 from cadtof_cli.records import dataclass
-from cadtof_cli.units import FWHM_PER_SIGMA
+from cadtof_cli.units import FWHM_PER_SIGMA, unambiguous_range_m
 
 Waveform = Literal["sine", "triangle"]
 
@@ -37,6 +37,9 @@ LEAST_MODULATION = 1e-6
 
 _BEYOND_FLOAT = 2**1023
 """Whole numbers from here on may be too large for a float."""
+
+SHORTEST_PULSE_NS = 1e-6
+"""A femtosecond, shorter than which no laser is; what is below was meant in seconds."""
 
 WIDEST_VIEW_DEG = 140.0
 """Angle of view beyond which no lens is a pinhole."""
@@ -122,7 +125,10 @@ class Pulse(Table):
         "number",
         "length of the laser pulse in ns, full width at half maximum",
         1.7,
-        Check(lambda width: math.isfinite(width) and width >= 0, "a finite number, 0 or more"),
+        Check(
+            lambda width: width == 0 or SHORTEST_PULSE_NS <= width < math.inf,
+            f"0, or {SHORTEST_PULSE_NS:g} or more, in ns",
+        ),
     )
 
 
@@ -265,6 +271,10 @@ class CaptureMetadata:
         if width > widest:
             expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
             raise InvalidValueError("pulse.fwhm_ns", width, expected)
+        distance, farthest = self.target.distance_m, unambiguous_range_m(self.modulation.periods_ns[0])
+        if distance is not None and distance >= farthest:
+            expected = f"less than the unambiguous range of {farthest:.4g} m; is it in mm?"
+            raise InvalidValueError("target.distance_m", distance, expected)
         raw = self.layout.raw_dtype
         if (raw is None) != (self.layout.raw_shape is None):
             raise InvalidValueError("layout.raw_dtype", raw, "dtype and shape of raw dumps, both or none")

@@ -26,7 +26,12 @@ METADATA = [
     ("[modulation]\nperiods_ns = [40.0, 27.0]\n", "modulation.periods_ns: found [40.0, 27.0], expected the fundamental first"),
     ("[modulation]\nperiods_ns = [20.0, 40.0]\n", "modulation.periods_ns: found [20.0, 40.0], expected the fundamental first"),
     ("[modulation]\nwaveform = 'square'\n", "modulation.waveform: found 'square', expected 'sine' or 'triangle'"),
-    ("[pulse]\nfwhm_ns = -1\n", "pulse.fwhm_ns: found -1.0, expected a finite number, 0 or more"),
+    ("[pulse]\nfwhm_ns = -1\n", "pulse.fwhm_ns: found -1.0, expected 0, or 1e-06 or more, in ns"),
+    ("[pulse]\nfwhm_ns = 1.7e-9\n", "pulse.fwhm_ns: found 1.7e-09, expected 0, or 1e-06 or more, in ns"),
+    (
+        "[target]\ndistance_m = 1500\n",
+        "target.distance_m: found 1500.0, expected less than the unambiguous range of 5.996 m; is it in mm?",
+    ),
     ("[voltage]\nvolts_per_count = 0\n", "voltage.volts_per_count: found 0.0, expected a finite number other than 0"),
     ("[voltage]\nsaturated_counts = [9, 3]\n", "voltage.saturated_counts: found [9.0, 3.0], expected the lower limit"),
     ("[voltage]\nsaturated_counts = [9]\n", "voltage.saturated_counts: found [9], expected a list of two numbers"),
