@@ -1,6 +1,7 @@
 """Checks of the values of `capture.toml`, and what messages say where one fails."""
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -66,12 +67,13 @@ def _is_sample_type(dtype: str) -> bool:
 
 
 def _names_planes(pattern: str) -> bool:
-    frame, harmonic, channel = (pattern.count(part) for part in ("{frame}", "{harmonic}", "{channel}"))
-    return harmonic == channel == 1 and frame <= 1 and not pattern.startswith("/")
+    parts = sorted(re.findall(r"\{(.*?)\}", pattern))
+    return parts in (["channel", "harmonic"], ["channel", "frame", "harmonic"]) and not pattern.startswith("/")
 
 
 SAMPLE_TYPE = Check(_is_sample_type, "a type such as uint16, >u2 or float32")
 
 PLANE_PATTERN = Check(
-    _names_planes, "a file name with {frame}, {harmonic} and {channel} once each; a lone frame needs no {frame}"
+    _names_planes,
+    "a file name with {frame}, {harmonic} and {channel} once each and nothing else in braces; a lone frame needs no {frame}",
 )
