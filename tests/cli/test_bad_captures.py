@@ -36,7 +36,7 @@ METADATA = [
     ("[voltage]\nsaturated_counts = [9, 3]\n", "voltage.saturated_counts: found [9.0, 3.0], expected the lower limit"),
     ("[voltage]\nsaturated_counts = [9]\n", "voltage.saturated_counts: found [9], expected a list of two numbers"),
     ("[layout]\npattern = 'a_{frame}.tif'\n", "layout.pattern: found 'a_{frame}.tif', expected a file name with {frame}"),
-    ("[layout]\npattern = '{frame:4}_{harmonic}_{channel}'\n", "layout.pattern: found '{frame:4}_{harmonic}_{channel}', expected"),
+    ("[layout]\npattern = '{frame:4}{harmonic}_{channel}'\n", "layout.pattern: found '{frame:4}{harmonic}_{channel}', expected"),
     ("[layout]\nframes = 0\n", "layout.frames: found 0, expected 1 or more"),
 ]  # fmt: skip
 
