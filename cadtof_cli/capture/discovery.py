@@ -146,19 +146,18 @@ def nearest_settings(folder: Path, /) -> Path | None:
     """Return the `capture.toml` that holds for a folder: its own, else that of the nearest folder above; None: there is none.
 
     Raises:
-        CaptureError: the folder has one that is not called so, which would be passed over.
+        CaptureError: the first of these that has one has it under another name, which would be passed over.
     """
-    own = folder / FILE_NAME
-    # a file in a folder without permission counts as missing; a broken link counts as there, and fails when it is read
-    if os.path.lexists(own):
-        return own
-    for name in _MISNAMED:
-        if os.path.lexists(folder / name):
-            raise CaptureError(
-                f"{folder / name}: found settings of this name, expected {FILE_NAME}: rename it, or give --settings"
-            )
-    above = (parent / FILE_NAME for parent in absolute(folder).parents)
-    return next((path for path in above if os.access(path, os.R_OK)), None)
+    for place in (folder, *absolute(folder).parents):
+        # a file in a folder without permission counts as missing; a broken link counts as there, and fails when it is read
+        if os.path.lexists(place / FILE_NAME):
+            return place / FILE_NAME
+        for name in _MISNAMED:
+            if os.path.lexists(place / name):
+                raise CaptureError(
+                    f"{place / name}: found settings of this name, expected {FILE_NAME}: rename it, or give --settings"
+                )
+    return None
 
 
 _SourceOf = Callable[[Path], MetadataSource]
