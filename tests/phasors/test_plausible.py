@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
 from cadtof_cli.phasors.causes import range_of
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.plausible import FEWEST, cut_off, implausible, is_without_noise
+from cadtof_cli.phasors.plausible import FEWEST, cut_off, implausible, is_without_noise, without_light
 
 AMPLITUDE_V = 0.2746
 ZERO, STEP = 8192.0, 6e-5
@@ -275,3 +275,34 @@ def test_a_few_pixels_at_one_value_say_nothing() -> None:
         told_of_cutting(stored, Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 65535.0)))
         is None
     )
+
+
+def slanted_wall(noise_counts: float) -> NDArray[np.uint16]:
+    """Return a frame (2, 2, 40, 60) of a wall whose phase at the fundamental grows from .4 to 2.1 rad across, all of it lit."""
+    phases = np.linspace(0.4, 2.1, 60) * np.array([[[1.0]], [[2.0]]]) * np.ones((40, 1))
+    volts = 0.15 * np.stack([np.cos(phases), np.sin(phases)], axis=1)
+    noise = np.random.default_rng(4).normal(0.0, noise_counts, volts.shape)
+    return np.rint(volts / STEP + ZERO + noise).astype(np.uint16)
+
+
+@pytest.mark.parametrize("noise_counts", [0.0, 7.0, 100.0])
+@pytest.mark.parametrize(
+    ("planes", "named"), [([(1, 1)], "H2.SC2"), ([(0, 0)], "H1.SC1"), ([(1, 0), (1, 1)], "H2.SC1, H2.SC2")]
+)
+def test_planes_that_hold_noise_alone(planes: list[tuple[int, int]], named: str, noise_counts: float) -> None:
+    stored = slanted_wall(noise_counts)
+    assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
+    for place in planes:
+        stored[place] = np.random.default_rng(5).normal(ZERO + 30.0, max(noise_counts, 1.0), stored.shape[2:])
+    told = without_light(stored, CaptureMetadata(voltage=COUNTS))
+    assert told == f"only noise in {named}, where other planes show a scene: was that recorded, with its modulation on?"
+
+
+def test_frames_of_noise_of_few_pixels_or_of_bad_ones_say_nothing_of_a_dark_plane() -> None:
+    noise = np.random.default_rng(5).normal(ZERO, 7.0, (2, 2, 40, 60)).astype(np.uint16)
+    assert without_light(noise, CaptureMetadata(voltage=COUNTS)) is None
+    stored = slanted_wall(7.0).astype(np.float32)
+    stored[1, 1] = noise[1, 1]
+    assert without_light(stored[:, :, :1, : FEWEST - 8], CaptureMetadata(voltage=COUNTS)) is None
+    stored[0, 0, 1:] = np.nan
+    assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None

@@ -115,7 +115,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
     for number, source in enumerate(single_frames(capture)):
         stored = read_stored(source, capture.layout, size=size)
         require_plausible(stored, metadata, of=source)
-        for doubt in doubts(stored, metadata, of_order=has_light) if number == 0 else ():
+        for doubt in doubts(stored, metadata, has_light=has_light) if number == 0 else ():
             progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()
