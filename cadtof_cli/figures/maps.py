@@ -58,7 +58,7 @@ def draw_maps(
 
 def _median(error: Float) -> str:
     finite = np.abs(error[np.isfinite(error)])
-    return f"median {np.median(finite):.2f} cm off" if finite.size else "nowhere both"
+    return f"median {np.median(finite):.2f} cm off" if finite.size else "no pixel has both"
 
 
 def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, /, *, title: str) -> None:
@@ -83,7 +83,7 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
         rows.append(
             [
                 Classes.of(**{"A: paths": one.status, "B: paths": other.status}),
-                Scaled((Panel("status differs", changed),), "in some bit", "magma", (0.0, 1.0), ("no", "yes")),
+                Scaled((Panel("status differs", changed),), "any bit", "magma", (0.0, 1.0), ("no", "yes")),
             ]
         )
     draw_page(rows, path, title=title)

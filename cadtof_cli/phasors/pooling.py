@@ -44,8 +44,8 @@ class SharedNoise:
         neighbours: correlation of the noise of two squares side by side.
     """
 
-    pixels: float = 1.0
-    neighbours: float = 0.0
+    pixels: float
+    neighbours: float
 
 
 def pooled_phasors(

@@ -63,8 +63,8 @@ class ResolverSettings:
     )
     false_alarm: float = setting(
         0.01,
-        "False-alarm probability of two tests: noise alone is taken for a signal; noise makes one path fail the test for "
-        "one path (about a third of those pixels are then resolved as two paths).",
+        "Probability of a false alarm, in each of two tests: noise alone is taken for a signal; because of noise, a pixel "
+        "with one path fails the test for one path (about a third of such pixels are then resolved as two paths).",
         metavar="P",
     )
     returns: Return = setting("first", "Which path to report as the direct one.", option="--return")

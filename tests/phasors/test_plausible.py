@@ -124,10 +124,14 @@ def test_volts_below_zero_were_not_scaled_to_one() -> None:
 def test_floats_from_0_to_1_that_are_too_large_for_volts_are_only_scaled() -> None:
     """Counts about 32768 of 65535 are about .5, beyond 1.35 × .2746 V."""
     middle = Voltage(zero_counts=32768.0, volts_per_count=STEP)
-    told = said((np.rint(volts() / STEP + 32768.0) / 65535.0).astype(np.float32), middle)
-    assert told is not None
-    assert "they look scaled to 0 … 1, as ImageMagick writes floats" in told
-    assert "volts already" not in told
+    scaled = (np.rint(volts() / STEP + 32768.0) / 65535.0).astype(np.float32)
+    with_zero = scaled.copy()
+    with_zero.ravel()[::40] = 0.0
+    for stored in (scaled, with_zero):
+        told = said(stored, middle)
+        assert told is not None
+        assert "they look scaled to 0 … 1, as ImageMagick writes floats" in told
+        assert "volts already" not in told
 
 
 def test_a_frame_that_is_saturated_everywhere_says_why() -> None:

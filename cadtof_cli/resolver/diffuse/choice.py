@@ -167,7 +167,7 @@ def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMP
         found = SecondPaths.of(data, kernel=kernel)
         if has_one_share(found, rad_per_ns=places.rad_per_ns):
             return True
-        return foretells(found, data) if foretelling(data) else are_even(found, data, places)
+        return foretells(found, data) if foretelling(found, data) else are_even(found, data, places)
 
 
 def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:

@@ -42,7 +42,11 @@ FORETOLD = 1.35
 paths: .8 to 1.1 on cards; 2.2 and more in rendered rooms."""
 
 FORETOLD_SNR = 5.0
-"""Median of |q_2 − 1| over its noise from which that tells two paths from a tail."""
+"""Median of |q_2 − 1| over its noise from which that tells two paths from a tail, …"""
+
+FORETOLD_DELAY = 10.0
+"""… where that median times the square of the delay in rad is as large, too. What is short for its noise, as a corner's tail,
+two paths foretell as well. Up to there a tail comes nearer the truth, be there two paths or not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,11 +145,14 @@ def has_one_share(found: SecondPaths, /, *, rad_per_ns: float) -> bool:
     return found.strength_scatter.most * rad_per_ns**2 < SAME_PER_NS**2 * found.delay_scatter.least
 
 
-def foretelling(data: PatchData, /) -> bool:
-    """Return whether there are further harmonics, and so much of MPI is seen that they tell two paths from a tail."""
+def foretelling(found: SecondPaths, data: PatchData, /) -> bool:
+    """Return whether there are further harmonics, and so much and so late MPI is seen that they tell two paths from a tail."""
+    if len(data.ratios) == 1:
+        return False
     first, second = data.relative[:2]
-    seen = np.abs(data.ratios[0] - 1.0) / np.sqrt(2.5 * first + second)
-    return len(data.ratios) > 1 and float(median(seen)) >= FORETOLD_SNR
+    seen = float(median(np.abs(data.ratios[0] - 1.0) / np.sqrt(2.5 * first + second)))
+    later_rad = found.later_rad[np.isfinite(found.later_rad)]
+    return seen >= FORETOLD_SNR and later_rad.size > 0 and seen * float(median(later_rad)) ** 2 >= FORETOLD_DELAY
 
 
 def foretells(found: SecondPaths, data: PatchData, /) -> bool:

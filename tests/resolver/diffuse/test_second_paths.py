@@ -59,7 +59,7 @@ def two_paths(patches: PatchData) -> bool:
 
 
 def third_is_foretold(patches: PatchData) -> bool:
-    return foretelling(patches) and foretells(found(patches), patches)
+    return foretelling(found(patches), patches) and foretells(found(patches), patches)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.5])
@@ -146,6 +146,17 @@ def test_mpi_that_is_hardly_seen_is_not_foretold() -> None:
     for sigma, seen in ((1.5e-3, True), (4e-3, False)):
         patches = data(*mpi, sigma=sigma)
         assert third_is_foretold(patches) is seen
+
+
+@pytest.mark.parametrize(("later_ns", "sigma", "tells"), [(3.5, 1e-3, True), (3.5, 3e-3, False), (9.0, 3e-3, True)])
+def test_the_shorter_a_delay_the_less_noise_tells_two_paths_from_a_tail(
+    later_ns: float, sigma: float, tells: bool
+) -> None:
+    """|q_2 − 1| of a share of .3, 3.5 ns late, is .08: 28 times its noise even where it does not tell."""
+    patches = data(*second(0.3, later_ns, 3), sigma=sigma)
+    paths = found(patches)
+    assert foretells(paths, patches)
+    assert foretelling(paths, patches) is tells
 
 
 def test_misses_of_what_is_foretold_are_those_of_noise() -> None:
