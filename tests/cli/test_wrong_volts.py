@@ -77,7 +77,10 @@ def test_a_channel_that_is_not_connected_is_told(recorded: Path, tmp_path: Path)
     folder = _capture(tmp_path / "loose", np.concatenate([pages[:3], noise[3:]]), toml=TOML["tif"])
     said = f"warning: {folder}: only noise in H2.SC2, where other planes show a scene"
     assert said in cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1").err
-    assert "wrong: only noise in H2.SC2" in cadtof("info", folder).out
+    looked = cadtof("info", folder)
+    assert looked.status == 1
+    assert "only noise in H2.SC2" in looked.err
+    assert "one after the other" not in looked.err
     assert said not in cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera").err
 
 

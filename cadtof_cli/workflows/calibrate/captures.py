@@ -14,8 +14,9 @@ from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import require_new
+from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
-from cadtof_cli.phasors.plausible import doubts, require_plausible
+from cadtof_cli.phasors.plausible import require_plausible
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
 
