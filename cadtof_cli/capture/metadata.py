@@ -36,6 +36,9 @@ LEAST_MODULATION = 1e-6
 SHORTEST_PULSE_NS = 1e-6
 """A femtosecond, shorter than which no laser is; what is below was meant in seconds."""
 
+MOST_RANGES = 10
+"""Unambiguous ranges in which a target stands at most; what is beyond was meant in millimetres."""
+
 WIDEST_VIEW_DEG = 140.0
 """Angle of view beyond which no lens is a pinhole."""
 
@@ -266,9 +269,9 @@ class CaptureMetadata:
         if width > widest:
             expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
             raise InvalidValueError("pulse.fwhm_ns", width, expected)
-        distance, farthest = self.target.distance_m, unambiguous_range_m(self.modulation.periods_ns[0])
-        if distance is not None and distance >= farthest:
-            expected = f"less than the unambiguous range of {farthest:.4g} m; is it in mm?"
+        distance, farthest = self.target.distance_m, MOST_RANGES * unambiguous_range_m(self.modulation.periods_ns[0])
+        if distance is not None and distance > farthest:
+            expected = f"at most {MOST_RANGES} unambiguous ranges, which are {farthest:.4g} m; is it in mm?"
             raise InvalidValueError("target.distance_m", distance, expected)
         raw = self.layout.raw_dtype
         if (raw is None) != (self.layout.raw_shape is None):

@@ -30,7 +30,7 @@ METADATA = [
     ("[pulse]\nfwhm_ns = 1.7e-9\n", "pulse.fwhm_ns: found 1.7e-09, expected 0, or 1e-06 or more, in ns"),
     (
         "[target]\ndistance_m = 1500\n",
-        "target.distance_m: found 1500.0, expected less than the unambiguous range of 5.996 m; is it in mm?",
+        "target.distance_m: found 1500.0, expected at most 10 unambiguous ranges, which are 59.96 m; is it in mm?",
     ),
     ("[voltage]\nvolts_per_count = 0\n", "voltage.volts_per_count: found 0.0, expected a finite number other than 0"),
     ("[voltage]\nsaturated_counts = [9, 3]\n", "voltage.saturated_counts: found [9.0, 3.0], expected the lower limit"),
