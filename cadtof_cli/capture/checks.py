@@ -1,14 +1,32 @@
-"""Checks of the values of `capture.toml`, and what messages say where one fails."""
+"""Kinds and checks of the values of `capture.toml`, and what messages say where one fails."""
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, NamedTuple
 
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.units import shortened
 
+Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "text", "names", "numbers by name"]
+
 MOST_LETTERS = 200
 """Letters of a value that a message shows."""
+
+
+_BEYOND_FLOAT = 2**1023
+"""Whole numbers from here on may be too large for a float."""
+
+_EXPECTED: dict[Kind, str] = {
+    "number": "a number",
+    "whole number": "a whole number",
+    "text": "a string",
+    "numbers": "a list of numbers",
+    "whole numbers": "a list of whole numbers",
+    "pair": "a list of two numbers",
+    "names": "a list of two names",
+    "numbers by name": 'whole numbers by name, such as { "25" = 1, "50" = 2 }',
+}
 
 
 class InvalidValueError(MetadataError):
@@ -21,6 +39,27 @@ class InvalidValueError(MetadataError):
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
         return f"{place}{self.key}: found {shortened(repr(self.found), MOST_LETTERS)}, expected {self.expected}"
+
+
+def converted(kind: Kind, value: Any, /) -> Any:
+    """Return a value from TOML or the command line as the records hold it; raises TypeError, with what was expected."""
+    match kind, value:
+        case ("number", int() | float()) if not isinstance(value, bool) and (
+            type(value) is float or abs(value) < _BEYOND_FLOAT
+        ):
+            return float(value)
+        case ("whole number", int()) | ("text", str()) if not isinstance(value, bool):
+            return value
+        case ("whole numbers", [_, *_]):
+            whole = (int(item) if isinstance(item, float) and item.is_integer() else item for item in value)
+            return tuple(converted("whole number", item) for item in whole)
+        case ("numbers", [_, *_]) | ("pair", [_, _]):
+            return tuple(converted("number", item) for item in value)
+        case ("names", [_, _]):
+            return tuple(converted("text", item) for item in value)
+        case ("numbers by name", Mapping()) if value:
+            return tuple((str(name), converted("whole number", number)) for name, number in value.items())
+    raise TypeError(_EXPECTED[kind])
 
 
 class Check(NamedTuple):
@@ -66,12 +105,13 @@ def _is_sample_type(dtype: str) -> bool:
 
 
 def _names_planes(pattern: str) -> bool:
-    frame, harmonic, channel = (pattern.count(part) for part in ("{frame}", "{harmonic}", "{channel}"))
-    return harmonic == channel == 1 and frame <= 1 and not pattern.startswith("/")
+    parts = sorted(re.findall(r"\{(.*?)\}", pattern))
+    return parts in (["channel", "harmonic"], ["channel", "frame", "harmonic"]) and not pattern.startswith("/")
 
 
 SAMPLE_TYPE = Check(_is_sample_type, "a type such as uint16, >u2 or float32")
 
 PLANE_PATTERN = Check(
-    _names_planes, "a file name with {frame}, {harmonic} and {channel} once each; a lone frame needs no {frame}"
+    _names_planes,
+    "a file name with {frame}, {harmonic} and {channel} once each and nothing else in braces; a lone frame needs no {frame}",
 )

@@ -146,19 +146,18 @@ def nearest_settings(folder: Path, /) -> Path | None:
     """Return the `capture.toml` that holds for a folder: its own, else that of the nearest folder above; None: there is none.
 
     Raises:
-        CaptureError: the folder has one that is not called so, which would be passed over.
+        CaptureError: the first of these that has one has it under another name, which would be passed over.
     """
-    own = folder / FILE_NAME
-    # a file in a folder without permission counts as missing; a broken link counts as there, and fails when it is read
-    if os.path.lexists(own):
-        return own
-    for name in _MISNAMED:
-        if os.path.lexists(folder / name):
-            raise CaptureError(
-                f"{folder / name}: found settings of this name, expected {FILE_NAME}: rename it, or give --settings"
-            )
-    above = (parent / FILE_NAME for parent in absolute(folder).parents)
-    return next((path for path in above if os.access(path, os.R_OK)), None)
+    for place in (folder, *absolute(folder).parents):
+        # a file in a folder without permission counts as missing; a broken link counts as there, and fails when it is read
+        if os.path.lexists(place / FILE_NAME):
+            return place / FILE_NAME
+        for name in _MISNAMED:
+            if os.path.lexists(place / name):
+                raise CaptureError(
+                    f"{place / name}: found settings of this name, expected {FILE_NAME}: rename it, or give --settings"
+                )
+    return None
 
 
 _SourceOf = Callable[[Path], MetadataSource]
@@ -274,9 +273,9 @@ def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None =
     pattern = source.metadata.layout.pattern
     looked_for = _expected_names(pattern)
     if among is None:
-        entries = _entries(root, pattern)
-        among = [name for name, is_dir in entries if not is_dir or name.lower().endswith(FRAME_SUFFIXES)]
-    hint = _what_is_missing(root, source.metadata.layout, {Path(name).suffix.lower(): name for name in among})
+        among = [name + "/" * is_dir for name, is_dir in _entries(root, pattern) or _entries(root)]
+    files = (name for name in among if not name.endswith("/"))
+    hint = _what_is_missing(root, source.metadata.layout, {Path(name).suffix.lower(): name for name in files})
     return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}{hint}")
 
 
@@ -288,6 +287,9 @@ def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -
         return f"; what dumps such as {dump} hold is said by --raw-dtype and --raw-shape, or [layout.raw]"
     if layout.pattern is None and ".png" in by_suffix:
         return "; a PNG holds one plane, and --pattern says how the planes of a frame are named"
+    suffixes = frame_suffixes(planes=True, raw=layout.raw_dtype is not None)
+    if layout.pattern is not None and not layout.pattern.lower().endswith(suffixes):
+        return f"; planes are read from {', '.join(suffixes)} files"
     return ""
 
 

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import field, fields
 from functools import cached_property
 from typing import Any, Literal, cast, get_args
@@ -18,15 +17,14 @@ from cadtof_cli.capture.checks import (
     VOLTS,
     Check,
     InvalidValueError,
+    Kind,
     above,
     each,
 )
 from cadtof_cli.records import dataclass
-from cadtof_cli.units import FWHM_PER_SIGMA
+from cadtof_cli.units import FWHM_PER_SIGMA, unambiguous_range_m
 
 Waveform = Literal["sine", "triangle"]
-
-Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "text", "names", "numbers by name"]
 
 WAVEFORMS: tuple[Waveform, ...] = get_args(Waveform)
 
@@ -35,8 +33,11 @@ HIGHEST_HARMONIC = 1000
 LEAST_MODULATION = 1e-6
 """A pulse leaves at least this share of the highest harmonic's modulation, or nothing can be resolved."""
 
-_BEYOND_FLOAT = 2**1023
-"""Whole numbers from here on may be too large for a float."""
+SHORTEST_PULSE_NS = 1e-6
+"""A femtosecond, shorter than which no laser is; what is below was meant in seconds."""
+
+MOST_RANGES = 10
+"""Unambiguous ranges in which a target stands at most; what is beyond was meant in millimetres."""
 
 WIDEST_VIEW_DEG = 140.0
 """Angle of view beyond which no lens is a pinhole."""
@@ -122,7 +123,10 @@ class Pulse(Table):
         "number",
         "length of the laser pulse in ns, full width at half maximum",
         1.7,
-        Check(lambda width: math.isfinite(width) and width >= 0, "a finite number, 0 or more"),
+        Check(
+            lambda width: width == 0 or SHORTEST_PULSE_NS <= width < math.inf,
+            f"0, or {SHORTEST_PULSE_NS:g} or more, in ns",
+        ),
     )
 
 
@@ -265,6 +269,10 @@ class CaptureMetadata:
         if width > widest:
             expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
             raise InvalidValueError("pulse.fwhm_ns", width, expected)
+        distance, farthest = self.target.distance_m, MOST_RANGES * unambiguous_range_m(self.modulation.periods_ns[0])
+        if distance is not None and distance > farthest:
+            expected = f"at most {MOST_RANGES} unambiguous ranges, which are {farthest:.4g} m; is it in mm?"
+            raise InvalidValueError("target.distance_m", distance, expected)
         raw = self.layout.raw_dtype
         if (raw is None) != (self.layout.raw_shape is None):
             raise InvalidValueError("layout.raw_dtype", raw, "dtype and shape of raw dumps, both or none")
@@ -276,38 +284,6 @@ class CaptureMetadata:
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
 """--frames chooses among a capture's frames."""
-
-_EXPECTED: dict[Kind, str] = {
-    "number": "a number",
-    "whole number": "a whole number",
-    "text": "a string",
-    "numbers": "a list of numbers",
-    "whole numbers": "a list of whole numbers",
-    "pair": "a list of two numbers",
-    "names": "a list of two names",
-    "numbers by name": 'whole numbers by name, such as { "25" = 1, "50" = 2 }',
-}
-
-
-def converted(kind: Kind, value: Any, /) -> Any:
-    """Return a value from TOML or the command line as the records hold it; raises TypeError, with what was expected."""
-    match kind, value:
-        case ("number", int() | float()) if not isinstance(value, bool) and (
-            type(value) is float or abs(value) < _BEYOND_FLOAT
-        ):
-            return float(value)
-        case ("whole number", int()) | ("text", str()) if not isinstance(value, bool):
-            return value
-        case ("whole numbers", [_, *_]):
-            whole = (int(item) if isinstance(item, float) and item.is_integer() else item for item in value)
-            return tuple(converted("whole number", item) for item in whole)
-        case ("numbers", [_, *_]) | ("pair", [_, _]):
-            return tuple(converted("number", item) for item in value)
-        case ("names", [_, _]):
-            return tuple(converted("text", item) for item in value)
-        case ("numbers by name", Mapping()) if value:
-            return tuple((str(name), converted("whole number", number)) for name, number in value.items())
-    raise TypeError(_EXPECTED[kind])
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.checks import MOST_LETTERS, InvalidValueError
-from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, converted
+from cadtof_cli.capture.checks import MOST_LETTERS, InvalidValueError, converted
+from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 from cadtof_cli.records import dataclass

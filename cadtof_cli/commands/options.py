@@ -12,7 +12,8 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_h
 import click
 from click.core import ParameterSource
 
-from cadtof_cli.capture.metadata import KEYS, Key, Kind
+from cadtof_cli.capture.checks import Kind
+from cadtof_cli.capture.metadata import KEYS, Key
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.commands.values import (
     FRAME_RANGE,

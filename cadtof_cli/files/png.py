@@ -22,7 +22,7 @@ from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_bytes
 
 _HEADER = struct.Struct(">8xI4sIIBB")
 _GREY, _INDEXED = 0, 3
-_EXIF, _LAST_CHUNK = b"eXIf", b"IEND"
+_EXIF, _TRANSPARENT, _LAST_CHUNK = b"eXIf", b"tRNS", b"IEND"
 _ORIENTATION = 274
 _TURNED = range(2, 9)
 _HARMLESS = "Interlace handling"
@@ -72,7 +72,8 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
 
 
 def _require_sound_chunks(path: Path, content: memoryview) -> None:
-    """Make sure that all chunks of a file are there, have the check sums that they say, and none says it is turned.
+    """Make sure that all chunks of a file are there, have the check sums that they say, and none says it is turned
+    or that a value stands for no picture.
 
     The library would find that too; but each failure costs it memory, and thousands of them in one process abort it.
     """
@@ -83,6 +84,10 @@ def _require_sound_chunks(path: Path, content: memoryview) -> None:
             raise FrameError(f"{path}: truncated PNG: reaches to byte {end:,}, found a file of {len(content):,} bytes")
         if zlib.crc32(content[place + 4 : end - 4]) != int.from_bytes(content[end - 4 : end]):
             raise FrameError(f"{path}: damaged PNG: bytes {place:,} to {end:,} do not have their check sum")
+        if content[place + 4 : place + 8] == _TRANSPARENT:
+            raise NotAFrameError(
+                f"{path}: holds a colour picture (one grey is transparent), expected one plane of voltages in grey"
+            )
         if content[place + 4 : place + 8] == _EXIF:
             _require_first_row_on_top(path, bytes(content[place + 8 : end - 4]))
         place = end

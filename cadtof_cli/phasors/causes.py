@@ -91,9 +91,9 @@ def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float)
             likely += f"; or {scaled}"
     elif found.dtype.kind == "f" and found.low >= 0.0 and around_zero(found.middle * _FULL_SCALE):
         likely = scaled
-    elif found.largest <= _BYTE and around_zero(found.middle * _FULL_SCALE / _BYTE):
+    elif found.dtype == np.uint8 or (found.largest <= _BYTE and around_zero(found.middle * _FULL_SCALE / _BYTE)):
         likely = f"scaled to 8 bits, as ImageMagick does with -depth 8: keep 16 bits, {what_now}"
-    elif found.largest * step <= LONGEST * amplitude_v:
+    elif found.dtype.kind != "u" and found.largest * step <= LONGEST * amplitude_v:
         likely = "like counts with the zero taken out: give --zero-counts 0, and saturated_counts to match"
     else:
         return f"zero_counts = {zero:g} is far from them: give --zero-counts (their middle is {found.middle:.6g})"

@@ -1,17 +1,12 @@
-"""Whether what a frame holds can be a recording of the capture that its metadata describe: values, planes, and their order.
+"""Whether what a frame holds can be a recording of the capture that its metadata describe: its values, and its planes.
 
 No light gives a phasor longer than the modulation amplitude: SC1² + SC2² ≤ amplitude_v², but for noise and offsets. Counts taken
 for volts, a zero or a unit that is missing, or values that a program has scaled, are beyond that by far.
 
-No two recordings are the same, and none holds one value while others scatter: noise sees to that. And light of one path at the
-phase x has the phases x, 2x, … at the harmonics 1, 2, …, and one amplitude. Paths that mix shift both, but hardly ever in nearly
-all pixels of a frame; planes that were written in another order do that.
-
-Noise spreads the outermost values as it does all others: where many pixels hold the very same one, a converter has cut them off.
+No two recordings are the same, and none holds one value while others scatter: noise sees to that.
 """
 
 import math
-from collections.abc import Callable, Mapping
 from itertools import combinations
 
 import numpy as np
@@ -21,7 +16,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored, volts_per_count
+from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
 
 LOOKED_AT = 4096
 """Pixels that a frame is judged by, spread evenly over it."""
@@ -44,37 +39,6 @@ _FEW_VALUES = 8
 _HEAD = 16
 """Pixels that tell of nearly all planes that they are recordings."""
 
-_NEAR_RAD = 0.45
-"""How far the phase of a harmonic may be from what the fundamental promises, where most of the light is of one path."""
-
-_NEAR_RATIO = 1.6
-"""How far its amplitude may be from that of the fundamental."""
-
-_LEAST_SHARE = 0.3
-"""Share of pixels that look like one path, from which on another order of the planes is likely, …"""
-
-_LEAST_ODDS = 8.0
-"""… where the odds p/(1 − p) of its share p are so many times the odds of the share in the order that they are read in. In 82
-captures that are read right this is 2 at the most; scenes of few depths that are read in a wrong order have 18 and more."""
-
-_SURE = 0.98
-"""Largest share whose odds count: a few pixels have no light of one path for other reasons."""
-
-_PILED_UP = 8
-"""How many times as often as the next one the outermost value is there, where values are cut off at it, …"""
-
-_NOISE_STEPS = 0.5
-"""… unless neighbours differ by no more steps of whole numbers than that in the middle, and the noise spreads no values."""
-
-_ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
-    "with SC1 and SC2 swapped": lambda frame: frame[:, ::-1],
-    "with the harmonics in the opposite order": lambda frame: frame[::-1],
-    "with SC1 of all harmonics before SC2": lambda frame: frame.reshape(2, len(frame), -1).swapaxes(0, 1),
-    "interleaved line by line": lambda frame: np.moveaxis(frame.reshape(frame.shape[2], -1, frame.shape[3]), 1, 0),
-    "interleaved pixel by pixel": lambda frame: frame.reshape(-1, 2 * len(frame)).T,
-}
-"""What else the values of a frame, (H, 2, Y, X), may be, in words, and how planes of H.SC1 and H.SC2 in turn are made of them."""
-
 
 def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """Return why stored values, (H, 2, …), cannot be the voltages that the metadata make of them; None where they can.
@@ -84,7 +48,7 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     Raises:
         SettingsError: see `volts_per_count`.
     """
-    some = _spread(stored, LOOKED_AT)
+    some = spread_over(stored, LOOKED_AT)
     kind, voltage, together = stored.dtype, metadata.voltage, np.ascontiguousarray(some)
     if missing := no_recording(together, metadata.modulation.harmonics):
         return missing
@@ -126,7 +90,7 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
     # of nearly all frames, this tells
     if rows.shape[1] < FEWEST or (len(set(heads)) == len(heads) and not any(one_value)):
         return None
-    names = _names(harmonics)
+    names = plane_names(harmonics)
     constant = [bool((row == row[0]).all()) for row in rows]
     for name, other in combinations(range(len(rows)), 2):
         if np.array_equal(rows[name], rows[other]) and np.unique(rows[name]).size > _FEW_VALUES:
@@ -134,104 +98,24 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
                 f"{names[other]} holds the same values as {names[name]} in every pixel, as no two recordings do: it was "
                 "written twice, or its buffer was not filled"
             )
-    if any(constant) and _scatters(rows, SCATTER_STEPS):
+    if any(constant) and scatters(rows, SCATTER_STEPS):
         place = constant.index(True)
         return f"{names[place]} holds {rows[place, 0]:g} in every pixel, and other planes scatter: it was not recorded"
     return None
 
 
-def doubts(stored: Stored, metadata: CaptureMetadata, /, *, of_order: bool = True) -> tuple[str, ...]:
-    """Return in words what is likely wrong with a frame, (H, 2, Y, X): values that are cut off, or, `of_order`, swapped planes.
-
-    Raises:
-        SettingsError: see `volts_per_count`.
-    """
-    mistaken = mistaken_order(stored, metadata) if of_order else None
-    return tuple(doubt for doubt in (mistaken, cut_off(stored, metadata)) if doubt)
-
-
-def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return in which other order the planes of a frame, (H, 2, Y, X), are likely stored; None where all is well.
-
-    NaN and saturated pixels are left out. Phases that a camera adds to a harmonic, and only a calibration takes out, look like
-    such a mistake too.
-
-    Raises:
-        SettingsError: see `volts_per_count`.
-    """
-    if len(stored) < 2:
-        return None
-    as_read = _share_of_one_path(stored, metadata)
-    least = _LEAST_ODDS * _odds(as_read)
-    if least >= _odds(1.0):
-        return None
-    shares = {
-        words: _share_of_one_path(order(stored).reshape(stored.shape), metadata) for words, order in _ORDERS.items()
-    }
-    shares["with the opposite sign"] = _share_of_one_path(stored, metadata, sign=-1.0)
-    likely = max(shares, key=lambda words: shares[words])
-    if shares[likely] <= _LEAST_SHARE or _odds(shares[likely]) <= least:
-        return None
-    return (
-        f"only {as_read:.0%} of the pixels have phases as light has them, and {shares[likely]:.0%} would {likely}: are the "
-        f"planes {', '.join(_names(metadata.modulation.harmonics))}, one after the other, and their signs right?"
-    )
-
-
-def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return at which stored value those of a frame, (H, 2, Y, X), are likely cut off, though no limit of the metadata says so;
-    None where they are not."""
-    some = _spread(stored, 4 * LOOKED_AT)
-    values = some[:, :, sound_pixels(some, metadata.voltage.saturated_counts)]
-    if values.shape[2] < FEWEST:
-        return None
-    for name, outermost in (("least", np.min), ("largest", np.max)):
-        there = values == outermost(values)
-        pixels = np.count_nonzero(there.any(axis=(0, 1)))
-        if pixels >= FEWEST and not there.all() and _scatters(values.reshape(-1, values.shape[2]), _NOISE_STEPS):
-            following = outermost(values[~there])
-            if np.count_nonzero(there) > _PILED_UP * np.count_nonzero(values == following):
-                return (
-                    f"{pixels / values.shape[2]:.1%} of the pixels hold {outermost(values):g}, the {name} stored value: if the "
-                    "camera or a program cuts values off there, they are saturated: set saturated_counts under [voltage] in "
-                    "capture.toml, or --saturated-counts"
-                )
-    return None
-
-
-def _spread(stored: Stored, count: int) -> Stored:
+def spread_over(stored: Stored, count: int, /) -> Stored:
     """Return about so many pixels of a frame, (H, 2, …), spread evenly over it, (H, 2, n); all where it has no more."""
     planes = stored.reshape(*stored.shape[:2], -1)
     return planes[:, :, :: max(1, planes.shape[2] // count)]
 
 
-def _share_of_one_path(stored: Stored, metadata: CaptureMetadata, *, sign: float = 1.0) -> float:
-    """Return the share of the pixels of a frame, (H, 2, Y, X), that have about the phases and amplitudes of a single path.
-
-    By the first two harmonics: on further ones paths that mix shift the phases more, and say less. 0 where too few are sound.
-    """
-    some = _spread(stored, LOOKED_AT)
-    sound = some[:2, :, sound_pixels(some, metadata.voltage.saturated_counts)]
-    if sound.shape[2] < FEWEST:
-        return 0.0
-    volts = sign * volts_from_stored(sound, metadata.voltage)
-    first, second = volts[:, 0] + 1j * volts[:, 1]
-    length, other = np.abs(first), np.abs(second)
-    alike = (length < _NEAR_RATIO * other) & (other < _NEAR_RATIO * length)
-    alike &= np.abs(np.angle(second * np.conj(first) ** metadata.modulation.harmonics[1])) < _NEAR_RAD
-    return float(alike.mean())
-
-
-def _odds(share: float) -> float:
-    share = min(share, _SURE)
-    return share / (1.0 - share)
-
-
-def _names(harmonics: tuple[int, ...]) -> list[str]:
+def plane_names(harmonics: tuple[int, ...], /) -> list[str]:
+    """Return what the planes of a frame are called, in the order in which they are stored."""
     return [f"H{harmonic}.SC{channel}" for harmonic in harmonics for channel in (1, 2)]
 
 
-def _scatters(rows: Stored, steps_of_whole_numbers: float) -> bool:
+def scatters(rows: Stored, steps_of_whole_numbers: float, /) -> bool:
     """Return whether neighbours in some plane, (planes, n), differ in the middle by more than so many steps, if there are any."""
     least = steps_of_whole_numbers if rows.dtype.kind in "iu" else 0.0
     with np.errstate(invalid="ignore"):

@@ -16,6 +16,9 @@ ORDERS: tuple[str, ...] = ("auto", "1", "2")
 RETURNS: tuple[Return, ...] = get_args(Return)
 MPI_MODELS: tuple[MpiModel, ...] = get_args(MpiModel)
 
+MOST_PATHS, MOST_STARTS = 100, 10**9
+"""Far beyond what is of use: so many paths need as many periods, and so many starts take days."""
+
 SECONDS_IN_CLOSED_FORM = 2e-7
 SECONDS_BY_LIKELIHOOD = 4e-6
 SECONDS_BY_MANY_PATHS = 4e-5
@@ -82,13 +85,11 @@ class ResolverSettings:
             raise SettingsError(f"--false-alarm: found {self.false_alarm}, expected a probability between 0 and 1")
         if not 0.0 <= self.min_return_ratio <= 1.0:
             raise SettingsError(f"--min-return-ratio: found {self.min_return_ratio}, expected 0 to 1")
-        for option, number, floor in (
-            ("--paths", self.paths, 1),
-            ("--starts", self.starts, 1),
-            ("--seed", self.seed, 0),
-        ):
-            if number < floor:
-                raise SettingsError(f"{option}: found {number}, expected {floor} or more")
+        for option, number, most in (("--paths", self.paths, MOST_PATHS), ("--starts", self.starts, MOST_STARTS)):
+            if not 1 <= number <= most:
+                raise SettingsError(f"{option}: found {number}, expected 1 to {most}")
+        if self.seed < 0:
+            raise SettingsError(f"--seed: found {self.seed}, expected 0 or more")
         if self.solver == "lm" and self.paths > 2:
             raise SettingsError(f"--solver lm finds two paths, not --paths {self.paths}: use --solver two-path")
         most = 1 if self.solver == "one-path" else self.paths

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.capture.checks import converted
 from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
-from cadtof_cli.capture.metadata import KEYS, Optics, converted
+from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES

@@ -14,6 +14,7 @@ REASONS = frozenset(
         "implausible",
         "no_recording",
         "mistaken_order",
+        "without_light",
         "cut_off",
         "doubt",
         "all_saturated",

@@ -17,6 +17,7 @@ def _touch(folder: Path, *names: str) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / name for name in names]
     for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
     return paths
 
@@ -107,6 +108,7 @@ def test_a_folder_and_a_file_in_it_are_one_capture(tmp_path: Path) -> None:
     [
         ((), "found nothing"),
         (("truth.exr", "notes.txt"), "found notes.txt, truth.exr"),
+        (("camera/h1/cos/1.png", "notes.txt"), "found camera/, notes.txt"),
         (
             tuple(f"{i}.png" for i in range(12)),
             "found 0.png, 1.png, 2.png, 3.png, 4.png and 7 more; a PNG holds one plane, and --pattern says how the planes of a "
@@ -124,6 +126,24 @@ def test_empty_folder_says_what_it_holds(names: tuple[str, ...], found: str, tmp
         _message(tmp_path)
         == f"{tmp_path}: no frames: looked for .exr, .tif, .tiff, .npy files other than truth.*, {found}"
     )
+
+
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        (
+            "{frame}_{harmonic}_{channel}.pgm",
+            "found a_1_1.pgm; planes are read from .exr, .tif, .tiff, .npy, .png files",
+        ),
+        ("{frame}_{harmonic}_{channel}", "found a_1_1.pgm; planes are read from .exr, .tif, .tiff, .npy, .png files"),
+        ("h{harmonic}/{frame}_{channel}.png", "found a_1_1.pgm"),
+    ],
+)
+def test_planes_that_cannot_be_found_or_read_say_why(pattern: str, found: str, tmp_path: Path) -> None:
+    _touch(tmp_path, "a_1_1.pgm")
+    with pytest.raises(CaptureError) as caught:
+        find_captures([tmp_path], overrides={"layout.pattern": pattern})
+    assert str(caught.value) == f"{tmp_path}: no frames: looked for files named {pattern} (layout.pattern), {found}"
 
 
 def test_no_permission_to_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

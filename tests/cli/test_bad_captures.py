@@ -26,11 +26,17 @@ METADATA = [
     ("[modulation]\nperiods_ns = [40.0, 27.0]\n", "modulation.periods_ns: found [40.0, 27.0], expected the fundamental first"),
     ("[modulation]\nperiods_ns = [20.0, 40.0]\n", "modulation.periods_ns: found [20.0, 40.0], expected the fundamental first"),
     ("[modulation]\nwaveform = 'square'\n", "modulation.waveform: found 'square', expected 'sine' or 'triangle'"),
-    ("[pulse]\nfwhm_ns = -1\n", "pulse.fwhm_ns: found -1.0, expected a finite number, 0 or more"),
+    ("[pulse]\nfwhm_ns = -1\n", "pulse.fwhm_ns: found -1.0, expected 0, or 1e-06 or more, in ns"),
+    ("[pulse]\nfwhm_ns = 1.7e-9\n", "pulse.fwhm_ns: found 1.7e-09, expected 0, or 1e-06 or more, in ns"),
+    (
+        "[target]\ndistance_m = 1500\n",
+        "target.distance_m: found 1500.0, expected at most 10 unambiguous ranges, which are 59.96 m; is it in mm?",
+    ),
     ("[voltage]\nvolts_per_count = 0\n", "voltage.volts_per_count: found 0.0, expected a finite number other than 0"),
     ("[voltage]\nsaturated_counts = [9, 3]\n", "voltage.saturated_counts: found [9.0, 3.0], expected the lower limit"),
     ("[voltage]\nsaturated_counts = [9]\n", "voltage.saturated_counts: found [9], expected a list of two numbers"),
     ("[layout]\npattern = 'a_{frame}.tif'\n", "layout.pattern: found 'a_{frame}.tif', expected a file name with {frame}"),
+    ("[layout]\npattern = '{frame:4}{harmonic}_{channel}'\n", "layout.pattern: found '{frame:4}{harmonic}_{channel}', expected"),
     ("[layout]\nframes = 0\n", "layout.frames: found 0, expected 1 or more"),
 ]  # fmt: skip
 

@@ -101,6 +101,21 @@ def test_a_folder_above_describes_its_captures(whole: Path) -> None:
     _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
 
 
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("Capture.toml", "found settings of this name, expected capture.toml"), ("capture.toml", "cannot be read")],
+)
+def test_settings_above_that_cannot_be_taken_are_not_passed_over(name: str, told: str, whole: Path) -> None:
+    archive = whole / "archive"
+    (archive / "day").mkdir(parents=True)
+    (whole / "whole").rename(archive / "day" / "scene")
+    (archive / "day" / "scene" / "capture.toml").unlink()
+    (archive / name).symlink_to("nowhere")
+    done = shell("cadtof resolve archive/day/scene -o out -j 1 --volts-per-count 1e-4 --zero-counts 8192", whole)
+    assert (done.status, done.out) == (2, "")
+    assert f"{archive / name}: {told}" in done.err
+
+
 @pytest.mark.parametrize("with_own", [False, True])
 def test_settings_for_an_archive_that_cannot_be_written(with_own: bool, whole: Path) -> None:
     shutil.move(whole / "whole" / "capture.toml", whole / "mine.toml")

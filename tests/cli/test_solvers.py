@@ -125,8 +125,8 @@ def test_a_lone_frame_that_cannot_be_read_fails_once(tmp_path: Path, monkeypatch
         ((1, 2), ("--pool", -1), "--pool: found -1"),
         ((1, 2), ("--average", 0), "--average: found 0, expected 1 to 1000000 frames"),
         ((1, 2), ("--paths", 3), "3 paths need at least 3 periods: lower --paths or --order, or use --solver one-path"),
-        ((1, 2), ("--paths", 0), "--paths: found 0, expected 1 or more"),
-        ((1, 2), ("--starts", 0), "--starts: found 0, expected 1 or more"),
+        ((1, 2), ("--paths", 0), "--paths: found 0, expected 1 to 100"),
+        ((1, 2), ("--starts", 0), "--starts: found 0, expected 1 to 1000000000"),
         ((1, 2), ("--seed", -1), "--seed: found -1, expected 0 or more"),
         ((1, 2, 3), ("--solver", "lm", "--paths", 3), "--solver lm finds two paths, not --paths 3"),
         (

@@ -71,6 +71,19 @@ def test_values_that_are_cut_off_are_told_until_a_limit_is_known(recorded: Path,
     assert said not in cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).err
 
 
+def test_a_channel_that_is_not_connected_is_told(recorded: Path, tmp_path: Path) -> None:
+    pages = tifffile.imread(recorded)
+    noise = np.random.default_rng(3).normal(ZERO_COUNTS, 7.0, pages.shape).astype(pages.dtype)
+    folder = _capture(tmp_path / "loose", np.concatenate([pages[:3], noise[3:]]), toml=TOML["tif"])
+    said = f"warning: {folder}: only noise in H2.SC2, where other planes show a scene"
+    assert said in cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1").err
+    looked = cadtof("info", folder)
+    assert looked.status == 1
+    assert "only noise in H2.SC2" in looked.err
+    assert "one after the other" not in looked.err
+    assert said not in cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera").err
+
+
 def test_eight_bits_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Tool) -> None:
     folder = tmp_path / "magick"
     folder.mkdir()

@@ -272,6 +272,8 @@ def test_png_that_holds_no_plane(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((5, 7, 3), "u1")).save(path)
     source = FrameSource("frame", (path,) * 4)
     assert "holds a colour picture (RGB), expected one plane" in message_of(source, kind=NotAFrameError)
+    Image.fromarray(np.zeros((5, 7), "u2")).save(path, transparency=8000)
+    assert "holds a colour picture (one grey is transparent)" in message_of(source, kind=NotAFrameError)
     Image.fromarray(np.zeros((5, 7), "u2")).save(path)
     assert "holds one plane of 7 × 5, 16 bits; expected 4 planes per frame" in message(path, kind=NotAFrameError)
     path.write_bytes(path.read_bytes()[:12])

@@ -176,6 +176,12 @@ def test_a_message_is_short_however_much_a_library_says(remarks: list[object], t
     assert in_brief(remarks) == told
 
 
+@pytest.mark.parametrize("header", [b"II*\0\0\0\0\0", b"MM\0+\0\x08\0\0" + bytes(8)])
+def test_a_file_without_a_page(header: bytes, tmp_path: Path) -> None:
+    (tmp_path / "frame.tif").write_bytes(header)
+    assert "damaged TIFF: it ends before its first page" in message(tmp_path / "frame.tif")
+
+
 def test_pages_in_a_circle(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), "u2"))
     with tifffile.TiffFile(path) as file:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli import read_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
-from cadtof_cli.phasors.plausible import FEWEST, mistaken_order, no_recording
+from cadtof_cli.phasors.doubts import mistaken_order
+from cadtof_cli.phasors.plausible import FEWEST, no_recording
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 

@@ -37,8 +37,10 @@ def test_what_is_just_possible_is_taken_as_it_is(options: dict[str, Any], most: 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"paths": 0}, "--paths: found 0, expected 1 or more"),
-        ({"starts": 0}, "--starts: found 0, expected 1 or more"),
+        ({"paths": 0}, "--paths: found 0, expected 1 to 100"),
+        ({"paths": 10**20}, "--paths: found 100000000000000000000, expected 1 to 100"),
+        ({"starts": 0}, "--starts: found 0, expected 1 to 1000000000"),
+        ({"starts": 10**20}, "--starts: found 100000000000000000000, expected 1 to"),
         ({"seed": -1}, "--seed: found -1, expected 0 or more"),
         ({"false_alarm": 1.0}, "--false-alarm: found 1.0"),
         ({"min_return_ratio": 1.001}, "--min-return-ratio: found 1.001, expected 0 to 1"),

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
-from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
-from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages, stage_ticks
+from cadtof_cli.simulation.pixel.mix import Condition, Motion, PhotonMix
+from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wall
 from cadtof_cli.workflows.simulate.trials import Trials
@@ -105,9 +105,13 @@ IMPOSSIBLE: list[tuple[Make, str]] = [
     (lambda: Camera(bits=0), "converter: found 0 bits"),
     (lambda: Camera(bits=17), "converter: found 17 bits"),
     (lambda: Camera(volts_per_count=0.0), "volts a count: found 0.0, expected a value above 0"),
-    (lambda: Camera(dark_offset_v=-1e-9), "dark offsets: found -1e-09 V, expected 0 V or more"),
-    (lambda: Camera(fixed_delay_ns=-1e-9), "fixed pattern: found -1e-09 ns, expected 0 ns or more"),
-    (lambda: Wall(distance_m=0.009), "distance: found 0.009 m, expected 0.01 m or more"),
+    (lambda: Camera(petzval_m=(1e308, 0.0)), "Petzval curvature: found"),
+    (lambda: Camera(dark_offset_v=1e308), "dark offsets: found 1e[+]308 V"),
+    (lambda: Camera(fixed_delay_ns=1e308), "fixed pattern: found 1e[+]308 ns"),
+    (lambda: Wall(distance_m=1e308), "distance: found 1e[+]308 m"),
+    (lambda: Camera(dark_offset_v=-1e-9), "dark offsets: found -1e-09 V, expected 0 to 1e6 V"),
+    (lambda: Camera(fixed_delay_ns=-1e-9), "fixed pattern: found -1e-09 ns, expected 0 to 1e9 ns"),
+    (lambda: Wall(distance_m=0.009), "distance: found 0.009 m, expected 0.01 to 1e9 m"),
     (lambda: Wall(albedo=0.0), "albedo: found 0, expected above 0"),
     (lambda: Wall(albedo=1.001), "albedo: found 1.001"),
     (lambda: Wall(asr=-0.001), "ASR: found -0.001"),
@@ -129,16 +133,40 @@ IMPOSSIBLE: list[tuple[Make, str]] = [
     (lambda: Stages(f2_hz=9e-4), "F2: found 0.0009 Hz"),
     (lambda: Stages(f1_hz=9e-4), "F1: found 0.0009 Hz"),
     (lambda: Averaging(integration_length=math.inf), "integration length: found inf"),
+    (
+        lambda: Averaging(integration_length=1.1e15),
+        "integration length: found 1.1e[+]15, expected a number above 1, 1e15",
+    ),
     (lambda: PixelModel(averaging=AVERAGING, photons_per_cycle=0), "photons per cycle: found 0"),
     (lambda: PixelModel(averaging=AVERAGING, jitter_ns=-1e-9), "jitter: found -1e-09 ns"),
     (lambda: PixelModel(averaging=AVERAGING, gain_mismatch=-1.001), "gain mismatch: found -1.001"),
     (lambda: PixelModel(averaging=AVERAGING, sample_noise_v=-1e-9), "sample noise: found"),
+    (lambda: PixelModel(averaging=AVERAGING, gain_mismatch=1e7), "gain mismatch: found 10000000.0, expected -1 to 1e6"),
+    (
+        lambda: PixelModel(averaging=AVERAGING, sample_noise_v=1e308),
+        "sample noise: found 1e[+]308 V, expected 0 to 1e6 V",
+    ),
+    (lambda: PixelModel(averaging=AVERAGING, offsets_v=(0.0, -1e308)), "offsets: found"),
+    (lambda: pixel_weights(PixelModel(averaging=AVERAGING, cycles=10**20)), "photons: found 5000000000"),
+    (
+        lambda: pixel_weights(PixelModel(averaging=Averaging(integration_length=1e15))),
+        "photons: found 12500000000000000 in a harmonic, expected 1000000000 or less: a smaller integration length",
+    ),
+    (lambda: stage_ticks(Stages(f1_hz=1e15), 750, 1.25e8), "F1: found 1e[+]15 Hz, 6e[+]09 times while 750 photons"),
+    (lambda: stage_ticks(Stages(f2_hz=1e308), 750, 1.25e8), "F2: found 1e[+]308 Hz"),
+    (lambda: Motion(speed_m_s=3e8), "speed: found 3e[+]08 m/s, expected one below that of light"),
+    (lambda: Motion(frame_rate_hz=1e-300), "frame rate: found 1e-300 Hz"),
+    (
+        lambda: Trials(condition=Condition(asr=1.0, mpi_ratio=0.0), model=PixelModel(averaging=AVERAGING), runs=10**10),
+        "runs",
+    ),
     (lambda: Condition(asr=-1e-9, mpi_ratio=0.0), "ASR: found -1e-09"),
     (lambda: Condition(asr=1.0, mpi_ratio=-1e-9), "MPI ratio: found -1e-09"),
     (lambda: Condition(asr=1.0, mpi_ratio=0.0, fwhm_ns=-1e-9), "pulse width: found -1e-09 ns"),
     (lambda: Condition(asr=1.0, mpi_ratio=0.0, direct_ns=-1e-9).mix(40.0), "direct: found -1e-09 ns"),
     (lambda: Condition(asr=1.0, mpi_ratio=0.0, second_ns=40.0).mix(40.0), "second: found 40 ns"),
     (lambda: mix(jitter_ns=-1e-9), "jitter: found -1e-09 ns"),
+    (lambda: mix(fwhm_ns=1e308), "pulse width: found 1e[+]308 ns, expected 0 to 1e9 ns"),
     (lambda: mix(fwhm_ns=-1e-9), "pulse width: found -1e-09 ns"),
     (lambda: mix(period_ns=9e-7), "period: found 9e-07 ns"),
     (lambda: mix(photons=np.array([math.inf])), "photons: found one below 0, infinite or NaN, expected finite"),

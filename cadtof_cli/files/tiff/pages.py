@@ -54,12 +54,14 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
     runs out; neither may happen here.
 
     Raises:
-        FrameError: the list leaves the file, ends within a page or returns to an earlier one.
+        FrameError: the list is empty, leaves the file, ends within a page or returns to an earlier one.
     """
     header = read_at(descriptor, 4, 0)
     form = _FORMS["<" if header[:2] == b"II" else ">", 43 in header[2:]]
     seen: set[int] = set()
     (offset,) = form.link.unpack(read_at(descriptor, form.link.size, form.first))
+    if not offset:
+        raise FrameError(f"{path}: damaged TIFF: it ends before its first page; expected a complete file")
     while offset:
         if offset in seen:
             raise FrameError(f"{path}: damaged TIFF: page {len(seen)} points back to an earlier page")

@@ -19,6 +19,9 @@ STAGE_DRIVES: tuple[StageDrive, ...] = get_args(StageDrive)
 
 BOLTZMANN_J_PER_K = 1.380649e-23
 
+MOST_TICKS = 2_000_000
+"""How often a stage may switch while a harmonic is recorded: each time is held in memory, and followed."""
+
 _SAME_LENGTH = 1e-6
 """How far the integration lengths of the two channels may differ, relative."""
 
@@ -91,7 +94,7 @@ class Averaging:
 
     def __post_init__(self) -> None:
         n_av = self.integration_length
-        require(math.isfinite(n_av) and n_av > 1, "integration length", f"{n_av:g}", "a finite number above 1")
+        require(1 < n_av <= 1e15, "integration length", f"{n_av:g}", "a number above 1, 1e15 at most")
         require(
             self.capacitors is not None or self.stages.drive == "dc",
             "stages",
@@ -132,11 +135,21 @@ def stage_ticks(stages: Stages, photons: int, photon_rate_hz: float) -> list[tup
 
     Photons come at an even rate here; that they really come at random moves a tick by a few photons of the hundreds
     between two.
+
+    Raises:
+        SettingsError: they switch more often than is followed.
     """
     ticks = []
     for stage, frequency in ((1, stages.f1_hz), (2, stages.f2_hz)):
         per_tick = photon_rate_hz / frequency
-        moments = np.arange(1, math.floor(photons / per_tick + 1e-9) + 1) * per_tick
+        wanted = photons / per_tick
+        require(
+            wanted <= MOST_TICKS,
+            f"F{stage}",
+            f"{frequency:g} Hz, {wanted:g} times while {photons} photons come",
+            f"{MOST_TICKS} times at most: a lower rate, or fewer --cycles",
+        )
+        moments = np.arange(1, math.floor(wanted + 1e-9) + 1) * per_tick
         ticks += [(float(moment), stage) for moment in moments]
     return [(min(math.ceil(moment - 1e-9), photons), stage) for moment, stage in sorted(ticks)]
 

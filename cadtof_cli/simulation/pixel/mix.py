@@ -48,8 +48,8 @@ class PhotonMix:
         require(_countable(self.ambient), "ambient", "one below 0, infinite or NaN", "finite numbers of 0 or more")
         require(self.delays_ns.shape == self.photons.shape, "delays", self.delays_ns.shape, f"{self.photons.shape}")
         require(1e-6 <= self.period_ns < math.inf, "period", f"{self.period_ns:g} ns", "a time above 0")
-        require(0 <= self.fwhm_ns < math.inf, "pulse width", f"{self.fwhm_ns:g} ns", "a time of 0 or more")
-        require(0 <= self.jitter_ns < math.inf, "jitter", f"{self.jitter_ns:g} ns", "a time of 0 or more")
+        require(0 <= self.fwhm_ns <= 1e9, "pulse width", f"{self.fwhm_ns:g} ns", "0 to 1e9 ns")
+        require(0 <= self.jitter_ns <= 1e9, "jitter", f"{self.jitter_ns:g} ns", "0 to 1e9 ns")
         require(bool(np.all(self.total > 0)), "photons", "a pixel without any", "some light in every pixel")
 
     @property
@@ -106,7 +106,7 @@ class Condition:
     def __post_init__(self) -> None:
         require_ratio(self.asr, "ASR", f"{self.asr:g}")
         require_ratio(self.mpi_ratio, "MPI ratio", f"{self.mpi_ratio:g}")
-        require(0 <= self.fwhm_ns < math.inf, "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
+        require(0 <= self.fwhm_ns <= 1e9, "pulse width", f"{self.fwhm_ns:g} ns", "0 to 1e9 ns")
         for ratio, _ in self.further:
             require_ratio(ratio, "path", f"a ratio of {ratio:g}")
 
@@ -162,9 +162,10 @@ class Motion:
     )
 
     def __post_init__(self) -> None:
-        require(math.isfinite(self.speed_m_s), "speed", f"{self.speed_m_s:g} m/s", "a finite speed")
+        light_m_s = 1e9 * C_M_PER_NS
+        require(abs(self.speed_m_s) < light_m_s, "speed", f"{self.speed_m_s:g} m/s", "one below that of light")
         rate = self.frame_rate_hz
-        require(math.isfinite(rate) and rate > 0, "frame rate", f"{rate:g} Hz", "a rate above 0")
+        require(1e-6 <= rate < math.inf, "frame rate", f"{rate:g} Hz", "a rate of 1e-6 Hz or more")
 
     def delays_ns(self, harmonics: int, /) -> tuple[float, ...]:
         """Return by how much later all light comes at each of so many harmonics than in the middle of the frame."""

@@ -32,6 +32,9 @@ MOST_ROWS = 1000
 CHUNK = 1 << 16
 """Photons drawn at once: their buffers stay in the processor's cache."""
 
+MOST_PHOTONS = 10**9
+"""Photons of a harmonic: their weights are held in memory, 16 bytes each."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PixelModel:
@@ -69,9 +72,11 @@ class PixelModel:
         )
         shortest = min(self.modulation.periods_ns)
         require(0 <= self.jitter_ns < shortest, "jitter", f"{self.jitter_ns:g} ns", f"0 to less than {shortest:g} ns")
-        require(0 <= self.sample_noise_v < math.inf, "sample noise", f"{self.sample_noise_v:g} V", "0 V or more")
-        require(-1 <= self.gain_mismatch < math.inf, "gain mismatch", self.gain_mismatch, "-1 or more")
-        require(all(map(math.isfinite, self.offsets_v)), "offsets", self.offsets_v, "two finite voltages")
+        require(0 <= self.sample_noise_v <= 1e6, "sample noise", f"{self.sample_noise_v:g} V", "0 to 1e6 V")
+        require(-1 <= self.gain_mismatch <= 1e6, "gain mismatch", self.gain_mismatch, "-1 to 1e6")
+        require(
+            all(abs(offset) <= 1e6 for offset in self.offsets_v), "offsets", self.offsets_v, "two voltages up to 1e6 V"
+        )
         if self.dead_time_ns > 0 and self.averaging.stages.drive == "switched":
             raise SettingsError("dead time: found with switched stages, expected --stages dc")
 
@@ -89,8 +94,18 @@ class PixelModel:
         return self.photons_per_cycle / (self.modulation.periods_ns[0] * 1e-9)
 
 
+def _require_few_photons(model: PixelModel) -> None:
+    expected = f"{MOST_PHOTONS} or less: a smaller integration length, or fewer --cycles or --photons-per-cycle"
+    require(model.photons <= MOST_PHOTONS, "photons", f"{model.photons} in a harmonic", expected)
+
+
 def pixel_weights(model: PixelModel, /) -> Float32:
-    """Return the weights of the photons that count, (2, n) float32, the latest last; they are the same in all runs."""
+    """Return the weights of the photons that count, (2, n) float32, the latest last; they are the same in all runs.
+
+    Raises:
+        SettingsError: the photons are too many to be simulated one by one, or none of them counts.
+    """
+    _require_few_photons(model)
     weights = model.averaging.weights(model.photons, photon_rate_hz=model.photon_rate_hz)
     if model.averaging.stages.drive == "dc":
         kept = math.ceil(FORGOTTEN_LENGTHS * model.averaging.integration_length)
@@ -129,8 +144,9 @@ def trace_pixel(
     That is when each arrived within the period of the fundamental, in ns, (n,), and SC1 and SC2 after it, in V, (2, n).
 
     Raises:
-        SettingsError: the stages are switched.
+        SettingsError: the stages are switched, or the photons are too many to be simulated one by one.
     """
+    _require_few_photons(model)
     if model.averaging.stages.drive == "switched":
         raise SettingsError("stages: found switched stages, expected --stages dc for the evolution of voltages")
     if model.dead_time_ns > 0:

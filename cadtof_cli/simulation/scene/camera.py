@@ -49,11 +49,13 @@ class Camera:
             require(1 <= pixels <= 16384, name, f"{pixels} pixels", "1 to 16384 pixels")
         focal = self.focal_length_px
         require(focal is None or 1.0 <= focal < math.inf, "focal length", f"{focal} px", "1 px or more")
-        require(all(map(math.isfinite, self.petzval_m)), "Petzval curvature", self.petzval_m, "two finite numbers")
+        require(
+            all(abs(k) <= 1e9 for k in self.petzval_m), "Petzval curvature", self.petzval_m, "two numbers up to 1e9 m"
+        )
         require(1 <= self.bits <= 16, "converter", f"{self.bits} bits", "1 to 16 bits")
         require(1e-12 <= self.volts_per_count < math.inf, "volts a count", self.volts_per_count, "a value above 0")
-        require(0.0 <= self.dark_offset_v < math.inf, "dark offsets", f"{self.dark_offset_v} V", "0 V or more")
-        require(0.0 <= self.fixed_delay_ns < math.inf, "fixed pattern", f"{self.fixed_delay_ns} ns", "0 ns or more")
+        require(0.0 <= self.dark_offset_v <= 1e6, "dark offsets", f"{self.dark_offset_v} V", "0 to 1e6 V")
+        require(0.0 <= self.fixed_delay_ns <= 1e9, "fixed pattern", f"{self.fixed_delay_ns} ns", "0 to 1e9 ns")
 
     @property
     def optics(self) -> Optics:

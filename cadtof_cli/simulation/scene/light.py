@@ -3,7 +3,6 @@
 A scene answers for a band of rows at a time, and a band never depends on another, so bands can be made anywhere.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -88,6 +87,6 @@ def light_from_bounces(seen: Hits, bounces: tuple[Bounce, ...], albedo: float, d
 
 def check_common(distance_m: float, albedo: float, asr: float) -> None:
     """Raise SettingsError for a distance, albedo or ASR that is impossible in every scene."""
-    require(0.01 <= distance_m < math.inf, "distance", f"{distance_m:g} m", "0.01 m or more")
+    require(0.01 <= distance_m <= 1e9, "distance", f"{distance_m:g} m", "0.01 to 1e9 m")
     require(0 < albedo <= 1, "albedo", f"{albedo:g}", "above 0, at most 1")
     require_ratio(asr, "ASR", f"{asr:g}")

@@ -14,8 +14,9 @@ from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import require_new
+from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
-from cadtof_cli.phasors.plausible import doubts, require_plausible
+from cadtof_cli.phasors.plausible import require_plausible
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
 
@@ -115,7 +116,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
     for number, source in enumerate(single_frames(capture)):
         stored = read_stored(source, capture.layout, size=size)
         require_plausible(stored, metadata, of=source)
-        for doubt in doubts(stored, metadata, of_order=has_light) if number == 0 else ():
+        for doubt in doubts(stored, metadata, has_light=has_light) if number == 0 else ():
             progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()

@@ -24,8 +24,9 @@ from cadtof_cli.files.layers import read_facts, read_layers
 from cadtof_cli.files.maps import STATUS, is_map_layer
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import layer_unit
+from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import estimated_integration_length
-from cadtof_cli.phasors.plausible import doubts, implausible
+from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run

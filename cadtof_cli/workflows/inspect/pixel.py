@@ -1,6 +1,5 @@
 """`cadtof inspect`: everything about one pixel of a recorded frame, by the way that `cadtof resolve` goes."""
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -107,7 +106,7 @@ def _task(
     (plan,) = plan_captures(captures, settings, calibration)
     for note in (*plan.notes(), *(calibration.notes if calibration else ())):
         progress.say(note)
-    task = next(itertools.islice(plan.tasks(settings), place, None), None)
+    task = next((task for number, task in enumerate(plan.tasks(settings)) if number == place), None)
     if task is None:
         raise SettingsError(f"--frame: found {place}, expected a map that a run on {frame} would write, from 0")
     return task, str(task.sources[0])

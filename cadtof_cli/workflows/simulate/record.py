@@ -97,6 +97,8 @@ def record_scene(
     progress.advance(0, total=len(band_rows(exposure.camera.height)) + settings.frames)
     with new_folder(out) as folder:
         whole = expose(exposure, workers=workers, progress=progress)
+        seen = np.isfinite(whole.truth["direct.depth"]).any()
+        require(bool(seen), "scene", "nothing in view", "a surface there: bring the scene nearer")
         frames = frames_of(settings, whole, progress=progress)
         write_capture(folder, frames, settings=settings, truth=whole.truth, comments=_comments(settings))
     depth = whole.truth["direct.depth"]

@@ -26,6 +26,8 @@ from cadtof_cli.simulation.pixel.statistics import averaging_gain, draw_voltages
 PHOTON_RUNS, STATISTICS_RUNS = 10, 1000
 """Runs that are drawn together; fixed, so that results never depend on how many processes share the blocks."""
 
+MOST_RUNS = 10**9
+
 _STATISTICS_KEY, _PHOTONS_KEY, EVOLUTION_KEY = 4, 5, 6
 """Branches of the seed, after those of `camera`: voltages of a block of runs, photons of one run, and of a drawn one."""
 
@@ -67,7 +69,7 @@ class Trials:
     stream: int = 0
 
     def __post_init__(self) -> None:
-        require(self.runs >= 2, "runs", self.runs, "2 or more")
+        require(2 <= self.runs <= MOST_RUNS, "runs", self.runs, f"2 to {MOST_RUNS}")
         require(self.seed >= 0, "seed", self.seed, "0 or more")
         self.condition.mix(self.period_ns)
         self.resolver.room(self.model.modulation.harmonics, sine=True)

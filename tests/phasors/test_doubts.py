@@ -1,0 +1,98 @@
+"""Frames that may be recordings, and are likely not what their camera was to record: values cut off, planes without light."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.phasors.doubts import cut_off, without_light
+from cadtof_cli.phasors.plausible import FEWEST
+
+ZERO, STEP = 8192.0, 6e-5
+COUNTS = Voltage(zero_counts=ZERO, volts_per_count=STEP)
+
+
+def counts() -> NDArray[np.uint16]:
+    """Counts, (2, 2, 4000), of phasors of .11 V of any phase."""
+    phase = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, (2, 4000))
+    return np.rint(0.11 * np.stack([np.cos(phase), np.sin(phase)], axis=1) / STEP + ZERO).astype(np.uint16)
+
+
+def told_of_cutting(stored: NDArray[np.generic], voltage: Voltage = COUNTS) -> str | None:
+    frame = stored.reshape(*stored.shape[:2], -1, 50)
+    return cut_off(frame, CaptureMetadata(voltage=voltage))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("spread", [0.0, 0.3, 3.0, 300.0])
+def test_values_that_nothing_cuts_off(dtype: type, spread: float) -> None:
+    """Whatever noise there is, over few steps or many; of light of one phase, and of all phases."""
+    noise = np.random.default_rng(1).normal(0.0, spread, (2, 2, 4000))
+    scale = 1 / 64 if dtype == np.uint8 else 1.0
+    for light in (np.full((2, 2, 4000), 9000.0), counts().astype(np.float64)):
+        assert told_of_cutting(np.rint((light + noise) * scale).astype(dtype)) is None
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_values_that_are_cut_off(dtype: type) -> None:
+    stored: NDArray[np.generic] = (counts() + np.random.default_rng(1).normal(0.0, 7.0, (2, 2, 4000))).astype(dtype)
+    high, low = np.minimum(stored, dtype(9500)), np.maximum(stored, dtype(7000))
+    assert str(told_of_cutting(high)).endswith(
+        "saturated_counts under [voltage] in capture.toml, or --saturated-counts"
+    )
+    share = (high == 9500).any(axis=(0, 1)).mean()
+    assert str(told_of_cutting(high)).startswith(f"{share:.1%} of the pixels hold 9500, the largest stored value: ")
+    assert " of the pixels hold 7000, the least stored value: " in str(told_of_cutting(low))
+    known = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 9500.0))
+    assert told_of_cutting(high, known) is None
+    assert told_of_cutting(low, known) is not None
+
+
+def test_a_few_pixels_at_one_value_say_nothing() -> None:
+    stored = (counts() + np.random.default_rng(1).normal(0.0, 7.0, (2, 2, 4000))).astype(np.uint16)
+    stored[0, 0, : FEWEST - 1] = 12000
+    assert told_of_cutting(stored) is None
+    stored[1, 1, FEWEST - 1] = 12000
+    assert "hold 12000, the largest" in str(told_of_cutting(stored))
+    stored[:, :, FEWEST - 2 :] = 65535
+    assert (
+        told_of_cutting(stored, Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 65535.0)))
+        is None
+    )
+
+
+def slanted_wall(noise_counts: float, *, nearest: float = 0.4, farthest: float = 2.1) -> NDArray[np.uint16]:
+    """Return a frame (2, 2, 40, 60) of a wall whose phase at the fundamental, in rad, grows across it, all of it lit."""
+    phases = np.linspace(nearest, farthest, 60) * np.array([[[1.0]], [[2.0]]]) * np.ones((40, 1))
+    volts = 0.15 * np.stack([np.cos(phases), np.sin(phases)], axis=1)
+    noise = np.random.default_rng(4).normal(0.0, noise_counts, volts.shape)
+    return np.rint(volts / STEP + ZERO + noise).astype(np.uint16)
+
+
+@pytest.mark.parametrize("noise_counts", [0.0, 7.0, 100.0])
+@pytest.mark.parametrize(
+    ("planes", "named"), [([(1, 1)], "H2.SC2"), ([(0, 0)], "H1.SC1"), ([(1, 0), (1, 1)], "H2.SC1, H2.SC2")]
+)
+def test_planes_that_hold_noise_alone(planes: list[tuple[int, int]], named: str, noise_counts: float) -> None:
+    stored = slanted_wall(noise_counts)
+    assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
+    for place in planes:
+        stored[place] = np.random.default_rng(5).normal(ZERO + 30.0, max(noise_counts, 1.0), stored.shape[2:])
+    told = without_light(stored, CaptureMetadata(voltage=COUNTS))
+    assert told == f"only noise in {named}, where other planes show a scene: was that recorded, with its modulation on?"
+
+
+def test_frames_of_noise_of_few_pixels_or_of_bad_ones_say_nothing_of_a_dark_plane() -> None:
+    noise = np.random.default_rng(5).normal(ZERO, 7.0, (2, 2, 40, 60)).astype(np.uint16)
+    assert without_light(noise, CaptureMetadata(voltage=COUNTS)) is None
+    stored = slanted_wall(7.0).astype(np.float32)
+    stored[1, 1] = noise[1, 1]
+    assert without_light(stored[:, :, :1, : FEWEST - 8], CaptureMetadata(voltage=COUNTS)) is None
+    stored[0, 0, 1:] = np.nan
+    assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
+
+
+@pytest.mark.parametrize("middle", [0.0, np.pi / 2.0, np.pi, 3.0 * np.pi / 2.0])
+def test_channels_that_hardly_change_with_the_few_depths_of_a_scene_have_light(middle: float) -> None:
+    stored = slanted_wall(30.0, nearest=middle - 0.15, farthest=middle + 0.15)
+    assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
