@@ -45,7 +45,7 @@ class CalibrationNoise:
             frames: over which the pixel is a mean.
         """
         steps = np.round(STEPS_PER_OCTAVE * np.log2(np.clip(powers, 1e-6, 1.0)))
-        return _with_calibration(noise, self, tuple(2.0 ** (steps / STEPS_PER_OCTAVE)), frames)
+        return _with_calibration(noise, self, tuple((2.0 ** (steps / STEPS_PER_OCTAVE)).tolist()), frames)
 
 
 @lru_cache(maxsize=8)
