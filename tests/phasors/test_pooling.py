@@ -165,7 +165,7 @@ def test_a_surface_that_slants_is_pooled_as_one_that_does_not(slope: float, wind
     assert np.sqrt((error**2).mean()) == pytest.approx(sigma_rad / window, rel=0.15)
 
 
-@pytest.mark.parametrize("slope", [3.0, 6.0, 12.0])
+@pytest.mark.parametrize("slope", [3.0, 6.0, 12.0, 16.0])
 def test_phasors_that_a_slope_turns_are_not_pooled_to_smaller_ones(slope: float) -> None:
     """Means of turned phasors are smaller, most at the second harmonic, as if there were MPI: by a tenth of the noise at most."""
     phasors, _, sigma_rad = slanted(slope, seed=2)
