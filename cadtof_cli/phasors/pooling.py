@@ -23,8 +23,8 @@ BENT = 0.1
 side has the right phase, but cos δ of the amplitude, less at higher harmonics: as light that comes by more than one way."""
 
 BLOCK_PIXELS = 8192
-"""Least number of pixels that are dealt with at a time: numpy's loops over a quarter of them take half as long again per pixel, and
-many more do not stay in the processor's cache."""
+"""Least number of pixels that are dealt with at a time: numpy's loops over a quarter of them take half as long again per pixel,
+and many more do not stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
