@@ -33,10 +33,12 @@ from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, m
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.status import StatusBit, has_answer
 
 if TYPE_CHECKING:
+    from cadtof_cli.calibration.apply import CalibrationNoise
     from cadtof_cli.calibration.store import Calibration
     from cadtof_cli.frame_samples import FrameSamples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
@@ -48,6 +50,9 @@ stays small however large the frames are."""
 SEARCHED_BLOCK_PIXELS = 32768
 """Pixels per block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
 
+
+TYPICAL_PIXELS = 256
+"""About as many pixels tell the typical light of a frame."""
 
 FREEING_ROUNDS = 3
 """How often the tail is predicted again from phasors that the last prediction freed of the other terms of a response: rooms
@@ -106,9 +111,11 @@ def prepare_frame(
     noise = stages.noise
     if noise is None:
         noise = _estimated_noise(recorded, samples, frame.dtype, plan, stages)
-    noise = noise if samples is None else replace(noise, samples=samples)
     same = is_without_noise(stored, noise)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
+    if stages.correction.noise is not None and not noise.estimated:
+        noise = _with_noise_of_calibration(pixels, samples, stages, stages.correction.noise)
+    pixels = replace(pixels, noise=noise if samples is None else replace(noise, samples=samples))
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if stages.diffuse is not None:
@@ -216,6 +223,21 @@ def _estimated_noise(
         estimate = 0.5 * (1.0 + (2.0 * estimate - 1.0) / float(np.median(samples)))
     length = min(estimate, most_integration(plan.metadata, quantised=dtype.kind in "iu"))
     return noise_model(plan.metadata, integration_length=length, quantised=False, estimated=True)
+
+
+def _with_noise_of_calibration(
+    pixels: FramePixels, samples: Float | None, stages: FrameStages, left: "CalibrationNoise"
+) -> NoiseModel:
+    """Return the noise of a recorded pixel with what the calibration leaves in frames of such light.
+
+    An estimated noise has it: it scatters from pixel to pixel, as that of recordings does.
+    """
+    count = pixels.stored.shape[2]
+    phasors = stages.phasors(pixels, np.arange(0, count, max(1, count // TYPICAL_PIXELS)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        powers = np.nan_to_num(median(np.abs(phasors) ** 2))
+    frames = 1.0 if samples is None else float(np.median(samples))
+    return left.added_to(pixels.noise, powers=powers, frames=frames)
 
 
 def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePixels:

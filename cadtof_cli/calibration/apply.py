@@ -1,6 +1,8 @@
 """A calibration made ready for frames of one size and type: what the pipeline applies to every block."""
 
+import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,6 +10,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.optics import curvature_m
+from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.phasors.voltages import PhasorMap, ideal_phasor_map, pixel_phasor_map
 from cadtof_cli.records import dataclass
@@ -15,6 +18,43 @@ from cadtof_cli.records import dataclass
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
     from cadtof_cli.resolver.response.table import ResponseBlock
+
+
+STEPS_PER_OCTAVE = 4
+"""Powers of light that are told apart, for every factor of two: frames of about the same light share what follows from noise."""
+
+
+@dataclass(frozen=True)
+class CalibrationNoise:
+    """What the noise of a calibration's own frames leaves in a pixel's phasors, the same in all frames that it is applied to.
+
+    Attributes:
+        dark: variance per channel and harmonic by the dark frames, in units of the modulation amplitude.
+        response: by the frames of targets, over the power |p|² of the light.
+    """
+
+    dark: tuple[float, ...]
+    response: tuple[float, ...]
+
+    def added_to(self, noise: NoiseModel, /, *, powers: Float, frames: float) -> NoiseModel:
+        """Return the noise of a pixel recorded in so many frames with what is the same in all of them.
+
+        Args:
+            noise: of a single recording; the mean of all has that over `frames`, in which the calibration's must be found whole.
+            powers: typical |p|² of each harmonic, (H,).
+            frames: over which the pixel is a mean.
+        """
+        steps = np.round(STEPS_PER_OCTAVE * np.log2(np.clip(powers, 1e-6, 1.0)))
+        return _with_calibration(noise, self, tuple(2.0 ** (steps / STEPS_PER_OCTAVE)), frames)
+
+
+@lru_cache(maxsize=8)
+def _with_calibration(
+    noise: NoiseModel, left: CalibrationNoise, powers: tuple[float, ...], frames: float
+) -> NoiseModel:
+    return noise.with_more(
+        [frames * (dark + share * power) for dark, share, power in zip(left.dark, left.response, powers, strict=True)]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +66,14 @@ class FrameCorrection:
         response: for resolving paths, where the channel pairs answer with more than k = ±1; None where they do not.
         hot: (n,), pixels that get no answer; None where there are none.
         range_offset_m: (n,), what the lens adds to every range; None where that is nothing.
+        noise: what is left of the calibration's own; None without a dark or response calibration.
     """
 
     phasor_map: PhasorMap
     response: "ResponseBlock | None" = None
     hot: Bool | None = None
     range_offset_m: Float | None = None
+    noise: CalibrationNoise | None = None
 
 
 def frame_correction(
@@ -68,6 +110,7 @@ def frame_correction(
         tabulated_responses(responses, phase),
         dark.hot.ravel() if dark is not None and dark.hot.any() else None,
         _range_offset_m(calibration, metadata, pixels),
+        _noise(calibration, responses, metadata.modulation.amplitude_v),
     )
 
 
@@ -78,6 +121,23 @@ def tabulated_responses(responses: Sequence[HarmonicResponse], phase_rad: Float 
     from cadtof_cli.resolver.response.table import response_block
 
     return response_block(responses, phase_rad)
+
+
+def _noise(
+    calibration: "Calibration", responses: Sequence[HarmonicResponse], amplitude_v: float
+) -> CalibrationNoise | None:
+    """Return what is left of the noise of dark frames and of targets; a part whose frames do not tell theirs adds nothing."""
+    dark, response = calibration.dark, calibration.response
+    if dark is None and response is None:
+        return None
+    offset_v = dark.quality()["offset_stderr_v"] if dark else 0.0
+    offset_v = offset_v if math.isfinite(offset_v) else 0.0
+    phases = response.quality.phase_stderr_rad if response else (0.0,) * len(responses)
+    # how far a pixel's gain is known follows from the same noise as its phase
+    return CalibrationNoise(
+        tuple((offset_v / amplitude_v / abs(one.main)) ** 2 for one in responses),
+        tuple(phase**2 if math.isfinite(phase) else 0.0 for phase in phases),
+    )
 
 
 def _range_offset_m(calibration: "Calibration", metadata: CaptureMetadata, pixels: tuple[int, int]) -> Float | None:

@@ -56,6 +56,9 @@ class ResponseCalibration:
         shape = (len(self.origin.harmonics), *self.origin.pixels)
         if tuple(response.harmonic for response in self.responses) != self.origin.harmonics:
             raise ValueError(f"found responses of other harmonics than {self.origin.harmonics}")
+        known = len(self.quality.phase_stderr_rad)
+        if known != shape[0]:
+            raise ValueError(f"phase_stderr_rad: found {known} values, expected one for each of {shape[0]} harmonics")
         for name in ("phase_rad", "gain"):
             values = getattr(self, name)
             if values.shape != shape or not np.isfinite(values).all():

@@ -1,6 +1,7 @@
 """The noise of phasors, known beforehand from the integration length or estimated from a frame, and thresholds on a misfit."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
@@ -42,7 +43,8 @@ class HarmonicNoise:
     """Noise of one harmonic's phasor, in units of the modulation amplitude.
 
     `harmonic` is its number h, `averaging` is 1/(2·n_av − 1) of the exponentially weighted average, `pulse` and
-    `pulse_double` are r_h and r_2h, and `floor` is a variance per channel that is added whatever the light (quantisation).
+    `pulse_double` are r_h and r_2h, and `floor` is a variance per channel that is added whatever the light: of quantisation,
+    and of what a calibration's own noise leaves.
     """
 
     harmonic: int
@@ -104,6 +106,11 @@ class NoiseModel:
 
     def __getitem__(self, pixels: SomePixels, /) -> "NoiseModel":
         return self if self.samples is None else replace(self, samples=self.samples[pixels])
+
+    def with_more(self, variances: Sequence[float], /) -> "NoiseModel":
+        """Return the noise with a variance per channel added to that of each harmonic of a recorded pixel, whatever the light."""
+        each = tuple(replace(one, floor=one.floor + more) for one, more in zip(self.each, variances, strict=True))
+        return replace(self, each=each)
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:

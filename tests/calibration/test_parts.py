@@ -21,7 +21,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.phasors.response import HarmonicResponse
-from tests.support.calibrations import PETZVAL_QUALITY, RESPONSE_QUALITY
+from tests.support.calibrations import PETZVAL_QUALITY, response_quality
 
 SHAPE = (4, 6)
 
@@ -101,7 +101,7 @@ def test_maps_of_another_size_are_refused() -> None:
         PetzvalCalibration(origin(), float("nan"), 0.0, (1.0, 1.0), PETZVAL_QUALITY)
 
 
-@pytest.mark.parametrize("what", ["harmonics", "shape", "nan", "zero"])
+@pytest.mark.parametrize("what", ["harmonics", "shape", "nan", "zero", "quality"])
 def test_a_response_that_cannot_be_is_refused(what: str) -> None:
     responses = tuple(HarmonicResponse(h, ((1, 1.0 + 0j),)) for h in ((1, 2) if what != "harmonics" else (1, 3)))
     phase, gain = np.zeros((2, *SHAPE), np.float32), np.ones((2, *SHAPE), np.float32)
@@ -112,7 +112,7 @@ def test_a_response_that_cannot_be_is_refused(what: str) -> None:
     elif what == "zero":
         gain[0, 0, 0] = 0.0
     with pytest.raises(ValueError, match=r"found|gain"):
-        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), RESPONSE_QUALITY)
+        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), response_quality(2 - (what == "quality")))
 
 
 def test_parts_that_were_measured_with_others_are_stale() -> None:

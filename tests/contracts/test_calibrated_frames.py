@@ -19,7 +19,7 @@ from cadtof_cli.phasors.response import HarmonicResponse
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from tests.support.calibrations import PETZVAL_QUALITY, RESPONSE_QUALITY
+from tests.support.calibrations import PETZVAL_QUALITY, response_quality
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS
 
 F = NDArray[np.float64]
@@ -117,7 +117,7 @@ def response(curvature: tuple[float, float], **maps: F) -> ResponseCalibration:
     responses = tuple(HarmonicResponse(h, ((1, complex(r)),)) for h, r in zip((1, 2), pulse, strict=True))
     phase = np.asarray(maps.get("phase", np.zeros((2, *SHAPE))), np.float32)
     gain = np.asarray(maps.get("gain", np.ones((2, *SHAPE))), np.float32)
-    return ResponseCalibration(ORIGIN, responses, phase, gain, curvature, RESPONSE_QUALITY)
+    return ResponseCalibration(ORIGIN, responses, phase, gain, curvature, response_quality(2))
 
 
 @pytest.mark.parametrize("point_px", [POINT_PX, None])

@@ -15,7 +15,10 @@ from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 
 PETZVAL_QUALITY = PetzvalQuality(0.001, 0.002, 0.01, 0.001, 0.001, 0.5, 28.0, True, ())
 
-RESPONSE_QUALITY = ResponseQuality((), 1.0, (), (), (), (0.0, 0.0), ())
+
+def response_quality(harmonics: int, *, phase_stderr_rad: float = 0.0) -> ResponseQuality:
+    """Return the quality of a response of so many harmonics, each pixel's phase known to so much."""
+    return ResponseQuality((), 1.0, (phase_stderr_rad,) * harmonics, (0.0,) * harmonics, (), (0.0, 0.0), ())
 
 
 def made_up_calibration(metadata: CaptureMetadata, pixels: tuple[int, int], parts: Collection[str], /) -> Calibration:
@@ -45,7 +48,7 @@ def made_up_calibration(metadata: CaptureMetadata, pixels: tuple[int, int], part
         rng.normal(scale=0.05, size=shape).astype(np.float32),
         rng.uniform(0.9, 1.1, shape).astype(np.float32),
         (0.03, -0.02),
-        RESPONSE_QUALITY,
+        response_quality(shape[0]),
     )
     petzval = PetzvalCalibration(origin, 0.05, -0.03, (pixels[1] / 3, pixels[0] / 2), PETZVAL_QUALITY)
     every = Calibration(dark, response, petzval)
