@@ -105,6 +105,8 @@ def main() -> int:
 def tree_of(name: str) -> Iterator[Path]:
     """Yield the folder of a checkout; a revision is checked out for the time being."""
     if Path(name).is_dir():
+        if not (Path(name) / "cadtof_cli").is_dir():
+            sys.exit(f"{name}: no checkout: no cadtof_cli in it")  # what is installed would run in its place
         yield Path(name).resolve()
         return
     with tempfile.TemporaryDirectory() as place:

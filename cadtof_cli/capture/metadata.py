@@ -269,8 +269,8 @@ class CaptureMetadata:
         if width > widest:
             expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
             raise InvalidValueError("pulse.fwhm_ns", width, expected)
-        distance, farthest = self.target.distance_m, MOST_RANGES * unambiguous_range_m(self.modulation.periods_ns[0])
-        if distance is not None and distance > farthest:
+        distance, period = self.target.distance_m, self.modulation.periods_ns[0]
+        if distance is not None and distance > (farthest := MOST_RANGES * unambiguous_range_m(period)):
             expected = f"at most {MOST_RANGES} unambiguous ranges, which are {farthest:.4g} m; is it in mm?"
             raise InvalidValueError("target.distance_m", distance, expected)
         raw = self.layout.raw_dtype

@@ -1,10 +1,13 @@
-"""What is likely wrong with a frame, though it may be a recording: planes in another order or without light, values cut off.
+"""What is likely wrong with a frame, though it may be a recording: height for width, order of planes, no light, values cut off.
 
 Light of one path at the phase x has the phases x, 2x, … at the harmonics 1, 2, …, and one amplitude. Paths that mix shift both,
 but hardly ever in nearly all pixels of a frame; planes that were written in another order do that.
 
 A scene makes all planes differ more over the frame than from pixel to pixel; a channel that is not connected, or a harmonic that
 is not modulated, holds noise alone.
+
+Neighbours show nearly the same. Where height and width were taken for each other, as in the shape that was given for a raw dump,
+pixels below each other do not.
 
 Noise spreads the outermost values as it does all others: where many pixels hold the very same one, a converter has cut them off.
 """
@@ -46,6 +49,14 @@ _AS_NOISE, _AS_SCENE = 1.3, 3.0
 Of 28 captures with light, the plane with least has 2.3; noise has 1.0. A plane far from 0 V beside the largest scatter is left
 out: a cosine is flat, and far from 0, where its sine says most."""
 
+_SHEARED = 1.4
+"""How many times as far pixels below each other differ as they would with height and width swapped, where these likely are, over
+the larger of both by the smaller: a slope without noise has that. In 332 captures of 4 to 3 the former is .5 at the most, and
+2 and more with both swapped; noise has 1."""
+
+_SLENDER = 2
+"""Width over height, or the reverse, up to which that is looked at: pixels of long lines are beside each other either way."""
+
 _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
     "with SC1 and SC2 swapped": lambda frame: frame[:, ::-1],
     "with the harmonics in the opposite order": lambda frame: frame[::-1],
@@ -59,15 +70,42 @@ _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
 def doubts(
     stored: Stored, metadata: CaptureMetadata, /, *, has_light: bool = True, of_order: bool = True
 ) -> tuple[str, ...]:
-    """Return in words what is likely wrong with a frame, (H, 2, Y, X): values that are cut off; if it has light, planes that do
-    not show it, or else, `of_order`, planes that are swapped.
+    """Return in words what is likely wrong with a frame, (H, 2, Y, X): values that are cut off; if it has light, lines of the
+    wrong length, planes that do not show it, or else, `of_order`, planes that are swapped.
 
     Raises:
         SettingsError: see `volts_per_count`.
     """
+    slanted = sheared(stored, metadata) if has_light else None
     dark = without_light(stored, metadata) if has_light else None
     mistaken = mistaken_order(stored, metadata) if has_light and of_order and not dark else None
-    return tuple(doubt for doubt in (dark, mistaken, cut_off(stored, metadata)) if doubt)
+    return tuple(doubt for doubt in (slanted, dark, mistaken, cut_off(stored, metadata)) if doubt)
+
+
+def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return that height and width of a frame, (H, 2, Y, X), are likely swapped, with what each is; None where all is well.
+
+    NaN and saturated pixels are left out.
+    """
+    height, width = stored.shape[2:]
+    short, long = sorted((height, width))
+    if short == long or long > _SLENDER * short:
+        return None
+    planes = stored.reshape(-1, height * width)
+    sound = sound_pixels(stored, metadata.voltage.saturated_counts).ravel()
+    here = np.arange(0, sound.size - long, max(1, sound.size // LOOKED_AT))
+
+    def difference(line: int) -> float:
+        both = here[sound[here] & sound[here + line]]
+        steps = planes[:, both + line].astype(np.float64) - planes[:, both]
+        return float(np.abs(steps).mean()) if both.size >= FEWEST else math.nan
+
+    if not difference(width) > _SHEARED * long / short * difference(height):
+        return None
+    return (
+        f"pixels below each other differ far more than if lines were {height} pixels long, not {width}: are height and width, "
+        "as in --raw-shape, swapped?"
+    )
 
 
 def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:

@@ -17,6 +17,9 @@ from cadtof_cli.records import dataclass
 MAD_PER_SIGMA = 0.6744897501960817
 """Median absolute deviation of a Gaussian over its standard deviation."""
 
+_MEAN_SQUARE: dict[Waveform, float] = {"sine": 1.0 / 2.0, "triangle": 1.0 / 3.0}
+"""Of a waveform of amplitude 1."""
+
 _WAVE_NOISE: dict[Waveform, tuple[float, float]] = {
     "sine": (1.0, 1.0),
     "triangle": (8.0 / math.pi**2 * math.sqrt(1.5), 3.0 * (2.0 / math.pi**2 + 4.0 / math.pi**3)),
@@ -30,7 +33,6 @@ covariance, where a sine has 1/2 in both; their mean over 1/3 is 0.995. What is 
 
 LEAST_SHARE = 1e-3
 """Least variance along a phasor, as a share of the dark one: without ambient light it falls to rounding error."""
-
 
 MOST_INTEGRATION = 1e12
 """Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
@@ -144,6 +146,12 @@ def noise_model(
         integration_length,
         estimated,
     )
+
+
+def ambient_noise_v(metadata: CaptureMetadata, /, *, integration_length: float) -> float:
+    """Return the standard deviation of a channel, in V, that photons of ambient light alone leave in a frame."""
+    modulation = metadata.modulation
+    return modulation.amplitude_v * math.sqrt(_MEAN_SQUARE[modulation.waveform] / (2.0 * integration_length - 1.0))
 
 
 def most_integration(metadata: CaptureMetadata, /, *, quantised: bool) -> float:

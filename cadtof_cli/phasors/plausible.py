@@ -15,7 +15,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of
-from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.noise import NoiseModel, ambient_noise_v
 from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
 
 LOOKED_AT = 4096
@@ -141,8 +141,8 @@ def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[flo
     """Return the longest phasor that there can be, in V, and the two stored values between which none is longer or saturated."""
     n_av, voltage = metadata.pixel.integration_length, metadata.voltage
     # with five standard deviations of the noise
-    longest = LONGEST + (0.0 if n_av is None else 5.0 * math.sqrt(0.5 / (2.0 * n_av - 1.0)))
-    longest *= metadata.modulation.amplitude_v
+    noise_v = 0.0 if n_av is None else ambient_noise_v(metadata, integration_length=n_av)
+    longest = LONGEST * metadata.modulation.amplitude_v + 5.0 * noise_v
     most = longest / math.sqrt(2.0) / abs(volts_per_count(voltage, dtype))
     low, high = voltage.saturated_counts or (-math.inf, math.inf)
     return longest, max(voltage.zero - most, low), min(voltage.zero + most, high)

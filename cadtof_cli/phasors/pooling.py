@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.records import dataclass
 
@@ -22,9 +22,9 @@ BENT = 0.1
 """By what share of its noise a pixel's phasors may come out too small. The mean of two phasors that a slope turns by δ to either
 side has the right phase, but cos δ of the amplitude, less at higher harmonics: as light that comes by more than one way."""
 
-BLOCK_PIXELS = 4096
-"""Least number of pixels that are dealt with at a time: numpy's loops over planes of fewer take thrice as long a pixel, and as
-many more do not stay in the processor's cache."""
+BLOCK_PIXELS = 8192
+"""Least number of pixels that are dealt with at a time: numpy's loops over a quarter of them take half as long again per pixel,
+and many more do not stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -139,11 +139,11 @@ class _Margins:
         """Place of the first pixel."""
         return self.reach * self.row + self.reach
 
-    def around(self, planes: int) -> Float:
+    def around(self, planes: int) -> Float32:
         """Return planes of 0, (planes, places)."""
-        return np.zeros((planes, self.height * self.row + 2 * self.first))
+        return np.zeros((planes, self.height * self.row + 2 * self.first), np.float32)
 
-    def inside(self, flat: Float) -> Float:
+    def inside(self, flat: Float32) -> Float32:
         """Return the frames, (planes, Y, X), that flat planes hold, as a view."""
         frames = flat[:, self.first : self.first + self.height * self.row]
         return frames.reshape(len(flat), self.height, self.row)[:, :, : self.width]
@@ -168,17 +168,18 @@ class _Margins:
 class _Light:
     """What neighbours give, flat: planes whose noise is 1 for a pixel of weight 1, (2·H, places), and the `weight`, (places,).
 
-    `most` is the misfit that each pixel's noise explains.
+    `most` is the misfit that each pixel's noise explains. All are float32, which rounds phasors by 6e-8 of their length, far less
+    than noise, and takes half the time of float64.
     """
 
-    given: Float
-    weight: Float
-    most: Float
+    given: Float32
+    weight: Float32
+    most: Float32
 
 
 def _sums_of_alike(
-    light: _Light, reference: Float, reference_most: Float, margins: _Margins, *, bent: float = math.inf
-) -> Float:
+    light: _Light, reference: Float32, reference_most: Float32, margins: _Margins, *, bent: float = math.inf
+) -> Float32:
     """Return the sums of what is given times its weight, and of the weights, of a pixel and of all pairs that agree with it.
 
     They agree where the mean of both differs from the pixel's reference by no more than noise explains, and each of them from the
@@ -189,7 +190,7 @@ def _sums_of_alike(
     half = 0.5 * light.given
     for here in margins.blocks():
         total, of_reference = sums[:, here], reference[:, here]
-        mean, squares = np.empty((2, *of_reference.shape))
+        mean, squares = np.empty((2, *of_reference.shape), np.float32)
         # half of what two differ by is a·δ, and δ²/2 of the amplitude a is missing
         turned = 2.0 * bent * np.sqrt((of_reference * of_reference).sum(axis=0) / (len(of_reference) // 2))
         for offset in margins.offsets():

@@ -14,6 +14,7 @@ REASONS = frozenset(
         "implausible",
         "no_recording",
         "mistaken_order",
+        "sheared",
         "without_light",
         "cut_off",
         "doubt",

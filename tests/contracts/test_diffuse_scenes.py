@@ -148,6 +148,27 @@ def test_a_tail_is_taken_out_where_there_is_one(name: str, length: float) -> Non
     assert 0.4 < share < 0.995
 
 
+@pytest.mark.parametrize("harmonics", [2, 3])
+@pytest.mark.parametrize("period_ns", [60.0, 100.0])
+@pytest.mark.parametrize("name", TAILS)
+def test_slower_modulation_tells_less_of_a_tail_and_says_so(name: str, period_ns: float, harmonics: int) -> None:
+    periods = tuple(period_ns / h for h in range(1, harmonics + 1))
+    usual = exposure(name)
+    shown = replace(usual, metadata=replace(usual.metadata, modulation=Modulation(periods_ns=periods)))
+    whole = expose(shown)
+    volts, truth = frame_voltages(shown, whole, 0), whole.truth["direct.depth"]
+    tail, paths = (
+        resolve_frame(volts, plan=FramePlan(metadata=shown.metadata, settings=MapSettings(resolver=settings)))
+        for settings in (ResolverSettings(), ResolverSettings(mpi_model="discrete"))
+    )
+    assert tail.mpi is not None
+    assert tail.mpi.taken == "diffuse"
+    error = error_m(tail, truth)
+    sigma = tail.maps.layer(DIRECT_SIGMA)[np.isfinite(tail.maps.layer(DIRECT_DEPTH))]
+    assert np.median(error) < 0.5 * np.median(error_m(paths, truth))
+    assert 0.4 < (error < sigma).mean() < 0.97
+
+
 @pytest.mark.parametrize("size", [(1, 1), (1, 96), (72, 1), (3, 50), (31, 33), (72, 96)])
 @pytest.mark.parametrize("model", ["diffuse", "auto"])
 def test_frames_of_any_size_are_answered(size: tuple[int, int], model: MpiModel) -> None:

@@ -1,11 +1,13 @@
-"""Frames that may be recordings, and are likely not what their camera was to record: values cut off, planes without light."""
+"""Frames that may be recordings, and are likely not what was to be recorded or read: cut off, without light, or sheared."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
-from cadtof_cli.phasors.doubts import cut_off, without_light
+from cadtof_cli.phasors.doubts import cut_off, sheared, without_light
 from cadtof_cli.phasors.plausible import FEWEST
 
 ZERO, STEP = 8192.0, 6e-5
@@ -96,3 +98,38 @@ def test_frames_of_noise_of_few_pixels_or_of_bad_ones_say_nothing_of_a_dark_plan
 def test_channels_that_hardly_change_with_the_few_depths_of_a_scene_have_light(middle: float) -> None:
     stored = slanted_wall(30.0, nearest=middle - 0.15, farthest=middle + 0.15)
     assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
+
+
+def hill(height: int, width: int, *, noise_counts: float = 7.0) -> NDArray[np.uint16]:
+    """Return a frame, (2, 2, Y, X), of a hill on a slanted floor."""
+    y, x = np.mgrid[:height, :width] / max(height, width)
+    phase = 0.6 + 1.2 * y + 0.8 * np.exp(-30.0 * ((x - 0.5) ** 2 + (y - 0.3) ** 2))
+    volts = 0.1 * np.stack([[np.cos(h * phase), np.sin(h * phase)] for h in (1, 2)])
+    return np.rint(volts / STEP + ZERO + np.random.default_rng(6).normal(0.0, noise_counts, volts.shape)).astype(
+        np.uint16
+    )
+
+
+def told_of_lines(stored: NDArray[np.generic]) -> str | None:
+    return sheared(stored, CaptureMetadata(voltage=replace(COUNTS, saturated_counts=(0.0, 16383.0))))
+
+
+@pytest.mark.parametrize("noise_counts", [0.0, 7.0, 50.0])
+@pytest.mark.parametrize(("height", "width"), [(60, 80), (80, 60), (45, 90)])
+def test_height_and_width_that_were_taken_for_each_other(height: int, width: int, noise_counts: float) -> None:
+    stored = hill(height, width, noise_counts=noise_counts)
+    assert told_of_lines(stored) is None
+    said = str(told_of_lines(stored.reshape(2, 2, width, height)))
+    assert f"if lines were {width} pixels long, not {height}: are height and width" in said
+
+
+def test_lines_of_which_nothing_can_be_said() -> None:
+    square, noise, slender = hill(60, 60), np.random.default_rng(7).integers(8000, 8400, (2, 2, 60, 80)), hill(30, 90)
+    assert told_of_lines(square) is told_of_lines(noise) is None
+    assert told_of_lines(slender) is told_of_lines(slender.reshape(2, 2, 90, 30)) is None
+    # a floor that slants along lines alone, without noise
+    floor = np.broadcast_to(np.arange(60.0)[:, np.newaxis], (2, 2, 60, 120))
+    assert told_of_lines(floor) is told_of_lines(floor.swapaxes(2, 3).copy()) is None
+    swapped = hill(60, 80).reshape(2, 2, 80, 60)
+    swapped[0, 0, 1:] = 16383
+    assert told_of_lines(swapped) is None

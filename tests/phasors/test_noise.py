@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage, Waveform
-from cadtof_cli.phasors.noise import estimated_integration_length, most_integration, noise_model
+from cadtof_cli.phasors.noise import ambient_noise_v, estimated_integration_length, most_integration, noise_model
 from tests.support.forward import Light, phasors_of, step_frame
 
 
@@ -26,6 +26,20 @@ def test_ambient_light_alone_gives_one_over_two_root_n_av() -> None:
     model = noise_model(CaptureMetadata(), integration_length=1e6, quantised=False)
     for harmonic in model.each:
         assert math.sqrt(harmonic.dark_variance) * harmonic.pulse == pytest.approx(1 / (2 * math.sqrt(1e6)), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("waveform", "wave"),
+    [
+        ("sine", np.sin(2.0 * np.pi * np.arange(1000) / 1000)),
+        ("triangle", 4.0 * np.abs(np.arange(1000) / 1000 - 0.5) - 1.0),
+    ],
+)
+def test_the_noise_of_a_channel_in_ambient_light_is_that_of_its_waveform(waveform: Waveform, wave: np.ndarray) -> None:
+    """By Eq. (1): the variance of a sample at a random time, over 2 n_av − 1."""
+    metadata = CaptureMetadata(modulation=Modulation(waveform=waveform, amplitude_v=0.3))
+    found = ambient_noise_v(metadata, integration_length=50.0)
+    assert found == pytest.approx(0.3 * wave.std() / math.sqrt(99.0), rel=1e-5)
 
 
 def test_counting_adds_a_twelfth_of_a_count_squared() -> None:

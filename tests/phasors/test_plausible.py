@@ -45,6 +45,12 @@ def test_a_phasor_that_is_longer_than_offsets_and_noise_make_it_is_no_light(n_av
     assert f"beyond modulation.amplitude_v = {AMPLITUDE_V:g} V" in told
 
 
+def test_the_voltages_that_values_would_be_are_told_but_for_a_few() -> None:
+    stored = volts(3.0)
+    stored[0, 0, :10] = 1e3
+    assert "which would be voltages up to 0.8237 V, beyond modulation.amplitude_v = 0.2746 V" in str(said(stored))
+
+
 def test_short_averages_are_noisier_so_that_more_can_be() -> None:
     """At n_av 50 a channel's standard deviation is .07 of the amplitude."""
     assert said(volts(1.65), n_av=50.0) is None

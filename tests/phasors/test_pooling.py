@@ -22,6 +22,9 @@ N_AV = 1e5
 HEIGHT, WIDTH = 30, 40
 M_PER_RAD = 0.299792458 * 40.0 / (4 * np.pi)
 
+FLOAT32 = 5e-7
+"""What is left of sums of some values of that type, relative."""
+
 
 def frame(*bands: Mixture, seed: int = 1) -> C:
     """Noisy phasors (2, Y, X) of equally wide upright bands, one of each mixture."""
@@ -99,7 +102,7 @@ def test_pixels_unlike_their_neighbours_stay_alone() -> None:
     phasors[:, 10, 10] = Mixture((1.0,), (15.0,), asr=2.0).exact(HARMONICS)[:, 0]
     pooled = pool(phasors)
     assert pooled.samples[10, 10] == 1.0
-    np.testing.assert_allclose(pooled.phasors[:, 10, 10], phasors[:, 10, 10], rtol=1e-12)
+    np.testing.assert_allclose(pooled.phasors[:, 10, 10], phasors[:, 10, 10], rtol=FLOAT32)
 
 
 def test_pixels_that_are_means_already_count_for_more() -> None:
@@ -136,7 +139,7 @@ def test_of_pairs_with_the_same_light_noise_keeps_out_a_thousandth(samples: list
     fewer = min(samples[0], samples[2])
     assert (found[~alone, 1] == samples[1] + 2 * fewer).all()
     expected = (phasors[:, ::2] * [fewer, samples[1], fewer]).sum(axis=2) / (samples[1] + 2 * fewer)
-    np.testing.assert_allclose(pooled.phasors[:, ::2, 1][:, ~alone], expected[:, ~alone], rtol=1e-12)
+    np.testing.assert_allclose(pooled.phasors[:, ::2, 1][:, ~alone], expected[:, ~alone], rtol=FLOAT32)
 
 
 def slanted(slope: float, *, seed: int) -> tuple[C, F, float]:
@@ -162,7 +165,7 @@ def test_a_surface_that_slants_is_pooled_as_one_that_does_not(slope: float, wind
     assert np.sqrt((error**2).mean()) == pytest.approx(sigma_rad / window, rel=0.15)
 
 
-@pytest.mark.parametrize("slope", [3.0, 6.0, 12.0])
+@pytest.mark.parametrize("slope", [3.0, 6.0, 12.0, 16.0])
 def test_phasors_that_a_slope_turns_are_not_pooled_to_smaller_ones(slope: float) -> None:
     """Means of turned phasors are smaller, most at the second harmonic, as if there were MPI: by a tenth of the noise at most."""
     phasors, _, sigma_rad = slanted(slope, seed=2)
@@ -177,7 +180,7 @@ def test_phasors_that_a_slope_turns_are_not_pooled_to_smaller_ones(slope: float)
 def test_a_frame_smaller_than_the_window_is_pooled_as_far_as_it_goes(shape: tuple[int, int]) -> None:
     phasors = np.broadcast_to(Mixture((1.0,), (5.0,)).exact(HARMONICS)[:, :, np.newaxis], (2, *shape))
     pooled = pool(phasors)
-    np.testing.assert_allclose(pooled.phasors, phasors, rtol=1e-12)
+    np.testing.assert_allclose(pooled.phasors, phasors, rtol=FLOAT32)
     # every neighbour has one on the other side
     assert pooled.samples.max() == np.prod([min(extent - (extent + 1) % 2, 5) for extent in shape])
 
@@ -255,7 +258,7 @@ def test_a_frame_is_pooled_as_by_the_book_however_many_rows_at_a_time(
     assert 1.5 < np.median(count) < 2.0 * window**2
     whole = pool(phasors, window=window, usable=usable, samples=samples)
     np.testing.assert_array_equal(whole.samples, count)
-    np.testing.assert_allclose(whole.phasors, mean, rtol=1e-12)
+    np.testing.assert_allclose(whole.phasors, mean, rtol=FLOAT32)
     for pixels in (1, 100, 101, 700):
         monkeypatch.setattr("cadtof_cli.phasors.pooling.BLOCK_PIXELS", pixels)
         pooled = pool(phasors, window=window, usable=usable, samples=samples)

@@ -141,7 +141,7 @@ def _require_walls(problem: _Problem, fit: RobustFit, usable: Sequence[Bool], or
 
 def _require_distinct(walls: Sequence[WallRanges]) -> None:
     medians = [wall.distance_m or float(np.nanmedian(wall.range_m)) for wall in walls]
-    if len(walls) < 2 or max(medians) < DISTINCT_DISTANCES * min(medians):
+    if max(medians) < DISTINCT_DISTANCES * min(medians):
         raise SettingsError(
             f"the optics are unknown, and {len(walls)} wall(s) at {', '.join(f'{d:.2f} m' for d in medians)} do not suffice "
             "to separate the ranges of a flat wall from field curvature: set focal_length_px under [optics] in capture.toml, or "

@@ -32,6 +32,9 @@ GUESSED_SHARE = 0.18
 """The share of the light of guessed walls that is counted with two harmonics, for the same reason: a view of one wall shows
 nothing that could go on."""
 
+SLOWER_EARLY = 3.0
+"""With which power of slowness `UNSEEN_MORE` and `GUESSED_SHARE` fall: with slow modulation, the fit alone has too much light."""
+
 LATE_START_PER_NS = (0.0, 0.012)
 """Share of the lag that is too much for every ns that a room's unseen light starts later than in most, with two harmonics and
 with more: the third puts down to a late start what is a tail of another shape. Two hardly see it."""
@@ -70,6 +73,10 @@ LAG_ERROR = (0.0, 0.05)
 
 BESIDE_ERROR = (0.0, 0.5)
 """Standard deviation of the lag by light from beside the view, as a share of it."""
+
+SLOWER_ERROR = (0.0, 0.25)
+"""With which power of slowness these errors and that of guessed walls grow, with two harmonics and with more. Chosen with 42
+rooms at periods of 50 to 100 ns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,11 +148,11 @@ def patch_posterior(data: Float, error: Float, fit: PatchFit, /) -> Conditioned:
 
 
 def coarse_planes(
-    fit: PatchFit, posterior: Conditioned, beside: Beside, valid: Bool, leaning: Leaning | None, /
+    fit: PatchFit, posterior: Conditioned, beside: Beside, valid: Bool, leaning: Leaning | None, /, *, slowness: float
 ) -> CoarsePlanes:
     """Gather what pixels need from n valid patches, (rows, columns); the others get the mean of these.
 
-    `leaning` is what two harmonics miss in such views, None with more of them.
+    `leaning` is what two harmonics miss in such views, None with more of them; `slowness` is that of `DiffuseSettings`.
     """
     values, count = fit.posterior.copy(), len(fit.posterior)
     entries, phases = needed_entries(count - 2), phase_data(count - 2)
@@ -157,17 +164,19 @@ def coarse_planes(
     values[-1] += BESIDE_MORE * beside.open_share * beside.continued_rad / following**2
     if leaning is not None:
         early = MOST_EARLY * beside.open_share**4 * (1.0 - beside.open_share)
-        values[-1] += UNSEEN_MORE * early * beside.unseen_rad + GUESSED_SHARE * beside.guessed_rad
+        missed = UNSEEN_MORE * early * beside.unseen_rad + GUESSED_SHARE * beside.guessed_rad
+        values[-1] += slowness**-SLOWER_EARLY * missed
         values[-1] += leaning.share * lag
     values[-1] -= LATE_START_PER_NS[more] * (fit.room[-1] - MEAN[-1]) * lag
     values[-1] += FACING_MORE[more] * (beside.cosine - FACING_MIDDLE) * lag
     spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH[more] ** 2, fit.jacobian)
     kept = PATCH_SHARE[more] + SURPRISE[more] * _surprise(posterior, common=leaning is not None)
     left = {key: kept * value for key, value in posterior.covariance.items()}
+    grown = slowness ** SLOWER_ERROR[more]
     shared = (
-        LAG_ERROR[more] * lag,
-        BESIDE_ERROR[more] * beside.continued_rad,
-        GUESSED_ERROR[more] * beside.guessed_rad,
+        grown * LAG_ERROR[more] * lag,
+        grown * BESIDE_ERROR[more] * beside.continued_rad,
+        grown * GUESSED_ERROR[more] * beside.guessed_rad,
         0.0 if leaning is None else leaning.left_rad,
     )
     left[1, 1] = left[1, 1] + sum(part**2 for part in shared)

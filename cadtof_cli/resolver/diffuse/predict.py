@@ -156,7 +156,8 @@ def _model(
     if len(ratios) == 1:
         view = seen if through is None else seen[heard]
         leaning = _leaning(fit, view, amplitude, beside.seen_rad, two_path_rad, heard, frame)
-    coarse = coarse_planes(fit, posterior, beside, valid, leaning).if_likely(kinds.mpi_probability)
+    coarse = coarse_planes(fit, posterior, beside, valid, leaning, slowness=frame.settings.slowness)
+    coarse = coarse.if_likely(kinds.mpi_probability)
     tails = None if of_terms is None else _term_tails(of_terms, fit, coarse, planes, valid, frame)
     if tails is not None:
         coarse = coarse.less_sure(_mistaken(tails, frame.settings))
@@ -184,8 +185,9 @@ def _leaning(
     numbers = view_numbers(
         fit.room, view, amplitude[heard], lag_rad=lag_rad, seen_rad=seen_rad[heard], two_path_rad=two_path_rad
     )
-    left = left_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns)
-    return Leaning(0.0 if numbers is None else missed_share(numbers), left)
+    slowness = frame.settings.slowness
+    left = left_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns, slowness=slowness)
+    return Leaning(0.0 if numbers is None else missed_share(numbers, slowness=slowness), left)
 
 
 def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:

@@ -7,6 +7,9 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.units import C_M_PER_NS, metres_per_radian
 
+CHOSEN_NS = 40.0
+"""Period of the fundamental with which all numbers of the prediction were chosen."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DiffuseSettings:
@@ -39,6 +42,11 @@ class DiffuseSettings:
     def rad_per_ns(self) -> float:
         """ω1, the fundamental's phase per delay."""
         return 2.0 * math.pi / self.period_ns
+
+    @property
+    def slowness(self) -> float:
+        """How many times as long the period is as the one that all numbers were chosen with; 1 for shorter ones."""
+        return max(self.period_ns / CHOSEN_NS, 1.0)
 
     @property
     def rad_per_m(self) -> float:

@@ -15,7 +15,8 @@ from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.response.newton import Equations, SearchState, searched
 from cadtof_cli.resolver.response.one_path import angle_of
 from cadtof_cli.resolver.response.table import STAGES, ResponseBlock
-from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths
+from cadtof_cli.resolver.two_path.decomposition import decomposed
 from cadtof_cli.resolver.two_path.one_path import OnePath
 
 MOST_STEPS = 6
@@ -40,7 +41,7 @@ def two_paths_of_response(
     when what is left of its equations is well below the noise. Those that are not done are led from the sine's answer to the
     response's in `STAGES`. What still is not done keeps its best and is marked.
     """
-    start = two_paths(fundamental_frame(*_sine_part(alone, phasors, response)))
+    start = decomposed(*_sine_part(alone, phasors, response), kernel=response.kernel)
     pixels = np.flatnonzero(chosen & ~start.single)
     converged = np.ones(chosen.shape, np.bool_)
     if not pixels.size:
@@ -58,7 +59,7 @@ def two_paths_of_response(
 
 def _led_by_stages(equations: Equations, phasors: Complex) -> SearchState:
     """Return the state at the end of the stages, from the sine's answer."""
-    values = _values(two_paths(fundamental_frame(*np.ascontiguousarray(phasors))), _EVERYWHERE)
+    values = _values(decomposed(*phasors, kernel=equations.response.kernel), _EVERYWHERE)
     coarse = replace(equations, enough=equations.enough * np.float32(STAGE_TOLERANCE**2))
     for stage in range(len(STAGES) - 1):
         values = searched(coarse, values, steps=STAGE_STEPS, stage=stage).values

@@ -1,5 +1,6 @@
 """`cadtof calibrate response`: flat targets at known distances → G[h,k], and maps of phase and gain."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
@@ -65,7 +67,7 @@ def _mean_noise(capture: Capture, mean: FrameMean) -> Float:
         return np.asarray(mean.frame_noise() / np.sqrt(mean.frames))
     metadata = capture.source.metadata
     n_av = metadata.pixel.integration_length or ASSUMED_LENGTH
-    predicted = metadata.modulation.amplitude_v / np.sqrt(2.0 * (2.0 * n_av - 1.0) * mean.frames)
+    predicted = ambient_noise_v(metadata, integration_length=n_av) / math.sqrt(mean.frames)
     return np.full(mean.stored.shape[0], predicted)
 
 

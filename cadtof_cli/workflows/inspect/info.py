@@ -19,6 +19,7 @@ from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m
 from cadtof_cli.workflows.inspect.facts import (
@@ -145,7 +146,7 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
         facts.problems.append(f"{capture.root}: {doubt}")
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:
-        facts.noise_mv = 1000.0 * metadata.modulation.amplitude_v * math.sqrt(0.5 / (2.0 * n_av - 1.0))
+        facts.noise_mv = 1000.0 * ambient_noise_v(metadata, integration_length=n_av)
     try:
         FramePlan(metadata=metadata)
         for dtype in facts.types:

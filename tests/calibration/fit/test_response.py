@@ -117,9 +117,11 @@ def test_without_optics_the_distance_stands_for_every_pixel_and_it_is_said() -> 
     assert (found.field_curvature_m, found.quality.curvature_stderr_m) == ((0.0, 0.0), (0.0, 0.0))
 
 
-def test_offsets_that_nobody_took_out_are_warned_of() -> None:
-    found = response_of(Defects(offset_v=0.004), (0.5, 1.0, 1.7, 2.4, 3.0))
-    assert any(text.startswith("warning: what is left is") for text in found.quality.findings)
+@pytest.mark.parametrize(("offset_v", "warned"), [(0.0002, False), (0.0005, True), (0.004, True)])
+def test_offsets_that_nobody_took_out_are_warned_of(offset_v: float, warned: bool) -> None:
+    """They leave 1.3, 2.5 and 18 times the noise."""
+    found = response_of(Defects(offset_v=offset_v), (0.5, 1.0, 1.7, 2.4, 3.0))
+    assert any(text.startswith("warning: what is left is") for text in found.quality.findings) == warned
 
 
 def test_offsets_that_move_ranges_by_centimetres_are_refused() -> None:

@@ -54,10 +54,10 @@ def beside(*lags_rad: float, open_share: float = 0.5, cosine: float = 0.7) -> Be
     return Beside(*(np.full(PATCHES, value) for value in (*lags, open_share, cosine)))
 
 
-def planes(known: PatchFit, light: Beside, leaning: Leaning = STRAIGHT) -> CoarsePlanes:
+def planes(known: PatchFit, light: Beside, leaning: Leaning = STRAIGHT, *, slowness: float = 1.0) -> CoarsePlanes:
     data = known.expected[:-2] + 0.01
     posterior = patch_posterior(data, error_of(1e-3, len(data)), known)
-    return coarse_planes(known, posterior, light, VALID, leaning if len(data) < 4 else None)
+    return coarse_planes(known, posterior, light, VALID, leaning if len(data) < 4 else None, slowness=slowness)
 
 
 def test_valid_patches_keep_their_means_and_the_others_get_theirs() -> None:
@@ -116,7 +116,7 @@ def test_a_misfit_of_one_and_more_says_the_same() -> None:
     for off in (0.15, 0.3):
         posterior = patch_posterior(known.expected[:DATA] + off, error_of(1e-3), known)
         assert (posterior.chi_squared > 1.0).all()
-        variances.append(coarse_planes(known, posterior, beside(), VALID, STRAIGHT).planes[-2][VALID])
+        variances.append(coarse_planes(known, posterior, beside(), VALID, STRAIGHT, slowness=1.0).planes[-2][VALID])
     assert_allclose(variances[0], 2.5 * np.mean(posterior.covariance[1, 1]), rtol=1e-5)
     assert_allclose(variances[1], variances[0], rtol=1e-6)
 
@@ -140,7 +140,9 @@ def misses(chi_squared: F, leaning: Leaning | None = STRAIGHT) -> F:
     left = {(i, j): np.full(count, 0.01 if i == j else 0.0) for i in range(2) for j in range(i + 1)}
     posterior = Conditioned((np.zeros(count), np.zeros(count)), left, chi_squared.ravel())
     every = np.ones(chi_squared.shape, np.bool_)
-    return np.asarray(coarse_planes(known, posterior, nothing, every, leaning).planes[-2] / 0.01, np.float64)
+    return np.asarray(
+        coarse_planes(known, posterior, nothing, every, leaning, slowness=1.0).planes[-2] / 0.01, np.float64
+    )
 
 
 def test_patches_side_by_side_that_are_missed_by_far_more_than_the_others_are_less_sure() -> None:
@@ -184,6 +186,30 @@ def test_what_views_like_this_one_miss_is_added_in_proportion_to_the_lag() -> No
     assert_allclose(difference[: DATA + 1], 0.0, atol=1e-7)
     assert_allclose(difference[-1], -0.4 * 0.07, rtol=1e-4)
     assert_allclose(found.planes[-2] - without.planes[-2], 0.02**2, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("data", "light", "moved", "variance"),
+    [
+        (DATA, beside(0.2), 1.0, 1.0),
+        (DATA, beside(0.0, 0.2, open_share=0.8), 2.0**-3, 1.0),
+        (DATA, beside(0.0, 0.0, 0.1), 2.0**-3, 1.0),
+        (4, beside(0.2), 1.0, np.sqrt(2.0)),
+        (4, beside(0.0, 0.0, 0.1), 1.0, np.sqrt(2.0)),
+    ],
+)
+def test_with_slow_modulation_less_is_added_and_more_harmonics_are_less_sure(
+    data: int, light: Beside, moved: float, variance: float
+) -> None:
+    """At twice the period; over what it is at the usual one."""
+    known = fit(data=data, targets=(0.3, -1e-6))
+    nothing, usual, slow = (
+        planes(known, one, slowness=slowness) for one, slowness in ((beside(), 2.0), (light, 1.0), (light, 2.0))
+    )
+    added = [(found.planes[data + 1] - nothing.planes[data + 1])[VALID] for found in (usual, slow)]
+    assert_allclose(added[1], moved * added[0], rtol=1e-3, atol=1e-6)
+    unsure = [(found.planes[-2] - nothing.planes[-2])[VALID] for found in (usual, slow)]
+    assert_allclose(unsure[1], variance * unsure[0], rtol=1e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -241,9 +267,9 @@ def test_with_three_harmonics_a_late_start_of_unseen_light_takes_of_the_lag(furt
     for one in (usual, late):
         posterior = patch_posterior(one.expected[:-2], error_of(1e-3, 2 * further), one)
         lags.append(
-            coarse_planes(one, posterior, beside(), VALID, STRAIGHT if further == 1 else None).planes[2 * further + 1][
-                VALID
-            ]
+            coarse_planes(one, posterior, beside(), VALID, STRAIGHT if further == 1 else None, slowness=1.0).planes[
+                2 * further + 1
+            ][VALID]
         )
     assert_allclose(lags[0], -0.4, rtol=1e-6)
     assert_allclose(lags[1], -0.4 * (1.0 - 2.0 * per_ns), rtol=1e-5)
@@ -292,7 +318,7 @@ def test_the_phase_of_the_mpi_light_is_as_unsure_as_repetitions_show(targets: tu
     )
     data = small.expected[:DATA] + 1e-5
     posterior = patch_posterior(data, error_of(1e-9), small)
-    found = coarse_planes(small, posterior, beside(), VALID, STRAIGHT)
+    found = coarse_planes(small, posterior, beside(), VALID, STRAIGHT, slowness=1.0)
     spread = np.einsum("jan,j,jbn->abn", small.jacobian, WITHIN_PATCH[0] ** 2, small.jacobian)[-2:, -2:]
     rng = np.random.default_rng(4)
     for patch in range(PATCHES):

@@ -52,7 +52,7 @@ def test_views_that_do_not_lag_or_whose_patches_are_all_alike_have_no_numbers() 
 
 
 def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> None:
-    assert missed_share(MIDDLE) == pytest.approx(0.038)
+    assert missed_share(MIDDLE, slowness=1.0) == pytest.approx(0.038)
 
 
 @pytest.mark.parametrize(
@@ -71,29 +71,43 @@ def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> N
 def test_the_share_changes_in_proportion_up_to_what_rooms_show(name: str, change: float, more: float) -> None:
     """Less is missed of near rooms, of high albedo and where much of the light is seen; more where surfaces face one way."""
     there = getattr(MIDDLE, name)
-    assert missed_share(replace(MIDDLE, **{name: there + change})) - 0.038 == pytest.approx(more)
+    assert missed_share(replace(MIDDLE, **{name: there + change}), slowness=1.0) - 0.038 == pytest.approx(more)
     for end, bound in ((LEAST, -0.15 if name == "more" else -9.0), (MOST, 9.0)):
-        beyond = missed_share(replace(MIDDLE, **{name: there + bound}))
-        assert beyond == pytest.approx(missed_share(replace(MIDDLE, **{name: there + getattr(end, name)})))
+        beyond = missed_share(replace(MIDDLE, **{name: there + bound}), slowness=1.0)
+        assert beyond == pytest.approx(
+            missed_share(replace(MIDDLE, **{name: there + getattr(end, name)}), slowness=1.0)
+        )
 
 
 def test_nothing_is_missed_where_two_paths_say_what_the_tail_says() -> None:
     """As in a plain corner, where all light that counts is of the two surfaces that are seen."""
-    least = missed_share(replace(MIDDLE, more=0.27))
+    least = missed_share(replace(MIDDLE, more=0.27), slowness=1.0)
     assert least > 0.05
-    assert missed_share(replace(MIDDLE, more=0.27 / 3)) == pytest.approx(least / 3)
-    assert missed_share(replace(MIDDLE, more=0.0)) == 0.0
-    assert missed_share(replace(MIDDLE, more=-0.5)) == 0.0
+    assert missed_share(replace(MIDDLE, more=0.27 / 3), slowness=1.0) == pytest.approx(least / 3)
+    assert missed_share(replace(MIDDLE, more=0.0), slowness=1.0) == 0.0
+    assert missed_share(replace(MIDDLE, more=-0.5), slowness=1.0) == 0.0
 
 
 def test_what_is_left_of_the_lag_is_common_where_tail_and_two_paths_differ() -> None:
     """.115 ns, 1.7 cm, where they differ by much; half of that where they do by .067 ns, 1 cm."""
     two = np.linspace(0.1, 0.3, 7)
     per_ns = 2.0 * np.pi / 40.0
-    assert left_rad(two, two, rad_per_ns=per_ns) == 0.0
-    assert left_rad(two + 90.0, two, rad_per_ns=per_ns) == pytest.approx(0.115 * per_ns, rel=1e-2)
+    assert left_rad(two, two, rad_per_ns=per_ns, slowness=1.0) == 0.0
+    assert left_rad(two + 90.0, two, rad_per_ns=per_ns, slowness=1.0) == pytest.approx(0.115 * per_ns, rel=1e-2)
     for sign in (-1.0, 1.0):
-        assert left_rad(two + sign * 0.067 * per_ns, two, rad_per_ns=per_ns) == pytest.approx(0.115 / 2 * per_ns)
+        assert left_rad(two + sign * 0.067 * per_ns, two, rad_per_ns=per_ns, slowness=1.0) == pytest.approx(
+            0.115 / 2 * per_ns
+        )
+
+
+def test_slow_modulation_misses_less_and_leaves_the_same_phase() -> None:
+    """At 100 ns, 2.5 times as slow as where the numbers were chosen; what is left is a phase, 2.5 times as long."""
+    assert missed_share(MIDDLE, slowness=2.5) == pytest.approx(0.038 - 1.5 * 0.06)
+    assert missed_share(replace(MIDDLE, more=0.27 / 2), slowness=2.5) < 0.0
+    two, per_ns = np.linspace(0.1, 0.3, 7), 2.0 * np.pi / 40.0
+    for more in (0.003, 0.01, 0.1):
+        usual = left_rad(two + more, two, rad_per_ns=per_ns, slowness=1.0)
+        assert left_rad(two + more, two, rad_per_ns=per_ns / 2.5, slowness=2.5) == pytest.approx(usual)
 
 
 def test_no_view_whatsoever_moves_the_lag_by_a_half() -> None:
@@ -105,7 +119,8 @@ def test_no_view_whatsoever_moves_the_lag_by_a_half() -> None:
                     getattr(MIDDLE, f.name) + pair[bit >> i & 1]
                     for i, (f, pair) in enumerate(zip(fields(MIDDLE), ends, strict=True))
                 )
-            )
+            ),
+            slowness=1.0,
         )
         for bit in range(256)
     ]
