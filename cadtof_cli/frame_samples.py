@@ -69,7 +69,7 @@ def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /, 
     """Return the pixels that a frame is looked at by, by numpy but for a search for paths."""
     places = _sampled(pixels.size)
     chosen = places.ravel()
-    phasors, noise, response = stages.phasors(pixels, chosen), pixels.noise[chosen], stages.correction.response
+    phasors, noise, response = stages.phasors(pixels, chosen), pixels.noise[chosen], stages.response
     of_paths = phasors
     with np.errstate(over="ignore", invalid="ignore"):
         # values that no camera stores, and NaN, are what the screening finds

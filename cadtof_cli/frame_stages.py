@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.light import Look
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+    from cadtof_cli.resolver.response.table import ResponseBlock
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,7 @@ class FrameStages:
         correction: of the stored values.
         depth: how paths become metres and volts.
         resolver: settings, with the least confidence in units of the phasors.
+        response: of the pixels as they are resolved: pooled ones have no phase of their own. None for a sine.
         room: of the resolver, whose solver answers.
         layers: of the maps, besides the status.
         noise: of a recorded pixel; None: it is to be estimated from each frame.
@@ -56,6 +58,7 @@ class FrameStages:
     correction: FrameCorrection
     depth: DepthScale
     resolver: ResolverSettings
+    response: "ResponseBlock | None"
     room: str
     layers: tuple[Layer, ...]
     noise: NoiseModel | None
@@ -99,13 +102,16 @@ def frame_stages(
         LampBeside.of(metadata.optics, size),
     )
     resolver, n_av, noise = plan.resolver, metadata.pixel.integration_length, None
-    room = resolver.room(metadata.modulation.harmonics, sine=correction.response is None)
+    response = correction.response
+    if response is not None and plan.settings.pool > 1:
+        response = response.without_phases
+    room = resolver.room(metadata.modulation.harmonics, sine=response is None)
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
     may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
     diffuse = _diffuse_plan(metadata, size, resolver, correction) if may_be_diffuse else None
     saturated = metadata.voltage.saturated_counts
-    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise, diffuse))
+    return sealed(FrameStages(saturated, correction, depth, resolver, response, room, plan.layers, noise, diffuse))
 
 
 def _diffuse_plan(

@@ -87,16 +87,16 @@ def pixel_evidence(
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     here = slice(index, index + 1)
     pixel = pixels[here]
-    tail, correction, phasors = pixels.tail, stages.correction, stages.phasors(pixel)
+    tail, response, phasors = pixels.tail, stages.response, stages.phasors(pixel)
     resolved = resolve_paths(
         phasors,
         status=stages.status(pixel),
         settings=plan.resolver,
         noise=pixel.noise,
-        response=correction.response.block(here) if correction.response else None,
+        response=response.block(here) if response else None,
         tail=tail.block(here) if tail else None,
     )
-    free, through = (phasors, None) if tail is None or correction.response else freed_pixels(phasors, tail.block(here))
+    free, through = (phasors, None) if tail is None or response else freed_pixels(phasors, tail.block(here))
     fits = {count: _fit(free, count, pixel, here, plan, stages) for count in (1, 2)}
     one, two = fits[1], fits[2]
     answered_by_tail = bool(resolved.status[0] & StatusBit.DIFFUSE_MPI)
@@ -127,7 +127,7 @@ def _fit(
     phasors: Complex, count: int, pixel: FramePixels, here: slice, plan: FramePlan, stages: FrameStages
 ) -> Fit | None:
     """Return the fit of a number of paths to one pixel, as the driver asks the solver for it; None: it has none."""
-    harmonics, response = pixel.noise.harmonics, stages.correction.response
+    harmonics, response = pixel.noise.harmonics, stages.response
     settings = plan.resolver
     try:
         if count > settings.max_paths:

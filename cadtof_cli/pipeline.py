@@ -4,7 +4,6 @@ First come the stages that couple the pixels of a frame, in `prepare_frame` and 
 pixel alone, block by block. A frame split over processes is prepared once, and its parts are resolved anywhere.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -13,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cadtof_cli.arrays import Float, Stored
-from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.frame_neighbours import estimated_noise, pooled_pixels
 from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.frame_stages import (
@@ -29,9 +28,8 @@ from cadtof_cli.frame_stages import (
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, most_integration, noise_model
+from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.plausible import is_without_noise
-from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
@@ -105,21 +103,24 @@ def prepare_frame(
     """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
     height, width = recorded.shape[2:]
+    kernel = kernel or chosen_kernel()
     stages = frame_stages(plan, calibration, frame.dtype, (height, width))
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
     noise = stages.noise
     if noise is None:
-        noise = _estimated_noise(recorded, samples, frame.dtype, plan, stages)
+        noise = estimated_noise(
+            recorded, samples, dtype=frame.dtype, metadata=plan.metadata, stages=stages, kernel=kernel
+        )
     same = is_without_noise(stored, noise)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
     if stages.correction.noise is not None and not noise.estimated:
         noise = _with_noise_of_calibration(pixels, samples, stages, stages.correction.noise)
     pixels = replace(pixels, noise=noise if samples is None else replace(noise, samples=samples))
     if plan.settings.pool > 1:
-        pixels = _pooled(pixels, stages, window=plan.settings.pool)
+        pixels = pooled_pixels(pixels, stages, window=plan.settings.pool, kernel=kernel)
     if stages.diffuse is not None:
-        pixels = _with_predicted_mpi(pixels, stages, stages.diffuse, plan.settings.pool, kernel or chosen_kernel())
+        pixels = _with_predicted_mpi(pixels, stages, stages.diffuse, plan.settings.pool, kernel)
     return pixels
 
 
@@ -139,7 +140,7 @@ def resolve_pixels(
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
-        longest = stages.correction.response.longest if stages.correction.response else 1.0
+        longest = stages.response.longest if stages.response else 1.0
         clear_impossible(maps, noise=pixels.noise, amplitude_v=stages.depth.amplitude_v, longest=longest)
     if stages.depth.lamp is not None:
         stages.depth.measure_from_camera(maps, pixels.first)
@@ -154,7 +155,7 @@ def _fill_by_blocks(
     """Fill the maps of prepared pixels block by block, in numpy but for what `kernel` has of them."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
-    response, tail = stages.correction.response, pixels.tail
+    response, tail = stages.response, pixels.tail
     step = plan.block_pixels or (BLOCK_PIXELS if stages.room == "two_path" else SEARCHED_BLOCK_PIXELS)
     count = pixels.stored.shape[2]
     for start in range(0, count, step):
@@ -205,26 +206,6 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
     return ResolvedFrame(DepthMaps(parts[0].names, pages, status), pixels.noise, pixels.choice)
 
 
-def _estimated_noise(
-    recorded: Stored, samples: Float | None, dtype: np.dtype[np.generic], plan: FramePlan, stages: FrameStages
-) -> NoiseModel:
-    """Return the noise of one recording, by how the pixels of a frame, (H, 2, Y, X), scatter."""
-    stored = recorded.reshape(*recorded.shape[:2], -1)
-    phasors = phasors_from_stored(stored, stages.correction.phasor_map)
-    phasors[:, saturated_pixels(stored, stages.saturated_counts)] = np.nan
-    estimate = estimated_integration_length(phasors.reshape(-1, *recorded.shape[2:]))
-    if math.isnan(estimate):
-        raise FrameError(
-            "the integration length is unknown and the noise cannot be estimated: too few pixels are finite and not "
-            "saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
-        )
-    if samples is not None:
-        # 1/(2·n_av − 1) of one recording is so many times that of the mean
-        estimate = 0.5 * (1.0 + (2.0 * estimate - 1.0) / float(np.median(samples)))
-    length = min(estimate, most_integration(plan.metadata, quantised=dtype.kind in "iu"))
-    return noise_model(plan.metadata, integration_length=length, quantised=False, estimated=True)
-
-
 def _with_noise_of_calibration(
     pixels: FramePixels, samples: Float | None, stages: FrameStages, left: "CalibrationNoise"
 ) -> NoiseModel:
@@ -238,21 +219,6 @@ def _with_noise_of_calibration(
         powers = np.nan_to_num(median(np.abs(phasors) ** 2))
     frames = 1.0 if samples is None else float(np.median(samples))
     return left.added_to(pixels.noise, powers=powers, frames=frames)
-
-
-def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePixels:
-    phasors, samples = stages.phasors(pixels), pixels.noise.samples
-    from cadtof_cli.phasors.pooling import pooled_phasors
-
-    pooled = pooled_phasors(
-        phasors.reshape(-1, *pixels.size),
-        usable=(np.isfinite(phasors).all(axis=0) & (stages.status(pixels) == 0)).reshape(pixels.size),
-        samples=(np.ones(pixels.size) if samples is None else samples).reshape(pixels.size),
-        noise=pixels.noise,
-        window=window,
-    )
-    noise = replace(pixels.noise, samples=pooled.samples.ravel())
-    return replace(pixels, noise=noise, pooled=pooled.phasors.reshape(len(phasors), -1))
 
 
 def _with_predicted_mpi(

@@ -34,10 +34,11 @@ ALLOWED: dict[str, set[str]] = {
     "frame_plan": {"calibration", "capture", "files", "maps", "optics", "phasors", "resolver"},
     "frame_pixels": {"phasors", "resolver"},  # of the resolver, it knows types alone
     "frame_stages": {"calibration", "capture", "frame_pixels", "frame_plan", "maps", "optics", "phasors", "resolver"},
+    "frame_neighbours": {"capture", "frame_pixels", "frame_stages", "phasors", "resolver"},
     "frame_samples": {"frame_pixels", "frame_stages", "resolver"},
     "pipeline": {
-        *("calibration", "files", "frame_pixels", "frame_plan", "frame_samples", "frame_stages", "maps", "phasors"),
-        "resolver",
+        *("calibration", "files", "frame_neighbours", "frame_pixels", "frame_plan", "frame_samples", "frame_stages"),
+        *("maps", "phasors", "resolver"),
     },
     "one_pixel": {"calibration", "frame_pixels", "frame_plan", "frame_stages", "maps", "phasors", "resolver"},
     "report": {"capture", "files", "maps", "optics", "resolver"},

@@ -1,6 +1,5 @@
 """A calibration made ready for frames of one size and type: what the pipeline applies to every block."""
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -45,7 +44,7 @@ class CalibrationNoise:
             frames: over which the pixel is a mean.
         """
         steps = np.round(STEPS_PER_OCTAVE * np.log2(np.clip(powers, 1e-6, 1.0)))
-        return _with_calibration(noise, self, tuple(2.0 ** (steps / STEPS_PER_OCTAVE)), frames)
+        return _with_calibration(noise, self, tuple((2.0 ** (steps / STEPS_PER_OCTAVE)).tolist()), frames)
 
 
 @lru_cache(maxsize=8)
@@ -130,13 +129,12 @@ def _noise(
     dark, response = calibration.dark, calibration.response
     if dark is None and response is None:
         return None
-    offset_v = dark.quality()["offset_stderr_v"] if dark else 0.0
-    offset_v = offset_v if math.isfinite(offset_v) else 0.0
+    offsets_v = dark.offset_stderr_v() if dark else (0.0,) * len(responses)
     phases = response.quality.phase_stderr_rad if response else (0.0,) * len(responses)
     # how far a pixel's gain is known follows from the same noise as its phase
     return CalibrationNoise(
-        tuple((offset_v / amplitude_v / abs(one.main)) ** 2 for one in responses),
-        tuple(phase**2 if math.isfinite(phase) else 0.0 for phase in phases),
+        tuple((volts / amplitude_v / abs(one.main)) ** 2 for volts, one in zip(offsets_v, responses, strict=True)),
+        tuple(phase**2 for phase in phases),
     )
 
 

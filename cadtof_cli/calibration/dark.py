@@ -81,6 +81,14 @@ class DarkCalibration:
             "offset_stderr_v": noise / math.sqrt(frames),
         }
 
+    def offset_stderr_v(self) -> tuple[float, ...]:
+        """Return how well the offsets of each harmonic are known in V, as the noise of its channels tells; 0 of one frame."""
+        whole, sound = self.quality(), ~self.hot
+        if not whole["noise_v"] > 0.0:
+            return (0.0,) * len(self.noise_v)
+        typical = np.median(self.noise_v[:, :, sound], axis=(1, 2)).astype(np.float64)
+        return tuple((whole["offset_stderr_v"] * typical / np.median(self.noise_v[:, :, sound])).tolist())
+
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return fit quality and counts of defects."""
         return {"quality": self.quality(), "defects": self.defect_counts()}

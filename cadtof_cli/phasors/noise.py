@@ -109,7 +109,9 @@ class NoiseModel:
 
     def with_more(self, variances: Sequence[float], /) -> "NoiseModel":
         """Return the noise with a variance per channel added to that of each harmonic of a recorded pixel, whatever the light."""
-        each = tuple(replace(one, floor=one.floor + more) for one, more in zip(self.each, variances, strict=True))
+        each = tuple(
+            replace(one, floor=float(one.floor + more)) for one, more in zip(self.each, variances, strict=True)
+        )
         return replace(self, each=each)
 
     @cached_property

@@ -76,7 +76,7 @@ def resolve_paths(
             usable = answered if through is None else answered & ~through.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
             predicted = _predicted(phasors, after, usable, noise, response, kernel)
-        bits = _bits(fit, searched=response is not None)
+        bits = _bits(fit)
         if not answered.all():
             bits = np.where(answered, bits, status)
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
@@ -180,7 +180,7 @@ def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | No
     np.copyto(fit.chi_squared, predicted.chi_squared, where=where)
 
 
-def _bits(fit: Fit, *, searched: bool) -> Status:
+def _bits(fit: Fit) -> Status:
     """Return the bits that say how many paths each pixel has, and what is to be known about them."""
     one, two, *more = np.isfinite(fit.paths.amplitude)
     bits: Status = np.where(two, np.uint32(StatusBit.TWO_PATHS), one * np.uint32(StatusBit.ONE_PATH))
@@ -189,8 +189,4 @@ def _bits(fit: Fit, *, searched: bool) -> Status:
     bits |= ((fit.doubt > 1.0) & one) * np.uint32(StatusBit.ILL_CONDITIONED)
     if not fit.converged.all():
         bits |= ~fit.converged * np.uint32(StatusBit.NOT_CONVERGED)
-    if searched:
-        # a search that ended without finite numbers was for two paths where nothing is left
-        lost = ~np.isfinite(fit.paths.amplitude[0]) & (fit.chi_squared == 0.0)
-        bits[lost] |= np.uint32(StatusBit.TWO_PATHS)
     return bits

@@ -240,3 +240,15 @@ def test_a_period_is_the_harmonic_that_it_rounds_to(periods_ns: tuple[float, ...
         return
     with pytest.raises(SettingsError, match="does not belong to this capture: periods_ns is"):
         part.require_match(metadata, SHAPE, kind="dark")
+
+
+def test_offsets_are_known_as_well_as_the_noise_of_their_harmonic_says() -> None:
+    frames = 9
+    noise = np.ones((2, 2, *SHAPE), np.float32)
+    noise[0], noise[1] = 3e-4, 1e-4
+    known = DarkCalibration(origin(frames=frames), 0.0 * noise, noise, np.zeros(SHAPE, np.uint32))
+    first, second = known.offset_stderr_v()
+    assert first == pytest.approx(3.0 * second)
+    assert np.sqrt(first * second) == pytest.approx(np.sqrt(3.0) * 1e-4 / 3.0, rel=0.3)
+    untold = DarkCalibration(origin(frames=1), noise, 0.0 * noise, np.zeros(SHAPE, np.uint32))
+    assert untold.offset_stderr_v() == (0.0, 0.0)

@@ -150,10 +150,12 @@ INLINE void begin(SearchGroup *restrict g, const Search *restrict search, int i,
         for (int row = 0; row < 2; row++) g->phase_rad[row][i] = search->phase_rad[row * search->pixels + pixel];
 }
 
-/* Write what a column has found: of a pixel that is done the step after, unseen. */
+/* Write what a column has found: of a pixel that is done the step after, unseen, if there is one: not where paths coincide. */
 INLINE void end(const SearchGroup *restrict g, const Search *restrict search, int i, int done) {
     const int64_t pixel = g->pixel[i];
-    for (int v = 0; v < 4; v++) search->values[v * search->pixels + pixel] = done ? g->trial[v][i] : g->values[v][i];
+    int stepped = done;
+    for (int v = 0; v < 4; v++) stepped = stepped && isfinite(g->trial[v][i]);
+    for (int v = 0; v < 4; v++) search->values[v * search->pixels + pixel] = stepped ? g->trial[v][i] : g->values[v][i];
     search->misfit[pixel] = g->misfit[i];
     search->done[pixel] = (uint8_t)done;
 }

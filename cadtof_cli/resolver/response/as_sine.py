@@ -26,6 +26,32 @@ def phasors_of_sine(phasors: Complex, paths: Paths, /, *, response: ResponseBloc
     return sine
 
 
+def without_own_phases(phasors: Complex, paths: Paths, /, *, response: ResponseBlock) -> Complex:
+    """Return phasors (H, n) as pixels would have recorded their paths that add nothing to phases. NaN without a path is no light.
+
+    Those of a sine are so already: a pixel's own phase stands in the other terms alone.
+    """
+    there = np.isfinite(paths.amplitude)
+    amplitude = np.where(there, paths.amplitude, 0.0)
+    phase = np.where(there, paths.phase_rad, 0.0).astype(np.float32)
+    plain, alike = response.without_phases, phasors.copy()
+    for row, phasor in enumerate(alike):
+        for strength, x in zip(amplitude, phase, strict=True):
+            own, other = (one.at(row, x, slice(None)) for one in (response, plain))
+            own_re, own_im = response.turned_back(row, own.re, own.im)
+            phasor.real -= strength * (own_re - other.re)
+            phasor.imag -= strength * (own_im - other.im)
+    return alike
+
+
+def single_path(phasor: Complex, /, *, response: ResponseBlock) -> Paths:
+    """Return the path, (1, n), that alone explains the fundamental's phasor, complex128 (n,); NaN stays NaN."""
+    phase = first_phase(phasor, response=response)
+    answer = response.at(0, phase.astype(np.float32), slice(None))
+    strength = np.abs(phasor) / np.hypot(answer.re, answer.im)
+    return Paths(strength[np.newaxis], phase[np.newaxis], np.full((1, phase.size), np.nan))
+
+
 def _beyond_sine(phase: Float32, row: int, response: ResponseBlock) -> tuple[Float32, Float32]:
     """Return f(θ) − exp(iθ) of one harmonic for paths of fundamental phase x."""
     answer = response.at(row, phase, slice(None))

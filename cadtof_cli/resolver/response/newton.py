@@ -120,7 +120,9 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
         trial = stepped(values, step)
         done = going & (left <= equations.enough)
         if done.any():
-            found.put(where[done], SearchState(trial[:, done], misfit[done], done[done]))
+            # where paths coincide there is no step to take
+            unseen = np.where(np.isfinite(trial).all(axis=0), trial, values)
+            found.put(where[done], SearchState(unseen[:, done], misfit[done], done[done]))
             going = going & ~done
         remaining = np.count_nonzero(going)
         if count == steps or not remaining:

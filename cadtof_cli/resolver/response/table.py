@@ -95,6 +95,11 @@ class ResponseBlock:
         re, im, _, _ = self.stages[-1][0].planes
         return float(np.hypot(re, im).max())
 
+    @property
+    def without_phases(self) -> "ResponseBlock":
+        """The response of pixels that add nothing to phases."""
+        return ResponseBlock(self.stages, None, None, self.kernel)
+
     def block(self, pixels: SomePixels, /, *, kernel: str = NUMPY) -> "ResponseBlock":
         """Return the response for some of the pixels, and what is to search there."""
         if self.phase_rad is None or self.rotors is None:

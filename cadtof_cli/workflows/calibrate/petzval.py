@@ -7,20 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
-from cadtof_cli.capture.metadata import Modulation, Voltage
+from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
-from cadtof_cli.maps.layers import DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.units import metres_per_radian
 from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
@@ -28,9 +26,6 @@ from cadtof_cli.workflows.calibrate.captures import (
     save_with_report,
 )
 from cadtof_cli.workflows.progress import Progress
-
-FALSE_ALARM = 1e-4
-"""False alarms of the order test: the mean of many frames shows the maps' own noise too, which is not MPI."""
 
 
 def calibrate_petzval(
@@ -76,33 +71,15 @@ def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration 
     use = CalibrationUse(folder, earlier.digest, curved=False) if earlier else None
     plan = FramePlan(
         metadata=replace(metadata, voltage=Voltage(), pixel=pixel),
-        settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete", false_alarm=FALSE_ALARM)),
+        settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")),
         calibration=use,
     )
     maps = resolve_frame(mean.stored, plan=plan, calibration=earlier).maps
     single = (maps.status & StatusBit.ONE_PATH) != 0
-    ranges, sigma, amplitude = (
-        np.where(single, maps.layer(name), np.nan).astype(np.float64)
-        for name in (DIRECT_DEPTH, DIRECT_SIGMA, DIRECT_AMPLITUDE)
+    ranges, sigma = (
+        np.where(single, maps.layer(name), np.nan).astype(np.float64) for name in (DIRECT_DEPTH, DIRECT_SIGMA)
     )
-    if earlier:
-        sigma = np.hypot(sigma, _calibration_noise_m(earlier, amplitude, metadata.modulation))
     return WallRanges(ranges, sigma, metadata.target.distance_m)
-
-
-def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: Modulation) -> Float:
-    """Return the standard deviation in m, (Y, X), that noise of the dark and response maps brings into each pixel's range.
-
-    The maps' phase errors at the harmonics are independent, and the range is their mean weighted by what each harmonic tells; one
-    without any error, where no map was applied or a map is of one frame, tells all.
-    """
-    dark = earlier.dark.quality()["offset_stderr_v"] if earlier.dark else 0.0
-    phases = earlier.response.quality.phase_stderr_rad if earlier.response else (0.0,) * len(modulation.harmonics)
-    with np.errstate(divide="ignore"):
-        information = sum(
-            h**2 / ((dark / amplitude_v) ** 2 + phase**2) for h, phase in zip(modulation.harmonics, phases, strict=True)
-        )
-    return np.asarray(metres_per_radian(modulation.periods_ns[0]) / np.sqrt(information))
 
 
 def _with_shared_uncertainty(petzval: PetzvalCalibration, stderr_m: tuple[float, float]) -> PetzvalCalibration:

@@ -44,7 +44,7 @@ def first_phasor_depth(
     settings = replace(plan.settings, resolver=replace(plan.settings.resolver, mpi_model="discrete"))
     pixels = prepare_frame(frame, plan=replace(plan, settings=settings), calibration=calibration)
     stages, everywhere = frame_stages(plan, calibration, pixels.dtype, pixels.size), slice(0, math.prod(pixels.size))
-    response = stages.correction.response
+    response = stages.response
     phase = first_phase(stages.phasors(pixels)[0], response=response.block(everywhere) if response else None)
     phase = without_offset(phase, stages.depth.phase_offset_rad(everywhere))
     phase[stages.status(pixels) != 0] = np.nan

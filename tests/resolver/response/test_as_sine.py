@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.resolver.paths import Paths
-from cadtof_cli.resolver.response.as_sine import phasors_of_sine
-from cadtof_cli.resolver.response.table import response_block
+from cadtof_cli.resolver.response.as_sine import phasors_of_sine, without_own_phases
+from cadtof_cli.resolver.response.table import ResponseBlock, response_block
 
 
 @pytest.mark.parametrize("own_phase", [False, True])
@@ -27,3 +28,29 @@ def test_a_triangle_s_phasors_of_known_paths_become_those_of_a_sine(own_phase: b
     got = phasors_of_sine(seen, Paths(amplitude, phase, phase), response=model.block(slice(0, n)))
     assert np.abs(seen - expected).max() > 0.01
     np.testing.assert_allclose(got, expected, atol=1e-6)
+
+
+def test_pixels_without_their_own_phases_are_those_of_one_response() -> None:
+    """Two paths of a triangle, seen by pixels that add up to a radian: what their higher terms make of that is gone."""
+    responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
+    rng = np.random.default_rng(1)
+    own = rng.uniform(-1.0, 1.0, (2, 200))
+    model, plain = response_block(responses, own), response_block(responses, None)
+    amplitude = np.array([[0.3], [0.1]]) * np.ones(200)
+    phase = np.stack([rng.uniform(0.0, 3.0, 200), rng.uniform(3.5, 6.0, 200)])
+    paths = Paths(amplitude, phase, np.zeros_like(phase))
+    phasors, expected = (_light(paths, response) for response in (model, plain))
+    assert np.abs(phasors - expected).max() > 0.02
+    np.testing.assert_allclose(without_own_phases(phasors, paths, response=model), expected, atol=1e-6)
+    np.testing.assert_array_equal(without_own_phases(expected, paths, response=plain), expected)
+
+
+def _light(paths: Paths, response: ResponseBlock) -> NDArray[np.complex128]:
+    """Phasors, (2, n), of paths, turned back by what the pixels add to phases."""
+    phasors = np.zeros((2, paths.amplitude.shape[1]), np.complex128)
+    for row in range(2):
+        for a, x in zip(paths.amplitude, paths.phase_rad, strict=True):
+            answer = response.at(row, x.astype(np.float32), slice(None))
+            re, im = response.turned_back(row, answer.re, answer.im)
+            phasors[row] += a * (re + 1j * im)
+    return phasors

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from cadtof_cli.calibration.apply import tabulated_responses
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.response.table import response_block
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -67,7 +68,23 @@ def test_a_response_of_main_and_mirror_leaves_nothing_to_refine() -> None:
     assert tabulated_responses(responses, None) is None
 
 
-def test_two_paths_that_are_beyond_all_numbers_are_called_two_all_the_same() -> None:
+@pytest.mark.parametrize("kernel", available_kernels())
+def test_two_paths_that_coincide_keep_the_answer_that_has_no_next_step(kernel: str) -> None:
+    """The step after, unseen, was not a number: two paths by the status, and none by the maps."""
+    metadata = CaptureMetadata(
+        modulation=Modulation(waveform="triangle"),
+        pixel=Pixel(integration_length=1e5),
+        voltage=Voltage(zero_counts=8192.0, volts_per_count=6e-5),
+    )
+    counts = np.array([[8361, 7561], [7731, 7855]], np.uint16).reshape(2, 2, 1, 1)
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order="2")))
+    maps = resolve_frame(counts, plan=plan, kernel=kernel).maps
+    assert maps.status[0, 0] & StatusBit.TWO_PATHS
+    assert np.isfinite(maps.layer("direct.depth")).all()
+    assert np.isfinite(maps.layer("mpi.depth")).all()
+
+
+def test_two_paths_that_are_beyond_all_numbers_are_no_answer() -> None:
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
     model = response_block(ideal_response(metadata), None)
     found = resolve_paths(
@@ -78,7 +95,7 @@ def test_two_paths_that_are_beyond_all_numbers_are_called_two_all_the_same() -> 
         response=model.block(slice(None)),
     )
     assert np.isnan(found.paths.amplitude).all()
-    assert found.status[0] == StatusBit.TWO_PATHS | StatusBit.NOT_CONVERGED
+    assert found.status[0] == StatusBit.NOT_CONVERGED
 
 
 @pytest.mark.parametrize("order", ["1", "2", "auto"])

@@ -1,0 +1,88 @@
+"""Pixels whose phases differ, under a response that is no sine: neighbours are alike once a calibration says how they differ."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.response import ResponseCalibration
+from cadtof_cli.calibration.store import load_calibration, save_part
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages
+from cadtof_cli.simulation.scene.scenes import Card
+from cadtof_cli.workflows.simulate.record import expose
+from tests.support.calibrations import response_quality
+
+CAMERA = Camera(width=96, height=72, fixed_delay_ns=0.1)
+SEED = 61320
+N_AV = 1e5
+METADATA = CaptureMetadata(
+    modulation=Modulation(waveform="triangle"), pixel=Pixel(integration_length=N_AV), optics=CAMERA.optics
+)
+
+
+@cache
+def recorded() -> tuple[Float, Float]:
+    """Volts of a card with two paths by such a camera, and the true range."""
+    shown = Exposure(scene=Card(separations_ns=(8.0, 20.0)), camera=CAMERA, metadata=METADATA, seed=SEED)
+    band = expose(shown)
+    return np.asarray(frame_voltages(shown, band, 0)), band.truth[DIRECT_DEPTH]
+
+
+def response() -> ResponseCalibration:
+    """The true one."""
+    origin = Origin(
+        captures=("made up",),
+        frames=1,
+        pixels=(CAMERA.height, CAMERA.width),
+        periods_ns=(40.0, 20.0),
+        waveform="triangle",
+    )
+    delays = CAMERA.fixed_delays_ns(SEED)
+    phase = np.stack([2.0 * np.pi / period * delays for period in origin.periods_ns]).astype(np.float32)
+    return ResponseCalibration(
+        origin, ideal_response(METADATA), phase, np.ones_like(phase), (0.0, 0.0), response_quality(2)
+    )
+
+
+def resolved(folder: Path, *, metadata: CaptureMetadata = METADATA, pool: int = 1) -> ResolvedFrame:
+    """Resolve the card with the calibration."""
+    save_part(folder, response())
+    calibration = load_calibration(folder)
+    settings = MapSettings(pool=pool, resolver=ResolverSettings(mpi_model="discrete"))
+    plan = FramePlan(metadata=metadata, settings=settings, calibration=CalibrationUse(folder, calibration.digest))
+    return resolve_frame(recorded()[0], plan=plan, calibration=calibration)
+
+
+@pytest.mark.parametrize("pool", [1, 3])
+def test_pooling_leaves_sigma_true(tmp_path: Path, pool: int) -> None:
+    """Neighbours were pooled with what their own phases made of the higher terms, which is more than noise: .42 and .71 of the errors."""
+    maps = resolved(tmp_path, pool=pool).maps
+    error = np.abs(maps.layer(DIRECT_DEPTH) - recorded()[1])
+    sigma = maps.layer(DIRECT_SIGMA)
+    assert np.mean(error < sigma) > 0.6
+    assert np.mean(error < 2.0 * sigma) > 0.9
+
+
+def test_pooling_reduces_errors(tmp_path: Path) -> None:
+    once, pooled = (
+        np.median(np.abs(resolved(tmp_path / str(pool), pool=pool).maps.layer(DIRECT_DEPTH) - recorded()[1]))
+        for pool in (1, 3)
+    )
+    assert pooled < 0.45 * once
+
+
+def test_estimated_noise_is_that_of_recordings(tmp_path: Path) -> None:
+    """By how pixels differ; their own phases made less than half of the true integration length of it."""
+    metadata = replace(METADATA, pixel=Pixel(integration_length=None))
+    assert resolved(tmp_path, metadata=metadata).noise.integration_length == pytest.approx(N_AV, rel=0.15)
