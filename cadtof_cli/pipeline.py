@@ -13,7 +13,6 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.frame_neighbours import estimated_noise, pooled_pixels
 from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.frame_stages import (
@@ -109,6 +108,8 @@ def prepare_frame(
     samples = None if samples is None else samples.ravel()
     noise = stages.noise
     if noise is None:
+        from cadtof_cli.frame_neighbours import estimated_noise
+
         noise = estimated_noise(
             recorded, samples, dtype=frame.dtype, metadata=plan.metadata, stages=stages, kernel=kernel
         )
@@ -118,6 +119,8 @@ def prepare_frame(
         noise = _with_noise_of_calibration(pixels, samples, stages, stages.correction.noise)
     pixels = replace(pixels, noise=noise if samples is None else replace(noise, samples=samples))
     if plan.settings.pool > 1:
+        from cadtof_cli.frame_neighbours import pooled_pixels
+
         pixels = pooled_pixels(pixels, stages, window=plan.settings.pool, kernel=kernel)
     if stages.diffuse is not None:
         pixels = _with_predicted_mpi(pixels, stages, stages.diffuse, plan.settings.pool, kernel)

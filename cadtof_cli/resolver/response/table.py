@@ -1,13 +1,14 @@
 """The response of the channel pairs as tables, so that evaluating it costs the same for any number of terms."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32, SomePixels, sealed
 from cadtof_cli.phasors.response import NEGLIGIBLE_TERM, HarmonicResponse
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY
 
 ENTRIES = 1 << 14
