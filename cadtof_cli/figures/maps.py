@@ -72,10 +72,11 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
         both = np.concatenate([panel.values.ravel() for panel in pair])
         factor, unit = error_unit(one.units[name])
         change = factor * difference(one.layers[name], other.layers[name])
+        in_one = np.isfinite(one.layers[name]) != np.isfinite(other.layers[name])
         rows.append(
             [
                 Scaled(pair, one.units[name], DEPTHS, limits_of(both)),
-                Scaled((Panel("A − B", change),), unit, ERRORS, signed_limits(change)),
+                Scaled((Panel("A − B", change, in_one=in_one),), unit, ERRORS, signed_limits(change)),
             ]
         )
     if one.status is not None and other.status is not None:

@@ -17,7 +17,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Status
+from cadtof_cli.arrays import Bool, Status
 from cadtof_cli.figures.canvas import Figure, add_title
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_classes import NO_VALUE, PixelClass, classes_of
@@ -41,12 +41,26 @@ _WIDE, _TALL = 2.2, 0.6
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A map, (Y, X), with NaN where it has no value; `status` says why, and `one_path` whether one path is a reason."""
+    """A map, (Y, X), with NaN where it has no value; `status` says why, and `one_path` whether one path is a reason.
+
+    `in_one` are the pixels of a difference that only one of two maps has a value for.
+    """
 
     title: str
     values: NDArray[np.floating]
     status: Status | None = None
     one_path: bool = False
+    in_one: Bool | None = None
+
+    def without_value(self) -> dict[PixelClass, Bool]:
+        """Return which pixels have no value for which reason."""
+        found = classes_of(self.status, np.isfinite(self.values), one_path=self.one_path)
+        reasons = {kind: pixels for kind, pixels in found.items() if kind in NO_VALUE}
+        if self.in_one is not None:
+            reasons = {kind: pixels & ~self.in_one for kind, pixels in reasons.items()} | {
+                PixelClass.IN_ONE: self.in_one
+            }
+        return reasons
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +80,13 @@ class Scaled:
         image: Image = mpl.colormaps[self.colours](
             Normalize(low, high, clip=True)(np.where(known, panel.values, low)), bytes=True
         )
-        for kind, pixels in classes_of(panel.status, known, one_path=panel.one_path).items():
-            if kind in NO_VALUE:
-                image[pixels] = _bytes(kind)
+        for kind, pixels in panel.without_value().items():
+            image[pixels] = _bytes(kind)
         return image
 
     def shown(self, panel: Panel, /) -> set[PixelClass]:
         """Return for which reasons pixels of a panel have no value."""
-        found = classes_of(panel.status, np.isfinite(panel.values), one_path=panel.one_path)
-        return {kind for kind, pixels in found.items() if kind in NO_VALUE and pixels.any()}
+        return {kind for kind, pixels in panel.without_value().items() if pixels.any()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -83,6 +84,16 @@ def test_two_runs_are_compared_in_a_table_and_a_picture(runs: tuple[Path, Path],
     done = cadtof("compare", *runs, "-o", picture)
     assert done.status == 2
     assert "already exists; add --overwrite" in done.err
+
+
+def test_pixels_that_one_run_alone_answers_have_a_colour_of_their_own(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    def yellow(other: Path) -> int:
+        assert cadtof("compare", runs[0], other, "-o", tmp_path / "a.png", "--overwrite").status == 0
+        picture = np.rint(255 * mpl.image.imread(tmp_path / "a.png")[..., :3])
+        return int(np.count_nonzero((picture == (240, 228, 66)).all(axis=-1)))
+
+    assert yellow(runs[1]) > 10_000
+    assert yellow(runs[0]) == 0
 
 
 def test_what_cannot_be_compared(runs: tuple[Path, Path], tmp_path: Path) -> None:
