@@ -15,7 +15,6 @@ from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import median_variance_ratio
 from cadtof_cli.phasors.plausible import spread_over
 
-
 TYPICAL_PIXELS = 4096
 """About as many pixels tell how much noise each harmonic has, sound or not: most are."""
 
