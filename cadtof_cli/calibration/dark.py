@@ -13,6 +13,10 @@ from cadtof_cli.arrays import Bool, Float32, sealed
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import median_variance_ratio
+from cadtof_cli.phasors.plausible import spread_over
+
+TYPICAL_PIXELS = 4096
+"""About as many pixels tell how much noise each harmonic has, sound or not: most are."""
 
 
 class Defect(IntFlag):
@@ -83,11 +87,11 @@ class DarkCalibration:
 
     def offset_stderr_v(self) -> tuple[float, ...]:
         """Return how well the offsets of each harmonic are known in V, as the noise of its channels tells; 0 of one frame."""
-        whole, sound = self.quality(), ~self.hot
-        if not whole["noise_v"] > 0.0:
-            return (0.0,) * len(self.noise_v)
-        typical = np.median(self.noise_v[:, :, sound], axis=(1, 2)).astype(np.float64)
-        return tuple((whole["offset_stderr_v"] * typical / np.median(self.noise_v[:, :, sound])).tolist())
+        whole, noise = self.quality(), spread_over(self.noise_v, TYPICAL_PIXELS).astype(np.float64)
+        typical = np.median(noise, axis=(1, 2))
+        if not (whole["noise_v"] > 0.0 and typical.all()):
+            return (0.0,) * len(typical)
+        return tuple((whole["offset_stderr_v"] * typical / np.median(noise)).tolist())
 
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return fit quality and counts of defects."""

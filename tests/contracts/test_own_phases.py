@@ -66,7 +66,7 @@ def resolved(folder: Path, *, metadata: CaptureMetadata = METADATA, pool: int = 
 
 @pytest.mark.parametrize("pool", [1, 3])
 def test_pooling_leaves_sigma_true(tmp_path: Path, pool: int) -> None:
-    """What own phases made of the higher terms, which is more than noise, was pooled, too: .42 and .71 were within 1, 2 sigma."""
+    """As they are, with what phases make of the higher terms, .42 of the errors were within one sigma, .71 within two."""
     maps = resolved(tmp_path, pool=pool).maps
     error = np.abs(maps.layer(DIRECT_DEPTH) - recorded()[1])
     sigma = maps.layer(DIRECT_SIGMA)
