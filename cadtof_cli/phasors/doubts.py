@@ -89,16 +89,21 @@ def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """
     height, width = stored.shape[2:]
     short, long = sorted((height, width))
-    if short == long or long > _SLENDER * short:
+    stop = height * width - long
+    if short == long or long > _SLENDER * short or stop < FEWEST:
         return None
-    planes = stored.reshape(-1, height * width)
-    sound = sound_pixels(stored, metadata.voltage.saturated_counts).ravel()
-    here = np.arange(0, sound.size - long, max(1, sound.size // LOOKED_AT))
+    planes, limits = stored.reshape(*stored.shape[:2], -1), metadata.voltage.saturated_counts
+    every = max(1, planes.shape[2] // LOOKED_AT)
+    here = planes[:, :, :stop:every]
+    sound = sound_pixels(here, limits)
 
     def difference(line: int) -> float:
-        both = here[sound[here] & sound[here + line]]
-        steps = planes[:, both + line].astype(np.float64) - planes[:, both]
-        return float(np.abs(steps).mean()) if both.size >= FEWEST else math.nan
+        there = planes[:, :, line : stop + line : every]
+        both = sound & sound_pixels(there, limits)
+        if np.count_nonzero(both) < FEWEST:
+            return math.nan
+        with np.errstate(invalid="ignore"):
+            return float(np.abs(there.astype(np.float64) - here).sum(axis=(0, 1))[both].mean())
 
     if not difference(width) > _SHEARED * long / short * difference(height):
         return None
@@ -117,10 +122,12 @@ def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     rows = stored[:, :, ::every]
     sound = sound_pixels(rows, metadata.voltage.saturated_counts)
     sound = sound[:, :-1:every] & sound[:, 1::every]
-    if np.count_nonzero(sound) < FEWEST:
+    count = np.count_nonzero(sound)
+    if count < FEWEST:
         return None
+    # of values that are chosen by a mask, those of a pixel lie together
     here, beside = (
-        values[..., sound].reshape(-1, np.count_nonzero(sound)).astype(np.float64)
+        np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
         for values in (rows[..., :-1:every], rows[..., 1::every])
     )
     noise, scatter = (beside - here).std(axis=1) / math.sqrt(2.0), here.std(axis=1)
@@ -170,6 +177,9 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         return None
     for name, outermost in (("least", np.min), ("largest", np.max)):
         there = values == outermost(values)
+        # of nearly all frames, this tells
+        if np.count_nonzero(there) < FEWEST:
+            continue
         pixels = np.count_nonzero(there.any(axis=(0, 1)))
         if pixels >= FEWEST and not there.all() and scatters(values.reshape(-1, values.shape[2]), _NOISE_STEPS):
             following = outermost(values[~there])
