@@ -12,6 +12,7 @@ from cadtof_cli.commands.map_options import MAP_HEADING, calibration_option, map
 from cadtof_cli.commands.options import CAPTURE_HEADING, capture_options, note_given, settings_option
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.commands.values import PATH, PIXEL_PLACE
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.maps.layers import layer_unit
 
@@ -113,7 +114,8 @@ def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[
     yield from _test_lines(document["order_test"])
     yield from _diffuse_lines(document["diffuse"])
     for name, value in document["chosen"].items():
-        yield _row(name, "–" if value is None else f"{value:.6g} {layer_unit(name)}".rstrip())
+        meaning = f"({', '.join(document['status'])})" if name == STATUS else layer_unit(name)
+        yield _row(name, "–" if value is None else f"{value:.6g} {meaning}".rstrip())
     yield "direct depth of the neighbours, m"
     for values in document["neighbours_m"]:
         yield "".join(f"{_number(value, 4):>10}" for value in values)

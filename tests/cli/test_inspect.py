@@ -207,7 +207,7 @@ def test_the_table_says_the_same(tmp_path: Path) -> None:
     depth, unit = said["direct.depth"].split()
     assert unit == "m"
     assert float(depth) == pytest.approx(found["chosen"]["direct.depth"], rel=1e-5)
-    assert said["status"] == str(found["chosen"]["status"])
+    assert said["status"] == f"{found['chosen']['status']} ({', '.join(found['status'])})"
     assert f"{1000 * found['voltages_v'][0][0]:.3f} mV" in said["harmonic 1"]
     assert f"{found['one_path']['depth_m']:.4f} m" in said["one path"]
     assert len(lines[-1].split()) == 5
