@@ -73,10 +73,12 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
         factor, unit = error_unit(one.units[name])
         change = factor * difference(one.layers[name], other.layers[name])
         in_one = np.isfinite(one.layers[name]) != np.isfinite(other.layers[name])
+        # where neither has a value, both lack it for the reason that A gives
+        panel = Panel("A − B", change, one.status, one_path=True, in_one=in_one)
         rows.append(
             [
                 Scaled(pair, one.units[name], DEPTHS, limits_of(both)),
-                Scaled((Panel("A − B", change, in_one=in_one),), unit, ERRORS, signed_limits(change)),
+                Scaled((panel,), unit, ERRORS, signed_limits(change)),
             ]
         )
     if one.status is not None and other.status is not None:

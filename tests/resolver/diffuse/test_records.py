@@ -23,6 +23,11 @@ def test_phases_become_metres_by_the_period() -> None:
     assert 2 * np.pi / asked.rad_per_ns == pytest.approx(50.0)
 
 
+@pytest.mark.parametrize(("period_ns", "slowness"), [(20.0, 1.0), (40.0, 1.0), (60.0, 1.5), (100.0, 2.5)])
+def test_numbers_that_were_chosen_at_40_ns_change_above_it_alone(period_ns: float, slowness: float) -> None:
+    assert settings(period_ns=period_ns).slowness == slowness
+
+
 @pytest.mark.parametrize("nearest_m", [0.0, 2.0, -1.5, 9.0])
 def test_ranges_are_those_of_the_phase_from_the_nearest_on(nearest_m: float) -> None:
     phase = np.linspace(-7.0, 13.0, 41)

@@ -257,9 +257,12 @@ def test_any_bits_in_buffers_that_fit_are_an_answer(compiled: ModuleType, data: 
             whole = buffers[name]
             buffers[name] = np.frombuffer(bytearray(rng.bytes(whole.nbytes)), whole.dtype).reshape(whole.shape)
     tail["separate"] = data.draw(st.sampled_from([None, rng.random((3, 10)) < 0.5]))
+    before = [None if one is None else one.tobytes() for one in tail.values()]
     answer(compiled, tail, pixels)
     if harmonics == 2:
         resolve(compiled, tail)
+    assert [None if one is None else one.tobytes() for one in tail.values()] == before
+    assert set(pixels["answered"].tobytes()) <= {0, 1}
 
 
 @settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -77,7 +77,14 @@ def test_bits_of_all_pixels_are_those_of_each(compiled: ModuleType, bits: int, s
 
 
 def test_no_pixels_are_no_work(compiled: ModuleType) -> None:
-    run(compiled, buffers(compiled, 0))
+    given, beyond = buffers(compiled, 0), {"layers": np.ones((7, 64), "f4"), "status": np.ones((1, 64), "u4")}
+    for level in compiled.levels():
+        run(
+            compiled,
+            given | {name: there[:, :0].reshape(given[name].shape) for name, there in beyond.items()},
+            level=level,
+        )
+        assert all((there == 1).all() for there in beyond.values())
 
 
 @pytest.mark.parametrize("name", PLANES)
