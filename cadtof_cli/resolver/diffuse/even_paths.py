@@ -129,7 +129,7 @@ def _are_by_one_place(found: SecondPaths, places: PatchPlaces) -> bool:
     if not _uneven(found, places, inside).most < NEARLY_EVEN_NS**2 * scatter:
         return False
     delays, noise = _in_a_row(found.later_rad[inside]), found.noise[1, inside]
-    missed = missed_by_one_place(delays, noise, _positions(found, places, inside))
+    missed = missed_by_one_place(delays, noise, _positions(places, inside))
     return Scatter.of(missed, noise).most < ONE_PLACE_NS**2 * scatter
 
 
@@ -150,10 +150,10 @@ def _in_a_row(delays_rad: Float) -> Float:
     return middle + wrapped(delays_rad - middle)
 
 
-def _positions(found: SecondPaths, places: PatchPlaces, patches: Bool) -> Float:
-    """Return where some patches' surfaces lie, (3, n), in rad of the light that goes there."""
+def _positions(places: PatchPlaces, patches: Bool) -> Float:
+    """Return where some patches' surfaces lie, (3, n), as the phase of light that goes there: by arg p1, which is near enough."""
     _, across, down, slant = places.columns[patches].T
-    range_rad = np.mod(places.phase_rad - found.lag_rad, 2.0 * np.pi)[patches] / 2.0
+    range_rad = np.mod(places.phase_rad[patches], 2.0 * np.pi) / 2.0
     return np.asarray(np.stack([across, down, np.ones_like(slant)]) * (range_rad / slant))
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.diffuse.quantiles import median
 
-AT_FIRST = 1.5 * np.array([(1.0, 0.0, 0.5), (-1.0, 0.0, 0.5), (0.0, 1.0, 0.5), (0.0, -1.0, 0.5)])
-"""Where the place is looked for at first, in median ranges of the surfaces: right, left, below and above."""
+AT_FIRST = 1.5 * np.array([(1.0, 0.0, 0.5), (-1.0, 0.0, 0.5)])
+"""Where the place is looked for at first, in median ranges of the surfaces: right and left."""
 
 STEPS = 8
 """Gauss–Newton steps from each."""
@@ -24,7 +24,7 @@ DAMPING = 1e-4
 places before and behind it."""
 
 TINY = 1e-300
-"""Keeps what fits to the bit from dividing by zero."""
+"""Keeps what has no noise, no distance, or fits to the bit, from dividing by zero."""
 
 
 def missed_by_one_place(later_rad: Float, variance: Float, positions: Float, /) -> Float:
@@ -33,8 +33,8 @@ def missed_by_one_place(later_rad: Float, variance: Float, positions: Float, /) 
     `positions`, (3, n), are those of the surfaces: right, down and away from the camera.
     """
     range_rad = np.sqrt((positions * positions).sum(axis=0))
-    scale = float(median(range_rad))
-    weight = 1.0 / np.maximum(variance, float(median(variance)) / 9.0)
+    scale = float(median(range_rad)) + TINY
+    weight = 1.0 / np.maximum(variance, float(median(variance)) / 9.0 + TINY)
     missed = [_missed(later_rad, weight, positions, range_rad, scale * place, scale) for place in AT_FIRST]
     return min(missed, key=lambda one: float(median(one * one)))
 

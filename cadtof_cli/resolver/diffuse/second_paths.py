@@ -105,12 +105,6 @@ class SecondPaths:
         by_data = _inverse(slopes)
         return cls(np.log(share), later, by_data, (by_data**2 * data.noise(0, 0)).sum(axis=1))
 
-    @property
-    def lag_rad(self) -> Float:
-        """By how much they turn arg p_1, (n,)."""
-        share = np.exp(self.strength)
-        return np.asarray(np.arctan2(share * np.sin(self.later_rad), 1.0 + share * np.cos(self.later_rad)))
-
     @cached_property
     def known(self) -> Bool:
         """Patches whose share is known well enough to tell how shares scatter, (n,); none where they are too few for that."""

@@ -136,14 +136,16 @@ def test_few_patches_and_light_without_mpi_or_noise_do_no_harm() -> None:
             assert are_two_paths(second(0.1, 8.0, sigma), PLACES) == (sigma > 0.0)
 
 
-def by_a_mirror(sigma: float, *, step_m: float = 0.3, turns: float = 0.0) -> tuple[PatchData, PatchPlaces]:
+def by_a_mirror(
+    sigma: float, *, step_m: float = 0.3, most: float = 0.06, turns: float = 0.0
+) -> tuple[PatchData, PatchPlaces]:
     """A wall at 1.5 m, of which a part stands before the rest, and light by a surface at its right, stronger the nearer it is."""
     range_m = 1.5 * SLANT - step_m * (np.abs(DOWN) < 0.15)
     wall = range_m * np.stack([ACROSS, DOWN, np.ones(COUNT)]) / SLANT
     place = np.array([1.6, 0.1, 0.5])
     there = np.sqrt(((place[:, np.newaxis] - wall) ** 2).sum(axis=0))
     later = OMEGA * (np.sqrt(place @ place) + there - range_m) / C_M_PER_NS + turns
-    share = 0.06 * np.exp(-2.0 * there)
+    share = most * np.exp(-2.0 * there)
     turn = np.exp(1j * later)
     straight = OMEGA * 2.0 * range_m / C_M_PER_NS
     phase = straight + np.angle(1.0 + share * turn)
@@ -151,18 +153,35 @@ def by_a_mirror(sigma: float, *, step_m: float = 0.3, turns: float = 0.0) -> tup
     return data, replace(PLACES, phase_rad=np.asarray(np.angle(np.exp(1j * phase))))
 
 
-@pytest.mark.parametrize("turns", [0.0, 2.0])
+@pytest.mark.parametrize(("most", "turns"), [(0.06, 0.0), (0.06, 2.0), (1.0, 0.0)])
 def test_delays_by_one_place_are_two_paths_though_they_are_not_even(
-    turns: float, monkeypatch: pytest.MonkeyPatch
+    most: float, turns: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where some come half a period late, and seem to be as much too early."""
-    data, places = by_a_mirror(2e-5, turns=turns)
+    """Also where some come half a period late, and seem to be as much too early; and where they turn arg p_1 by much."""
+    data, places = by_a_mirror(2e-5, most=most, turns=turns)
     with np.errstate(all="ignore"):
         found = SecondPaths.of(data)
         assert are_even(found, data, places)
         assert not are_even(found, data, replace(places, phase_rad=np.ones(COUNT)))
         monkeypatch.setattr(even_paths, "NEARLY_EVEN_NS", 0.0)
         assert not are_even(found, data, places)
+
+
+def test_one_place_is_not_looked_for_where_delays_are_far_from_even(monkeypatch: pytest.MonkeyPatch) -> None:
+    data, places = by_a_mirror(5e-6, step_m=0.6)
+    with np.errstate(all="ignore"):
+        found = SecondPaths.of(data)
+        assert not are_even(found, data, places)
+        monkeypatch.setattr(even_paths, "NEARLY_EVEN_NS", 3.0)
+        assert are_even(found, data, places)
+
+
+def test_where_no_patch_is_surrounded_by_others_nothing_is_said_of_one_place() -> None:
+    data, places = by_a_mirror(2e-5)
+    here: Bool = (np.add.outer(np.arange(ROWS), np.arange(COLUMNS)) % 2 == 0).ravel()
+    seen = replace(data, ratios=np.where(here, data.ratios, 1.0))
+    with np.errstate(all="ignore"):
+        assert not are_even(SecondPaths.of(seen), seen, places)
 
 
 def test_patches_at_the_edge_of_a_panel_do_not_hide_where_its_light_comes_from() -> None:
