@@ -52,9 +52,11 @@ two paths foretell as well. Up to there a tail comes nearer the truth, be there 
 
 
 SPREAD = 0.008
-"""Relative variance of the MPI's delays from which on, with certainty, MPI is a tail however well two paths foretell the rest:
-0 of two true paths, .002 where a reflector of 1.5 m sends the second one, .015 and more in corners that fill the view, .18 in
+"""Relative variance of the MPI's delays from which on MPI is a tail however well two paths foretell the rest: 0 of two true paths, .002 where a reflector of 1.5 m sends the second one, .015 and more in corners that fill the view, .18 in
 rooms."""
+
+SPREAD_CERTAINTY = 2.0
+"""Standard deviations by which it must be larger."""
 
 WIDEST = 0.1
 """Largest such variance of a patch, up or down, that counts: of what patches see that show two surfaces, it may be any."""
@@ -171,7 +173,7 @@ def foretells(found: SecondPaths, data: PatchData, /) -> bool:
     if not float(median(missed(found, data))) < FORETOLD * median_of_noise(2 * len(data.ratios) - 2):
         return False
     spread, sigma = delay_spread(found, data)
-    return spread - CERTAINTY * sigma < SPREAD
+    return spread - SPREAD_CERTAINTY * sigma < SPREAD
 
 
 def delay_spread(found: SecondPaths, data: PatchData, /) -> tuple[float, float]:
