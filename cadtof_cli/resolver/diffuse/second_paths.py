@@ -52,8 +52,8 @@ two paths foretell as well. Up to there a tail comes nearer the truth, be there 
 
 
 SPREAD = 0.008
-"""Relative variance of the MPI's delays from which on MPI is a tail however well two paths foretell the rest: 0 of two true paths, .002 where a reflector of 1.5 m sends the second one, .015 and more in corners that fill the view, .18 in
-rooms."""
+"""Relative variance of the MPI's delays from which on MPI is a tail however well two paths foretell the rest: 0 of two true
+paths, .002 where a reflector of 1.5 m sends the second one, .01 and more in corners that fill the view, .18 in rooms."""
 
 SPREAD_CERTAINTY = 2.0
 """Standard deviations by which it must be larger."""
