@@ -51,7 +51,7 @@ def test_npy_stacks_are_read_frame_by_frame(tmp_path: Path) -> None:
     np.save(tmp_path / "stack.npy", recorded)
     np.testing.assert_array_equal(_read(tmp_path / "stack.npy", index=2), recorded[2])
     np.save(tmp_path / "planes.npy", recorded.reshape(-1, 37, 53))
-    assert "set [layout] frames = 3" in message(tmp_path / "planes.npy")
+    assert "--stack-frames 3" in message(tmp_path / "planes.npy")
     np.testing.assert_array_equal(_read(tmp_path / "planes.npy", FrameLayout((1, 2), 3), 1), recorded[1])
 
 
