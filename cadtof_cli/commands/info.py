@@ -127,7 +127,9 @@ def _capture_lines(facts: Any) -> Iterator[str]:
             yield _row(key, "unknown: the noise is estimated from each frame")
     yield _row("unambiguous range", f"{facts.unambiguous_range_m:.3f} m")
     if facts.noise_mv is not None:
-        yield _row("noise", f"{facts.noise_mv:.3f} mV per channel, at most, by the integration length")
+        known = facts.metadata["pixel.integration_length"]["value"] is not None
+        by = "the integration length" if known else "what is seen in a frame"
+        yield _row("noise", f"{facts.noise_mv:.3f} mV per channel, at most, by {by}")
     if facts.integration_length_seen is not None:
         yield _row(
             "seen in a frame",
@@ -135,8 +137,11 @@ def _capture_lines(facts: Any) -> Iterator[str]:
         )
     for name, (low, high) in facts.planes.items():
         yield _row(f"{name} stored", f"{low:g} … {high:g}")
-    yield _row("saturated", f"{facts.saturated:.3%} of pixels")
-    yield _row("not finite", f"{facts.not_finite:.3%} of pixels")
+    if facts.shape:
+        limits = facts.metadata["voltage.saturated_counts"]["value"]
+        share = f"{facts.saturated:.3%} of pixels" if limits else "unknown: voltage.saturated_counts is not given"
+        yield _row("saturated", share)
+        yield _row("not finite", f"{facts.not_finite:.3%} of pixels")
     for reason in facts.not_frames:
         yield _row("not a frame", reason)
 
@@ -199,6 +204,8 @@ def _value(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {_value(entry)}" for name, entry in value.items()) or "none"
     if isinstance(value, list | tuple):
+        if value and isinstance(value[0], tuple):
+            return ", ".join(f"{name} = {_value(entry)}" for name, entry in value)
         return ", ".join(map(_value, value)) or "none"
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -68,6 +68,26 @@ def test_where_values_come_from(tmp_path: Path) -> None:
     assert "5.996 m" in rows["unambiguous"]
 
 
+def _rows(*arguments: object) -> dict[str, str]:
+    """Return what `info` shows, by what stands before it."""
+    lines = cadtof("info", *arguments, "-j", 1).out.splitlines()[1:]
+    return {line[:30].strip(): line[30:] for line in lines}
+
+
+def test_what_is_not_known_is_not_shown_as_none(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", toml="[voltage]\nzero_counts = 8192\n")
+    known = _rows(capture.folder, "--volts-per-count", 6e-5, "--integration-length", 1e5, "--saturated-counts", "0,1")
+    assert known["noise"].endswith("by the integration length")
+    assert known["saturated"] == "100.000% of pixels"
+    seen = _rows(capture.folder, "--volts-per-count", 6e-5)
+    assert seen["noise"].endswith("by what is seen in a frame")
+    assert seen["saturated"] == "unknown: voltage.saturated_counts is not given"
+    # pixels at the limits are counted before anybody knows what a count is
+    assert _rows(capture.folder, "--saturated-counts", "0,1")["saturated"] == "100.000% of pixels"
+    capture.files[0].write_bytes(b"")
+    assert not {"saturated", "not finite", "noise"} & _rows(capture.folder).keys()
+
+
 def test_a_frame_without_a_finite_value(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", form="exr")
     nothing = np.full((24, 32), np.nan, np.float32)
