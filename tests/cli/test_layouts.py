@@ -1,7 +1,7 @@
 """Files laid out and named by others, and settings that lie elsewhere: the same maps as of the files that we know."""
 
-import shutil
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
