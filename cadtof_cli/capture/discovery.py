@@ -174,7 +174,12 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
     except OSError as error:
         raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
     except ValueError as error:
-        raise CaptureError(f"{path}: this is not a possible file name ({error}); expected one path per line") from error
+        # a whole list, where zero bytes stand for the ends of lines
+        first, zero, _ = str(path).partition("\0")
+        hint = "; paths with zero bytes between them, as `find -print0` writes them, need `resolve -0`" if zero else ""
+        raise CaptureError(
+            f"{first}: this is not a possible file name ({error}); expected one path per line{hint}"
+        ) from error
     depth = (source_of(path.parent).metadata.layout.pattern or "").count("/")
     return (path.parent if depth == 0 else absolute(path).parents[depth]), False
 
