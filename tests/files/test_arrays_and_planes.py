@@ -172,6 +172,9 @@ def test_raw_dumps_are_read_behind_their_offset(dtype: str, offset: int, tmp_pat
         f"found {offset + recorded.nbytes - 1:,} bytes, expected {offset + recorded.nbytes:,}: 2 × 2 × 37 × 53" in told
     )
     assert "for a raw dump, give dtype and shape under [layout.raw]" in message(path)
+    elsewhere = path.rename(tmp_path / "frame.img")
+    told = message(elsewhere, FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53))))
+    assert told.endswith("; the names of raw dumps end with .raw, .bin, .dat")
 
 
 def test_raw_dumps_of_several_frames_are_a_stack(tmp_path: Path) -> None:
