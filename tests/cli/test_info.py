@@ -127,6 +127,30 @@ def test_what_is_no_frame_is_named(tmp_path: Path) -> None:
     assert named.startswith(str(capture.folder / "depth.exr"))
 
 
+def test_a_folder_of_what_is_no_frame_is_a_problem_unless_folders_are_searched(tmp_path: Path) -> None:
+    write_exr(tmp_path / "frame.exr", {"f1_I": step_truth().astype(np.float32)})
+    done = cadtof("info", tmp_path, "-j", 1)
+    assert (done.status, done.err) == (
+        1,
+        f"wrong: {tmp_path}: no frames: none of its files holds the voltages of one\n",
+    )
+    assert cadtof("info", "-r", tmp_path, "-j", 1).status == 0
+
+
+def test_of_many_frames_with_one_problem_a_few_are_named(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=8)
+    for file in capture.files[:7]:
+        file.write_bytes(b"II*\0 and no more")
+    capture.files[7].write_bytes(b"")
+    done = cadtof("info", capture.folder, "-j", 1, "--json")
+    assert done.status == 1
+    *named, more, other = done.err.splitlines()
+    assert [line.partition(": ")[2].partition(": ")[0] for line in named] == list(map(str, capture.files[:5]))
+    assert more == "wrong: 2 more for the same reason; --json names all"
+    assert other.startswith(f"wrong: {capture.files[7]}: found an empty file")
+    assert len(json.loads(done.out)["problems"]) == 8
+
+
 def test_layers_of_truth_have_their_units(tmp_path: Path) -> None:
     layers = {"direct.depth": np.ones(12), "mpi.delay": np.linspace(3, 20, 12), "mpi.ratio": np.linspace(0, 1, 12)}
     write_exr(tmp_path / "truth.exr", {name: plane.reshape(3, 4).astype(np.float32) for name, plane in layers.items()})
