@@ -1,14 +1,15 @@
 """Which frames of two true paths `--mpi-model auto` takes for tails, and what that costs: each has two paths in every pixel.
 
-`python scripts/second_paths.py cards` takes 292 frames of the scenes `card` and `inter-reflection`,
-`python scripts/second_paths.py drawn --seed 95000` 324 frames of panes, patterns, steps and mirrors whose geometry is drawn. It
-prints a row per kind of scene: frames, how many are taken for tails, and the medians of their median errors in cm, as taken and
-by two paths. Frames that are left to two paths must be those of `--mpi-model discrete` to the bit; it fails where one is not.
+`python scripts/second_paths.py cards` takes 292 frames of the scenes `card` and `inter-reflection`, `panels --seed 98000` 192 of
+the latter and `drawn --seed 95000` 324 of panes, patterns, steps and mirrors, whose geometry is drawn. It prints a row per kind
+of scene: frames, how many are taken for tails, and the medians of their median errors in cm, as taken and by two paths. Frames
+that are left to two paths must be those of `--mpi-model discrete` to the bit; it fails where one is not.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from with_truth import resolved, with_length
@@ -26,7 +27,7 @@ from cadtof_cli.workflows.simulate.record import expose
 
 PERIODS_NS = (40.0, 20.0, 40.0 / 3.0)
 
-LENGTHS = {"cards": (2e3, 1e5, 1e6), "drawn": (3e3, 5e4, 5e5)}
+LENGTHS = {"cards": (2e3, 1e5, 1e6), "panels": (1e4, 1e5, 1e6), "drawn": (3e3, 5e4, 5e5)}
 """Integration lengths of two harmonics, which three share."""
 
 KINDS = ("pane", "pane, pattern", "same delay", "slanted", "steps", "ball", "part", "from the side", "weak first")
@@ -35,6 +36,9 @@ and delay slant; before boxes; before a ball; in a part of the view; from a mirr
 """
 
 FARTHEST_M = 5.8
+
+Scenes = Iterator[tuple[str, Scene, Camera, tuple[float, ...]]]
+"""Kind, scene, camera, and integration lengths."""
 
 MODELS: tuple[MpiModel, MpiModel] = ("auto", "discrete")
 
@@ -115,7 +119,7 @@ def pattern(across: Float, down: Float, rng: np.random.Generator) -> Float:
     return np.asarray(np.exp(0.5 * np.asarray(total) / np.sqrt(3.0)))
 
 
-def cards() -> Iterator[tuple[str, Scene, Camera, tuple[float, ...]]]:
+def cards() -> Scenes:
     """Return the scenes of `simulate` that have two true paths."""
     camera, lengths = Camera(width=160, height=120), LENGTHS["cards"]
     for share in (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5):
@@ -135,7 +139,18 @@ def cards() -> Iterator[tuple[str, Scene, Camera, tuple[float, ...]]]:
             yield "inter-reflection", InterReflection(mpi_ratio=share, reflector_m=reflector), camera, lengths
 
 
-def drawn(seed: int) -> Iterator[tuple[str, Scene, Camera, tuple[float, ...]]]:
+def panels(seed: int) -> Scenes:
+    """Return inter-reflections on panels from near to far, by reflectors close by and far off, of all shares."""
+    camera, rng = Camera(width=160, height=120), np.random.default_rng(seed)
+    for _ in range(64):
+        distance, share, reflector = rng.uniform(1.0, 3.5), 0.25 * 25.0 ** -rng.uniform(), rng.uniform(1.2, 7.0)
+        scene = InterReflection(
+            distance_m=distance, wall_m=distance + rng.uniform(0.5, 1.2), mpi_ratio=share, reflector_m=reflector
+        )
+        yield f"panel, share {'.05 and more' if share > 0.05 else 'below .05'}", scene, camera, LENGTHS["panels"]
+
+
+def drawn(seed: int) -> Scenes:
     """Return scenes of every kind, with four shares in three sizes of frames and views."""
     for kind in KINDS:
         for share in (0.02, 0.05, 0.1, 0.25):
@@ -165,11 +180,16 @@ def recordings(
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("frames", choices=("cards", "drawn"), help="which scenes")
+    parser.add_argument("frames", choices=tuple(LENGTHS), help="which scenes")
     parser.add_argument("--harmonics", type=int, default=2, choices=(2, 3))
     parser.add_argument("--seed", type=int, default=3, help="of noise, and of what is drawn")
     chosen = parser.parse_args()
-    scenes = cards() if chosen.frames == "cards" else drawn(chosen.seed)
+    kinds: dict[str, Callable[[], Scenes]] = {
+        "cards": cards,
+        "panels": partial(panels, chosen.seed),
+        "drawn": partial(drawn, chosen.seed),
+    }
+    scenes = kinds[chosen.frames]()
     counts: dict[str, int] = {}
     tails: dict[str, list[tuple[float, float]]] = {}
     for kind, scene, camera, lengths in scenes:

@@ -9,7 +9,6 @@ import io
 import os
 import re
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 
@@ -76,6 +75,9 @@ def _unnamed_file() -> int:
     """Return a descriptor of a file that nobody else sees; a pipe would block when it is full."""
     if hasattr(os, "memfd_create"):
         return os.memfd_create("cadtof")
+    # with random and shutil, more than a hundredth of the time that a command takes to start
+    import tempfile
+
     with tempfile.TemporaryFile() as stream:
         return os.dup(stream.fileno())
 

@@ -19,7 +19,7 @@ from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.rooms.cornell import CornellBox
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
-from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
+from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wall
 from cadtof_cli.workflows.simulate.record import expose
 from tests.support.diffuse_frames import F
 
@@ -36,6 +36,7 @@ SCENES: dict[str, Scene] = {
     "weak second": Card(mpi_ratios=(0.02, 0.02)),
     "one share and delay": Card(distance_m=1.5, separations_ns=(8.0, 8.0), mpi_ratios=(0.1, 0.1), clean_share=0.0),
     "weak ramp": Card(mpi_ratios=(0.005, 0.03)),
+    "by a reflector": InterReflection(distance_m=2.0, wall_m=3.0, mpi_ratio=0.1, reflector_m=3.0),
     "wall": Wall(distance_m=2.0),
     "corner": Corner(),
     "room": RandomRoom(seed=5, light_paths=48),
@@ -108,6 +109,7 @@ WITHOUT_TAIL = [
     ),
     *(("weak second", length) for length in LENGTHS[1:]),
     ("weak ramp", LENGTHS[2]),
+    ("by a reflector", LENGTHS[2]),
 ]
 """At the least light, a second path of a fiftieth of the direct one is hardly seen."""
 

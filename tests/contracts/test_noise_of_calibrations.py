@@ -1,5 +1,6 @@
 """What the noise of a calibration's own frames leaves is in sigma, and in what is asked of noise: one array, truth simulated."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -64,7 +65,7 @@ def response() -> ResponseCalibration:
     return ResponseCalibration(ORIGIN, ideal_response(METADATA), phase, np.ones(shape, np.float32), (0.0, 0.0), quality)
 
 
-def resolved(folder: Path, parts: tuple[Part, ...], frames: int) -> ResolvedFrame:
+def resolved(folder: Path, parts: tuple[Part, ...], frames: int, metadata: CaptureMetadata = METADATA) -> ResolvedFrame:
     """Resolve the mean of some frames with the parts of a calibration."""
     for part in parts:
         save_part(folder, part)
@@ -74,14 +75,26 @@ def resolved(folder: Path, parts: tuple[Part, ...], frames: int) -> ResolvedFram
     mean = FrameMean(
         np.mean(volts[:frames], axis=0), np.full(truth.shape, float(frames)), volts[0].dtype, frames=frames
     )
-    return resolve_frame(mean, plan=FramePlan(metadata=METADATA, calibration=use), calibration=calibration)
+    return resolve_frame(mean, plan=FramePlan(metadata=metadata, calibration=use), calibration=calibration)
 
 
 @pytest.mark.parametrize("frames", [1, 4, FRAMES])
 @pytest.mark.parametrize("parts", [(), (dark(),), (response(),), (dark(), response())], ids=len)
 def test_sigma_holds_what_a_calibration_leaves(tmp_path: Path, parts: tuple[Part, ...], frames: int) -> None:
     """However many frames are averaged: without it, .4 of the errors were within one sigma of the mean of sixteen."""
-    maps = resolved(tmp_path, parts, frames).maps
+    assert_sigma_is_true(resolved(tmp_path, parts, frames))
+
+
+@pytest.mark.parametrize("parts", [(dark(),), (response(),)], ids=len)
+def test_an_estimated_noise_holds_it_already(tmp_path: Path, parts: tuple[Part, ...]) -> None:
+    """What pixels of a mean differ by is what the frames and the calibration leave, together."""
+    unknown = replace(METADATA, pixel=Pixel())
+    assert unknown.pixel.integration_length is None
+    assert_sigma_is_true(resolved(tmp_path, parts, FRAMES, unknown))
+
+
+def assert_sigma_is_true(found: ResolvedFrame) -> None:
+    maps = found.maps
     error = np.abs(maps.layer(DIRECT_DEPTH) - recorded()[1])
     known = np.isfinite(error)
     assert known.mean() > 0.99

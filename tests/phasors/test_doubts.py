@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
-from cadtof_cli.phasors.doubts import cut_off, sheared, without_light
+from cadtof_cli.phasors.doubts import cut_off, doubts, sheared, without_light
 from cadtof_cli.phasors.plausible import FEWEST
 
 ZERO, STEP = 8192.0, 6e-5
@@ -133,3 +133,15 @@ def test_lines_of_which_nothing_can_be_said() -> None:
     swapped = hill(60, 80).reshape(2, 2, 80, 60)
     swapped[0, 0, 1:] = 16383
     assert told_of_lines(swapped) is None
+
+
+def test_all_that_is_likely_wrong_is_told_and_without_light_only_what_needs_none() -> None:
+    swapped = hill(60, 80).reshape(2, 2, 80, 60)
+    swapped = np.minimum(swapped, np.uint16(np.quantile(swapped, 0.9)))
+    metadata = CaptureMetadata(voltage=COUNTS)
+    lines, cut = doubts(swapped, metadata)
+    assert "are height and width" in lines
+    assert doubts(swapped, metadata, has_light=False) == (cut,) == (cut_off(swapped, metadata),)
+    dark = hill(60, 80)
+    dark[1, 1] = np.random.default_rng(8).normal(ZERO, 7.0, dark.shape[2:])
+    assert doubts(dark, metadata) == (without_light(dark, metadata),)

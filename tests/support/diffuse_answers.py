@@ -29,6 +29,7 @@ def model_of(
     samples: float = 1.0,
     range_offset_m: F | None = None,
     second_paths: bool = False,
+    period_ns: float = T1_NS,
 ) -> DiffuseModel | DiffuseChoice:
     """The model of a frame (H, Y, X), or the choice against it.
 
@@ -43,7 +44,7 @@ def model_of(
     grid = patch_grid(height, width, view or assumed_view(height, width))
     light = sampled_light(phasors[:, *sampled], use, grid, harmonics=harmonics)
     settings, noise = (
-        DiffuseSettings(model=model, period_ns=T1_NS, harmonics=harmonics),
+        DiffuseSettings(model=model, period_ns=period_ns, harmonics=harmonics),
         np.full(len(phasors), variance(n_av)),
     )
     means = patch_means(light, light.seen, variance=noise[0] / samples, harmonics=harmonics)

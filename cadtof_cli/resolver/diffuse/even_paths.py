@@ -2,6 +2,7 @@
 
 What a patch's q_2 says of a second path, if there is one, is its share of the light and its delay. Where light goes by one even
 surface, delays lie evenly over the view, on a + b·X + c·Y + d/cos, whatever the shares; in rooms they follow from many surfaces.
+Nearly so they lie where a mirror or a bright surface beside the view sends the light, and then this one place explains them.
 Where noise hides each patch's delay, all patches together tell: two paths of even share and delay explain them, but for noise.
 """
 
@@ -9,8 +10,10 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.one_place import missed_by_one_place
 from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.second_paths import (
+    LEAST_KNOWN,
     PatchData,
     Scatter,
     SecondPaths,
@@ -22,6 +25,13 @@ from cadtof_cli.resolver.diffuse.tail import wrapped
 EVEN_NS = 0.1
 """Scatter of delays about what is even over the view, in ns for every unit that the logarithm of the share scatters by, below
 which they are even: .2 and more in 518 rendered rooms and in corners, at any light."""
+
+NEARLY_EVEN_NS = 0.3
+"""The same, below which one place is looked for that sends the light; …"""
+
+ONE_PLACE_NS = 0.125
+"""… and the same of what that place leaves, below which there is one: .17 and more in 2016 frames of rooms, of which a dozen have
+delays that are so nearly even."""
 
 ALLOWED = (0.012, 0.04)
 """How far two true paths may be from evenness: ln of their share, and ns. The least uneven of 518 rooms has .03 and .13."""
@@ -65,11 +75,12 @@ class PatchPlaces:
     """Where n patches lie, and the fundamental's ω, `rad_per_ns`.
 
     `columns`, (n, 4), is what is even over the view there: 1, the slopes X and Y of their rays, and 1/cos, by which all ranges
-    grow that lie on a plane across the view. `lit`, (rows, columns), says where in the frame they are; `alike` is the correlation
-    of the noise of neighbours.
+    grow that lie on a plane across the view. `phase_rad`, (n,), is arg p1; `lit`, (rows, columns), says where in the frame they
+    are; `alike` is the correlation of the noise of neighbours.
     """
 
     columns: Float
+    phase_rad: Float
     lit: Bool
     rad_per_ns: float
     alike: float = 0.0
@@ -91,17 +102,59 @@ class _Explained:
 
 
 def are_even(found: SecondPaths, data: PatchData, places: PatchPlaces, /) -> bool:
-    """Return whether second paths lie evenly over the view, each by itself or all together."""
-    known = found.known
-    if known.any():
-        columns, noise = places.columns[known], found.noise[1, known]
-        delays = found.later_rad[known]
-        uneven = Scatter.of(delays - columns @ _even_part(delays, noise, columns), noise)
+    """Return whether second paths lie evenly over the view, or come by one place, each by itself; or evenly, all together."""
+    if found.known.any():
+        uneven = _uneven(found, places, found.known)
         if uneven.most < (EVEN_NS * places.rad_per_ns) ** 2 * found.strength_scatter.least:
+            return True
+        if _are_by_one_place(found, places):
             return True
         if uneven.least > (ALLOWED[1] * places.rad_per_ns) ** 2:
             return False
     return _are_even_together(found, data, places)
+
+
+def _uneven(found: SecondPaths, places: PatchPlaces, patches: Bool) -> Scatter:
+    """Return how some patches' delays scatter about what is even over the view."""
+    columns, delays, noise = places.columns[patches], _in_a_row(found.later_rad[patches]), found.noise[1, patches]
+    return Scatter.of(delays - columns @ _even_part(delays, noise, columns), noise)
+
+
+def _are_by_one_place(found: SecondPaths, places: PatchPlaces) -> bool:
+    """Return whether one place explains the delays, which are nearly even, of the patches that see one surface each."""
+    inside = _inside(found.known, places.lit)
+    if np.count_nonzero(inside) < LEAST_KNOWN:
+        return False
+    scatter = Scatter.of(found.strength[inside], found.noise[0, inside]).least * places.rad_per_ns**2
+    if not _uneven(found, places, inside).most < NEARLY_EVEN_NS**2 * scatter:
+        return False
+    delays, noise = _in_a_row(found.later_rad[inside]), found.noise[1, inside]
+    missed = missed_by_one_place(delays, noise, _positions(places, inside))
+    return Scatter.of(missed, noise).most < ONE_PLACE_NS**2 * scatter
+
+
+def _inside(known: Bool, lit: Bool) -> Bool:
+    """Return which of the known patches, (n,), have such neighbours on all sides, or the border of the view: the others may see
+    an edge, before something else.
+    """
+    image: Bool = np.zeros(lit.shape, np.bool_)
+    image[lit] = known
+    around = np.pad(image, 1, constant_values=True)
+    whole: Bool = image & around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:]
+    return whole[lit]
+
+
+def _in_a_row(delays_rad: Float) -> Float:
+    """Return the same delays, (n,), on one turn about the middle of all, so that those a turn apart are side by side."""
+    middle = float(np.arctan2(np.sin(delays_rad).sum(), np.cos(delays_rad).sum()))
+    return middle + wrapped(delays_rad - middle)
+
+
+def _positions(places: PatchPlaces, patches: Bool) -> Float:
+    """Return where some patches' surfaces lie, (3, n), as the phase of light that goes there: by arg p1, which is near enough."""
+    _, across, down, slant = places.columns[patches].T
+    range_rad = np.mod(places.phase_rad[patches], 2.0 * np.pi) / 2.0
+    return np.asarray(np.stack([across, down, np.ones_like(slant)]) * (range_rad / slant))
 
 
 def _are_even_together(found: SecondPaths, data: PatchData, places: PatchPlaces) -> bool:

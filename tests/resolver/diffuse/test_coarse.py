@@ -212,6 +212,14 @@ def test_with_slow_modulation_less_is_added_and_more_harmonics_are_less_sure(
     assert_allclose(unsure[1], variance * unsure[0], rtol=1e-3, atol=1e-9)
 
 
+def test_with_slow_modulation_the_lag_s_own_error_grows_with_three_harmonics_alone() -> None:
+    """Its variance is √2 times as large where the period is twice as long."""
+    for data, further in ((DATA, 0.0), (4, (np.sqrt(2.0) - 1.0) * (0.05 * 1.2) ** 2)):
+        known = fit(data=data, targets=(0.3, 1.2))
+        usual, slow = (planes(known, beside(), slowness=slowness) for slowness in (1.0, 2.0))
+        assert_allclose((slow.planes[-2] - usual.planes[-2])[VALID], further, rtol=0.1, atol=1e-7)
+
+
 @pytest.mark.parametrize(
     ("light", "moved", "unsure"),
     [

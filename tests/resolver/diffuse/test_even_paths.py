@@ -1,13 +1,17 @@
 """Second paths that change evenly over the view are told from tails, whose shares and delays never do, whatever hides them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse import even_paths
 from cadtof_cli.resolver.diffuse.choice import are_two_paths
 from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, has_one_share, of_two_paths
+from cadtof_cli.units import C_M_PER_NS
 from tests.support.diffuse_frames import OMEGA, F, Tail
 from tests.support.diffuse_patches import LIT, PATCHES, patch_data
 
@@ -23,7 +27,7 @@ COUNT = ROWS * COLUMNS
 
 SLANT: Float = np.sqrt(1.0 + ACROSS**2 + DOWN**2)
 
-PLACES = PatchPlaces(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), LIT, OMEGA)
+PLACES = PatchPlaces(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), np.ones(COUNT), LIT, OMEGA)
 
 
 def second(share: float | F, later_ns: float | F, sigma: float, *, harmonics: int = 2, seed: int = 0) -> PatchData:
@@ -130,3 +134,66 @@ def test_few_patches_and_light_without_mpi_or_noise_do_no_harm() -> None:
         with np.errstate(all="ignore"):
             assert not are_two_paths(patch_data(nothing, nothing, sigma=sigma), PLACES)
             assert are_two_paths(second(0.1, 8.0, sigma), PLACES) == (sigma > 0.0)
+
+
+def by_a_mirror(
+    sigma: float, *, step_m: float = 0.3, most: float = 0.06, turns: float = 0.0
+) -> tuple[PatchData, PatchPlaces]:
+    """A wall at 1.5 m, of which a part stands before the rest, and light by a surface at its right, stronger the nearer it is."""
+    range_m = 1.5 * SLANT - step_m * (np.abs(DOWN) < 0.15)
+    wall = range_m * np.stack([ACROSS, DOWN, np.ones(COUNT)]) / SLANT
+    place = np.array([1.6, 0.1, 0.5])
+    there = np.sqrt(((place[:, np.newaxis] - wall) ** 2).sum(axis=0))
+    later = OMEGA * (np.sqrt(place @ place) + there - range_m) / C_M_PER_NS + turns
+    share = most * np.exp(-2.0 * there)
+    turn = np.exp(1j * later)
+    straight = OMEGA * 2.0 * range_m / C_M_PER_NS
+    phase = straight + np.angle(1.0 + share * turn)
+    data = patch_data(share * turn, share * turn**2, sigma=sigma)
+    return data, replace(PLACES, phase_rad=np.asarray(np.angle(np.exp(1j * phase))))
+
+
+@pytest.mark.parametrize(("most", "turns"), [(0.06, 0.0), (0.06, 2.0), (1.0, 0.0)])
+def test_delays_by_one_place_are_two_paths_though_they_are_not_even(
+    most: float, turns: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where some come half a period late, and seem to be as much too early; and where they turn arg p_1 by much."""
+    data, places = by_a_mirror(2e-5, most=most, turns=turns)
+    with np.errstate(all="ignore"):
+        found = SecondPaths.of(data)
+        assert are_even(found, data, places)
+        assert not are_even(found, data, replace(places, phase_rad=np.ones(COUNT)))
+        monkeypatch.setattr(even_paths, "NEARLY_EVEN_NS", 0.0)
+        assert not are_even(found, data, places)
+
+
+def test_one_place_is_not_looked_for_where_delays_are_far_from_even(monkeypatch: pytest.MonkeyPatch) -> None:
+    data, places = by_a_mirror(5e-6, step_m=0.6)
+    with np.errstate(all="ignore"):
+        found = SecondPaths.of(data)
+        assert not are_even(found, data, places)
+        monkeypatch.setattr(even_paths, "NEARLY_EVEN_NS", 3.0)
+        assert are_even(found, data, places)
+
+
+def test_where_no_patch_is_surrounded_by_others_nothing_is_said_of_one_place() -> None:
+    data, places = by_a_mirror(2e-5)
+    here: Bool = (np.add.outer(np.arange(ROWS), np.arange(COLUMNS)) % 2 == 0).ravel()
+    seen = replace(data, ratios=np.where(here, data.ratios, 1.0))
+    with np.errstate(all="ignore"):
+        assert not are_even(SecondPaths.of(seen), seen, places)
+
+
+def test_patches_at_the_edge_of_a_panel_do_not_hide_where_its_light_comes_from() -> None:
+    """They hold light of the wall behind it, too, and seem to have another delay."""
+    data, places = by_a_mirror(5e-6, step_m=0.0)
+    panel: Bool = (np.abs(ACROSS) < 0.4) & (np.abs(DOWN) < 0.35)
+    inner: Bool = (np.abs(ACROSS) < 0.36) & (np.abs(DOWN) < 0.3)
+    alone = patch_data(*[np.zeros(COUNT, np.complex128)] * 2, sigma=5e-6)
+    mixed = np.where(panel & ~inner, 0.8 * data.ratios + 0.2 * np.exp(1.5j), data.ratios)
+    seen = replace(
+        data, ratios=np.where(panel, mixed, alone.ratios), relative=np.where(panel, data.relative, alone.relative)
+    )
+    with np.errstate(all="ignore"):
+        found = SecondPaths.of(seen)
+        assert are_even(found, seen, places)

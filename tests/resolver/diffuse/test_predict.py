@@ -5,6 +5,7 @@ import pytest
 
 from cadtof_cli.arrays import Float32
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.resolver.diffuse import predict
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.predict import two_path_lag
@@ -14,6 +15,7 @@ from tests.support.diffuse_answers import answers, model_of, predicted
 from tests.support.diffuse_frames import (
     M_PER_RAD,
     OMEGA,
+    T1_NS,
     F,
     Tail,
     Z,
@@ -48,6 +50,25 @@ def test_a_tail_behind_a_wall_is_taken_out(tail: Tail, harmonics: tuple[int, ...
     assert median_error(got.direct_phase_rad, wall) < 0.25 * first
     seen = np.abs(range_error_m(got.direct_phase_rad, wall)) < 2 * got.direct_sigma_rad * M_PER_RAD
     assert seen.mean() > 0.8
+
+
+@pytest.mark.parametrize(("harmonics", "name"), [((1, 2), "left_rad"), ((1, 2, 3), "coarse_planes")])
+def test_how_slow_the_modulation_is_counts(
+    harmonics: tuple[int, ...], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same phasors of periods 2.5 times as long: a room 2.5 times as large, of which less is known than of its likeness."""
+    p = phasors_of(wall_range(), tail_of(DECAYS[1], harmonics), harmonics=harmonics)
+    told = []
+
+    def listen(*arguments: object, slowness: float, **named: object) -> object:
+        told.append(slowness)
+        return asked(*arguments, slowness=slowness, **named)
+
+    asked = getattr(predict, name)
+    monkeypatch.setattr(predict, name, listen)
+    for period_ns in (0.5 * T1_NS, T1_NS, 2.5 * T1_NS):
+        assert isinstance(model_of(p, harmonics=harmonics, period_ns=period_ns), DiffuseModel)
+    assert told == [1.0, 1.0, 2.5]
 
 
 @pytest.mark.parametrize("tail", DECAYS)
