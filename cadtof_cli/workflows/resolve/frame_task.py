@@ -254,7 +254,7 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
 def _why_again(task: FrameTask) -> str | None:
     """Return why maps that are there are made again; None where there are none, as after a frame that failed."""
     if task.before is None:
-        told = "found no line of it in frames.jsonl" if task.output.exists() else None
+        told = "has no line in frames.jsonl, as where a run was stopped" if task.output.exists() else None
     elif _maps_changed(task.output, task.before):
         told = "changed since it was written" if task.output.exists() else "is gone"
     else:
