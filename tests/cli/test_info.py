@@ -112,7 +112,9 @@ def test_what_is_wrong_is_told_with_status_1(tmp_path: Path) -> None:
     assert done.status == 1
     empty, unscaled = done.err.splitlines()
     assert empty.startswith(f"wrong: {capture.files[1]}: found an empty file, expected one of EXR, TIFF, NPY, PNG")
-    assert unscaled.startswith("wrong: frames hold whole numbers (uint16), and the volts per count are unknown")
+    assert unscaled.startswith(
+        f"wrong: {capture.folder}: frames hold whole numbers (uint16), and the volts per count are unknown"
+    )
     facts = json.loads(done.out)
     assert [f"wrong: {problem}" for problem in facts["problems"]] == [empty, unscaled]
     assert (facts["frames"], facts["containers"]) == (3, {"tif": 2})

@@ -157,5 +157,5 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
         for dtype in facts.types:
             volts_per_count(metadata.voltage, np.dtype(dtype))
     except CadtofError as error:
-        facts.problems.append(str(error))
+        facts.problems.append(f"{capture.root}: {error}")
     return facts
