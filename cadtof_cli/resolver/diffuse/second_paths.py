@@ -2,9 +2,11 @@
 
 A second path that comes by a mirror, a pane or the lens has the same share of the light all over the view, whatever its delay.
 In a room, both follow from where a surface lies. And two true paths foretell a third harmonic; two paths that explain
-the first two harmonics of a tail miss its third.
+the first two harmonics of a tail miss its third. By how little, where the tail is short for its noise, all patches tell together:
+they miss it to the same side, by as much as the delays of the MPI are spread.
 """
 
+import math
 from functools import cached_property
 
 import numpy as np
@@ -47,6 +49,15 @@ FORETOLD_SNR = 5.0
 FORETOLD_DELAY = 10.0
 """… where that median times the square of the delay in rad is as large, too. What is short for its noise, as a corner's tail,
 two paths foretell as well. Up to there a tail comes nearer the truth, be there two paths or not."""
+
+
+SPREAD = 0.008
+"""Relative variance of the MPI's delays from which on, with certainty, MPI is a tail however well two paths foretell the rest:
+0 of two true paths, .002 where a reflector of 1.5 m sends the second one, .015 and more in corners that fill the view, .18 in
+rooms."""
+
+WIDEST = 0.1
+"""Largest such variance of a patch, up or down, that counts: of what patches see that show two surfaces, it may be any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,15 +167,40 @@ def foretelling(found: SecondPaths, data: PatchData, /) -> bool:
 
 
 def foretells(found: SecondPaths, data: PatchData, /) -> bool:
-    """Return whether the second paths say, but for noise, what q_h of further harmonics is."""
-    return float(median(missed(found, data))) < FORETOLD * median_of_noise(2 * len(data.ratios) - 2)
+    """Return whether the second paths say, but for noise, what q_h of further harmonics is, and have one delay each."""
+    if not float(median(missed(found, data))) < FORETOLD * median_of_noise(2 * len(data.ratios) - 2):
+        return False
+    spread, sigma = delay_spread(found, data)
+    return spread - CERTAINTY * sigma < SPREAD
+
+
+def delay_spread(found: SecondPaths, data: PatchData, /) -> tuple[float, float]:
+    """Return the variance of the MPI's delays within a patch, over their square, that further harmonics show, and its standard
+    deviation; (0, inf) where they show nothing.
+
+    Delays that are spread by a variance of κθ² about θ make MPI at the harmonic h smaller by 1 − κ(hθ)²/2.
+    """
+    shown = weight = np.zeros(found.strength.size)
+    for row in range(1, len(data.ratios)):
+        differs = _Difference.of(found, data, row)
+        by_spread = _by_spread(found, data.harmonics[row + 1])
+        by_spread -= np.einsum("ijn,jn->in", differs.follows, _by_spread(found, 2))
+        shown = shown + np.einsum("in,ijn,jn->n", by_spread, differs.precision, differs.off)
+        weight = weight + np.einsum("in,ijn,jn->n", by_spread, differs.precision, by_spread)
+    seen = np.isfinite(shown) & np.isfinite(weight) & (weight > 0.0)
+    if not seen.any():
+        return 0.0, math.inf
+    shown, weight = shown[seen], weight[seen]
+    total = float(weight.sum())
+    return float((weight * np.clip(shown / weight, -WIDEST, WIDEST)).sum()) / total, 1.0 / math.sqrt(total)
 
 
 def missed(found: SecondPaths, data: PatchData, /) -> Float:
     """Return χ², (n,), of what q_h of further harmonics, two numbers each, differ by from what the second paths make of them."""
     chi_squared = np.zeros(len(data.ratios[0]))
     for row in range(1, len(data.ratios)):
-        chi_squared += _missed(found, data, row)
+        differs = _Difference.of(found, data, row)
+        chi_squared += np.einsum("in,ijn,jn->n", differs.off, differs.precision, differs.off)
     return chi_squared
 
 
@@ -173,19 +209,41 @@ def median_of_noise(numbers: int, /) -> float:
     return numbers * (1.0 - 2.0 / (9.0 * numbers)) ** 3
 
 
-def _missed(found: SecondPaths, data: PatchData, row: int) -> Float:
-    """Return χ², (n,), of what the ratios in a row differ by from what the second paths make of them."""
-    share = np.exp(found.strength)
-    expected, slopes = of_two_paths(share, found.later_rad, data.harmonics[row + 1])
-    slopes[:, 0] *= share
-    ratio = data.ratios[row]
-    off = np.stack([np.log(np.abs(ratio)) - expected[0], wrapped(np.angle(ratio) - expected[1])])
-    follows = np.einsum("ikn,kjn->ijn", slopes, found.by_data)
-    shared = follows * data.noise(row, 0)
-    covariance = np.einsum("ikn,kn,jkn->ijn", follows, data.noise(0, 0), follows) - shared - shared.swapaxes(0, 1)
-    covariance[(0, 1), (0, 1)] += data.noise(row, row)
-    missed: Float = np.einsum("in,ijn,jn->n", off, _inverse(covariance), off)
-    return missed
+@dataclass(frozen=True, eq=False)
+class _Difference:
+    """What ln|q_h| and arg q_h of a further harmonic differ by from what second paths make of them: `off`, (2, n), the inverse
+    of its covariance, `precision`, (2, 2, n), and how what they make of them follows from ln|q_2| and arg q_2, (2, 2, n).
+    """
+
+    off: Float
+    precision: Float
+    follows: Float
+
+    @classmethod
+    def of(cls, found: SecondPaths, data: PatchData, row: int, /) -> "_Difference":
+        """Return that of the ratios in a row."""
+        share = np.exp(found.strength)
+        expected, slopes = of_two_paths(share, found.later_rad, data.harmonics[row + 1])
+        slopes[:, 0] *= share
+        ratio = data.ratios[row]
+        off = np.stack([np.log(np.abs(ratio)) - expected[0], wrapped(np.angle(ratio) - expected[1])])
+        follows = np.einsum("ikn,kjn->ijn", slopes, found.by_data)
+        shared = follows * data.noise(row, 0)
+        covariance = np.einsum("ikn,kn,jkn->ijn", follows, data.noise(0, 0), follows) - shared - shared.swapaxes(0, 1)
+        covariance[(0, 1), (0, 1)] += data.noise(row, row)
+        return cls(off, _inverse(covariance), follows)
+
+
+def _by_spread(found: SecondPaths, h: int) -> Float:
+    """Return by how much ln|q_h| and arg q_h grow, (2, n), per unit of the delays' relative variance."""
+    first, further = (_logarithm_by_spread(found, k) for k in (1, h))
+    return np.stack([further.real - first.real, further.imag - h * first.imag])
+
+
+def _logarithm_by_spread(found: SecondPaths, h: int) -> Complex:
+    """Return by how much ln H_h grows, (n,), per unit of the delays' relative variance."""
+    second = np.exp(found.strength + 1j * h * found.later_rad)
+    return np.asarray(-0.5 * (h * found.later_rad) ** 2 * second / (1.0 + second), np.complex128)
 
 
 def of_two_paths(share: Float, later_rad: Float, h: int, /) -> tuple[Float, Float]:

@@ -12,6 +12,7 @@ from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     SecondPaths,
+    delay_spread,
     foretelling,
     foretells,
     has_one_share,
@@ -178,6 +179,61 @@ def test_errors_of_a_model_are_tolerated_besides_noise() -> None:
     assert missed(found(patches), patches).max() < 1e-6
     assert missed(found(off), off).min() > 100.0
     assert_allclose(missed(found(off), replace(off, tolerated=tolerated)), 1.0, atol=0.05)
+
+
+def of_delays(share: float, later_ns: F, kappa: float, harmonics: int) -> list[Complex]:
+    """MPI of two delays, half of its light each, whose variance is κ times the square of their mean."""
+    off = np.sqrt(kappa) * later_ns
+    return [
+        0.5 * share * (np.exp(1j * h * OMEGA * (later_ns - off)) + np.exp(1j * h * OMEGA * (later_ns + off)))
+        for h in range(1, harmonics + 1)
+    ]
+
+
+@pytest.mark.parametrize("harmonics", [3, 4])
+def test_the_spread_of_delays_is_what_further_harmonics_miss(harmonics: int) -> None:
+    later = np.linspace(3.0, 9.0, COUNT)
+    for kappa in (1e-4, 1e-3):
+        patches = patch_data(*of_delays(0.2, later, kappa, harmonics), sigma=1e-6, noisy=False)
+        assert delay_spread(found(patches), patches)[0] == pytest.approx(kappa, rel=20.0 * kappa)
+
+
+@pytest.mark.parametrize("harmonics", [3, 4])
+def test_the_spread_of_delays_is_as_sure_as_it_says(harmonics: int) -> None:
+    later, told = np.linspace(3.0, 9.0, COUNT), []
+    for seed in range(60):
+        patches = data(*second(0.2, later, harmonics), seed=seed)
+        told.append(delay_spread(found(patches), patches))
+    values, sigmas = np.array(told).T
+    assert abs(values.mean()) < 0.5 * sigmas.mean()
+    assert 0.75 < values.std() / sigmas.mean() < 1.3
+
+
+def test_a_tail_that_is_short_for_its_noise_is_no_two_paths_though_they_foretell_it() -> None:
+    """χ² hardly differs from that of noise, patch by patch; all patches together leave no doubt."""
+    short = np.linspace(4.0, 7.0, COUNT)
+    for seed in range(5):
+        patches = patch_data(*of_delays(0.1, short, 0.03, 3), sigma=4e-3, seed=seed)
+        paths = found(patches)
+        assert np.median(missed(paths, patches)) < 1.35 * median_of_noise(2)
+        assert not foretells(paths, patches)
+        alone = patch_data(*second(0.1, short, 3), sigma=4e-3, seed=seed)
+        assert foretells(found(alone), alone)
+
+
+def test_patches_that_show_two_surfaces_say_little_of_the_spread_of_delays() -> None:
+    """One in twenty; all that each says would be .008, as much as a corner's."""
+    mpi, edges = second(0.2, LATER, 3), np.arange(COUNT) % 20 == 0
+    mpi[1] = np.where(edges, -mpi[1], mpi[1])
+    patches = data(*mpi)
+    assert 0.0 < delay_spread(found(patches), patches)[0] < 0.006
+
+
+def test_of_no_second_path_the_delays_have_no_spread() -> None:
+    nothing = [np.zeros(COUNT, np.complex128)] * 3
+    patches = patch_data(*nothing, sigma=0.0)
+    with np.errstate(all="ignore"):
+        assert delay_spread(found(patches), patches) == (0.0, np.inf)
 
 
 @pytest.mark.parametrize("numbers", [2, 4, 8])
