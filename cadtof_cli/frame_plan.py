@@ -137,6 +137,8 @@ class FramePlan:
         facts = {"depth": DEPTH_IN_WORDS[self.settings.depth], "periods_ns": periods, SOURCE: ""}
         if self.calibration is not None:
             facts["calibration"] = self.calibration.digest
+        if self.settings.roi is not None:
+            facts["roi"] = ",".join(map(str, self.settings.roi))
         return MapHeader({layer.name: layer.unit for layer in self.layers}, facts)
 
     @property

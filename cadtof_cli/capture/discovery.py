@@ -15,7 +15,7 @@ from typing import Any
 
 from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
 from cadtof_cli.capture.metadata import Layout
-from cadtof_cli.capture.planes import grouped_planes
+from cadtof_cli.capture.planes import grouped_planes, hint_of_words
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, RAW, frame_suffixes
@@ -70,9 +70,8 @@ def find_captures(
         if recursive and is_whole:
             below = list(_below(root, source_of))
             if not below:
-                raise CaptureError(
-                    f"{root}: no frames in it or in any folder below it: looked for {_expected_names(None)}"
-                )
+                expected = _expected_names(source_of(root).metadata.layout)
+                raise CaptureError(f"{root}: no frames in it or in any folder below it: looked for {expected}")
             captures += ((one, True) for one in below)
             continue
         source, named = source_of(root), None
@@ -174,7 +173,12 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
     except OSError as error:
         raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
     except ValueError as error:
-        raise CaptureError(f"{path}: this is not a possible file name ({error}); expected one path per line") from error
+        # a whole list, where zero bytes stand for the ends of lines
+        first, zero, _ = str(path).partition("\0")
+        hint = "; paths with zero bytes between them, as `find -print0` writes them, need `resolve -0`" if zero else ""
+        raise CaptureError(
+            f"{first}: this is not a possible file name ({error}); expected one path per line{hint}"
+        ) from error
     depth = (source_of(path.parent).metadata.layout.pattern or "").count("/")
     return (path.parent if depth == 0 else absolute(path).parents[depth]), False
 
@@ -270,12 +274,14 @@ def _capture(
 
 def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None = None) -> CaptureError:
     """Return the error of a folder without frames, or of files that were named in it."""
-    pattern = source.metadata.layout.pattern
-    looked_for = _expected_names(pattern)
+    layout = source.metadata.layout
+    pattern, looked_for = layout.pattern, _expected_names(layout)
     if among is None:
         among = [name + "/" * is_dir for name, is_dir in _entries(root, pattern) or _entries(root)]
-    files = (name for name in among if not name.endswith("/"))
-    hint = _what_is_missing(root, source.metadata.layout, {Path(name).suffix.lower(): name for name in files})
+    files = [name for name in among if not name.endswith("/")]
+    hint = _what_is_missing(root, layout, {Path(name).suffix.lower(): name for name in files})
+    if pattern is not None and not hint and (words := hint_of_words(sorted(files, key=natural_key), layout)):
+        hint = f"; {words}"
     return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}{hint}")
 
 
@@ -293,10 +299,12 @@ def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -
     return ""
 
 
-def _expected_names(pattern: str | None) -> str:
-    if pattern is None:
-        return f"{', '.join(frame_suffixes(planes=False, raw=False))} files other than {_TRUTH}.*"
-    return f"files named {pattern} (layout.pattern)"
+def _expected_names(layout: Layout) -> str:
+    if layout.pattern is None:
+        return (
+            f"{', '.join(frame_suffixes(planes=False, raw=layout.raw_dtype is not None))} files other than {_TRUTH}.*"
+        )
+    return f"files named {layout.pattern} (layout.pattern)"
 
 
 def _first_names(names: Iterable[str]) -> str:

@@ -2,7 +2,7 @@
 
 import itertools
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from cadtof_cli.capture.checks import InvalidValueError
@@ -17,6 +17,9 @@ _CHANNEL_NAMES = tuple(str(channel) for channel in range(1, CHANNELS + 1))
 
 ONLY_FRAME = "frame"
 """Name of the one frame of a capture whose pattern has no {frame}."""
+
+_ANY_WORD = r"[^/]+"
+"""What {frame} stands for."""
 
 _PIECES = r"\d+|[^\W\d_]+|[\W_]+"
 
@@ -140,14 +143,12 @@ def grouped_planes(
     Raises:
         MetadataError: `layout.harmonic` has no name for one of the harmonics.
     """
-    pattern, channels = str(layout.pattern), layout.channel or _CHANNEL_NAMES
-    parts = {"frame": r"[^/]+", "channel": "|".join(map(re.escape, channels)), "harmonic": r"[1-9]\d*"}
+    channels = layout.channel or _CHANNEL_NAMES
+    parts = {"frame": _ANY_WORD, "channel": "|".join(map(re.escape, channels)), "harmonic": r"[1-9]\d*"}
     if layout.harmonic is not None:
         parts["harmonic"] = "|".join(re.escape(name) for name, _ in layout.harmonic)
-    pieces = re.split(r"\{(frame|harmonic|channel)\}", pattern)
-    matcher = re.compile(
-        "".join(f"(?P<{piece}>{parts[piece]})" if place % 2 else re.escape(piece) for place, piece in enumerate(pieces))
-    )
+    pieces = _pieces(layout)
+    matcher = _matcher(pieces, parts)
     matches = [match.groupdict() for name in names if (match := matcher.fullmatch(name))]
     called = _harmonic_names(layout, harmonics, {match["harmonic"] for match in matches})
 
@@ -158,6 +159,31 @@ def grouped_planes(
     return tuple(
         FrameSource(frame, tuple(path(frame, harmonic, channel) for harmonic in called for channel in channels))
         for frame in sorted({match.get("frame", ONLY_FRAME) for match in matches}, key=natural_key)
+    )
+
+
+def hint_of_words(names: Iterable[str], layout: Layout, /) -> str | None:
+    """Return a hint for file names of which one fits the pattern but for what it calls harmonic and channel; else None."""
+    matcher = _matcher(_pieces(layout), dict.fromkeys(("frame", "harmonic", "channel"), _ANY_WORD))
+    name = next(filter(matcher.fullmatch, names), None)
+    if name is None:
+        return None
+    harmonics = "1, 2, …" if layout.harmonic is None else ", ".join(word for word, _ in layout.harmonic)
+    return (
+        f"{name} would fit if --harmonic and --channel named its words: now {{harmonic}} is {harmonics} and {{channel}} "
+        f"{' or '.join(layout.channel or _CHANNEL_NAMES)}"
+    )
+
+
+def _pieces(layout: Layout) -> list[str]:
+    """Return the pattern cut at its places: texts, and between each two of them what stands there."""
+    return re.split(r"\{(frame|harmonic|channel)\}", str(layout.pattern))
+
+
+def _matcher(pieces: Sequence[str], parts: Mapping[str, str]) -> re.Pattern[str]:
+    """Return what file names are held against; `parts` says what may stand in each place."""
+    return re.compile(
+        "".join(f"(?P<{piece}>{parts[piece]})" if place % 2 else re.escape(piece) for place, piece in enumerate(pieces))
     )
 
 

@@ -41,6 +41,12 @@ class _StepsInOrder(click.Group):
         """Return the names of the steps."""
         return [name for name in PART_KINDS if name in self.commands]
 
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a step; a capture in its place, which is easily forgotten, is answered by what the steps are."""
+        if cmd_name not in self.commands and not ctx.resilient_parsing:
+            ctx.fail(f"found '{cmd_name}', expected a step first: {', '.join(self.list_commands(ctx))}")
+        return super().get_command(ctx, cmd_name)
+
 
 @click.group(
     cls=_StepsInOrder,
@@ -66,8 +72,8 @@ _distance = click.option(
     type=float,
     multiple=True,
     metavar="M",
-    help="Distance of the flat target along the optical axis: once for all captures, or once per capture in the same order.  "
-    "[default: target.distance_m of capture.toml]",
+    help="Distance of the flat target along the optical axis: given once for all captures, or once for each, in their order: "
+    "--distance 1 --distance 3.  [default: target.distance_m of capture.toml]",
 )
 
 

@@ -75,10 +75,11 @@ def _lines(found: "Comparison") -> Iterator[str]:
         for what, names in only.items():
             if names:
                 yield f"only {which} has the {what} {first_of(names, 4)}"
-    if found.frames > 1 and found.worst_by:
+    different = [frame for frame in found.worst if frame.max_abs or frame.status_changed]
+    if found.frames > 1 and found.worst_by and different:
         unit = layer_unit(found.worst_by)
         yield f"frames that differ most, by 90 % of {found.worst_by}:"
-        yield from (_worst(frame, unit) for frame in found.worst)
+        yield from (_worst(frame, unit) for frame in different)
 
 
 def _worst(frame: "FrameDifference", unit: str) -> str:

@@ -1,6 +1,7 @@
 """`cadtof info`."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -23,6 +24,9 @@ from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.units import size_text
+
+_TOLD_OF_A_REASON = 5
+"""So many frames are named that have the same problem: one wrong setting may be in the way of all."""
 
 
 @click.command(cls=SectionedCommand, headings=CAPTURE_HEADING, epilog=example("cadtof info sample_data/corner"))
@@ -96,9 +100,27 @@ def info(
     if write_settings:
         _write_settings(captures, out, overwrite=overwrite)
     problems = [problem for facts in found for problem in facts.problems]
-    for problem in problems:
-        tell(f"wrong: {problem}", err=True)
+    for line in _problem_lines(problems):
+        tell(f"wrong: {line}", err=True)
     return 1 if problems else 0
+
+
+def _problem_lines(problems: Sequence[str]) -> Iterator[str]:
+    """Yield what is wrong; of many frames with the same reason the first few, and how many more there are."""
+    reasons = Counter(_reason(problem) for problem in problems)
+    told = Counter[str]()
+    for problem in problems:
+        reason = _reason(problem)
+        told[reason] += 1
+        if told[reason] <= _TOLD_OF_A_REASON:
+            yield problem
+        elif told[reason] == reasons[reason]:
+            yield f"{told[reason] - _TOLD_OF_A_REASON} more for the same reason; --json names all"
+
+
+def _reason(problem: str) -> str:
+    """Return what is said behind the name of a file."""
+    return problem.partition(": ")[2] or problem
 
 
 def _write_settings(found: Sequence[Any], out: Path | None, *, overwrite: bool) -> None:
@@ -127,7 +149,9 @@ def _capture_lines(facts: Any) -> Iterator[str]:
             yield _row(key, "unknown: the noise is estimated from each frame")
     yield _row("unambiguous range", f"{facts.unambiguous_range_m:.3f} m")
     if facts.noise_mv is not None:
-        yield _row("noise", f"{facts.noise_mv:.3f} mV per channel, at most, by the integration length")
+        known = facts.metadata["pixel.integration_length"]["value"] is not None
+        by = "the integration length" if known else "what is seen in a frame"
+        yield _row("noise", f"{facts.noise_mv:.3f} mV per channel, at most, by {by}")
     if facts.integration_length_seen is not None:
         yield _row(
             "seen in a frame",
@@ -135,8 +159,11 @@ def _capture_lines(facts: Any) -> Iterator[str]:
         )
     for name, (low, high) in facts.planes.items():
         yield _row(f"{name} stored", f"{low:g} … {high:g}")
-    yield _row("saturated", f"{facts.saturated:.3%} of pixels")
-    yield _row("not finite", f"{facts.not_finite:.3%} of pixels")
+    if facts.shape:
+        limits = facts.metadata["voltage.saturated_counts"]["value"]
+        share = f"{facts.saturated:.3%} of pixels" if limits else "unknown: voltage.saturated_counts is not given"
+        yield _row("saturated", share)
+        yield _row("not finite", f"{facts.not_finite:.3%} of pixels")
     for reason in facts.not_frames:
         yield _row("not a frame", reason)
 
@@ -199,6 +226,8 @@ def _value(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {_value(entry)}" for name, entry in value.items()) or "none"
     if isinstance(value, list | tuple):
+        if value and isinstance(value[0], tuple):
+            return ", ".join(f"{name} = {_value(entry)}" for name, entry in value)
         return ", ".join(map(_value, value)) or "none"
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -85,7 +85,8 @@ further_option = click.option(
     "further",
     type=FURTHER_PATH,
     multiple=True,
-    help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times.",
+    help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times. It is "
+    "resolved too with --paths 3, which needs as many periods.",
 )
 
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Do not show a progress bar.")

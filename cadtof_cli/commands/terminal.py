@@ -26,13 +26,17 @@ _CONTROL_CHARACTERS = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u20
 def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = None) -> None:
     """Write a line to stdout, or to stderr, there `above` a bar that is drawn; what would control a terminal is escaped.
 
+    On a terminal, a line of stderr that is longer than the terminal is wide goes on in the next between two words.
+
     Raises:
         OutputError: stdout cannot be written; errors of stderr are ignored.
         BrokenPipeError: the reader of stdout has gone away.
     """
     line = re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], str(text))
+    if err:
+        line = "\n".join(_broken(part) for part in line.split("\n"))
     if above is not None:
-        above.console.print(line, markup=False, highlight=False)
+        above.console.print(line, markup=False, highlight=False, soft_wrap=True)
         return
     try:
         click.echo(line, err=err)
@@ -44,6 +48,21 @@ def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = N
         if not err:
             raise OutputError(f"standard output: cannot be written: {error.strerror}") from error
         forget(sys.stderr)
+
+
+def _broken(line: str) -> str:
+    """Return a line of stderr, broken where the terminal is too narrow; a word, such as a path, stays whole to be copied."""
+    try:
+        columns = os.get_terminal_size(sys.stderr.fileno()).columns
+    except (OSError, ValueError):
+        return line
+    if not 0 < columns < len(line):
+        return line
+    import textwrap
+
+    return textwrap.fill(
+        line, columns, break_long_words=False, break_on_hyphens=False, expand_tabs=False, replace_whitespace=False
+    )
 
 
 def forget(stream: TextIO, /) -> None:

@@ -1,5 +1,6 @@
 """The cross-section of flat walls before and after field curvature is taken out, as in the paper's Fig. 4(c)."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -28,8 +29,8 @@ def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: P
     axes = figure.subplots(len(ranges_m), 2, squeeze=False)
     quality = petzval.quality
     figure.suptitle(
-        f"Field curvature: k2 = {100 * petzval.k2_m:.2f} ± {100 * quality.k2_stderr_m:.2f} cm, "
-        f"k4 = {100 * petzval.k4_m:.2f} ± {100 * quality.k4_stderr_m:.2f} cm; residual RMS "
+        f"Field curvature: k2 = {_with_error_cm(petzval.k2_m, quality.k2_stderr_m)}, "
+        f"k4 = {_with_error_cm(petzval.k4_m, quality.k4_stderr_m)}; residual RMS "
         f"{1000 * quality.rms_before_m:.2f} mm before, {1000 * quality.rms_after_m:.2f} mm after, "
         f"{1000 * quality.noise_rms_m:.2f} mm by noise",
         fontsize=10,
@@ -42,6 +43,12 @@ def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: P
         _section(row[0], name, range_m, petzval, flat, facing)
         _radial(row[1], name, range_m, petzval, flat)
     save(figure, path, dpi=DOTS_PER_INCH)
+
+
+def _with_error_cm(value_m: float, stderr_m: float) -> str:
+    """Return a length with its standard error in cm, to two digits of the error."""
+    decimals = max(2, 1 - math.floor(math.log10(100.0 * stderr_m))) if stderr_m > 0.0 else 2
+    return f"{100.0 * value_m:.{decimals}f} ± {100.0 * stderr_m:.{decimals}f} cm"
 
 
 def _section(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:

@@ -223,6 +223,10 @@ def detect_format(path: Path, /, *, raw: bool = False) -> Format:
     if known is None:
         found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
         titles = ", ".join(one.title for one in FORMATS if one.magics)
-        hint = "; for a raw dump, give dtype and shape under [layout.raw]" if format_by_suffix(path) is RAW else ""
+        hint = ""
+        if raw:
+            hint = f"; the names of raw dumps end with {', '.join(RAW.suffixes)}"
+        elif format_by_suffix(path) is RAW:
+            hint = "; for a raw dump, give dtype and shape under [layout.raw]"
         raise FrameError(f"{path}: found {found}, expected one of {titles}{hint}")
     return known

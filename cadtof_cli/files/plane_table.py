@@ -100,7 +100,7 @@ def _advice(total: int, layout: FrameLayout) -> str:
     count, rest = divmod(total, layout.planes)
     if rest or count < 2 or layout.frames == count:
         return ""
-    return f"; if this is a stack of {count} frames, set [layout] frames = {count}"
+    return f"; if this is a stack of {count} frames, say so: --stack-frames {count}, or frames = {count} under [layout]"
 
 
 def _frame_count(total: int, layout: FrameLayout, where: str) -> int:

@@ -4,6 +4,7 @@ from typing import Literal, get_args
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import dataclass, setting
+from cadtof_cli.units import counted
 
 SolverName = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
@@ -125,8 +126,8 @@ class ResolverSettings:
         found = f"found harmonics {', '.join(map(str, harmonics))}"
         if self.max_paths > len(harmonics):
             raise SettingsError(
-                f"modulation.periods_ns: {found} of the first period; {self.max_paths} paths need at least {self.max_paths} "
-                "periods: lower --paths or --order, or use --solver one-path"
+                f"modulation.periods_ns: found {counted(len(harmonics), 'period')}; {self.max_paths} paths need at least "
+                f"{self.max_paths} periods: lower --paths or --order, or use --solver one-path"
             )
         if self.max_paths == 2 and len(harmonics) == 2 and harmonics != (1, 2):
             raise SettingsError(

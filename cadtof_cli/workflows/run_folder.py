@@ -2,11 +2,12 @@
 
 import operator
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
@@ -53,10 +54,19 @@ class Run:
         """Return the name of a map: its path from the run's folder, without suffix."""
         return file.relative_to(self.folder).with_suffix("").as_posix()
 
-    @property
+    @cached_property
     def roi(self) -> Sequence[int] | None:
-        """What the maps show of the recorded frames: columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1; None: all of them."""
-        return None if self.record is None else self.record["arguments"].get("roi")
+        """What the maps show of the recorded frames: columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1; None: all of them.
+
+        Without the run's record the header of the first map says it.
+        """
+        if self.record is not None:
+            return cast("Sequence[int] | None", self.record["arguments"].get("roi"))
+        with suppress(FrameError):
+            said = read_facts(self.files[0]).get("roi", "") if self.files else ""
+            if re.fullmatch(r"\d{1,9}(,\d{1,9}){3}", said):
+                return tuple(map(int, said.split(",")))
+        return None
 
     def cropped(self, plane: Float, /) -> Float:
         """Return of a plane of a whole frame what the maps show: the pixels of `--roi`."""

@@ -1,6 +1,7 @@
 """Captures are found by names alone: what is a frame, in which order, and what is said where there is none."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -144,6 +145,29 @@ def test_planes_that_cannot_be_found_or_read_say_why(pattern: str, found: str, t
     with pytest.raises(CaptureError) as caught:
         find_captures([tmp_path], overrides={"layout.pattern": pattern})
     assert str(caught.value) == f"{tmp_path}: no frames: looked for files named {pattern} (layout.pattern), {found}"
+
+
+@pytest.mark.parametrize(
+    ("more", "now"),
+    [
+        ({}, "{harmonic} is 1, 2, … and {channel} 1 or 2"),
+        ({"layout.channel": ("A", "B")}, "{harmonic} is 1, 2, … and {channel} A or B"),
+        ({"layout.harmonic": {"25": 1, "50": 2}}, "{harmonic} is 25, 50 and {channel} 1 or 2"),
+    ],
+)
+def test_a_pattern_that_fits_but_for_its_words(more: dict[str, Any], now: str, tmp_path: Path) -> None:
+    _touch(tmp_path, "notes.txt", "img-0-25MHz-A.png", "img-0-50MHz-A.png")
+    with pytest.raises(CaptureError) as caught:
+        find_captures([tmp_path], overrides={"layout.pattern": "img-{frame}-{harmonic}-{channel}.png", **more})
+    told = str(caught.value)
+    assert told.endswith(f"; img-0-25MHz-A.png would fit if --harmonic and --channel named its words: now {now}")
+
+
+def test_raw_dumps_under_a_name_that_is_no_dump_s(tmp_path: Path) -> None:
+    raw = {"layout.raw_dtype": "uint16", "layout.raw_shape": (2, 2, 3, 4)}
+    _touch(tmp_path, "frame.img")
+    with pytest.raises(CaptureError, match=r"looked for .*\.npy, \.raw, \.bin, \.dat files .*, found frame\.img$"):
+        find_captures([tmp_path], overrides=raw)
 
 
 def test_no_permission_to_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """What is wrong with a capture is told with what was found, what was expected and where, and costs only what it must."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -87,6 +88,11 @@ def test_what_the_metadata_lacks_for_what_is_asked(tmp_path: Path) -> None:
     )
     assert done.status == 2
     volts = record(tmp_path / "volts", form="exr")
+    mixed = shutil.copytree(volts.folder, tmp_path / "mixed")
+    odd = Path(shutil.copy(counts.files[0], mixed / "odd.tif"))
+    done = cadtof("resolve", mixed, "-o", tmp_path / "of_mixed", "-j", 1)
+    assert f"\nfailed: {odd}: frames hold whole numbers (uint16)" in done.err
+    assert done.status == 1
     done = cadtof("resolve", volts.folder, "-o", tmp_path / "out", "-j", 1, "--depth", "z")
     assert done.err == (
         "Error: the optics are unknown: set focal_length_px under [optics] in capture.toml, or --focal-length-px\n"

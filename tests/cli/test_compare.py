@@ -55,6 +55,8 @@ def test_layer_by_layer_and_bit_by_bit(runs: tuple[Path, Path]) -> None:
 
 
 def test_a_run_is_itself(runs: tuple[Path, Path]) -> None:
+    assert "differ most" in cadtof("compare", *runs).out
+    assert "differ most" not in cadtof("compare", runs[0], runs[0]).out
     found = json.loads(cadtof("compare", runs[0], runs[0], "--json").out)
     assert found["status_changed"] == 0
     assert {figure for layer in found["layers"].values() for figure in layer.values()} == {0.0}

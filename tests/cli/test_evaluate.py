@@ -189,6 +189,12 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
         assert done.err.startswith(f"Error: {told}")
         assert done.status in {1, 2}
         assert done.out == ""
+    counts, volts = record(tmp_path / "counts").folder, record(tmp_path / "volts", form="exr").folder
+    for recorded, hint in (
+        (counts, "as `cadtof resolve` writes it"),
+        (volts, "`cadtof resolve` makes maps of voltages"),
+    ):
+        assert cadtof("evaluate", recorded, "--truth", truth).err.endswith(f"{hint}\n")
 
 
 def test_a_gate_a_table_of_frames_and_maps_over_time(tmp_path: Path) -> None:

@@ -108,6 +108,20 @@ def test_a_region_holds_the_same_maps(here: Path) -> None:
     assert not (here / "none").exists()
 
 
+@pytest.mark.parametrize("ending", ["tif", "exr"])
+def test_maps_of_a_region_say_so_without_their_run(ending: str, here: Path) -> None:
+    made = f"cadtof resolve cap -o all -j 1; cadtof resolve cap -o part -j 1 --roi 5,3,20,18 --format {ending}"
+    assert shell(f"{made}; mkdir copied; cp part/frame_0.{ending} copied", here).status == 0
+    assert "roi" not in shell("cadtof info all", here).out
+    assert re.search(r"^  roi +5,3,20,18$", shell(f"cadtof info copied/frame_0.{ending}", here).out, re.MULTILINE)
+    done = shell("cadtof evaluate copied --truth all/frame_0.tif --json", here)
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["direct"]["median_cm"] == 0.0
+    refused = shell("cadtof export copied -o points.ply --focal-length 28", here)
+    assert refused.status == 2
+    assert "for maps of a --roi --principal-point-px" in refused.err
+
+
 def test_a_dry_run_tells_and_writes_nothing(here: Path) -> None:
     done = shell("cadtof resolve cap -o out --dry-run", here)
     assert done.status == 0

@@ -116,6 +116,12 @@ def test_a_command_that_is_mistyped(typed: str, meant: str) -> None:
     assert f"No such command '{typed}': did you mean {meant}?" in done.err
 
 
+def test_a_calibration_without_its_step() -> None:
+    done = cadtof("calibrate", "wall", "-o", "camera")
+    assert (done.status, done.out) == (2, "")
+    assert done.err.endswith("Error: found 'wall', expected a step first: dark, response, petzval\n")
+
+
 def test_an_option_that_is_mistyped() -> None:
     done = cadtof("resolve", "somewhere", "-o", "out", "--recusive")
     assert done.status == 2

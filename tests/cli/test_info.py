@@ -68,6 +68,26 @@ def test_where_values_come_from(tmp_path: Path) -> None:
     assert "5.996 m" in rows["unambiguous"]
 
 
+def _rows(*arguments: object) -> dict[str, str]:
+    """Return what `info` shows, by what stands before it."""
+    lines = cadtof("info", *arguments, "-j", 1).out.splitlines()[1:]
+    return {line[:30].strip(): line[30:] for line in lines}
+
+
+def test_what_is_not_known_is_not_shown_as_none(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", toml="[voltage]\nzero_counts = 8192\n")
+    known = _rows(capture.folder, "--volts-per-count", 6e-5, "--integration-length", 1e5, "--saturated-counts", "0,1")
+    assert known["noise"].endswith("by the integration length")
+    assert known["saturated"] == "100.000% of pixels"
+    seen = _rows(capture.folder, "--volts-per-count", 6e-5)
+    assert seen["noise"].endswith("by what is seen in a frame")
+    assert seen["saturated"] == "unknown: voltage.saturated_counts is not given"
+    # pixels at the limits are counted before anybody knows what a count is
+    assert _rows(capture.folder, "--saturated-counts", "0,1")["saturated"] == "100.000% of pixels"
+    capture.files[0].write_bytes(b"")
+    assert not {"saturated", "not finite", "noise"} & _rows(capture.folder).keys()
+
+
 def test_a_frame_without_a_finite_value(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", form="exr")
     nothing = np.full((24, 32), np.nan, np.float32)
@@ -92,7 +112,9 @@ def test_what_is_wrong_is_told_with_status_1(tmp_path: Path) -> None:
     assert done.status == 1
     empty, unscaled = done.err.splitlines()
     assert empty.startswith(f"wrong: {capture.files[1]}: found an empty file, expected one of EXR, TIFF, NPY, PNG")
-    assert unscaled.startswith("wrong: frames hold whole numbers (uint16), and the volts per count are unknown")
+    assert unscaled.startswith(
+        f"wrong: {capture.folder}: frames hold whole numbers (uint16), and the volts per count are unknown"
+    )
     facts = json.loads(done.out)
     assert [f"wrong: {problem}" for problem in facts["problems"]] == [empty, unscaled]
     assert (facts["frames"], facts["containers"]) == (3, {"tif": 2})
@@ -105,6 +127,30 @@ def test_what_is_no_frame_is_named(tmp_path: Path) -> None:
     assert facts["frames"] == 1
     (named,) = facts["not_frames"]
     assert named.startswith(str(capture.folder / "depth.exr"))
+
+
+def test_a_folder_of_what_is_no_frame_is_a_problem_unless_folders_are_searched(tmp_path: Path) -> None:
+    write_exr(tmp_path / "frame.exr", {"f1_I": step_truth().astype(np.float32)})
+    done = cadtof("info", tmp_path, "-j", 1)
+    assert (done.status, done.err) == (
+        1,
+        f"wrong: {tmp_path}: no frames: none of its files holds the voltages of one\n",
+    )
+    assert cadtof("info", "-r", tmp_path, "-j", 1).status == 0
+
+
+def test_of_many_frames_with_one_problem_a_few_are_named(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=8)
+    for file in capture.files[:7]:
+        file.write_bytes(b"II*\0 and no more")
+    capture.files[7].write_bytes(b"")
+    done = cadtof("info", capture.folder, "-j", 1, "--json")
+    assert done.status == 1
+    *named, more, other = done.err.splitlines()
+    assert [line.partition(": ")[2].partition(": ")[0] for line in named] == list(map(str, capture.files[:5]))
+    assert more == "wrong: 2 more for the same reason; --json names all"
+    assert other.startswith(f"wrong: {capture.files[7]}: found an empty file")
+    assert len(json.loads(done.out)["problems"]) == 8
 
 
 def test_layers_of_truth_have_their_units(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Files laid out and named by others, and settings that lie elsewhere: the same maps as of the files that we know."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -66,6 +67,15 @@ def test_planes_in_folders_and_under_other_names(pattern: str, more: str, called
     assert done.status == 0, done.err
     for frame in (0, 1):
         _same(whole / "expected" / f"frame_{frame}.tif", whole / "out" / f"{frame}.tif")
+
+
+def test_info_shows_names_as_they_are_given(whole: Path) -> None:
+    _write_planes(
+        whole, "{harmonic}{channel}{frame}.tif", 'pattern = "{harmonic}{channel}{frame}.tif"\n' + NAMES, called=NAMED
+    )
+    done = shell("cadtof info planes -j 1", whole)
+    assert done.status == 0, done.err
+    assert re.search(r"layout.harmonic +25 = 1, 50 = 2 +from ", done.out)
 
 
 def test_a_tree_of_planes_and_planes_by_name(whole: Path) -> None:

@@ -106,11 +106,13 @@ def test_pictures_of_simulations_are_whole(figures: list[Figure], tmp_path: Path
 def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) -> None:
     origin = Origin(captures=("wall", HOSTILE), frames=2, pixels=(24, 32), periods_ns=(40.0, 20.0), waveform="sine")
     wall = WallFit(2.0, 0.0, True, (0.0, 0.0), 0.01, 0.001, 0.001, 768)
-    petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, 11.0), replace(PETZVAL_QUALITY, walls=(wall, wall)))
+    quality = replace(PETZVAL_QUALITY, walls=(wall, wall), k2_stderr_m=3e-5)
+    petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, 11.0), quality)
     flat = wall_range_m(Optics(focal_length_px=28.0, principal_point_px=(15.0, 11.0)), (24, 32), distance_m=2.0)
     draw_petzval([flat + petzval.range_offset_m] * 2, petzval, tmp_path / "a.png")
     (figure,) = figures
     _require_whole(figure)
+    assert figure.get_suptitle().startswith("Field curvature: k2 = 5.0000 ± 0.0030 cm, k4 = -3.00 ± 0.20 cm; ")
     # a row a wall: along the middle row, and over ρ; a fit of the very wall leaves nothing
     titles = [axes.get_title() for axes in figure.axes]
     assert titles == ["wall: rows 9 to 13", "wall", f"{SHOWN_HOSTILE}: rows 9 to 13", SHOWN_HOSTILE]

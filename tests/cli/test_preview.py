@@ -215,6 +215,13 @@ def test_a_sheet_of_thumbnails_on_one_scale(tmp_path: Path) -> None:
         assert _count(picture, (int(red), int(green), int(blue))) > 20 * 30
 
 
+def test_a_layer_that_no_frame_has_is_told_once(tmp_path: Path) -> None:
+    maps = _sequence(tmp_path / "maps", 4)
+    done = cadtof("preview", maps, "-o", tmp_path / "a.png", "--layer", "depth")
+    assert done.status == 2
+    assert done.err == "Error: --layer: found 'depth', expected one of direct.depth: maps/frame_0.exr\n"
+
+
 def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
     """Opened by Pillow."""
     maps = _sequence(tmp_path / "maps", 5)

@@ -79,7 +79,7 @@ def test_pictures_and_a_file_of_the_table(runs: tuple[Path, Path], tmp_path: Pat
     # letters are outlines with the text as a comment: both runs, one first phasor for both, truth, errors
     words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / "a.svg").read_text()))
     assert {"two", "one", "first phasor", "truth", "radial range, m", "error, cm", "column, px"} <= words
-    assert "direct.depth, row 3" in words
+    assert "direct.depth, row 3 of frame_0" in words
 
 
 def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -> None:

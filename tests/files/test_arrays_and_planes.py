@@ -51,7 +51,7 @@ def test_npy_stacks_are_read_frame_by_frame(tmp_path: Path) -> None:
     np.save(tmp_path / "stack.npy", recorded)
     np.testing.assert_array_equal(_read(tmp_path / "stack.npy", index=2), recorded[2])
     np.save(tmp_path / "planes.npy", recorded.reshape(-1, 37, 53))
-    assert "set [layout] frames = 3" in message(tmp_path / "planes.npy")
+    assert "--stack-frames 3" in message(tmp_path / "planes.npy")
     np.testing.assert_array_equal(_read(tmp_path / "planes.npy", FrameLayout((1, 2), 3), 1), recorded[1])
 
 
@@ -172,6 +172,9 @@ def test_raw_dumps_are_read_behind_their_offset(dtype: str, offset: int, tmp_pat
         f"found {offset + recorded.nbytes - 1:,} bytes, expected {offset + recorded.nbytes:,}: 2 × 2 × 37 × 53" in told
     )
     assert "for a raw dump, give dtype and shape under [layout.raw]" in message(path)
+    elsewhere = path.rename(tmp_path / "frame.img")
+    told = message(elsewhere, FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53))))
+    assert told.endswith("; the names of raw dumps end with .raw, .bin, .dat")
 
 
 def test_raw_dumps_of_several_frames_are_a_stack(tmp_path: Path) -> None:

@@ -57,9 +57,9 @@ def test_a_frame_that_may_not_be_read_is_told_by_name(tmp_path: Path, monkeypatc
     ("pages", "frames", "expected"),
     [
         (3, None, "found 3 pages of 7 × 5 uint16, expected 4 for one frame (H1.SC1, H1.SC2, H2.SC1, H2.SC2)"),
-        (12, None, "if this is a stack of 3 frames, set [layout] frames = 3"),
+        (12, None, "if this is a stack of 3 frames, say so: --stack-frames 3, or frames = 3 under [layout]"),
         (12, 2, "found 12 pages of 7 × 5 uint16, expected 8: layout.frames = 2 frames of 4 planes"),
-        (12, 2, "if this is a stack of 3 frames, set [layout] frames = 3"),
+        (12, 2, "if this is a stack of 3 frames, say so: --stack-frames 3, or frames = 3 under [layout]"),
         (10, 3, "found 10 pages of 7 × 5 uint16, expected 12: layout.frames = 3 frames"),
     ],
 )

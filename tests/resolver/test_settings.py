@@ -97,7 +97,7 @@ def test_the_closed_form_is_for_the_fundamental_and_half_of_it(
         ({"solver": "one-path"}, (1,), None),
         ({"paths": 3}, (1, 2, 3), None),
         ({"paths": 3}, (1, 3), "3 paths need at least 3 periods"),
-        ({}, (1,), "2 paths need at least 2 periods"),
+        ({}, (1,), "found 1 period; 2 paths need at least 2 periods"),
         (
             {},
             (1, 3),

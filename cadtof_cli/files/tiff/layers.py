@@ -183,5 +183,7 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
         planes = images.planes(np.arange(math.prod(images.sizes)))
         names = [name for name in images.names if name]
     if not names or len(names) != len(planes):
-        raise FrameError(f"{path}: found {len(planes)} pages, expected an OME-TIFF of maps with a name for each")
+        raise FrameError(
+            f"{path}: found {len(planes)} pages, expected an OME-TIFF of maps with a name for each, as `cadtof resolve` writes it"
+        )
     return dict(zip(names, planes, strict=True))

@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -76,22 +76,24 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
         for name, plane in zip(layout.plane_names, finite, strict=True)
         if plane.size
     }
-    try:
-        phasor_map = ideal_phasor_map(metadata, stored.dtype)
-    except CadtofError:
-        # what is missing is said once, for the whole capture
-        return FrameFacts(container=container, dtype=str(stored.dtype), shape=stored.shape, planes=ranges)
-    phasors = phasors_from_stored(planes, phasor_map)
     saturated = saturated_pixels(planes, metadata.voltage.saturated_counts)
-    bad = ~np.isfinite(phasors).all(axis=0)
-    phasors[:, saturated] = np.nan
-    return FrameFacts(
+    facts = FrameFacts(
         container=container,
         dtype=str(stored.dtype),
         shape=stored.shape,
         planes=ranges,
         saturated=float(saturated.mean()),
-        not_finite=float(bad.mean()),
+        not_finite=float(1.0 - np.isfinite(planes).all(axis=(0, 1)).mean()),
+    )
+    try:
+        phasor_map = ideal_phasor_map(metadata, stored.dtype)
+    except CadtofError:
+        # what is missing is said once, for the whole capture
+        return facts
+    phasors = phasors_from_stored(planes, phasor_map)
+    phasors[:, saturated] = np.nan
+    return replace(
+        facts,
         integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:])),
         implausible=implausible(stored, metadata) or "; ".join(doubts(stored, metadata)) or None,
     )

@@ -110,7 +110,12 @@ def look_into(
     if recorded:
         captures = find_captures(recorded, overrides=overrides, settings_file=settings_file, recursive=recursive)
     progress.advance(0, total=sum(len(capture.frames) for capture in captures))
-    found += (_capture_facts(capture, workers, progress) for capture in captures)
+    for capture in captures:
+        facts = _capture_facts(capture, workers, progress)
+        # below a folder that is looked through lie pictures of all kinds
+        if not (facts.frames or facts.problems or recursive):
+            facts.problems.append(f"{facts.root}: no frames: none of its files holds the voltages of one")
+        found.append(facts)
     return found
 
 
@@ -152,5 +157,5 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
         for dtype in facts.types:
             volts_per_count(metadata.voltage, np.dtype(dtype))
     except CadtofError as error:
-        facts.problems.append(str(error))
+        facts.problems.append(f"{capture.root}: {error}")
     return facts

@@ -14,6 +14,7 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.named_planes import plane_label
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import setting
@@ -56,7 +57,8 @@ class GivenOptics:
 def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     """Return one of the layers of a file; raises CaptureError where it has none of that name."""
     if name not in layers:
-        raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {name}")
+        hint = "; `cadtof resolve` makes maps of voltages" if all(map(plane_label, layers)) else ""
+        raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {name}{hint}")
     return layers[name]
 
 

@@ -106,10 +106,12 @@ def _task(
     (plan,) = plan_captures(captures, settings, calibration)
     for note in (*plan.notes(), *(calibration.notes if calibration else ())):
         progress.say(note)
-    task = next((task for number, task in enumerate(plan.tasks(settings)) if number == place), None)
-    if task is None:
-        raise SettingsError(f"--frame: found {place}, expected a map that a run on {frame} would write, from 0")
-    return task, str(task.sources[0])
+    maps = 0
+    for task in plan.tasks(settings):
+        if maps == place:
+            return task, str(task.sources[0])
+        maps += 1
+    raise SettingsError(f"--frame: found {place}, expected 0 … {maps - 1} of what a run on {frame} would write")
 
 
 def _noise(evidence: PixelEvidence, plan: FramePlan) -> dict[str, Any]:

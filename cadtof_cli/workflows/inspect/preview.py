@@ -142,6 +142,9 @@ def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress
             shown = one.read()
             name = _layer_name(one, shown, settings)
         except CadtofError as error:
+            # a layer that the first frame lacks is no layer of the others
+            if isinstance(error, SettingsError) and not values:
+                raise
             progress.say(f"left out: {error}")
             continue
         layer = layer or name

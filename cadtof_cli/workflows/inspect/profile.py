@@ -118,11 +118,13 @@ def read_profile(
         found.append(Curve(name, along, *beside))
     rows, columns = settings.pixels(size[0], size[1])
     known = None if truth is None else _truth(truth, runs[0], files[0], settings, size)[rows, columns]
+    # a folder of one map is named in the legend
+    of_frame = f" of {runs[0].name(files[0])}" if len(runs[0].files) > 1 else ""
     axis = "row" if settings.column is not None else "along the line" if settings.row is None else "column"
     return Profile(
         layer=settings.layer,
         unit=layer_unit(settings.layer),
-        line=settings.line_in_words,
+        line=settings.line_in_words + of_frame,
         axis=axis,
         rows=rows,
         columns=columns,

@@ -11,7 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
-from cadtof_cli.errors import CadtofError, FrameError, PlaceError
+from cadtof_cli.errors import CadtofError, FrameError, PlaceError, SettingsError
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
@@ -135,16 +135,22 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
         began = time.monotonic() if began is None else began
         status: FrameStatus = "failed"
         failed: CadtofError
+        source = task.sources[0]
         try:
             return work(task, *arguments, began=began)
         except NotAFrameError as error:
             status, failed = "skipped", error
+        except SettingsError as error:
+            # it is of what the settings do not fit, and knows no frame
+            failed = SettingsError(f"{source}: {error}")
         except CadtofError as error:
             failed = error
         except MemoryError:
-            failed = FrameError("not enough memory for a frame of this size: try fewer --jobs")
+            failed = FrameError(f"{source}: not enough memory for a frame of this size: try fewer --jobs")
         except Exception as error:  # noqa: BLE001  (one frame's surprise must not cost the others)
-            failed = FrameError(f"unexpected {type(error).__name__}: {error}; please report it with the frame")
+            failed = FrameError(
+                f"{source}: unexpected {type(error).__name__}: {error}; please report it with the frame"
+            )
         note = None
         if task.resume and isinstance(failed, FrameError) and task.output.is_file():
             # they are of a frame that there is no longer
@@ -254,7 +260,7 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
 def _why_again(task: FrameTask) -> str | None:
     """Return why maps that are there are made again; None where there are none, as after a frame that failed."""
     if task.before is None:
-        told = "found no line of it in frames.jsonl" if task.output.exists() else None
+        told = "has no line in frames.jsonl, as where a run was stopped" if task.output.exists() else None
     elif _maps_changed(task.output, task.before):
         told = "changed since it was written" if task.output.exists() else "is gone"
     else:
