@@ -53,6 +53,9 @@ def test_views_that_do_not_lag_or_whose_patches_are_all_alike_have_no_numbers() 
 
 def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> None:
     assert missed_share(MIDDLE, slowness=1.0) == pytest.approx(0.038)
+    assert [MIDDLE.near, MIDDLE.deep] == pytest.approx(np.log([1.5, 2.0]), abs=1e-3)
+    # light that scatters by a quarter
+    assert MIDDLE.contrast == pytest.approx(np.log(0.25), abs=1e-3)
 
 
 @pytest.mark.parametrize(
