@@ -18,11 +18,11 @@ from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.kernels import NUMPY
 
 SMOOTHER = {1: 0.08, 2: 0.04}
-"""Median square of the bends of 1/z between patches so far apart that two paths leave of it, below which they are there: .13 and
-.07 or more in rendered rooms, .2 and .045 in corners that fill the view."""
+"""Median square of the bends of 1/z between patches so far apart that two paths leave of it, below which they are there: .14 and
+.07 or more in rendered rooms, .23 and .047 in corners that fill the view."""
 
 SMOOTHER_WITHIN = 0.1
-"""The same, of the bends of the phase from pixel to pixel within patches: .2 and more in rooms."""
+"""The same, of the bends of the phase from pixel to pixel within patches: .24 and more in rooms."""
 
 LEAST_BENDS = 64
 """Bends that must be seen: fewer do not tell."""
