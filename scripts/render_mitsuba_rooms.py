@@ -5,7 +5,8 @@
 draws, stairs, a corridor, a bathroom, curved walls; matt and glossy surfaces, metal, mirrors, glass, windows. Folders that
 exist are kept.
 
-It wants `pip install mitsuba mitransient scene_synthesizer`, and LLVM 16 or later, which DRJIT_LIBLLVM_PATH may name.
+It wants `pip install mitsuba mitransient scene_synthesizer`, and a recent LLVM (19 is enough for Mitsuba 3.9, 16 is not), which
+DRJIT_LIBLLVM_PATH may name.
 """
 
 import argparse
