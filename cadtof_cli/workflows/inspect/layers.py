@@ -16,7 +16,7 @@ from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import NotMapsError
-from cadtof_cli.files.named_planes import plane_label
+from cadtof_cli.files.named_planes import is_of_a_plane
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import setting
@@ -77,7 +77,7 @@ def first_sound_layers(files: Sequence[Path], /) -> Layers | None:
 def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     """Return one of the layers of a file; raises CaptureError where it has none of that name."""
     if name not in layers:
-        hint = "; `cadtof resolve` makes maps of voltages" if all(map(plane_label, layers)) else ""
+        hint = "; `cadtof resolve` makes maps of voltages" if all(map(is_of_a_plane, layers)) else ""
         raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {name}{hint}")
     return layers[name]
 
