@@ -253,6 +253,7 @@ def _with_predicted_mpi(
     )
     means = means_of(light, light.seen)
     kinds = patch_kinds(
+        light,
         means,
         np.array(variances) / samples,
         grid=plan.grid,

@@ -4,7 +4,8 @@
 the latter and `drawn --seed 95000` 324 of panes, patterns, steps and mirrors, whose geometry is drawn. It prints a row per kind
 of scene: frames, how many are taken for tails, and the medians of their median errors in cm, as taken and by two paths. Frames
 that are left to two paths must be those of `--mpi-model discrete` to the bit; it fails where one is not. `corners --seed 99200`
-are 240 frames the other way round: corners that fill the view, whose MPI is a short tail.
+are 240 frames the other way round: corners that fill the view, whose MPI is a short tail. `changing --seed 96500` are 180 whose
+second paths change from pixel to pixel or from block to block.
 """
 
 import argparse
@@ -32,6 +33,7 @@ LENGTHS = {
     "panels": (1e4, 1e5, 1e6),
     "drawn": (3e3, 5e4, 5e5),
     "corners": (2e3, 1e4, 1e5, 1e6),
+    "changing": (1e4, 1e5, 1e6),
 }
 """Integration lengths of two harmonics, which three share."""
 
@@ -41,6 +43,9 @@ and delay slant; before boxes; before a ball; in a part of the view; from a mirr
 """
 
 FARTHEST_M = 5.8
+
+BLOCKS_PX = (1, 2, 5, 10, 20)
+"""Sides of the blocks of pixels that have one second path each, where it changes."""
 
 Scenes = Iterator[tuple[str, Scene, Camera, tuple[float, ...]]]
 """Kind, scene, camera, and integration lengths."""
@@ -64,9 +69,7 @@ class Drawn:
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
         """Return two paths per pixel."""
-        y, x = np.mgrid[: camera.height, : camera.width].astype(float)
-        focal = camera.focal_length_px or float(camera.width)
-        across, down = (x - 0.5 * (camera.width - 1)) / focal, (y - 0.5 * (camera.height - 1)) / focal
+        across, down = slopes(camera)
         near, far, share = (one[rows] for one in self.paths(across, down))
         photons = np.full(near.shape, 0.5) if self.kind == "weak first" else (near.mean() / near) ** 2
         delays = np.stack([np.minimum(near, FARTHEST_M), np.minimum(near, FARTHEST_M) + far - near]) * 2.0 / C_M_PER_NS
@@ -109,6 +112,46 @@ class Drawn:
         if self.kind in ("pane, pattern", "same delay"):
             share = share * pattern(across, down, rng)
         return near, far, share
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changing:
+    """A wall whose second paths change from block to block of so many pixels: delay and share are drawn for each."""
+
+    block_px: int
+    seed: int
+    most: float
+    asr: float = 2.0
+
+    @property
+    def summary(self) -> str:
+        """One sentence about the scene."""
+        return f"second paths of blocks of {self.block_px} pixels, shares up to {self.most:g}"
+
+    def light(self, camera: Camera, rows: slice, /) -> Light:
+        """Return two paths per pixel."""
+        rng = np.random.default_rng(self.seed)
+        near = np.minimum(plane(*slopes(camera), rng.uniform(1.0, 3.5), rng.uniform(-0.3, 0.3, 2)), FARTHEST_M)
+        share, later_ns = (self.of_blocks(camera, rng.uniform(*ends, near.shape)) for ends in ((0.1, 1.0), (3.0, 12.0)))
+        near, share, later_ns = near[rows], self.most * share[rows], later_ns[rows]
+        direct_ns, photons = near * 2.0 / C_M_PER_NS, (near.mean() / near) ** 2
+        return Light(
+            delays_ns=np.stack([direct_ns, direct_ns + later_ns]),
+            photons=photons * np.stack([np.ones_like(share), share]),
+            ambient=0 * near + self.asr,
+        )
+
+    def of_blocks(self, camera: Camera, values: Float, /) -> Float:
+        """Return an image in which each block has the value of its first pixel."""
+        y, x = (np.arange(side) // self.block_px * self.block_px for side in (camera.height, camera.width))
+        return values[np.ix_(y, x)]
+
+
+def slopes(camera: Camera) -> tuple[Float, Float]:
+    """Return X and Y of the rays of a camera's pixels, (Y, X) each."""
+    y, x = np.mgrid[: camera.height, : camera.width].astype(float)
+    focal = camera.focal_length_px or float(camera.width)
+    return (x - 0.5 * (camera.width - 1)) / focal, (y - 0.5 * (camera.height - 1)) / focal
 
 
 def plane(across: Float, down: Float, distance_m: float, tilt: Float) -> Float:
@@ -173,6 +216,17 @@ def drawn(seed: int) -> Scenes:
                 seed += 1
 
 
+def changing(seed: int) -> Scenes:
+    """Return second paths that change, of four shares, in blocks of all sizes."""
+    for block in BLOCKS_PX:
+        for most in (0.05, 0.15, 0.4, 0.8):
+            for width, height, lens in ((160, 120, 0.72), (320, 240, 0.875), (100, 130, 1.3)):
+                camera = Camera(width=width, height=height, focal_length_px=lens * width)
+                scene = Changing(block_px=block, seed=seed, most=most)
+                yield f"blocks of {block} pixels", scene, camera, LENGTHS["changing"]
+                seed += 1
+
+
 def recordings(
     scene: Scene, camera: Camera, lengths: tuple[float, ...], harmonics: int, seed: int
 ) -> Iterator[tuple[Float, Float, CaptureMetadata]]:
@@ -197,7 +251,12 @@ def main() -> None:
     parser.add_argument("--harmonics", type=int, default=2, choices=(2, 3, 4))
     parser.add_argument("--seed", type=int, default=3, help="of noise, and of what is drawn")
     chosen = parser.parse_args()
-    by_seed: dict[str, Callable[[int], Scenes]] = {"panels": panels, "drawn": drawn, "corners": corners}
+    by_seed: dict[str, Callable[[int], Scenes]] = {
+        "panels": panels,
+        "drawn": drawn,
+        "corners": corners,
+        "changing": changing,
+    }
     scenes = cards() if chosen.frames == "cards" else by_seed[chosen.frames](chosen.seed)
     counts: dict[str, int] = {}
     tails: dict[str, list[tuple[float, float]]] = {}

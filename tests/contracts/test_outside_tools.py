@@ -3,6 +3,9 @@
 import os
 from pathlib import Path
 
+import pytest
+
+from tests.outside.cases import MissingWriterError, run
 from tests.support.outside_tools import outside_tool
 
 
@@ -22,6 +25,13 @@ def test_a_stand_in_of_the_same_name_is_no_tool(tmp_path: Path) -> None:
     assert outside_tool("convert", os.pathsep.join(folders)) is None
 
 
+def test_no_file_is_asked_of_a_stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in = program(tmp_path / "other", "convert", "echo 'convert: ImageMagick is not installed here' >&2; exit 1")
+    monkeypatch.setenv("PATH", str(stand_in.parent))
+    with pytest.raises(MissingWriterError, match="ImageMagick is not installed"):
+        run("convert", "in.tif", "out.tif")
+
+
 def test_the_tool_behind_a_stand_in_is_found(tmp_path: Path) -> None:
     program(tmp_path / "other", "convert", "echo 'a converter of units'")
     true = program(tmp_path / "true", "convert", "echo 'Version: ImageMagick 6.9.11-60 Q16 x86_64'")
@@ -31,6 +41,8 @@ def test_the_tool_behind_a_stand_in_is_found(tmp_path: Path) -> None:
 def test_each_maker_is_known_by_its_text(tmp_path: Path) -> None:
     said = {
         "tiffcp": "echo 'LIBTIFF, Version 4.5.0' >&2; exit 1",
+        "tiffsplit": "echo 'LIBTIFF, Version 4.5.0'; echo 'usage: tiffsplit input.tif [prefix]'",
+        "java": "echo 'openjdk version \"17.0.9\" 2023-10-17' >&2",
         "identify": "echo 'Version: ImageMagick 7.1.1-21 Q16-HDRI'",
         "exrheader": 'echo "usage: $0 imagefile [imagefile ...]" >&2; exit 1',
         "exrmaketiled": 'echo "Usage: $0 [options] infile outfile"',

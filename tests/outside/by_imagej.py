@@ -1,6 +1,5 @@
 """Cases that ImageJ writes, run by Java without a window."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +24,8 @@ def _macro(*commands: str, shuffled: bool = False) -> Writer:
     """Return a writer that draws the planes as a stack, runs the commands of a macro and saves it as TIFF."""
 
     def write(folder: Path, frame: Stored) -> Path:
-        if not _JAR.exists() or shutil.which("java") is None:
-            raise MissingWriterError(f"ImageJ ({_JAR}) or java is not installed")
+        if not _JAR.exists():
+            raise MissingWriterError(f"ImageJ ({_JAR}) is not installed")
         planes = np.stack(shuffled_planes(frame) if shuffled else planes_of(frame))
         (folder / "values.txt").write_text("\n".join(map(str, planes.ravel().tolist())))
         height, width = planes.shape[1:]

@@ -1,7 +1,7 @@
 """What one case of the matrix is: who writes which file, and what a reader owes for it."""
 
 import importlib.util
-import shutil
+import os
 import subprocess
 import warnings
 from collections.abc import Callable
@@ -14,6 +14,7 @@ from numpy.typing import DTypeLike
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource
 from tests.files.forms import PLANE_NAMES, known_frame
+from tests.support.outside_tools import MAKERS, outside_tool
 
 Writer = Callable[[Path, Stored], Path | tuple[Path, ...]]
 """Writes a frame (H, C, Y, X) into an empty folder; returns its one file, or its planes' files in order."""
@@ -81,9 +82,9 @@ def shuffled_planes(frame: Stored) -> list[Stored]:
 
 def run(*command: str | Path) -> None:
     """Run a program of someone else's; its failure is an error of the case."""
-    program = shutil.which(command[0])
+    program = outside_tool(str(command[0]), os.environ.get("PATH", os.defpath))
     if program is None:
-        raise MissingWriterError(f"{command[0]} is not installed")
+        raise MissingWriterError(f"{MAKERS[str(command[0])].name} is not installed")
     subprocess.run([program, *command[1:]], capture_output=True, text=True, timeout=60, check=True)
 
 

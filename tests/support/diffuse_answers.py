@@ -48,7 +48,7 @@ def model_of(
         np.full(len(phasors), variance(n_av)),
     )
     means = patch_means(light, light.seen, variance=noise[0] / samples, harmonics=harmonics)
-    kinds = patch_kinds(means, noise / samples, grid=grid, settings=settings)
+    kinds = patch_kinds(light, means, noise / samples, grid=grid, settings=settings)
     if not second_paths and kinds.separate_share <= SEPARATE_SHARE and kinds.reason == "separate paths":
         kinds = replace(kinds, reason="tail")
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)

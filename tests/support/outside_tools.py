@@ -4,14 +4,14 @@ import os
 import re
 import shutil
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 
 @dataclass(frozen=True)
 class Maker:
-    """How a maker's programs are asked what they are, and what their answer says."""
+    """How a maker's programs are asked what they are, and what their answer says; `question` may be nothing at all."""
 
     name: str
     question: str
@@ -22,14 +22,21 @@ LIBTIFF = Maker("libtiff", "-h", r"LIBTIFF, Version \d")
 IMAGEMAGICK = Maker("ImageMagick", "-version", r"Version: ImageMagick \d")
 OPENEXR = Maker("OpenEXR", "-h", r"(?i)OpenEXR image|usage: .*(imagefile|infile|input\.exr)")
 
+JAVA = Maker("Java", "-version", r"(openjdk|java) version")
+
 MAKERS = {
     "tiffcp": LIBTIFF,
     "tiffinfo": LIBTIFF,
+    "tiffset": replace(LIBTIFF, question=""),
+    "tiffsplit": LIBTIFF,
+    "raw2tiff": LIBTIFF,
     "convert": IMAGEMAGICK,
     "identify": IMAGEMAGICK,
     "exrheader": OPENEXR,
     "exrmaketiled": OPENEXR,
     "exrmultipart": OPENEXR,
+    "exrstdattr": OPENEXR,
+    "java": JAVA,
 }
 
 
@@ -49,7 +56,7 @@ def outside_tool(name: str, path: str, /) -> str | None:
 
 def _said(program: str, question: str) -> str:
     try:
-        done = subprocess.run([program, question], capture_output=True, text=True, timeout=20, check=False)
+        done = subprocess.run([program, *question.split()], capture_output=True, text=True, timeout=20, check=False)
     except (OSError, UnicodeDecodeError, subprocess.TimeoutExpired):
         return ""
     return done.stdout + done.stderr

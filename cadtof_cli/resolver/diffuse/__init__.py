@@ -3,7 +3,8 @@
 The light that reaches a pixel after its direct light is, in a room, a tail: many surfaces light each other. Read in this order:
 
     settings    what is asked for            grid          rays, and the patches that a frame is cut into
-    light       a patch's data               choice        which model: is there a tail, or are there second_paths, even_paths?
+    light       a patch's data               choice        which model: is there a tail, or are there second_paths, by even_paths
+                                                           or smoothness?
     planes      a patch's surface            beyond, box   surfaces outside the view: continued, and guessed
     radiosity   light between the patches    tail, prior   H_h(state): the model, its Jacobian, and what rooms are like
     noise       of the data                  model_error   what the model gets wrong

@@ -13,7 +13,7 @@ from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
@@ -24,6 +24,7 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     median_of_noise,
 )
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
 from cadtof_cli.resolver.kernels import NUMPY
 
 LARGEST_LEAD_RAD = 0.1
@@ -120,6 +121,7 @@ class DiffuseChoice:
 
 
 def patch_kinds(
+    light: PatchLight,
     means: PatchMeans,
     variances: Float,
     /,
@@ -129,7 +131,7 @@ def patch_kinds(
     alike: float = 0.0,
     kernel: str = NUMPY,
 ) -> PatchKinds:
-    """Look at the mean light of every patch of a grid; `variances` are those of a channel of each harmonic.
+    """Look at the light of every patch of a grid, and at its means; `variances` are those of a channel of each harmonic.
 
     With `settings.model` `diffuse`, nothing but too little light speaks against a tail. `alike` is the correlation of the noise
     of neighbours, `kernel` of `available_kernels`.
@@ -155,7 +157,7 @@ def patch_kinds(
         PatchData.of(means, lit, variances, settings.harmonics),
         PatchPlaces(grid.even[lit], means.phase_rad[lit], lit, settings.rad_per_ns, alike),
         kernel=kernel,
-    ):
+    ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, kernel=kernel):
         reason = "separate paths"
     return PatchKinds(lit, separate, share, reason, likely)
 

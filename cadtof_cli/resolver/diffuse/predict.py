@@ -34,13 +34,12 @@ from cadtof_cli.resolver.diffuse.records import (
     TermTails,
     range_from_phase,
 )
-from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, missed
+from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, missed, two_path_lag
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.kernels import NUMPY
-from cadtof_cli.resolver.two_path.decomposition import decomposed
 
 LEAST_RATIO = 0.05
 """Least |q_h| that the noise of a patch's data is taken for."""
@@ -232,17 +231,6 @@ def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, f
     open_share = tail.light.open_share
     shown, continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
     return Beside(shown, continued, share * unseen, share * would_be, open_share, seen.cosine)
-
-
-def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
-    """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1², (n,)."""
-    paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
-    sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
-    lag: Float = -np.arctan2(
-        paths.sin_mean * paths.cos_half + paths.cos_mean * sin_half,
-        paths.cos_mean * paths.cos_half - paths.sin_mean * sin_half,
-    )
-    return lag
 
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:

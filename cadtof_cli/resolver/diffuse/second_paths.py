@@ -151,6 +151,17 @@ class Scatter:
         return cls(max(variance - (1.0 + unsure) * by_noise, 0.0), max(variance - by_noise, 0.0) + unsure * by_noise)
 
 
+def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
+    """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1², (n,)."""
+    paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
+    sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
+    lag: Float = -np.arctan2(
+        paths.sin_mean * paths.cos_half + paths.cos_mean * sin_half,
+        paths.cos_mean * paths.cos_half - paths.sin_mean * sin_half,
+    )
+    return lag
+
+
 def has_one_share(found: SecondPaths, /, *, rad_per_ns: float) -> bool:
     """Return whether second paths have the same share of the light at different delays."""
     if not found.known.any():

@@ -16,7 +16,7 @@ from cadtof_cli.resolver.diffuse.choice import (
     tail_fits,
 )
 from cadtof_cli.resolver.diffuse.grid import assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.settings import MpiModel
 
@@ -40,7 +40,12 @@ def kinds(means: PatchMeans, model: MpiModel = "auto") -> PatchKinds:
     grid = replace(
         patch_grid(240, 320, assumed_view(240, 320)), slope=np.zeros((2, 1, columns)), ray=np.ones((3, 1, columns))
     )
-    return patch_kinds(means, VARIANCES, grid=grid, settings=settings)
+    nothing = PatchLight(
+        np.zeros((64, 1, columns), bool),
+        np.zeros((64, 1, columns), np.float32),
+        np.zeros((7, 64, 1, columns), np.float32),
+    )
+    return patch_kinds(nothing, means, VARIANCES, grid=grid, settings=settings)
 
 
 def test_a_room_with_a_tail_gets_one() -> None:

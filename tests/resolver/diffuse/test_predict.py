@@ -5,11 +5,11 @@ import pytest
 
 from cadtof_cli.arrays import Float32
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.resolver.diffuse import predict
+from cadtof_cli.resolver.diffuse import choice, predict
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
-from cadtof_cli.resolver.diffuse.predict import two_path_lag
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
+from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from tests.support.diffuse_answers import answers, model_of, predicted
 from tests.support.diffuse_frames import (
@@ -164,9 +164,14 @@ def test_second_paths_of_one_share_are_no_tail(share: float, harmonics: tuple[in
     assert (found.taken, found.reason) == ("discrete", "separate paths")
 
 
-def test_second_paths_of_all_shares_and_delays_are_no_tail() -> None:
-    """By even delays, where they are even; else since no tail comes near all of them."""
-    for uneven_ns, reason in ((0.0, "separate paths"), (1.5, "no tail fits")):
+def test_second_paths_of_all_shares_and_delays_are_no_tail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By even delays, where they are even; else since two paths make a wall of it, and no tail comes near all of them."""
+    for uneven_ns, smooth, reason in (
+        (0.0, False, "separate paths"),
+        (1.5, True, "separate paths"),
+        (1.5, False, "no tail fits"),
+    ):
+        monkeypatch.setattr(choice, "are_smoothed_by_two_paths", lambda *_, smooth=smooth, **__: smooth)
         found = weak_paths(0.05, (1, 2), 1.4, 1e5, uneven_ns=uneven_ns)
         assert isinstance(found, DiffuseChoice)
         assert (found.taken, found.reason) == ("discrete", reason)
@@ -305,24 +310,6 @@ def test_the_numbers_of_the_room_are_kept() -> None:
 def test_harmonics_must_begin_with_one_and_two() -> None:
     with pytest.raises(SettingsError, match="found harmonics 1, 3"):
         DiffuseSettings(period_ns=40.0, harmonics=(1, 3))
-
-
-def two_paths_lag(ratio: float, delay_rad: float) -> tuple[complex, float]:
-    """q_2 of two paths, and by how much the second turns the sum against the stronger."""
-    light = [1.0 + ratio * np.exp(1j * h * delay_rad) for h in (1, 2)]
-    stronger = 0.0 if ratio <= 1.0 else delay_rad
-    return light[1] * abs(light[0]) / light[0] ** 2, float(np.angle(light[0] * np.exp(-1j * stronger)))
-
-
-@pytest.mark.parametrize("ratio", [0.05, 0.4, 0.8, 1.5, 4.0])
-@pytest.mark.parametrize("delay_rad", [0.6, 1.4, 2.2])
-def test_the_first_depth_is_that_of_the_stronger_of_two_paths(ratio: float, delay_rad: float) -> None:
-    q, lag = two_paths_lag(ratio, delay_rad)
-    np.testing.assert_allclose(two_path_lag(np.array([q])), [lag], atol=1e-9)
-
-
-def test_light_of_one_path_does_not_lag() -> None:
-    assert two_path_lag(np.array([1.0 + 0.0j])).tolist() == [0.0]
 
 
 def rough(seed: int = 4) -> tuple[F, Z]:

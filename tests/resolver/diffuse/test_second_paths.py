@@ -18,6 +18,7 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     has_one_share,
     median_of_noise,
     missed,
+    two_path_lag,
 )
 from cadtof_cli.resolver.kernels import available_kernels
 from tests.support.diffuse_frames import OMEGA, F, Tail
@@ -253,3 +254,21 @@ def test_every_kernel_says_the_same(kernel: str) -> None:
 def test_light_without_mpi_has_no_second_paths() -> None:
     assert not two_paths(data(*second(0.0, 9.0)))
     assert not two_paths(data(*second(0.0, 9.0), noisy=False))
+
+
+def two_paths_lag(ratio: float, delay_rad: float) -> tuple[complex, float]:
+    """q_2 of two paths, and by how much the second turns the sum against the stronger."""
+    light = [1.0 + ratio * np.exp(1j * h * delay_rad) for h in (1, 2)]
+    stronger = 0.0 if ratio <= 1.0 else delay_rad
+    return light[1] * abs(light[0]) / light[0] ** 2, float(np.angle(light[0] * np.exp(-1j * stronger)))
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.4, 0.8, 1.5, 4.0])
+@pytest.mark.parametrize("delay_rad", [0.6, 1.4, 2.2])
+def test_the_first_depth_is_that_of_the_stronger_of_two_paths(ratio: float, delay_rad: float) -> None:
+    q, lag = two_paths_lag(ratio, delay_rad)
+    assert_allclose(two_path_lag(np.array([q])), [lag], atol=1e-9)
+
+
+def test_light_of_one_path_does_not_lag() -> None:
+    assert two_path_lag(np.array([1.0 + 0.0j])).tolist() == [0.0]

@@ -1,0 +1,93 @@
+"""Surfaces that two paths make smooth: second paths that change from pixel to pixel, or from place to place, bend what is seen of
+them, by as much as they add to its depth.
+
+Without them, surfaces are what they are: mostly flat, and 1/z of a flat one is even over the view. A tail is smooth itself, so
+that little of what a room's surfaces are bent by is its doing, and two paths, which do not explain it, leave most of that.
+"""
+
+import math
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
+from cadtof_cli.resolver.diffuse.quantiles import median
+from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
+from cadtof_cli.resolver.diffuse.tail import wrapped
+from cadtof_cli.resolver.kernels import NUMPY
+
+SMOOTHER = {1: 0.08, 2: 0.04}
+"""Median square of the bends of 1/z between patches so far apart that two paths leave of it, below which they are there: .14 and
+.07 or more in rendered rooms, .23 and .047 in corners that fill the view."""
+
+SMOOTHER_WITHIN = 0.1
+"""The same, of the bends of the phase from pixel to pixel within patches: .24 and more in rooms."""
+
+LEAST_BENDS = 64
+"""Bends that must be seen: fewer do not tell."""
+
+NEAREST_RAD = 0.02
+"""Phase that what is nearer is taken for: 2 cm at T1 = 40 ns."""
+
+
+def are_smoothed_by_two_paths(
+    light: PatchLight, means: PatchMeans, lit: Bool, /, *, grid: PatchGrid, kernel: str = NUMPY
+) -> bool:
+    """Return whether surfaces are smooth, but for noise, once two paths are taken out of a frame's light.
+
+    `means` are those of its patches, of which those that count are `lit`, (rows, columns).
+    """
+    with np.errstate(all="ignore"):
+        # of one path alone, the other has no delay
+        return _smoothed_between(means, lit, grid, kernel) or _smoothed_within(light, lit, kernel)
+
+
+def _smoothed_between(means: PatchMeans, lit: Bool, grid: PatchGrid, kernel: str) -> bool:
+    """Return whether two paths make what patches show of 1/z smooth."""
+    lag = _lag(means.ratios[0], kernel)
+    seen = lit & np.isfinite(lag)
+    shown, direct = (_inverse_depth(phase, grid) for phase in (means.phase_rad, means.phase_rad - lag))
+    return any(
+        _are_smoother(_bends(direct, seen, apart), _bends(shown, seen, apart), most) for apart, most in SMOOTHER.items()
+    )
+
+
+def _smoothed_within(light: PatchLight, lit: Bool, kernel: str) -> bool:
+    """Return whether two paths make the phases along the middle row of each patch smooth."""
+    side = math.isqrt(len(light.seen))
+    row = slice(side // 2 * side, (side // 2 + 1) * side)
+    power, _, _, re, im = light.weighted[:5, row]
+    ratio = (re + 1j * im) / power
+    lag = _lag(ratio.astype(np.complex128), kernel)
+    seen = light.seen[row] & lit & np.isfinite(lag)
+    phase = light.phase_rad[row].astype(np.float64)
+    direct, shown = (wrapped(_bends_along(one, seen, 1)) for one in (phase - lag, phase))
+    return _are_smoother(direct, shown, SMOOTHER_WITHIN)
+
+
+def _are_smoother(direct: Float, shown: Float, most: float) -> bool:
+    """Return whether no more than that share of the median square of bends is left, where enough of them are seen."""
+    return direct.size >= LEAST_BENDS and float(median(direct * direct)) < most * float(median(shown * shown))
+
+
+def _lag(ratios: Complex, kernel: str) -> Float:
+    return two_path_lag(ratios.ravel(), kernel=kernel).reshape(ratios.shape)
+
+
+def _inverse_depth(phase_rad: Float, grid: PatchGrid) -> Float:
+    """Return 1/z of patches that phases stand for, in 1/rad."""
+    depth_rad = np.maximum(np.mod(phase_rad, 2.0 * np.pi), NEAREST_RAD) * grid.ray[2]
+    return np.asarray(1.0 / depth_rad)
+
+
+def _bends(image: Float, seen: Bool, apart: int) -> Float:
+    """Return the second differences of what is seen of an image, down and across, between places so far apart."""
+    return np.concatenate([_bends_along(image, seen, apart), _bends_along(image.T, seen.T, apart)])
+
+
+def _bends_along(values: Float, seen: Bool, apart: int) -> Float:
+    """Return second differences along the first axis, where all three values are seen."""
+    before, middle, after = slice(-2 * apart), slice(apart, -apart), slice(2 * apart, None)
+    bends: Float = values[after] - 2.0 * values[middle] + values[before]
+    return bends[seen[after] & seen[middle] & seen[before]]

@@ -1,0 +1,153 @@
+"""Second paths that change from place to place bend surfaces, which two paths make smooth again; tails of rooms do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cadtof_cli.arrays import Bool
+from cadtof_cli.resolver.diffuse import smoothness
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, sampled_light
+from cadtof_cli.resolver.diffuse.smoothness import LEAST_BENDS, are_smoothed_by_two_paths
+from cadtof_cli.resolver.kernels import available_kernels
+from tests.support.diffuse_frames import OMEGA, F, Tail, Z, corner_range, phasors_of, variance, wall_range
+
+HEIGHT, WIDTH, FOCAL_PX = 96, 128, 110.0
+
+SIDE = 6
+"""Pixels along a patch of such a frame."""
+
+
+def wall(tilt: tuple[float, float] = (0.2, 0.1), distance_m: float = 2.0) -> F:
+    return wall_range(HEIGHT, WIDTH, FOCAL_PX, distance_m, tilt)
+
+
+def changing(block_px: int, *, share: float = 0.3, seed: int = 1) -> dict[int, Z]:
+    """Second paths 3 to 12 ns late, whose delays and shares are drawn for every block of pixels."""
+    rng = np.random.default_rng(seed)
+    rows, columns = (np.arange(side) // block_px * block_px for side in (HEIGHT, WIDTH))
+    drawn = rng.uniform(size=(2, HEIGHT, WIDTH))[:, rows[:, None], columns]
+    delay_ns, shares = 3.0 + 9.0 * drawn[0], share * (0.1 + 0.9 * drawn[1])
+    return {h: np.asarray(shares * np.exp(1j * h * OMEGA * delay_ns)) for h in (1, 2)}
+
+
+def seen(
+    range_m: F, mpi: dict[int, Z] | dict[int, complex] | None, *, n_av: float = 1e6
+) -> tuple[PatchLight, PatchMeans, PatchGrid]:
+    """The light of a frame, its means, and how it is cut."""
+    phasors = phasors_of(range_m, mpi, n_av=n_av)
+    grid = patch_grid(HEIGHT, WIDTH, View(FOCAL_PX, ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)))
+    assert (grid.side, grid.stride) == (SIDE, 1)
+    light = sampled_light(phasors, np.ones((HEIGHT, WIDTH), bool), grid, harmonics=(1, 2))
+    return light, patch_means(light, light.seen, variance=variance(n_av), harmonics=(1, 2)), grid
+
+
+def smoothed(frame: tuple[PatchLight, PatchMeans, PatchGrid], lit: Bool | None = None) -> bool:
+    light, means, grid = frame
+    every = np.ones(means.amplitude.shape, np.bool_)
+    kernels = available_kernels()
+    said = {
+        are_smoothed_by_two_paths(light, means, every if lit is None else lit, grid=grid, kernel=kernel)
+        for kernel in kernels
+    }
+    assert len(said) == 1
+    return said.pop()
+
+
+@pytest.mark.parametrize("block_px", [1, 6, 12, 24])
+@pytest.mark.parametrize("seed", range(3))
+def test_second_paths_that_change_are_two_paths(block_px: int, seed: int) -> None:
+    """From pixel to pixel within patches, from patch to patch, and over a few of them."""
+    assert smoothed(seen(wall(), changing(block_px, seed=seed)))
+
+
+@pytest.mark.parametrize("range_m", [wall(), corner_range(HEIGHT, WIDTH, FOCAL_PX)])
+@pytest.mark.parametrize("tail", [Tail(0.15, 3.0, 6.0), Tail(0.3, 3.0, 10.0), Tail(0.5, 5.0, 8.0)])
+@pytest.mark.parametrize("n_av", [1e4, 1e6])
+def test_a_tail_is_smooth_itself(range_m: F, tail: Tail, n_av: float) -> None:
+    """Also one that is half as strong again in the middle of the view."""
+    down, across = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
+    bump = 1.0 + 0.5 * np.exp(-3.0 * (down**2 + across**2))
+    for scale in (np.ones_like(bump), bump):
+        assert not smoothed(seen(range_m, {h: np.asarray(scale * tail.phasor(h)) for h in (1, 2)}, n_av=n_av))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_tails_that_change_from_patch_to_patch_are_left_rough_by_two_paths(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows, columns = (np.arange(side) // SIDE * SIDE for side in (HEIGHT, WIDTH))
+    scale = rng.uniform(0.5, 1.5, (HEIGHT, WIDTH))[np.ix_(rows, columns)]
+    assert not smoothed(seen(wall(), {h: np.asarray(scale * Tail(0.3, 3.0, 10.0).phasor(h)) for h in (1, 2)}))
+
+
+def test_noise_and_nothing_at_all_say_nothing() -> None:
+    assert not smoothed(seen(wall(), None))
+    assert not smoothed(seen(wall(), None, n_av=2e3))
+    assert not smoothed(seen(wall(), changing(1), n_av=100.0))
+    light, means, grid = seen(wall(), changing(1))
+    nothing = PatchLight(np.zeros_like(light.seen), 0 * light.phase_rad, 0 * light.weighted)
+    assert not smoothed((nothing, means, grid), np.zeros(means.amplitude.shape, np.bool_))
+
+
+@pytest.mark.parametrize("distance_m", [0.5, 2.9, 4.5])
+def test_a_flat_wall_is_even_in_one_over_its_depth_at_every_distance(distance_m: float) -> None:
+    _, means, grid = seen(wall((0.4, -0.3), distance_m), None, n_av=1e12)
+    shown = smoothness._inverse_depth(means.phase_rad, grid)
+    everywhere = np.ones(shown.shape, np.bool_)
+    bends = smoothness._bends(shown, everywhere, 2)
+    # patches that stick out of the view have their middle elsewhere
+    assert np.median(np.abs(bends)) < 0.01 * np.median(np.abs(smoothness._bends(means.phase_rad, everywhere, 2)))
+    rows, columns = shown.shape
+    assert bends.size == (rows - 4) * columns + rows * (columns - 4)
+
+
+@pytest.mark.parametrize("apart", [1, 2])
+def test_bends_are_second_differences_where_all_three_are_seen(apart: int) -> None:
+    image = np.arange(8.0)[:, None] ** 2 + 10.0 * np.arange(5.0) ** 2
+    seen_here = np.ones(image.shape, np.bool_)
+    assert set(smoothness._bends(image, seen_here, apart)) == {2.0 * apart**2, 20.0 * apart**2}
+    seen_here[2 * apart, 2] = False
+    got = smoothness._bends(image, seen_here, apart)
+    lost_down = sum(0 <= 2 * apart - k * apart <= 7 - 2 * apart for k in range(3))
+    lost_across = sum(0 <= 2 - k * apart <= 4 - 2 * apart for k in range(3))
+    assert got.size == (8 - 2 * apart) * 5 + 8 * (5 - 2 * apart) - lost_down - lost_across
+
+
+@pytest.mark.parametrize(("left", "said"), [(0.99, True), (1.01, False)])
+@pytest.mark.parametrize("count", [LEAST_BENDS - 1, LEAST_BENDS])
+def test_a_share_of_the_median_square_must_be_left_of_enough_bends(left: float, said: bool, count: int) -> None:
+    shown = np.where(np.arange(count) % 2, 1.0, -1.0)
+    assert smoothness._are_smoother(np.sqrt(0.1 * left) * shown, shown, 0.1) is (said and count == LEAST_BENDS)
+
+
+@pytest.mark.parametrize(("apart", "limit"), [(1, 0.08), (2, 0.04)])
+def test_each_distance_has_its_own_limit(apart: int, limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = seen(wall(), changing(6))
+    monkeypatch.setattr(smoothness, "SMOOTHER_WITHIN", 0.0)
+    asked = []
+
+    def listen(direct: F, shown: F, most: float) -> bool:
+        asked.append((direct.size, most))
+        return False
+
+    monkeypatch.setattr(smoothness, "_are_smoother", listen)
+    assert not smoothed(frame)
+    rows, columns = frame[1].amplitude.shape
+    assert ((rows - 2 * apart) * columns + rows * (columns - 2 * apart), limit) in asked
+
+
+def test_within_patches_only_pixels_that_are_seen_count() -> None:
+    """Those whose neighbours are hot or saturated have no bends; all others of the middle rows tell."""
+    light, means, _ = seen(wall(), changing(1))
+    column, every = np.arange(len(light.seen)) % SIDE, np.ones(means.amplitude.shape, np.bool_)
+
+    def said(columns: Bool, lit: Bool) -> bool:
+        with np.errstate(all="ignore"):
+            return smoothness._smoothed_within(
+                replace(light, seen=light.seen & columns[:, None, None]), lit, available_kernels()[0]
+            )
+
+    assert said(column < 3, every)
+    assert not said(column < 3, ~every)
+    assert not said(column % 3 != 1, every)
