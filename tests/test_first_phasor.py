@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration
-from cadtof_cli.calibration.store import save_part
+from cadtof_cli.calibration.store import load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
@@ -110,6 +110,26 @@ def test_the_calibration_is_found_after_a_move_and_a_changed_one_is_not_used(
     done = program(*arguments)
     assert "so the first phasor is not evaluated" in done.err
     assert (done.status, json.loads(done.out)["first_phasor"]) == (0, None)
+
+
+@pytest.mark.parametrize("command", ["evaluate", "profile", "preview"])
+def test_a_calibration_that_was_replaced_after_the_run_is_told_to_be_another(command: str, tmp_path: Path) -> None:
+    """The run ended long ago: nothing changed during it, its settings are what they were."""
+    capture, calibration, out = record(tmp_path / "capture"), tmp_path / "calibration", tmp_path / "out"
+    _calibration(calibration)
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--calibration", calibration).status == 0
+    write_exr(tmp_path / "truth.exr", {"direct.depth": np.full(SHAPE, 2.0, np.float32)})
+    save_part(calibration, PetzvalCalibration(ORIGIN, 0.3, 0.1, (15.0, 10.0), PETZVAL_QUALITY), overwrite=True)
+    before = json.loads((out / "run.json").read_text())["calibration"]["digest"]
+    now = load_calibration(calibration).digest
+    more = {"profile": ("--row", 3), "preview": ("-o", tmp_path / "a.png")}.get(command, ())
+    done = program(command, out, "--truth", tmp_path / "truth.exr", *more)
+    assert done.status == 0
+    assert done.err.strip() == (
+        "the calibration of the run is not what it was, so the first phasor is not evaluated: "
+        f"{calibration}: holds another calibration (digest {now}) than when the run began (digest {before}); resolve again to"
+        " apply it"
+    )
 
 
 def test_it_is_that_of_the_mean_where_frames_are_averaged(tmp_path: Path) -> None:

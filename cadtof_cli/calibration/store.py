@@ -125,11 +125,15 @@ def cached_calibration(folder: Path, digest: str, /) -> Calibration:
     """Read a calibration once per process, and make sure that it has this digest.
 
     Raises:
-        MetadataError: see `load_calibration`; or the folder has changed since the digest was taken.
+        MetadataError: see `load_calibration`; or the folder has changed since the run that took the digest began, whether that
+            goes on still or ended long ago.
     """
     calibration = load_calibration(folder)
     if calibration.digest != digest:
-        raise MetadataError(f"{folder}: the calibration changed during the run; run again")
+        raise MetadataError(
+            f"{folder}: holds another calibration (digest {calibration.digest}) than when the run began (digest {digest});"
+            " resolve again to apply it"
+        )
     return calibration
 
 

@@ -25,7 +25,8 @@ from cadtof_cli.units import first_of
 OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""
 
-_TRUTH = "truth"
+TRUTH = "truth"
+"""What files of truth are called, without suffix: they are no frames."""
 
 _MISNAMED = (
     "Capture.toml",
@@ -253,7 +254,7 @@ def _capture(
         # plain strings: a Path for each of 2,000 names takes longer than listing them
         last = name.rpartition("/")[2].lower()
         stem, dot, suffix = last.rpartition(".")
-        if dot + suffix not in suffixes or last.startswith(".") or stem == _TRUTH:
+        if dot + suffix not in suffixes or last.startswith(".") or stem == TRUTH:
             continue
         if not is_dir or (last.endswith(FRAME_SUFFIXES) and not (recursive and _entries(root / name))):
             names.append(name)
@@ -301,9 +302,7 @@ def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -
 
 def _expected_names(layout: Layout) -> str:
     if layout.pattern is None:
-        return (
-            f"{', '.join(frame_suffixes(planes=False, raw=layout.raw_dtype is not None))} files other than {_TRUTH}.*"
-        )
+        return f"{', '.join(frame_suffixes(planes=False, raw=layout.raw_dtype is not None))} files other than {TRUTH}.*"
     return f"files named {layout.pattern} (layout.pattern)"
 
 

@@ -11,7 +11,7 @@ from xxhash import xxh3_128
 from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import PartialFile, atomic_write, not_written
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suffix
-from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader
+from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader, NotMapsError
 
 Digest = xxh3_128
 """What bytes are added to piece by piece, fast enough for every frame and its maps: it finds accidents, not forgeries."""
@@ -69,11 +69,12 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF, which holds the bits as floats.
 
     Raises:
-        FrameError: the file cannot be read, is damaged, or its layers have no names, or its status is no bits.
+        NotMapsError: its layers have no names.
+        FrameError: the file cannot be read, is damaged, or its status is no bits.
     """
     kind = detect_format(path)
     if kind.layers is None:
-        raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
+        raise NotMapsError(f"{path}: found {kind.title}, expected a format of named maps")
     layers = {name: _with_quiet_nans(layer) for name, layer in kind.layers().read_layers(path).items()}
     status = layers.get(STATUS)
     if status is None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.arrays import Float32, Status
+from cadtof_cli.errors import FrameError
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
 from cadtof_cli.version import __version__
@@ -22,6 +23,10 @@ SOURCE = "source"
 """The fact that names the recorded frame: the only one that differs from frame to frame."""
 
 _MAP_LAYER = rf"(direct|mpi)\.\w+|confidence|{STATUS}"
+
+
+class NotMapsError(FrameError):
+    """A sound file without named layers, such as a recorded frame."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,9 @@ _PLANE = r"(?i)(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?"
 _HARMONIC_WORD = r"(?i)(?<![a-z])h(?:arm(?:onic)?)?[\s._#:-]*0*([1-9]\d*)"
 _CHANNEL_WORD = r"(?i)(?<![a-z])sc[\s._#:-]*0*([12])(?!\d)"
 _FREQUENCY_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*MHz(?![a-z])"
+_CHANNEL_BEFORE_NUMBER = rf"{_CHANNEL_WORD}[\s._/:-]*"
+"""SC1 and what parts it from what follows: the frequency in SC1.25MHz is 25 MHz."""
+
 _LONGEST_NAME = 256
 """Letters of a name; what is longer is a description."""
 
@@ -57,7 +60,7 @@ def plane_label(name: str, /) -> PlaneLabel | None:
 
 
 def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[PlaneLabel, ...]:
-    """Return what names such as `sc1_h2`, `Harmonic 2, SC1`, `rec_h2_sc1.tif` or `50 MHz SC1` say, if each says both, once.
+    """Return what names such as `sc1_h2`, `Harmonic 2, SC1`, `rec_h2_sc1.tif` or `SC1.50MHz` say, if each says both, once.
 
     Nothing where one of them does not, or a harmonic or channel is named by none.
     """
@@ -77,6 +80,11 @@ def says_a_channel(name: str, /) -> bool:
     return _only(_CHANNEL_WORD, name) is not None
 
 
+def is_of_a_plane(name: str, /) -> bool:
+    """Return whether a name says a harmonic or channel, in our form, or a channel in other words."""
+    return plane_label(name) is not None or says_a_channel(name)
+
+
 def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[int, ...]:
     """Return the harmonic that each name says, by its number or as a frequency in MHz.
 
@@ -86,7 +94,7 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     if None not in numbers:
         found = tuple(int(number) for number in numbers if number)
         return found if len(set(found)) == len(harmonics) else ()
-    frequencies = [float(text) for name in names if (text := _only(_FREQUENCY_WORD, name))]
+    frequencies = [float(text) for name in names if (text := _only(_FREQUENCY_WORD, _without_channel(name)))]
     different = sorted(set(frequencies))
     if len(frequencies) < len(names) or len(different) != len(harmonics):
         return ()
@@ -94,6 +102,10 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     fundamental = different[0] / harmonics[0]
     in_ratio = all(abs(one - number * fundamental) < _ROUNDING * one for one, number in numbers_of.items())
     return tuple(numbers_of[one] for one in frequencies) if in_ratio else ()
+
+
+def _without_channel(name: str) -> str:
+    return re.sub(_CHANNEL_BEFORE_NUMBER, " ", name) if len(name) <= _LONGEST_NAME else name
 
 
 def _only(word: str, name: str) -> str | None:
@@ -125,7 +137,8 @@ def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: st
     """Return the places of a frame's planes in the order H1.SC1, H1.SC2, H2.SC1, …
 
     A channel says its harmonic itself (H2.SC1), or its part does (a part H2 with SC1 and SC2), or else the parts count
-    as harmonics in their order. The only channel of a part H2.SC1 may be called anything.
+    as harmonics in their order. The only channel of a part H2.SC1 may be called anything. Where no name has this form, other
+    words count: see `labels_in_words`.
 
     Raises:
         NotAFrameError: no channel holds a voltage.
@@ -150,16 +163,32 @@ def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> di
     """Return the place of every voltage by harmonic label and channel."""
     by_part = _part_labels(parts, layout, where)
     found: dict[tuple[int, int], Place] = {}
-    for index, part in enumerate(parts):
-        for name in part.channels:
-            label = _label(part, name)
-            if label is None or label.channel is None:
-                continue
-            plane = label.harmonic or by_part[index], label.channel
-            if plane in found:
-                raise FrameError(f"{where}: found {plane_name(*plane)} twice, expected it once")
-            found[plane] = Place(index, name)
+    for place, label in _labels_in_our_form(parts) or _labels_in_words(parts, layout):
+        if label.channel is None:
+            continue
+        plane = label.harmonic or by_part[place.part], label.channel
+        if plane in found:
+            raise FrameError(f"{where}: found {plane_name(*plane)} twice, expected it once")
+        found[plane] = place
     return found
+
+
+def _labels_in_our_form(parts: Sequence[NamedPart]) -> list[tuple[Place, PlaneLabel]]:
+    return [
+        (Place(index, name), label)
+        for index, part in enumerate(parts)
+        for name in part.channels
+        if (label := _label(part, name))
+    ]
+
+
+def _labels_in_words(parts: Sequence[NamedPart], layout: FrameLayout) -> list[tuple[Place, PlaneLabel]]:
+    """Return what all channels say in other words; the part of a lone one speaks for it, unless it says its channel itself."""
+    places = [Place(index, name) for index, part in enumerate(parts) for name in part.channels]
+    alone = [len(parts[place.part].channels) == 1 and not says_a_channel(place.channel) for place in places]
+    names = [parts[place.part].name if lone else place.channel for place, lone in zip(places, alone, strict=True)]
+    # none at all where one says too little
+    return list(zip(places, labels_in_words(names, layout.harmonics), strict=False))
 
 
 def _label(part: NamedPart, channel: str) -> PlaneLabel | None:

@@ -3,7 +3,7 @@
 import operator
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
@@ -58,15 +58,19 @@ class Run:
     def roi(self) -> Sequence[int] | None:
         """What the maps show of the recorded frames: columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1; None: all of them.
 
-        Without the run's record the header of the first map says it.
+        Without the run's record the header of the first map that says anything tells it.
         """
         if self.record is not None:
             return cast("Sequence[int] | None", self.record["arguments"].get("roi"))
-        with suppress(FrameError):
-            said = read_facts(self.files[0]).get("roi", "") if self.files else ""
-            if re.fullmatch(r"\d{1,9}(,\d{1,9}){3}", said):
-                return tuple(map(int, said.split(",")))
-        return None
+        said = next(self._headers(), {}).get("roi", "")
+        return tuple(map(int, said.split(","))) if re.fullmatch(r"\d{1,9}(,\d{1,9}){3}", said) else None
+
+    def _headers(self) -> Iterator[Mapping[str, str]]:
+        """Yield the facts in the header of each map that has any; a damaged one may have none."""
+        for file in self.files:
+            with suppress(FrameError):
+                if facts := read_facts(file):
+                    yield facts
 
     def cropped(self, plane: Float, /) -> Float:
         """Return of a plane of a whole frame what the maps show: the pixels of `--roi`."""
@@ -91,12 +95,8 @@ class Run:
         """What the depths of the maps are, as the run's record says or, without one, the header of the first map that says it."""
         if self.record is not None:
             return "z" if self.record["arguments"].get("depth") == "z" else "range"
-        for file in self.files:
-            with suppress(FrameError):
-                words = read_facts(file).get("depth")
-                if words in _DEPTH_BY_WORDS:
-                    return _DEPTH_BY_WORDS[words]
-        return None
+        words = (header.get("depth") for header in self._headers())
+        return next((_DEPTH_BY_WORDS[said] for said in words if said in _DEPTH_BY_WORDS), None)
 
     def optics(self, file: Path, /) -> Optics:
         """Return the optics of the recorded frame of a map, as the run's record has them; unknown without one.

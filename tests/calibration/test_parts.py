@@ -152,7 +152,9 @@ def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:
     assert found.petzval is not None
     assert found.petzval.quality == petzval().quality
     assert cached_calibration(tmp_path, found.digest).digest == found.digest
-    with pytest.raises(MetadataError, match="changed during the run"):
+    with pytest.raises(
+        MetadataError, match=f"another calibration .digest {found.digest}. than when the run began .digest {'0' * 16}"
+    ):
         cached_calibration(tmp_path, "0" * 16)
 
 

@@ -122,3 +122,26 @@ def test_frames_that_only_one_has_are_named(runs: tuple[Path, Path], tmp_path: P
     found = json.loads(cadtof("compare", runs[0], out, "--json").out)
     assert (found["frames"], found["only_a"]["frames"], found["only_b"]["frames"]) == (2, ["frame_0"], [])
     assert "only A has the frames frame_0" in cadtof("compare", runs[0], out).out
+
+
+def test_inputs_without_a_common_layer_are_refused_by_the_layers_of_each(
+    runs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    file, picture = tmp_path / "others.exr", tmp_path / "a.png"
+    write_exr(file, {name: np.ones((24, 32), np.float32) for name in ("beta", "alpha")})
+    of_run = ", ".join(sorted(layers_of(runs[0] / "frame_0.tif")))
+    for options in ((), ("--json",), ("-o", picture)):
+        done = cadtof("compare", runs[0], file, *options)
+        assert (done.status, done.out) == (2, "")
+        assert f"{runs[0]} and {file} have no layer in common: found {of_run} in A and alpha, beta in B; " in done.err
+    assert not picture.exists()
+    assert f"found alpha, beta in A and {of_run} in B" in cadtof("compare", file, runs[0]).err
+
+
+def test_status_alone_is_enough_to_compare(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    write_exr(tmp_path / "status.exr", {"status": np.zeros((24, 32), np.uint32)})
+    done = cadtof("compare", runs[0], tmp_path / "status.exr")
+    assert done.status == 0
+    assert "status differs" in done.out
+    done = cadtof("compare", runs[0], tmp_path / "status.exr", "-o", tmp_path / "a.png")
+    assert (done.status, done.err) == (0, "")

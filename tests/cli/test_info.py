@@ -209,6 +209,37 @@ def test_damaged_maps_and_records(tmp_path: Path) -> None:
     assert map_told.startswith(f"wrong: {out / 'frame_1.tif'}: damaged or truncated TIFF")
 
 
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_a_damaged_first_map_does_not_speak_for_its_folder(form: Form, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=3, form=form), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    maps = [out / f"frame_{index}.{form}" for index in range(3)]
+    second = _facts(maps[1])
+    maps[0].write_bytes(maps[0].read_bytes()[:3000])
+    for record_is_there in (True, False):
+        if not record_is_there:
+            (out / "run.json").unlink()
+        done = cadtof("info", out, "--json", "-j", 1)
+        assert done.status == 1
+        (told,) = done.err.splitlines()
+        assert told.startswith(f"wrong: {maps[0]}: ")
+        facts = json.loads(done.out)
+        assert (facts["kind"], facts["files"]) == ("maps", 3)
+        assert [facts[name] for name in ("pixels", "layers", "status", "about")] == [
+            second[name] for name in ("pixels", "layers", "status", "about")
+        ]
+
+
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_truth_beside_damaged_frames_makes_them_no_maps(form: Form, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", form=form, toml="")
+    write_exr(capture.folder / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
+    capture.files[0].write_bytes(capture.files[0].read_bytes()[:300])
+    done = cadtof("info", capture.folder, "--json", "-j", 1)
+    assert (done.status, json.loads(done.out)["kind"]) == (1, "capture")
+    assert f"wrong: {capture.files[0]}: " in done.err
+
+
 def test_a_calibration_has_a_line_for_each_value_and_each_finding(tmp_path: Path) -> None:
     folder, findings = tmp_path / "camera", ("one, and more", "another")
     response = made_up_calibration(CaptureMetadata(), (24, 32), ("response",)).response

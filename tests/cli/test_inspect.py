@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 import tifffile
 
-from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, layers_of, record, write_exr, write_frame
+from tests.support.captures import (
+    TOML,
+    VOLTS_PER_COUNT,
+    ZERO_COUNTS,
+    Form,
+    layers_of,
+    record,
+    write_exr,
+    write_frame,
+    write_pages,
+)
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, phasors_of
 from tests.support.run_cadtof import cadtof
 
@@ -225,6 +235,60 @@ def test_a_pixel_is_drawn_as_phasors_with_paths_and_noise(tmp_path: Path) -> Non
     done = cadtof("inspect", DATA / "corner", "--pixel", "9,9", "-q", "-o", tmp_path / "gone" / "a.png")
     assert (done.status, done.out) == (2, "")
     assert "cannot be written" in done.err
+
+
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_maps_are_refused_by_the_recorded_frame_alone(form: Form, tmp_path: Path) -> None:
+    """Without a word about settings that nobody asked for; and what is named can be inspected as it stands."""
+    capture, out = record(tmp_path / "capture", frames=2, form=form), tmp_path / "out"
+    first, second = _maps(capture.folder, out, "--roi", "4,2,20,12")
+    for what, place, recorded in ((first, 0, 0), (second, 0, 1), (out, 1, 1)):
+        done = cadtof("inspect", what, "--pixel", "3,3", "--frame", place)
+        assert (done.status, done.out) == (1, "")
+        (told,) = done.err.splitlines()
+        assert told.startswith(f"Error: {(first, second)[recorded]}: holds ")
+        expected = f"; inspect the recorded frame: {capture.files[recorded]}; pixel 0,0 of the maps is 4,2 there"
+        assert told.endswith(expected)
+    (out / "run.json").unlink()
+    done = cadtof("inspect", first, "--pixel", "3,3")
+    assert done.status == 1
+    (told,) = done.err.splitlines()
+    assert "recorded frame" not in told
+
+
+def test_maps_of_stacks_means_and_planes_name_what_can_be_inspected(tmp_path: Path) -> None:
+    pages = [tifffile.imread(file) for file in record(tmp_path / "capture", frames=3).files]
+    for name, toml in (
+        ("stack", "[layout]\nframes = 3\n"),
+        ("planes", '[layout]\npattern = "{frame}_{harmonic}{channel}.tif"\n'),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "capture.toml").write_text(TOML["tif"] + toml)
+    write_pages(tmp_path / "stack" / "a.tif", np.concatenate(pages))
+    for frame, planes in enumerate(pages):
+        for place, plane in enumerate(planes):
+            write_pages(tmp_path / "planes" / f"f{frame}_{1 + place // 2}{1 + place % 2}.tif", plane)
+    for name, options, map_index, expected in (
+        ("stack", (), 2, f"the recorded frame: {tmp_path / 'stack' / 'a.tif'} --frame 2"),
+        ("stack", ("--average", "2"), 1, f"the recorded frame: {tmp_path / 'stack' / 'a.tif'} --frame 2"),
+        (
+            "stack",
+            ("--average", "2"),
+            0,
+            f"the first of the 2 recorded frames: {tmp_path / 'stack' / 'a.tif'} --frame 0",
+        ),
+        ("planes", (), 1, f"the recorded frame: {tmp_path / 'planes'} --frame 1"),
+    ):
+        file = _maps(tmp_path / name, tmp_path / f"{name}{len(options)}", "--overwrite", *options)[map_index]
+        told = cadtof("inspect", file, "--pixel", "3,3").err
+        assert told.rstrip().endswith(f"; inspect {expected}")
+        if not options:
+            _same_bits(_inspected(*_argument(expected))["chosen"], file, 3, 3)
+
+
+def _argument(told: str) -> tuple[Any, ...]:
+    path, _, place = told.partition(": ")[2].partition(" --frame ")
+    return Path(path), 3, 3, "--frame", place
 
 
 def test_what_cannot_be_inspected(tmp_path: Path) -> None:

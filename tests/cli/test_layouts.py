@@ -1,5 +1,6 @@
 """Files laid out and named by others, and settings that lie elsewhere: the same maps as of the files that we know."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -8,7 +9,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from tests.support.captures import TOML, layers_of, record
+from tests.support.captures import TOML, layers_of, record, write_exr
+from tests.support.forward import step_frame
+from tests.support.run_cadtof import cadtof
 from tests.support.shell import shell
 
 PLANES = ((1, 1), (1, 2), (2, 1), (2, 2))
@@ -76,6 +79,26 @@ def test_info_shows_names_as_they_are_given(whole: Path) -> None:
     done = shell("cadtof info planes -j 1", whole)
     assert done.status == 0, done.err
     assert re.search(r"layout.harmonic +25 = 1, 50 = 2 +from ", done.out)
+
+
+@pytest.mark.parametrize("names", ["SC{c}.{f}MHz", "SC{c}_{f}MHz", "{f}MHz.SC{c}", "SC{c}.H{h}"])
+def test_names_in_other_words_are_one_rule_for_pages_and_channels(names: str, tmp_path: Path) -> None:
+    """Planes that lie in another order than ours are found by the same names in a TIFF and in an EXR, and drawn as voltages."""
+    volts = step_frame(np.random.default_rng(0)).astype(np.float32)
+    planes = {names.format(h=h, c=c, f=25 * h): volts[h - 1, c - 1] for c in (2, 1) for h in (2, 1)}
+    (tmp_path / "capture.toml").write_text(TOML["exr"])
+    write_exr(tmp_path / "a.exr", planes)
+    with tifffile.TiffWriter(tmp_path / "a.tif") as tiff:
+        for name, plane in planes.items():
+            tiff.write(plane, photometric="minisblack", metadata=None, extratags=[(285, 2, None, name, False)])
+    for file in (tmp_path / "a.exr", tmp_path / "a.tif"):
+        done = cadtof("info", file, "--json", "-j", 1)
+        assert (done.status, done.err) == (0, "")
+        found = json.loads(done.out)["planes"]
+        assert list(found.values()) == [[plane.min(), plane.max()] for plane in volts.reshape(4, 24, 32)]
+        picture = file.with_suffix(file.suffix + ".svg")
+        assert cadtof("preview", file, "-o", picture).status == 0
+        assert "H1.amplitude" in picture.read_text()
 
 
 def test_a_tree_of_planes_and_planes_by_name(whole: Path) -> None:

@@ -215,6 +215,21 @@ def test_a_sheet_of_thumbnails_on_one_scale(tmp_path: Path) -> None:
         assert _count(picture, (int(red), int(green), int(blue))) > 20 * 30
 
 
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_a_damaged_first_map_is_left_out_of_the_sheet(form: Form, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=3, form=form), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
+    for name in ("run.json", "frames.jsonl"):
+        (out / name).unlink()
+    first = out / f"frame_0.{form}"
+    first.write_bytes(first.read_bytes()[:3000])
+    done = cadtof("preview", out, "-o", tmp_path / "a.png")
+    assert done.status == 0
+    (told,) = done.err.splitlines()
+    assert told.startswith(f"left out: {first}: ")
+    assert _picture(tmp_path / "a.png").size > 0
+
+
 def test_a_layer_that_no_frame_has_is_told_once(tmp_path: Path) -> None:
     maps = _sequence(tmp_path / "maps", 4)
     done = cadtof("preview", maps, "-o", tmp_path / "a.png", "--layer", "depth")

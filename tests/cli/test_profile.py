@@ -110,6 +110,17 @@ def test_maps_of_other_pixels_are_not_drawn_together(runs: tuple[Path, Path], tm
         assert cadtof("profile", runs[0], tmp_path / roi, "--row", 1).status == status
 
 
+def test_a_damaged_first_map_does_not_hide_which_pixels_the_others_show(tmp_path: Path) -> None:
+    capture, out, truth = record(tmp_path / "capture", frames=2), tmp_path / "out", tmp_path / "truth.exr"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--roi", "4,2,20,12").status == 0
+    (out / "run.json").unlink()
+    (out / "frame_0.tif").write_bytes(b"II*\0garbage")
+    write_exr(truth, {"direct.depth": step_truth().astype(np.float32)})
+    done = cadtof("profile", out, "--frame", 1, "--row", 3, "--truth", truth)
+    assert (done.status, done.err) == (0, "")
+    np.testing.assert_allclose(_table(done.out)["truth"], step_truth()[5, 4:20], rtol=1e-6)
+
+
 def test_what_cannot_be_drawn(runs: tuple[Path, Path], tmp_path: Path) -> None:
     write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
     for arguments, told in (

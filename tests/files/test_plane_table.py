@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.named_planes import NamedPart, voltage_places
+from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
 from cadtof_cli.files.plane_table import plane_table
 
 counts = st.integers(1, 6)
@@ -74,12 +74,14 @@ def test_names_win_over_any_order(order: list[int], form: str) -> None:
         assert table[:, harmonic, channel].tolist() == places
 
 
-@given(
-    st.permutations(range(8)),
-    st.sampled_from(
-        ["sc{1}_h{0}", "Harmonic {0}, SC{1}", "rec 3_h{0}_sc{1}.tif", "H0{0}.SC0{1}", "h{0}.sc{1} (V)", "{2} MHz SC{1}"]
-    ),
+WORDS = (
+    *("sc{1}_h{0}", "Harmonic {0}, SC{1}", "rec 3_h{0}_sc{1}.tif", "H0{0}.SC0{1}", "h{0}.sc{1} (V)", "{2} MHz SC{1}"),
+    *("SC{1}.{2}MHz", "sc{1}-{2}.0 MHz", "SC{1}_{2}MHz", "{2}MHz.SC{1}", "SC{1}.H{0}"),
 )
+"""Names that say harmonic {0}, or frequency {2}, and channel {1}."""
+
+
+@given(st.permutations(range(8)), st.sampled_from(WORDS))
 def test_names_in_other_words_win_over_any_order_too(order: list[int], form: str) -> None:
     # two frames
     names = [form.format(1 + place // 2 % 2, 1 + place % 2, (25, 50)[place // 2 % 2]) for place in order]
@@ -87,6 +89,29 @@ def test_names_in_other_words_win_over_any_order_too(order: list[int], form: str
     for harmonic, channel in itertools.product(range(2), range(2)):
         places = [i for i, place in enumerate(order) if place % 4 == 2 * harmonic + channel]
         assert table[:, harmonic, channel].tolist() == places
+
+
+@given(st.permutations(range(4)), st.sampled_from(WORDS), st.booleans())
+def test_channels_and_parts_of_an_exr_go_by_the_same_words(order: list[int], form: str, apart: bool) -> None:
+    names = [form.format(1 + place // 2, 1 + place % 2, (25, 50)[place // 2]) for place in order]
+    parts = [NamedPart(name, ("Y",)) for name in names] if apart else [NamedPart("", tuple(names))]
+    places = voltage_places(parts, FrameLayout((1, 2)), where="file")
+    expected = [order.index(place) for place in range(4)]
+    assert places == [Place(i, "Y") if apart else Place(0, names[i]) for i in expected]
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (["SC1.25MHz", "SC2.25MHz", "SC1.50MHz"], "holds the channels SC1.25MHz, SC2.25MHz, SC1.50MHz, expected"),
+        (["SC1.20MHz", "SC2.20MHz", "SC1.50MHz", "SC2.50MHz"], "holds the channels SC1.20MHz"),
+        (["SC1.25MHz", "SC2.25MHz", "SC1.50MHz", "SC2.50MHz", "other"], "holds the channels SC1.25MHz"),
+        (["SC1.25MHz", "SC2.25MHz", "SC1.50MHz", "SC2.50MHz", "sc1_25MHz"], "found H1.SC1 twice"),
+    ],
+)
+def test_words_in_an_exr_that_do_not_say_each_plane_once_are_no_frame(names: list[str], told: str) -> None:
+    with pytest.raises(FrameError, match=told):
+        voltage_places([NamedPart("", tuple(names))], FrameLayout((1, 2)), where="file")
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.errors import FrameError
-from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader
+from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader, NotMapsError
 from cadtof_cli.files.system import BLOCK_BYTES, codes_of_the_system
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
@@ -177,13 +176,14 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     """Return the pages of an OME-TIFF by the names of its channels.
 
     Raises:
-        FrameError: the file cannot be read, is damaged, or its channels have no names.
+        NotMapsError: its channels have no names.
+        FrameError: the file cannot be read, or is damaged.
     """
     with closing(TiffImages(path, voltages=False)) as images:
         planes = images.planes(np.arange(math.prod(images.sizes)))
         names = [name for name in images.names if name]
     if not names or len(names) != len(planes):
-        raise FrameError(
+        raise NotMapsError(
             f"{path}: found {len(planes)} pages, expected an OME-TIFF of maps with a name for each, as `cadtof resolve` writes it"
         )
     return dict(zip(names, planes, strict=True))

@@ -1,5 +1,6 @@
 """`cadtof compare`: what differs between two runs, or between a run and truth, layer by layer and bit by bit."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -140,7 +141,7 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
     """Return what differs between the frames that two runs, or a run and truth, share.
 
     Raises:
-        CadtofError: maps cannot be read, or differ in size.
+        CadtofError: maps cannot be read, differ in size, or have no layer in common.
     """
     found, tallies = Comparison(), dict[str, MagnitudeTally]()
     frames: list[FrameDifference] = []
@@ -159,12 +160,27 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
         frames.append(_frame_difference(pair))
         _count_bits(found, pair)
         progress.advance()
+    _require_common_layers(found, tallies.keys(), pairs)
     found.layers = {name: tally.summary() for name, tally in tallies.items()}
     found.only_a["frames"], found.only_b["frames"] = pairs.only
     found.worst_by = _leading(tuple(found.layers))
     frames.sort(key=lambda one: (one.p90_abs or 0.0, one.max_abs or 0.0, one.status_changed or 0), reverse=True)
     found.worst = frames[:WORST]
     return found
+
+
+def _require_common_layers(found: Comparison, layers: Collection[str], pairs: MapPairs) -> None:
+    """Make sure that there was anything to compare: values of a layer, or status bits.
+
+    Raises:
+        CaptureError: no frame has a layer in both.
+    """
+    if not layers and found.status_changed is None:
+        one, other = (", ".join(only["layers"]) for only in (found.only_a, found.only_b))
+        raise CaptureError(
+            f"{pairs.a.maps} and {pairs.b.maps} have no layer in common: found {one} in A and {other} in B; give two runs, or a"
+            " run and its truth"
+        )
 
 
 def _count_answers(found: Comparison, layer: str, one: NDArray[np.bool_], other: NDArray[np.bool_]) -> None:

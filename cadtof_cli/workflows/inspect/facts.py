@@ -29,6 +29,7 @@ from cadtof_cli.phasors.noise import estimated_integration_length
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows.inspect.layers import first_sound_layers
 from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run
 
 
@@ -112,8 +113,8 @@ class LayerFacts:
 
 @dataclass
 class MapFacts:
-    """What a map file, or the first of a folder of them, holds; shares of pixels by status bit; the facts in its header; the
-    run's record."""
+    """What a map file, or the first of a folder of them that can be read, holds; shares of pixels by status bit; the facts in
+    its header; the run's record."""
 
     path: str
     files: int
@@ -126,14 +127,17 @@ class MapFacts:
 
 
 def is_map(path: Path, /) -> bool:
-    """Return whether a file, or the first image of a folder without a capture.toml, has layers of maps, as truth has too."""
+    """Return whether a file has layers of maps, as truth has too; or the first sound image of a folder without capture.toml."""
     try:
-        if path.is_dir() and not (path / CAPTURE_FILE).exists():
-            inside = (one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
-            path = min(inside, default=path)
-        return path.suffix.lower() in MAP_SUFFIXES and path.is_file() and any(map(is_map_layer, read_layers(path)))
-    except (CadtofError, OSError):
+        if not path.is_dir():
+            files = [path] if path.suffix.lower() in MAP_SUFFIXES and path.is_file() else []
+        elif (path / CAPTURE_FILE).exists():
+            files = []
+        else:
+            files = sorted(one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
+    except OSError:
         return False
+    return any(map(is_map_layer, first_sound_layers(files) or ()))
 
 
 def facts_of_maps(path: Path, /) -> MapFacts:
@@ -149,11 +153,12 @@ def facts_of_maps(path: Path, /) -> MapFacts:
             facts.problems.append(str(error))
     if not files:
         facts.problems.append(f"{path}: found no maps")
+    described = False
     for file in files:
         try:
             layers = read_layers(file)
-            if file == files[0]:
-                facts.about = read_facts(file)
+            if not described:
+                facts.about, described = read_facts(file), True
                 _describe(facts, layers)
         except CadtofError as error:
             facts.problems.append(str(error))

@@ -97,10 +97,14 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
                 calibration=run.calibration(),
             )
             tasks[name] = FrameTask(sources, capture.layout, plan, None, Path())
+    except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
+        say(f"the settings of the run cannot be taken from its record, {NOT_EVALUATED}: {error}")
+        return FirstPhasors(run, {}, say)
+    try:
         for task in list(tasks.values())[:1]:
             task.calibration()
-    except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
-        say(f"the calibration and the settings of the run are not what they were, {NOT_EVALUATED}: {error}")
+    except CadtofError as error:
+        say(f"the calibration of the run is not what it was, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
     return FirstPhasors(run, tasks, say)
 

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.capture.discovery import TRUTH
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.files.named_planes import plane_label
+from cadtof_cli.files.maps import NotMapsError
+from cadtof_cli.files.named_planes import is_of_a_plane
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import setting
@@ -54,10 +56,28 @@ class GivenOptics:
         return Optics(focal_length_px=known.focal_length_px if focal is None else focal, principal_point_px=point)
 
 
+def first_sound_layers(files: Sequence[Path], /) -> Layers | None:
+    """Return the layers of the first of some files that can be read, which tells what kind of files they are.
+
+    Truth says nothing of damaged files beside it, which may be recorded frames.
+
+    Returns:
+        None where that file has no named layers, or no file can be read.
+    """
+    for file in [path for path in files if path.stem != TRUTH] or files:
+        try:
+            return read_layers(file)
+        except NotMapsError:
+            return None
+        except CadtofError:
+            continue
+    return None
+
+
 def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     """Return one of the layers of a file; raises CaptureError where it has none of that name."""
     if name not in layers:
-        hint = "; `cadtof resolve` makes maps of voltages" if all(map(plane_label, layers)) else ""
+        hint = "; `cadtof resolve` makes maps of voltages" if all(map(is_of_a_plane, layers)) else ""
         raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {name}{hint}")
     return layers[name]
 
@@ -96,11 +116,11 @@ class Truth:
             return self.given
         below = Path(self.run.name(map_file)).parent
         for folder in (below, *below.parents):
-            for path in (self.given / folder / f"truth{suffix}" for suffix in MAP_SUFFIXES):
+            for path in (self.given / folder / f"{TRUTH}{suffix}" for suffix in MAP_SUFFIXES):
                 if path.exists():
                     return path
         raise CaptureError(
-            f"{self.given / below}: found no truth of {self.run.name(map_file)}, expected a file truth{MAP_SUFFIXES[0]} there"
+            f"{self.given / below}: found no truth of {self.run.name(map_file)}, expected a file {TRUTH}{MAP_SUFFIXES[0]} there"
         )
 
     def depth(self, map_file: Path, direct: NDArray[Any], /) -> Float:

@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, open_frames, single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError, SettingsError
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.layers import Shown
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import is_map_layer
+from cadtof_cli.files.named_planes import says_a_channel
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
 from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows.inspect.layers import first_sound_layers
 from cadtof_cli.workflows.resolve.record import RUN_FILE
 from cadtof_cli.workflows.run_folder import Run, map_files, read_run
 
@@ -62,16 +64,15 @@ def _holds_maps(path: Path) -> bool:
         if (path / RUN_FILE).exists():
             return True
         files = () if (path / CAPTURE_FILE).exists() else map_files(path)
-        return not any(one.is_file() for one in path.rglob("*")) or any(_is_of_layers(file) for file in files[:1])
-    return not path.exists() or _is_of_layers(path)
+        return not any(one.is_file() for one in path.rglob("*")) or _are_of_layers(files)
+    return not path.exists() or _are_of_layers([path])
 
 
-def _is_of_layers(path: Path) -> bool:
-    try:
-        layers = read_layers(path)
-    except CadtofError:
+def _are_of_layers(files: Sequence[Path]) -> bool:
+    layers = first_sound_layers(files)
+    if layers is None:
         return False
-    return any(map(is_map_layer, layers)) or not any(".SC" in name.upper() for name in layers)
+    return any(map(is_map_layer, layers)) or not any(map(says_a_channel, layers))
 
 
 def _read_map(run: Run, file: Path) -> Shown:

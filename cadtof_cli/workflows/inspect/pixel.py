@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.errors import CaptureError, SettingsError, require
+from cadtof_cli.capture.frames import Capture, FrameSource
+from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, require
 from cadtof_cli.files.documents import plain
+from cadtof_cli.files.frames import NotAFrameError
 from cadtof_cli.files.maps import STATUS, DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH
@@ -20,10 +22,11 @@ from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.status import StatusBit, describe_status
 from cadtof_cli.units import metres_per_radian
-from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
 from cadtof_cli.workflows.resolve.plans import plan_captures, use_calibration
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
+from cadtof_cli.workflows.run_folder import read_run
 
 NEIGHBOURS = 2
 """Pixels to each side whose depths are shown."""
@@ -60,8 +63,14 @@ def inspect_pixel(
     Raises:
         CadtofError: the frame cannot be read or resolved, or has no such pixel.
     """
-    task, source = _task(frame, place, settings, overrides, progress)
-    stored, recording = read_frame(task)
+    task, notes = _task(frame, place, settings, overrides)
+    source = str(task.sources[0])
+    try:
+        stored, recording = read_frame(task)
+    except NotAFrameError as error:
+        raise _of_maps(error, task.sources[0].paths[0]) from error
+    for note in notes:
+        progress.say(note)
     if recording.left_out:
         progress.say(recording.left_out)
     calibration, plan = task.calibration(), task.plan
@@ -94,9 +103,9 @@ def inspect_pixel(
 
 
 def _task(
-    frame: Path, place: int, settings: ResolveSettings, overrides: Mapping[str, Any], progress: Progress
-) -> tuple[FrameTask, str]:
-    """Return the task that a run would have for a map, and the frame's name."""
+    frame: Path, place: int, settings: ResolveSettings, overrides: Mapping[str, Any]
+) -> tuple[FrameTask, tuple[str, ...]]:
+    """Return the task that a run would have for a map, and notes on what it takes for granted."""
     captures = find_captures(
         [frame], overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
     )
@@ -104,14 +113,31 @@ def _task(
         raise CaptureError(f"{frame}: found {len(captures)} captures, expected a frame or one capture")
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     (plan,) = plan_captures(captures, settings, calibration)
-    for note in (*plan.notes(), *(calibration.notes if calibration else ())):
-        progress.say(note)
     maps = 0
     for task in plan.tasks(settings):
         if maps == place:
-            return task, str(task.sources[0])
+            return task, (*plan.notes(), *(calibration.notes if calibration else ()))
         maps += 1
     raise SettingsError(f"--frame: found {place}, expected 0 … {maps - 1} of what a run on {frame} would write")
+
+
+def _of_maps(error: NotAFrameError, file: Path) -> NotAFrameError:
+    """Return an error that says what to inspect, where the file holds maps of a run that tells the recorded frame."""
+    try:
+        run = read_run(file)
+        capture, recorded = run.recorded_frames(NO_PROGRESS.say)[run.name(file)]
+    except (CadtofError, LookupError):
+        return error
+    what = "the recorded frame" if len(recorded) == 1 else f"the first of the {len(recorded)} recorded frames"
+    corner = f"; pixel 0,0 of the maps is {run.roi[0]},{run.roi[1]} there" if run.roi else ""
+    return NotAFrameError(f"{error}; inspect {what}: {_as_argument(capture, recorded[0])}{corner}")
+
+
+def _as_argument(capture: Capture, source: FrameSource) -> str:
+    """Return a frame as it is named on the command line."""
+    if len(source.paths) > 1:
+        return f"{capture.root} --frame {capture.frames.index(source)}"
+    return f"{source.paths[0]}" + ("" if source.index is None else f" --frame {source.index}")
 
 
 def _noise(evidence: PixelEvidence, plan: FramePlan) -> dict[str, Any]:
