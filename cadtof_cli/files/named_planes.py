@@ -14,6 +14,7 @@ _PLANE = r"(?i)(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?"
 _HARMONIC_WORD = r"(?i)(?<![a-z])h(?:arm(?:onic)?)?[\s._#:-]*0*([1-9]\d*)"
 _CHANNEL_WORD = r"(?i)(?<![a-z])sc[\s._#:-]*0*([12])(?!\d)"
 _FREQUENCY_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*MHz(?![a-z])"
+_PERIOD_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*ns(?![a-z])"
 _CHANNEL_BEFORE_NUMBER = rf"{_CHANNEL_WORD}[\s._/:-]*"
 """SC1 and what parts it from what follows: the frequency in SC1.25MHz is 25 MHz."""
 
@@ -75,6 +76,13 @@ def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[
     return labels if len(labels) == len(names) and wanted == set(labels) else ()
 
 
+def channels_in_words(names: Sequence[str], /) -> tuple[PlaneLabel, ...]:
+    """Return what names such as `SC1 A` say of the channel alone, if each says one, and all channels are named as often."""
+    channels = [int(channel) for name in names if (channel := _only(_CHANNEL_WORD, name))]
+    even = all(channels.count(channel) * CHANNELS == len(names) for channel in range(1, CHANNELS + 1))
+    return tuple(PlaneLabel(None, channel) for channel in channels) if even else ()
+
+
 def says_a_channel(name: str, /) -> bool:
     """Return whether a text is a name that says SC1 or SC2, in whatever words."""
     return _only(_CHANNEL_WORD, name) is not None
@@ -86,7 +94,7 @@ def is_of_a_plane(name: str, /) -> bool:
 
 
 def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[int, ...]:
-    """Return the harmonic that each name says, by its number or as a frequency in MHz.
+    """Return the harmonic that each name says, by its number, as a frequency in MHz or as a period in ns.
 
     Nothing where one of them does not, or a harmonic is named by none.
     """
@@ -94,7 +102,7 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     if None not in numbers:
         found = tuple(int(number) for number in numbers if number)
         return found if len(set(found)) == len(harmonics) else ()
-    frequencies = [float(text) for name in names if (text := _only(_FREQUENCY_WORD, _without_channel(name)))]
+    frequencies = [mhz for name in names if (mhz := _frequency_mhz(_without_channel(name)))]
     different = sorted(set(frequencies))
     if len(frequencies) < len(names) or len(different) != len(harmonics):
         return ()
@@ -102,6 +110,14 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     fundamental = different[0] / harmonics[0]
     in_ratio = all(abs(one - number * fundamental) < _ROUNDING * one for one, number in numbers_of.items())
     return tuple(numbers_of[one] for one in frequencies) if in_ratio else ()
+
+
+def _frequency_mhz(name: str) -> float | None:
+    """Return the frequency that a name says itself, or by its period."""
+    frequency, period = (_only(word, name) for word in (_FREQUENCY_WORD, _PERIOD_WORD))
+    if frequency is not None:
+        return float(frequency)
+    return 1e3 / float(period) if period is not None and float(period) > 0.0 else None
 
 
 def _without_channel(name: str) -> str:

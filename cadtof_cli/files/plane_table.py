@@ -8,7 +8,13 @@ from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels, plane_name
-from cadtof_cli.files.named_planes import PlaneLabel, labels_in_words, plane_label, planes_in_order
+from cadtof_cli.files.named_planes import (
+    PlaneLabel,
+    channels_in_words,
+    labels_in_words,
+    plane_label,
+    planes_in_order,
+)
 
 _CHANNEL_LABELS = "CS"
 
@@ -33,12 +39,24 @@ def plane_table(
     """
     named = {place: label for place, name in enumerate(names) if (label := plane_label(name))}
     if names and not named:
-        named = dict(enumerate(labels_in_words(names, layout.harmonics)))
+        named = dict(enumerate(labels_in_words(names, layout.harmonics) or channels_in_words(names)))
     if not named:
         return _table_by_order(labels, sizes, layout, where)
+    if math.prod(sizes) == layout.planes == len(named):
+        named = _with_harmonics_counted(named, layout)
     if all(None not in label for label in named.values()):
         return _table_by_names(named, layout, where)
     return _reordered(_table_by_order(labels, sizes, layout, where), named, layout, where)
+
+
+def _with_harmonics_counted(named: dict[int, PlaneLabel], layout: FrameLayout) -> dict[int, PlaneLabel]:
+    """Return the labels of the planes of one frame; where they say channels alone, the n-th of a channel is the n-th harmonic."""
+    channels = [label.channel for label in named.values()]
+    as_many = all(channels.count(channel) == len(layout.harmonics) for channel in range(1, CHANNELS + 1))
+    if not as_many or any(label.harmonic for label in named.values()):
+        return named
+    left = {channel: iter(layout.harmonics) for channel in channels}
+    return {place: PlaneLabel(next(left[label.channel]), label.channel) for place, label in named.items()}
 
 
 def _table_by_names(named: dict[int, PlaneLabel], layout: FrameLayout, where: str) -> NDArray[np.intp]:

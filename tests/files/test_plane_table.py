@@ -169,3 +169,47 @@ def test_parts_called_by_their_frequency(parts: tuple[str, str], first: int) -> 
     named = [NamedPart(name, ("SC1", "SC2")) for name in parts]
     places = voltage_places(named, FrameLayout((1, 2)), where="file")
     assert [place.part for place in places] == [first, first, 1 - first, 1 - first]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "SC{c} {period} ns",
+        "{period}ns_sc{c}.tif",
+        "SC{c}.{period}ns",
+        "T={period} ns, SC{c}",
+        "{frequency} MHz, {period} ns: SC{c}",
+    ],
+)
+def test_planes_may_be_named_by_their_period(name: str) -> None:
+    names = [
+        name.format(c=channel, period=period, frequency=1000 / period) for channel in (1, 2) for period in (20.0, 40.0)
+    ]
+    table = plane_table("Q", [4], FrameLayout((1, 2)), where="file", names=names)
+    assert table.tolist() == [[[1, 3], [0, 2]]]
+
+
+@pytest.mark.parametrize("names", [["SC1 A", "SC1 B", "SC2 A", "SC2 B"], ["SC1", "SC1", "SC2", "SC2"]])
+def test_names_that_say_channels_alone_count_harmonics_in_their_order(names: list[str]) -> None:
+    layout = FrameLayout((1, 3))
+    assert plane_table("Q", [4], layout, where="file", names=names).tolist() == [[[0, 2], [1, 3]]]
+    turned = [names[2], names[0], names[3], names[1]]
+    assert plane_table("Q", [4], layout, where="file", names=turned).tolist() == [[[1, 0], [3, 2]]]
+    assert plane_table("CH", [2, 2], layout, where="file", names=names).tolist() == [[[0, 2], [1, 3]]]
+
+
+def test_names_of_a_stack_that_say_channels_alone_must_agree_with_its_order() -> None:
+    layout = FrameLayout((1, 2), 2)
+    names = [f"SC{channel} of frame {frame}" for frame in (0, 1) for channel in (1, 2, 1, 2)]
+    table = plane_table("Q", [8], layout, where="file", names=names)
+    assert table.ravel().tolist() == list(range(8))
+    with pytest.raises(FrameError, match="named as if two were one"):
+        plane_table("Q", [8], layout, where="file", names=sorted(names))
+
+
+@pytest.mark.parametrize(
+    "names", [["camera SC1"] * 4, ["SC1 A", "SC2 A", "SC1 B", "B"], ["0 ns SC1"] * 2 + ["SC2"] * 2]
+)
+def test_words_that_do_not_say_every_channel_as_often_leave_the_order(names: list[str]) -> None:
+    table = plane_table("Q", [4], FrameLayout((1, 2)), where="file", names=names)
+    assert table.ravel().tolist() == list(range(4))
