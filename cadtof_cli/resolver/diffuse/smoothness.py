@@ -58,8 +58,9 @@ def _smoothed_within(light: PatchLight, lit: Bool, kernel: str) -> bool:
     side = math.isqrt(len(light.seen))
     row = slice(side // 2 * side, (side // 2 + 1) * side)
     power, _, _, re, im = light.weighted[:5, row]
-    ratio = (re + 1j * im) / power
-    lag = _lag(ratio.astype(np.complex128), kernel)
+    ratio = np.empty(power.shape, np.complex128)
+    ratio.real, ratio.imag = re / power, im / power
+    lag = _lag(ratio, kernel)
     seen = light.seen[row] & lit & np.isfinite(lag)
     phase = light.phase_rad[row].astype(np.float64)
     direct, shown = (wrapped(_bends_along(one, seen, 1)) for one in (phase - lag, phase))
