@@ -29,8 +29,8 @@ from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.plausible import is_without_noise
+from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.status import StatusBit, has_answer
 

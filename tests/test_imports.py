@@ -14,12 +14,13 @@ from tests.support.run_cadtof import ENVIRONMENT
 
 PACKAGE = Path(__file__).parents[1] / "cadtof_cli"
 
-ANYBODY = {"errors", "units", "arrays", "records", "version"}
+ANYBODY = {"errors", "units", "arrays", "quantiles", "records", "version"}
 
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "units": set(),
     "arrays": set(),
+    "quantiles": set(),
     "records": set(),
     "version": set(),
     "execution": set(),

@@ -14,5 +14,5 @@ The light that reaches a pixel after its direct light is, in a room, a tail: man
     upsampling  from patches to pixels       pixels        a pixel's answer, or that of through_pixels
     predict     a frame's model, all of the above          records       what comes out
 
-`compiled_fit` is the front of compiled twins; `elementary` and `quantiles` are functions that all of it stands on.
+`compiled_fit` is the front of compiled twins; `elementary` holds functions that all of it stands on.
 """

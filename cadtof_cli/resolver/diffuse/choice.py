@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
-from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     SecondPaths,

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Float32
+from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.condition import Conditioned, conditioned
 from cadtof_cli.resolver.diffuse.leaning import Leaning
 from cadtof_cli.resolver.diffuse.noise import Entry
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import MEAN, WITHIN_PATCH
-from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.tail import phase_data, residuals, wrapped
 from cadtof_cli.resolver.diffuse.walls import over_neighbours
 

@@ -9,9 +9,9 @@ Where noise hides each patch's delay, all patches together tell: two paths of ev
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.one_place import missed_by_one_place
-from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.second_paths import (
     LEAST_KNOWN,
     PatchData,

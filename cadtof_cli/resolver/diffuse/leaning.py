@@ -9,9 +9,9 @@ number of a view was found to tell. Three harmonics see early light.
 import numpy as np
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.planes import Surfaces
-from cadtof_cli.resolver.diffuse.quantiles import median
 
 NEAREST, FARTHEST = 0.1, 0.9
 """Shares of the patches below which the nearest and the farthest range of a view lie."""

@@ -8,7 +8,7 @@ the phase, rad, that the fundamental gains by them.
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.resolver.diffuse.quantiles import median
+from cadtof_cli.quantiles import median
 
 AT_FIRST = 1.5 * np.array([(1.0, 0.0, 0.5), (-1.0, 0.0, 0.5)])
 """Where the place is looked for at first, in median ranges of the surfaces: right and left."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
+from cadtof_cli.quantiles import median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.choice import (
@@ -24,7 +25,6 @@ from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
-from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.diffuse.records import (
     NEAREST_M,

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Complex64, Float, Float32
+from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.elementary import rotor
 from cadtof_cli.resolver.diffuse.planes import Surfaces
-from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.kernels import NUMPY, extension
 
 LATER_ALBEDO = 0.65

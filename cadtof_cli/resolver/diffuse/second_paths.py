@@ -12,10 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.quantiles import median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
-from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.two_path.decomposition import decomposed

@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.quantiles import median
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
-from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
 from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.kernels import NUMPY

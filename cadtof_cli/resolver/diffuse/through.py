@@ -8,9 +8,9 @@ where the farther one ends on the plane of such a wall, in patch beside patch, t
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
