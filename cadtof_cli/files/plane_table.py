@@ -42,7 +42,7 @@ def plane_table(
         named = dict(enumerate(labels_in_words(names, layout.harmonics) or channels_in_words(names)))
     if not named:
         return _table_by_order(labels, sizes, layout, where)
-    if math.prod(sizes) == layout.planes == len(named):
+    if math.prod(sizes) == layout.planes:
         named = _with_harmonics_counted(named, layout)
     if all(None not in label for label in named.values()):
         return _table_by_names(named, layout, where)

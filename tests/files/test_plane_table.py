@@ -189,7 +189,14 @@ def test_planes_may_be_named_by_their_period(name: str) -> None:
     assert table.tolist() == [[[1, 3], [0, 2]]]
 
 
-@pytest.mark.parametrize("names", [["SC1 A", "SC1 B", "SC2 A", "SC2 B"], ["SC1", "SC1", "SC2", "SC2"]])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["SC1 A", "SC1 B", "SC2 A", "SC2 B"],
+        ["SC1", "SC1", "SC2", "SC2"],
+        ["SC1, 20 nsteps", "SC1, 40 nsteps", "SC2, 20 nsteps", "SC2, 40 nsteps"],
+    ],
+)
 def test_names_that_say_channels_alone_count_harmonics_in_their_order(names: list[str]) -> None:
     layout = FrameLayout((1, 3))
     assert plane_table("Q", [4], layout, where="file", names=names).tolist() == [[[0, 2], [1, 3]]]
@@ -208,7 +215,13 @@ def test_names_of_a_stack_that_say_channels_alone_must_agree_with_its_order() ->
 
 
 @pytest.mark.parametrize(
-    "names", [["camera SC1"] * 4, ["SC1 A", "SC2 A", "SC1 B", "B"], ["0 ns SC1"] * 2 + ["none"] * 2]
+    "names",
+    [
+        ["camera SC1"] * 4,
+        ["SC1 A", "SC2 A", "SC1 B", "B"],
+        ["0 ns SC1"] * 2 + ["none"] * 2,
+        ["20 nsteps SC2", "20 nsteps SC1", "40 nsteps SC2", "40 nsteps SC1"][:3] + ["none"],
+    ],
 )
 def test_words_that_do_not_say_every_channel_as_often_leave_the_order(names: list[str]) -> None:
     table = plane_table("Q", [4], FrameLayout((1, 2)), where="file", names=names)

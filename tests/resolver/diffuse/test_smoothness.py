@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Bool
 from cadtof_cli.resolver.diffuse import smoothness
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, sampled_light
-from cadtof_cli.resolver.diffuse.smoothness import LEAST_BENDS, are_smoothed_by_two_paths
+from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
 from cadtof_cli.resolver.kernels import available_kernels
 from tests.support.diffuse_frames import OMEGA, F, Tail, Z, corner_range, phasors_of, variance, wall_range
 
@@ -115,26 +116,49 @@ def test_bends_are_second_differences_where_all_three_are_seen(apart: int) -> No
 
 
 @pytest.mark.parametrize(("left", "said"), [(0.99, True), (1.01, False)])
-@pytest.mark.parametrize("count", [LEAST_BENDS - 1, LEAST_BENDS])
+@pytest.mark.parametrize("count", [63, 64])
 def test_a_share_of_the_median_square_must_be_left_of_enough_bends(left: float, said: bool, count: int) -> None:
     shown = np.where(np.arange(count) % 2, 1.0, -1.0)
-    assert smoothness._are_smoother(np.sqrt(0.1 * left) * shown, shown, 0.1) is (said and count == LEAST_BENDS)
+    assert smoothness._are_smoother(np.sqrt(0.1 * left) * shown, shown, 0.1) is (said and count == 64)
 
 
-@pytest.mark.parametrize(("apart", "limit"), [(1, 0.08), (2, 0.04)])
-def test_each_distance_has_its_own_limit(apart: int, limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    frame = seen(wall(), changing(6))
-    monkeypatch.setattr(smoothness, "SMOOTHER_WITHIN", 0.0)
+def test_each_distance_has_its_own_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of lit patches alone; the last is that of the pixels of their middle rows."""
+    light, means, grid = seen(wall(), changing(6))
     asked = []
 
     def listen(direct: F, shown: F, most: float) -> bool:
+        assert direct.size == shown.size
         asked.append((direct.size, most))
         return False
 
     monkeypatch.setattr(smoothness, "_are_smoother", listen)
-    assert not smoothed(frame)
-    rows, columns = frame[1].amplitude.shape
-    assert ((rows - 2 * apart) * columns + rows * (columns - 2 * apart), limit) in asked
+    rows, columns = means.amplitude.shape
+    lit = np.ones((rows, columns), np.bool_)
+    lit[:, -1] = False
+    columns -= 1
+    assert not are_smoothed_by_two_paths(light, means, lit, grid=grid)
+    # a third of the last column of patches lies in the view
+    pixels = int(light.seen[: SIDE - 2, lit].sum())
+    between = [(rows - 2 * apart) * columns + rows * (columns - 2 * apart) for apart in (1, 2)]
+    assert asked == [(between[0], 0.08), (between[1], 0.04), (pixels, 0.1)]
+
+
+def test_what_is_at_the_camera_is_taken_for_two_hundredths_of_a_radian() -> None:
+    _, means, grid = seen(wall(), None)
+    assert_allclose(smoothness._inverse_depth(np.full(means.amplitude.shape, 1e-9), grid) * grid.ray[2], 50.0)
+
+
+@pytest.mark.parametrize("row", range(SIDE))
+def test_the_middle_row_of_patches_tells(row: int) -> None:
+    """Also where phases change by a turn from pixel to pixel: those of the wall are just below π, most of what is seen beyond."""
+    light, means, _ = seen(np.full((HEIGHT, WIDTH), 2.94), changing(1))
+    assert 0.1 < np.mean(light.phase_rad[:, :, :-1] < 0.0) < 0.9
+    hidden = (np.arange(len(light.seen)) // SIDE == row)[:, None, None]
+    every = np.ones(means.amplitude.shape, np.bool_)
+    with np.errstate(all="ignore"):
+        told = smoothness._smoothed_within(replace(light, seen=light.seen & ~hidden), every, available_kernels()[0])
+    assert told is (row != SIDE // 2)
 
 
 def test_within_patches_only_pixels_that_are_seen_count() -> None:
