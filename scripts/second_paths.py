@@ -55,7 +55,7 @@ MODELS: tuple[MpiModel, MpiModel] = ("auto", "discrete")
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """Two true paths in every pixel, of one of `KINDS`; their ranges and shares are drawn by the seed."""
+    """Two true paths in every pixel, of one of `KINDS`, or as a class of this one has them; drawn by the seed."""
 
     kind: str
     seed: int
@@ -115,35 +115,21 @@ class Drawn:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Changing:
+class Changing(Drawn):
     """A wall whose second paths change from block to block of so many pixels: delay and share are drawn for each."""
 
     block_px: int
-    seed: int
-    most: float
-    asr: float = 2.0
 
-    @property
-    def summary(self) -> str:
-        """One sentence about the scene."""
-        return f"second paths of blocks of {self.block_px} pixels, shares up to {self.most:g}"
-
-    def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return two paths per pixel."""
+    def paths(self, across: Float, down: Float) -> tuple[Float, Float, Float]:
+        """Return the ranges of both paths, m, and the second's share of the light."""
         rng = np.random.default_rng(self.seed)
-        near = np.minimum(plane(*slopes(camera), rng.uniform(1.0, 3.5), rng.uniform(-0.3, 0.3, 2)), FARTHEST_M)
-        share, later_ns = (self.of_blocks(camera, rng.uniform(*ends, near.shape)) for ends in ((0.1, 1.0), (3.0, 12.0)))
-        near, share, later_ns = near[rows], self.most * share[rows], later_ns[rows]
-        direct_ns, photons = near * 2.0 / C_M_PER_NS, (near.mean() / near) ** 2
-        return Light(
-            delays_ns=np.stack([direct_ns, direct_ns + later_ns]),
-            photons=photons * np.stack([np.ones_like(share), share]),
-            ambient=0 * near + self.asr,
-        )
+        near = np.minimum(plane(across, down, rng.uniform(1.0, 3.5), rng.uniform(-0.3, 0.3, 2)), FARTHEST_M)
+        share, later_ns = (self._of_blocks(rng.uniform(*ends, near.shape)) for ends in ((0.1, 1.0), (3.0, 12.0)))
+        return near, near + 0.5 * C_M_PER_NS * later_ns, self.share * share
 
-    def of_blocks(self, camera: Camera, values: Float, /) -> Float:
+    def _of_blocks(self, values: Float) -> Float:
         """Return an image in which each block has the value of its first pixel."""
-        y, x = (np.arange(side) // self.block_px * self.block_px for side in (camera.height, camera.width))
+        y, x = (np.arange(side) // self.block_px * self.block_px for side in values.shape)
         return values[np.ix_(y, x)]
 
 
@@ -222,8 +208,8 @@ def changing(seed: int) -> Scenes:
         for most in (0.05, 0.15, 0.4, 0.8):
             for width, height, lens in ((160, 120, 0.72), (320, 240, 0.875), (100, 130, 1.3)):
                 camera = Camera(width=width, height=height, focal_length_px=lens * width)
-                scene = Changing(block_px=block, seed=seed, most=most)
-                yield f"blocks of {block} pixels", scene, camera, LENGTHS["changing"]
+                kind = f"blocks of {block} pixels"
+                yield kind, Changing(kind=kind, block_px=block, seed=seed, share=most), camera, LENGTHS["changing"]
                 seed += 1
 
 
