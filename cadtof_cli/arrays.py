@@ -22,6 +22,9 @@ SomePixels = slice | Index
 
 T = TypeVar("T")
 
+Values = TypeVar("Values", Float, Float32)
+"""Numbers of either precision, such as float64 for patches and float32 for pixels; what is made of them keeps it."""
+
 
 def sealed(shared: T, /) -> T:
     """Return an array, or a record with all arrays in it, that refuses to be changed: what a cache hands to many."""

@@ -157,7 +157,7 @@ def patch_kinds(
         PatchData.of(means, lit, variances, settings.harmonics),
         PatchPlaces(grid.even[lit], means.phase_rad[lit], lit, settings.rad_per_ns, alike),
         kernel=kernel,
-    ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, kernel=kernel):
+    ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=settings, kernel=kernel):
         reason = "separate paths"
     return PatchKinds(lit, separate, share, reason, likely)
 

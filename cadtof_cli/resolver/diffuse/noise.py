@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from cadtof_cli.resolver.diffuse.tail import Values
+from cadtof_cli.arrays import Values
 
 Entry = tuple[int, int]
 """Row and column of a covariance, row ≥ column."""

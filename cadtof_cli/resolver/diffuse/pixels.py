@@ -16,7 +16,8 @@ from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
-from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
+from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
+from cadtof_cli.resolver.diffuse.settings import NEAREST_M
 from cadtof_cli.resolver.diffuse.tail import residuals
 from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.response.as_sine import first_phase

@@ -27,15 +27,13 @@ from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_plan
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.diffuse.records import (
-    NEAREST_M,
     DiffuseModel,
     SeenThrough,
     Tails,
     TermTails,
-    range_from_phase,
 )
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, missed, two_path_lag
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
@@ -235,7 +233,7 @@ def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, f
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     """Return the surfaces by the first depth: that of two paths, from the mean light of every patch."""
-    lag = two_path_lag(means.ratios[0].ravel(), kernel=frame.kernel).reshape(means.amplitude.shape)
+    lag = two_path_lag(means.ratios[0], kernel=frame.kernel)
     range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 

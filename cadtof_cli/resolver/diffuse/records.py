@@ -5,16 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Values
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.diffuse.tail import Values
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.upsampling import Upsampler
-
-NEAREST_M = 0.05
-"""Least range that a pixel is taken to have: with the phase 0 it would have none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +174,3 @@ class DiffusePixels:
         """Take the answers of some pixels back."""
         for field in fields(self)[2:]:
             getattr(self, field.name)[pixels] = np.nan
-
-
-def range_from_phase(phase_rad: Values, settings: DiffuseSettings, /) -> Values:
-    """Return the range of a fundamental phase, in [nearest, nearest + c·T1/2)."""
-    turns = (phase_rad - settings.nearest_m / settings.m_per_rad) / (2.0 * np.pi)
-    ahead: Values = (turns - np.floor(turns)) * (2.0 * np.pi)
-    range_m: Values = settings.nearest_m + ahead * settings.m_per_rad
-    return range_m

@@ -152,14 +152,15 @@ class Scatter:
 
 
 def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
-    """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1², (n,)."""
-    paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
+    """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1²."""
+    flat = ratio.ravel()
+    paths = decomposed(np.ones_like(flat), flat, kernel=kernel)
     sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
     lag: Float = -np.arctan2(
         paths.sin_mean * paths.cos_half + paths.cos_mean * sin_half,
         paths.cos_mean * paths.cos_half - paths.sin_mean * sin_half,
     )
-    return lag
+    return lag.reshape(ratio.shape)
 
 
 def has_one_share(found: SecondPaths, /, *, rad_per_ns: float) -> bool:

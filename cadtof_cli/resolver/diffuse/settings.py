@@ -2,6 +2,9 @@
 
 import math
 
+import numpy as np
+
+from cadtof_cli.arrays import Values
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import MpiModel
@@ -9,6 +12,9 @@ from cadtof_cli.units import C_M_PER_NS, metres_per_radian
 
 CHOSEN_NS = 40.0
 """Period of the fundamental with which all numbers of the prediction were chosen."""
+
+NEAREST_M = 0.05
+"""Least range that a pixel is taken to have: with the phase 0 it would have none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,3 +63,11 @@ class DiffuseSettings:
     def m_per_rad(self) -> float:
         """Range per phase of the fundamental, out and back."""
         return metres_per_radian(self.period_ns)
+
+
+def range_from_phase(phase_rad: Values, settings: DiffuseSettings, /) -> Values:
+    """Return the range of a fundamental phase, in [nearest, nearest + c·T1/2)."""
+    turns = (phase_rad - settings.nearest_m / settings.m_per_rad) / (2.0 * np.pi)
+    ahead: Values = (turns - np.floor(turns)) * (2.0 * np.pi)
+    range_m: Values = settings.nearest_m + ahead * settings.m_per_rad
+    return range_m

@@ -9,11 +9,12 @@ import math
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.quantiles import median
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
+from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.kernels import NUMPY
 
@@ -27,27 +28,32 @@ SMOOTHER_WITHIN = 0.1
 LEAST_BENDS = 64
 """Bends that must be seen: fewer do not tell."""
 
-NEAREST_RAD = 0.02
-"""Phase that what is nearer is taken for: 2 cm at T1 = 40 ns."""
-
 
 def are_smoothed_by_two_paths(
-    light: PatchLight, means: PatchMeans, lit: Bool, /, *, grid: PatchGrid, kernel: str = NUMPY
+    light: PatchLight,
+    means: PatchMeans,
+    lit: Bool,
+    /,
+    *,
+    grid: PatchGrid,
+    settings: DiffuseSettings,
+    kernel: str = NUMPY,
 ) -> bool:
     """Return whether surfaces are smooth, but for noise, once two paths are taken out of a frame's light.
 
-    `means` are those of its patches, of which those that count are `lit`, (rows, columns).
+    `means` are those of its patches, of which those that count are `lit`, (rows, columns). Field curvature stays in both what is
+    seen and what is left: it makes nothing smoother.
     """
     with np.errstate(all="ignore"):
         # of one path alone, the other has no delay
-        return _smoothed_between(means, lit, grid, kernel) or _smoothed_within(light, lit, kernel)
+        return _smoothed_between(means, lit, grid, settings, kernel) or _smoothed_within(light, lit, kernel)
 
 
-def _smoothed_between(means: PatchMeans, lit: Bool, grid: PatchGrid, kernel: str) -> bool:
+def _smoothed_between(means: PatchMeans, lit: Bool, grid: PatchGrid, settings: DiffuseSettings, kernel: str) -> bool:
     """Return whether two paths make what patches show of 1/z smooth."""
-    lag = _lag(means.ratios[0], kernel)
+    lag = two_path_lag(means.ratios[0], kernel=kernel)
     seen = lit & np.isfinite(lag)
-    shown, direct = (_inverse_depth(phase, grid) for phase in (means.phase_rad, means.phase_rad - lag))
+    shown, direct = (_inverse_depth(phase, grid, settings) for phase in (means.phase_rad, means.phase_rad - lag))
     return any(
         _are_smoother(_bends(direct, seen, apart), _bends(shown, seen, apart), most) for apart, most in SMOOTHER.items()
     )
@@ -60,7 +66,7 @@ def _smoothed_within(light: PatchLight, lit: Bool, kernel: str) -> bool:
     power, _, _, re, im = light.weighted[:5, row]
     ratio = np.empty(power.shape, np.complex128)
     ratio.real, ratio.imag = re / power, im / power
-    lag = _lag(ratio, kernel)
+    lag = two_path_lag(ratio, kernel=kernel)
     seen = light.seen[row] & lit & np.isfinite(lag)
     phase = light.phase_rad[row].astype(np.float64)
     direct, shown = (wrapped(_bends_along(one, seen, 1)) for one in (phase - lag, phase))
@@ -72,14 +78,9 @@ def _are_smoother(direct: Float, shown: Float, most: float) -> bool:
     return direct.size >= LEAST_BENDS and float(median(direct * direct)) < most * float(median(shown * shown))
 
 
-def _lag(ratios: Complex, kernel: str) -> Float:
-    return two_path_lag(ratios.ravel(), kernel=kernel).reshape(ratios.shape)
-
-
-def _inverse_depth(phase_rad: Float, grid: PatchGrid) -> Float:
-    """Return 1/z of patches that phases stand for, in 1/rad."""
-    depth_rad = np.maximum(np.mod(phase_rad, 2.0 * np.pi), NEAREST_RAD) * grid.ray[2]
-    return np.asarray(1.0 / depth_rad)
+def _inverse_depth(phase_rad: Float, grid: PatchGrid, settings: DiffuseSettings) -> Float:
+    """Return 1/z of patches that phases stand for, 1/m."""
+    return np.asarray(1.0 / (np.maximum(range_from_phase(phase_rad, settings), NEAREST_M) * grid.ray[2]))
 
 
 def _bends(image: Float, seen: Bool, apart: int) -> Float:

@@ -13,18 +13,14 @@ arg p_h − h·arg p_1, which do not depend on the direct phase; what is wanted 
 """
 
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.arrays import Complex, Float, Values
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import compiled_slopes, is_compiled_for
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.kernels import NUMPY
-
-Values = TypeVar("Values", Float, Float32)
-"""float64 for patches, float32 for pixels."""
 
 STATE = ("ln s", "ln b", "ln u", "ln v", "ln τ", "t")
 """The state's components, in this order everywhere."""

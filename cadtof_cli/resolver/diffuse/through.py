@@ -11,8 +11,8 @@ from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.paths import FULL_TURN

@@ -4,7 +4,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.records import DiffuseBlock, range_from_phase
+from cadtof_cli.resolver.diffuse.records import DiffuseBlock
+from cadtof_cli.resolver.diffuse.settings import range_from_phase
 from cadtof_cli.resolver.diffuse.through import freed_paths
 from cadtof_cli.resolver.kernels import NUMPY
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, Reason
-from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels, range_from_phase
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings, range_from_phase
 from tests.support.diffuse_answers import model_of
 from tests.support.diffuse_frames import C_M_PER_NS, Tail, phasors_of, wall_range
 

@@ -10,11 +10,14 @@ from cadtof_cli.arrays import Bool
 from cadtof_cli.resolver.diffuse import smoothness
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, sampled_light
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
 from cadtof_cli.resolver.kernels import available_kernels
-from tests.support.diffuse_frames import OMEGA, F, Tail, Z, corner_range, phasors_of, variance, wall_range
+from tests.support.diffuse_frames import OMEGA, T1_NS, F, Tail, Z, corner_range, phasors_of, variance, wall_range
 
 HEIGHT, WIDTH, FOCAL_PX = 96, 128, 110.0
+
+SETTINGS = DiffuseSettings(period_ns=T1_NS, harmonics=(1, 2))
 
 SIDE = 6
 """Pixels along a patch of such a frame."""
@@ -49,7 +52,9 @@ def smoothed(frame: tuple[PatchLight, PatchMeans, PatchGrid], lit: Bool | None =
     every = np.ones(means.amplitude.shape, np.bool_)
     kernels = available_kernels()
     said = {
-        are_smoothed_by_two_paths(light, means, every if lit is None else lit, grid=grid, kernel=kernel)
+        are_smoothed_by_two_paths(
+            light, means, every if lit is None else lit, grid=grid, settings=SETTINGS, kernel=kernel
+        )
         for kernel in kernels
     }
     assert len(said) == 1
@@ -94,7 +99,7 @@ def test_noise_and_nothing_at_all_say_nothing() -> None:
 @pytest.mark.parametrize("distance_m", [0.5, 2.9, 4.5])
 def test_a_flat_wall_is_even_in_one_over_its_depth_at_every_distance(distance_m: float) -> None:
     _, means, grid = seen(wall((0.4, -0.3), distance_m), None, n_av=1e12)
-    shown = smoothness._inverse_depth(means.phase_rad, grid)
+    shown = smoothness._inverse_depth(means.phase_rad, grid, SETTINGS)
     everywhere = np.ones(shown.shape, np.bool_)
     bends = smoothness._bends(shown, everywhere, 2)
     # patches that stick out of the view have their middle elsewhere
@@ -137,16 +142,28 @@ def test_each_distance_has_its_own_limit(monkeypatch: pytest.MonkeyPatch) -> Non
     lit = np.ones((rows, columns), np.bool_)
     lit[:, -1] = False
     columns -= 1
-    assert not are_smoothed_by_two_paths(light, means, lit, grid=grid)
+    assert not are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=SETTINGS)
     # a third of the last column of patches lies in the view
     pixels = int(light.seen[: SIDE - 2, lit].sum())
     between = [(rows - 2 * apart) * columns + rows * (columns - 2 * apart) for apart in (1, 2)]
     assert asked == [(between[0], 0.08), (between[1], 0.04), (pixels, 0.1)]
 
 
-def test_what_is_at_the_camera_is_taken_for_two_hundredths_of_a_radian() -> None:
+def test_what_is_at_the_camera_is_taken_for_five_centimetres() -> None:
     _, means, grid = seen(wall(), None)
-    assert_allclose(smoothness._inverse_depth(np.full(means.amplitude.shape, 1e-9), grid) * grid.ray[2], 50.0)
+    nothing = np.full(means.amplitude.shape, 1e-9)
+    assert_allclose(smoothness._inverse_depth(nothing, grid, SETTINGS) * grid.ray[2], 20.0)
+
+
+def test_ranges_begin_where_the_settings_say() -> None:
+    """A wall 7 m away seems to be one at 1 m, and bent, where they begin at 0."""
+    _, means, grid = seen(wall(distance_m=7.2), None, n_av=1e12)
+    far = DiffuseSettings(period_ns=T1_NS, harmonics=(1, 2), nearest_m=4.0)
+    flat, bent = (
+        np.median(np.abs(smoothness._bends(shown, np.ones(shown.shape, np.bool_), 2))) / shown.mean()
+        for shown in (smoothness._inverse_depth(means.phase_rad, grid, settings) for settings in (far, SETTINGS))
+    )
+    assert flat < 0.01 * bent
 
 
 @pytest.mark.parametrize("row", range(SIDE))
