@@ -12,11 +12,11 @@ from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, noise_model
 from cadtof_cli.phasors.response import pulse_response
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths

@@ -16,7 +16,7 @@ from speed.paper_way import paper_way
 from speed.runs import end_to_end, memory, start_up
 
 from cadtof_cli.execution.memory import keep_freed_memory
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 
 SCIPY_PIXELS = 300

@@ -18,10 +18,10 @@ from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.paper.solver import TwoShares, two_shares
 from cadtof_cli.resolver.paper.starts import RandomStarts

@@ -18,7 +18,7 @@ from cadtof_cli.capture.frames import single_frames
 from cadtof_cli.execution.cluster import ordered
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from tests.support.cluster import LocalCluster, local_cluster, no_work
 

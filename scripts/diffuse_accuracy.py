@@ -18,9 +18,9 @@ from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.figures.page import Panel, Scaled, draw_page
 from cadtof_cli.figures.scales import ERRORS, SIGMAS
-from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import noise_model
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth

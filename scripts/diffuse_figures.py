@@ -19,8 +19,8 @@ from with_truth import capture_truth, resolved
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
-from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
 PATCH = 8

@@ -8,9 +8,9 @@ import numpy as np
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, SolverName
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages

@@ -19,7 +19,7 @@ from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import Pixel
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import CaptureError, FrameError, MetadataError, SettingsError
-from cadtof_cli.frame_plan import MapSettings
+from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import layers_of, record

@@ -32,22 +32,13 @@ ALLOWED: dict[str, set[str]] = {
     "maps": {"capture", "files", "optics", "phasors", "resolver"},
     "calibration": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "simulation": {"capture", "optics"},
-    "frame_plan": {"calibration", "capture", "files", "maps", "optics", "phasors", "resolver"},
-    "frame_pixels": {"phasors", "resolver"},  # of the resolver, it knows types alone
-    "frame_stages": {"calibration", "capture", "frame_pixels", "frame_plan", "maps", "optics", "phasors", "resolver"},
-    "frame_neighbours": {"capture", "frame_pixels", "frame_stages", "phasors", "resolver"},
-    "frame_samples": {"frame_pixels", "frame_stages", "resolver"},
-    "pipeline": {
-        *("calibration", "files", "frame_neighbours", "frame_pixels", "frame_plan", "frame_samples", "frame_stages"),
-        *("maps", "phasors", "resolver"),
-    },
-    "one_pixel": {"calibration", "frame_pixels", "frame_plan", "frame_stages", "maps", "phasors", "resolver"},
+    "pipeline": {"calibration", "capture", "files", "maps", "optics", "phasors", "resolver"},
     "report": {"capture", "files", "maps", "optics", "resolver"},
     "api": {
-        *("calibration", "capture", "files", "frame_plan", "maps", "phasors", "pipeline", "resolver", "simulation"),
+        *("calibration", "capture", "files", "maps", "phasors", "pipeline", "resolver", "simulation"),
         "workflows",
     },
-    "figures": {"calibration", "capture", "files", "maps", "one_pixel", "optics", "resolver", "simulation"},
+    "figures": {"calibration", "capture", "files", "maps", "optics", "pipeline", "resolver", "simulation"},
 }
 """What a part may import besides itself and what anybody may: only what comes before it."""
 

@@ -20,7 +20,7 @@ from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.array_frames import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
-from cadtof_cli.frame_plan import MapSettings
+from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.frame_task import read_frame
 from cadtof_cli.workflows.resolve.plans import plan_captures

@@ -13,10 +13,10 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.maps import STATUS
-from cadtof_cli.frame_plan import CalibrationUse, DepthKind, FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import require_plausible
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, SolverName
 from cadtof_cli.workflows.resolve.frame_task import answered_maps
 

@@ -13,8 +13,8 @@ from cadtof_cli.commands.options import CAPTURE_HEADING, capture_options, note_g
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.commands.values import PATH, PIXEL_PLACE
 from cadtof_cli.files.maps import STATUS
-from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.maps.layers import layer_unit
+from cadtof_cli.pipeline.plan import MapSettings
 
 _WIDTH = 22
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, note_given
-from cadtof_cli.frame_plan import MapSettings
+from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 

@@ -19,7 +19,7 @@ from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataErr
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.reading import is_folder, read_bytes, real_path
-from cadtof_cli.frame_plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
+from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, place_in, read_record, report_of
 

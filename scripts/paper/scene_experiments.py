@@ -9,9 +9,9 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.documents import write_rows
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages

@@ -7,8 +7,8 @@ import pytest
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
-from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, Form, counts_of, record
 from tests.support.forward import step_frame

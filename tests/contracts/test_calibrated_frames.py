@@ -14,9 +14,9 @@ from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Part, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.phasors.response import HarmonicResponse
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.calibrations import PETZVAL_QUALITY, response_quality

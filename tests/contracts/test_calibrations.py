@@ -16,8 +16,8 @@ from cadtof_cli.calibration.store import Calibration, digest_of, load_calibratio
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Waveform
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.campaign import ALL_DEFECTS, camera, card, record_campaign

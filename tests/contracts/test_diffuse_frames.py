@@ -9,9 +9,9 @@ import pytest
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
-from cadtof_cli.frame_pixels import FramePixels
-from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.pixels import FramePixels
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.kernels import NUMPY
 
 CORNER = Path(__file__).parents[2] / "sample_data" / "corner"

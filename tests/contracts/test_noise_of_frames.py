@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage, Waveform
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import AMPLITUDE_V, Light, depth_m

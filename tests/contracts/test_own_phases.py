@@ -12,10 +12,10 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
-from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.response import ideal_response
-from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages

@@ -7,10 +7,10 @@ import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.optics import LampBeside
-from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from tests.support.diffuse_frames import F, phasors_of, slopes
 from tests.support.run_cadtof import cadtof
 

@@ -13,10 +13,10 @@ from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.figures.kinds import require_picture
-from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.calibrate.captures import (

@@ -11,7 +11,6 @@ from cadtof_cli.arrays import Status
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import STATUS
-from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.comparison import (
     BitChange,
     LayerDifference,
@@ -21,6 +20,7 @@ from cadtof_cli.maps.comparison import (
     difference,
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
+from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import bit_words
 from cadtof_cli.workflows.inspect.layers import Layers, require_same_pixels, require_same_size
 from cadtof_cli.workflows.progress import Progress

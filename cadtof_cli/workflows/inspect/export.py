@@ -16,9 +16,9 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.files.png import write_grey_png
 from cadtof_cli.files.point_cloud import write_points
-from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.optics import planar_per_range, ray_slopes
+from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.layers import GivenOptics, Layers, layer_of
 from cadtof_cli.workflows.progress import Progress

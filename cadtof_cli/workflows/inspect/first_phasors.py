@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.frame_stages import frame_stages
 from cadtof_cli.maps.layers import without_offset
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline import prepare_frame
+from cadtof_cli.pipeline.frame import prepare_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.pipeline.stages import frame_stages
 from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame

@@ -18,9 +18,9 @@ from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.phasors.voltages import volts_per_count
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.units import unambiguous_range_m
 from cadtof_cli.workflows.inspect.facts import (
     CalibrationFacts,

@@ -17,9 +17,9 @@ from cadtof_cli.figures.layers import Shown
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import is_map_layer
 from cadtof_cli.files.named_planes import says_a_channel
-from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
+from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.layers import first_sound_layers
 from cadtof_cli.workflows.resolve.record import RUN_FILE

@@ -13,12 +13,12 @@ from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, require
 from cadtof_cli.files.documents import plain
 from cadtof_cli.files.frames import NotAFrameError
 from cadtof_cli.files.maps import STATUS, DepthMaps
-from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.one_pixel import OrderTest, PixelEvidence, pixel_evidence
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.voltages import volts_per_count
-from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.one_pixel import OrderTest, PixelEvidence, pixel_evidence
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.status import StatusBit, describe_status
 from cadtof_cli.units import metres_per_radian

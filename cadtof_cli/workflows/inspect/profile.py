@@ -12,10 +12,10 @@ from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import planar_per_range
+from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.layers import layer_of, require_same_pixels, require_same_size

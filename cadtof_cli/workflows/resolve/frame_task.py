@@ -18,10 +18,10 @@ from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.layers import Digest, file_digest, stage_maps
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import require_plausible
-from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status

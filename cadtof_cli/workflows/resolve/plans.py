@@ -14,10 +14,10 @@ from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_com
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.files.reading import real_path
-from cadtof_cli.frame_plan import CalibrationUse, FramePlan
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.status import MEANING

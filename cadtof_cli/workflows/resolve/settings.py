@@ -6,7 +6,7 @@ from pathlib import Path
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.formats import AS_INPUT, MAP_FORMATS
-from cadtof_cli.frame_plan import MapSettings
+from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.records import dataclass, setting
 
 FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)

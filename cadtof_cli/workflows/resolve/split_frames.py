@@ -9,8 +9,8 @@ from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Outcome, WorkerDied
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.frame_pixels import FramePixels
-from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, kept_maps, read_frame, reported, written
 from cadtof_cli.workflows.resolve.record import FrameReport

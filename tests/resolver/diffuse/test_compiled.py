@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Voltage
-from cadtof_cli.frame_pixels import FramePixels
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline import prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.pixels import FramePixels
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels

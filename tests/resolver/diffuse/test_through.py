@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
-from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.diffuse.records import Tails
 from cadtof_cli.resolver.diffuse.through import freed_paths
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings

@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import HarmonicResponse
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.response.table import response_block
 from cadtof_cli.resolver.response.uncertainty import response_sigmas
 from cadtof_cli.resolver.settings import ResolverSettings

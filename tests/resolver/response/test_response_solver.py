@@ -8,10 +8,10 @@ import pytest
 
 from cadtof_cli.calibration.apply import tabulated_responses
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
-from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
-from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.response.table import response_block

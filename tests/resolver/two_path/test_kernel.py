@@ -18,9 +18,9 @@ from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Voltage
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline import prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen_kernel, numpy_note
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
 from cadtof_cli.resolver.status import count_status

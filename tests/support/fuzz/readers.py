@@ -22,7 +22,7 @@ from cadtof_cli.cli import main
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.formats import detect_format
 from cadtof_cli.files.frames import FrameLayout, RawLayout
-from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.workflows.inspect.facts import facts_of_frame
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from tests.support.fuzz import samples

@@ -7,13 +7,13 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, SomePixels, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
-from cadtof_cli.frame_pixels import EVERY, FramePixels
-from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
 from cadtof_cli.optics import LampBeside, planar_per_range
 from cadtof_cli.phasors.noise import NoiseModel, noise_model
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
+from cadtof_cli.pipeline.pixels import EVERY, FramePixels
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
-from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.frame_stages import frame_stages
 from cadtof_cli.phasors.frame_mean import frame_mean
-from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.pipeline.stages import frame_stages
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import step_frame

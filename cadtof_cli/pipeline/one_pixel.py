@@ -8,11 +8,11 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.frame_pixels import FramePixels
-from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.frame_stages import FrameStages, frame_stages
 from cadtof_cli.maps.layers import LayerSource
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
+from cadtof_cli.pipeline.pixels import FramePixels
+from cadtof_cli.pipeline.plan import FramePlan
+from cadtof_cli.pipeline.stages import FrameStages, frame_stages
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
 from cadtof_cli.resolver.order import with_direct_first, worth_another

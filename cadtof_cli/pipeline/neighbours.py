@@ -8,10 +8,10 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
-from cadtof_cli.frame_pixels import FramePixels
-from cadtof_cli.frame_stages import FrameStages
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, most_integration, noise_model
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
+from cadtof_cli.pipeline.pixels import FramePixels
+from cadtof_cli.pipeline.stages import FrameStages
 
 BLOCK_PIXELS = 32768
 """Pixels whose paths are searched for at a time, so that memory stays small however large the frames are."""

@@ -6,7 +6,7 @@ import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 
 

@@ -13,9 +13,14 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.frame_pixels import FramePixels
-from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.frame_stages import (
+from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
+from cadtof_cli.maps.layers import ALWAYS
+from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.plausible import is_without_noise
+from cadtof_cli.pipeline.pixels import FramePixels
+from cadtof_cli.pipeline.plan import FramePlan
+from cadtof_cli.pipeline.stages import (
     DiffusePlan,
     FrameStages,
     frame_stages,
@@ -24,11 +29,6 @@ from cadtof_cli.frame_stages import (
     look_at_frame,
     look_at_frames,
 )
-from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
-from cadtof_cli.maps.layers import ALWAYS
-from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
@@ -37,7 +37,7 @@ from cadtof_cli.resolver.status import StatusBit, has_answer
 if TYPE_CHECKING:
     from cadtof_cli.calibration.apply import CalibrationNoise
     from cadtof_cli.calibration.store import Calibration
-    from cadtof_cli.frame_samples import FrameSamples
+    from cadtof_cli.pipeline.samples import FrameSamples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 
 BLOCK_PIXELS = 38400
@@ -108,7 +108,7 @@ def prepare_frame(
     samples = None if samples is None else samples.ravel()
     noise = stages.noise
     if noise is None:
-        from cadtof_cli.frame_neighbours import estimated_noise
+        from cadtof_cli.pipeline.neighbours import estimated_noise
 
         noise = estimated_noise(
             recorded, samples, dtype=frame.dtype, metadata=plan.metadata, stages=stages, kernel=kernel
@@ -119,7 +119,7 @@ def prepare_frame(
         noise = _with_noise_of_calibration(pixels, samples, stages, stages.correction.noise)
     pixels = replace(pixels, noise=noise if samples is None else replace(noise, samples=samples))
     if plan.settings.pool > 1:
-        from cadtof_cli.frame_neighbours import pooled_pixels
+        from cadtof_cli.pipeline.neighbours import pooled_pixels
 
         pixels = pooled_pixels(pixels, stages, window=plan.settings.pool, kernel=kernel)
     if stages.diffuse is not None:
@@ -231,8 +231,8 @@ def _with_predicted_mpi(
 
     Its pixels are means over neighbours in a `window` of as many pixels along each side.
     """
-    from cadtof_cli.frame_samples import frame_samples
     from cadtof_cli.phasors.pooling import shared_noise
+    from cadtof_cli.pipeline.samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 

@@ -1,0 +1,1 @@
+"""One frame: voltages → maps. Pure: arrays and records in, arrays and records out."""
