@@ -1,4 +1,4 @@
-"""Frames in one array: mapped into memory from a file; and the call of numpy that puts axes right which are in another order."""
+"""Frames in one array that is mapped into memory from a file, and numpy calls that bring axes into the right order."""
 
 import itertools
 import os
@@ -20,24 +20,32 @@ from cadtof_cli.files.system import read_parts
 Mapped = np.memmap[Any, np.dtype[Any]]
 
 _OURS = {3: ("PYX",), 4: ("HCYX", "TPYX"), 5: ("THCYX",)}
-"""Orders of axes that are read, by how many there are: T frame, H harmonic, C channel, P harmonic and channel as one."""
+"""Orders of axes that we read, by the number of axes.
+
+T is the frame, H the harmonic, C the channel; P is one axis for harmonic and channel together.
+"""
 
 _NAMED = 2
-"""Orders that are told of, rows first and columns first: with two harmonics nothing tells their axis from the channels'."""
+"""The most orders of axes that a message names with rows first, and the most with columns first.
+
+With two harmonics, H and C have the same length, so two orders are possible.
+"""
 
 
 @contextmanager
 def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: str | None = None) -> Iterator[Frames]:
-    """Yield the frames of an array whose last axes are Y and X, read one by one from a file that is mapped into memory.
+    """Yield the frames of an array that a file holds. Each frame is read from the file when it is asked for.
 
     Args:
-        path: the file, for messages.
-        array: shape (…, Y, X); the axes before come in the order [frame,] harmonic, channel, the last two perhaps as one.
-        layout: harmonics of the capture, and frames of a stack where the metadata says it.
-        mended_by: the call that saves the array in another order of axes, with `{}` where it is transposed; None: there is none.
+        path: the file that the array is mapped from.
+        array: shape (…, Y, X). The axes before Y and X are [frame,] harmonic, channel in this order; harmonic and
+            channel may be a single axis.
+        layout: harmonics of the capture, and the number of frames in a stack if the metadata gives it.
+        mended_by: the Python call that saves the array in our order of axes, with `{}` at the place of the
+            transposition. Messages show it. None: no call can be given.
 
     Raises:
-        FrameError: the planes do not make up whole frames, or are of a type that we do not read.
+        FrameError: the planes do not make up whole frames, or their type is not in `SAMPLE_TYPES`.
     """
     require_planes(path, array)
     where = f"{path}: found {array[..., 0, 0].size} planes of {shape_text(array.shape, array.dtype)}"
@@ -62,7 +70,7 @@ def single_plane(path: Path, array: Mapped, /) -> Stored:
     """Return the one plane of an array, shape (Y, X), native byte order.
 
     Raises:
-        FrameError: it holds more than one.
+        FrameError: the array holds more than one plane.
     """
     require_planes(path, array)
     if array.size != array.shape[-2] * array.shape[-1]:
@@ -72,10 +80,10 @@ def single_plane(path: Path, array: Mapped, /) -> Stored:
 
 
 def _planes(path: Path, array: Mapped, indices: NDArray[np.intp]) -> Stored:
-    """Return planes by their place in the file, native byte order, shape (n, Y, X), C-contiguous.
+    """Return planes by their index in the file, native byte order, shape (n, Y, X), C-contiguous.
 
-    They are read, not looked at in the memory that the file is mapped into: where it was cut off since, or its disk fails, the
-    system would end the process.
+    The pixels are read from the file, not taken from the mapped memory. If the file was cut off after it was mapped, or
+    the disk fails, access to mapped memory would make the system end the process.
     """
     in_order = array.flags.c_contiguous
     size = array.shape[-2] * array.shape[-1]
@@ -87,16 +95,16 @@ def _planes(path: Path, array: Mapped, indices: NDArray[np.intp]) -> Stored:
             if not read_parts(file.fileno(), [part.view(np.uint8).data]):
                 raise FrameError(f"{path}: was cut off or replaced while it was read; expected a complete file")
     if not in_order:
-        # the first axis varies fastest
+        # Fortran order: the first axis varies fastest
         found = found.reshape(array.shape, order="F").reshape(-1, size)[indices]
     return np.ascontiguousarray(found.reshape(-1, *array.shape[-2:]), array.dtype.newbyteorder("="))
 
 
 def require_planes(path: Path, array: Stored, /) -> None:
-    """Make sure that an array has planes of a type that we read.
+    """Make sure that an array holds planes, and that its type is one that we read.
 
     Raises:
-        FrameError: it has none, or of another type.
+        FrameError: the array is empty or has fewer than two axes, or its type is not in `SAMPLE_TYPES`.
     """
     if array.dtype.name not in SAMPLE_TYPES:
         raise FrameError(f"{path}: found values of type {array.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
@@ -109,11 +117,19 @@ def _size_text(shape: Sequence[int]) -> str:
 
 
 def transpositions(call: str, shape: Sequence[int], harmonics: int, /) -> str:
-    """Return the calls that bring an array into our order of axes, for the orders that it may have by its shape.
+    """Return, in words for a message, the calls that bring an array into our order of axes.
 
-    Empty where it may be in our order, or has the shape of no frame. Rows and columns follow each other, and are more than
-    the planes of a frame; where there would be more rows than columns, columns may come first, as in what MATLAB stored. `call`
-    is one of Python, with `{}` where the array is transposed.
+    The shape tells which orders of axes the array may have: rows and columns are neighbours, and each is longer than
+    the number of planes in a frame. Columns may come first, as MATLAB stores them; that is considered only if the array
+    would then have more columns than rows.
+
+    Args:
+        call: a Python call that saves the array, with `{}` at the place of the transposition.
+        shape: of the array.
+        harmonics: number of harmonics.
+
+    Returns:
+        Text for a message. Empty if the array may already be in our order, or if no frame can have this shape.
     """
     lengths = {"H": harmonics, "C": CHANNELS, "P": CHANNELS * harmonics}
 

@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all: written under a temporary name, then renamed."""
+"""Files and folders that appear whole or not at all: they are written under a temporary name, then renamed."""
 
 import errno
 import json
@@ -19,7 +19,7 @@ _ERRORS_OF_THE_PLACE = frozenset(
         errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM,
     }
 )  # fmt: skip
-"""Errors that keep every file from being written there, not only this one."""
+"""Errors that concern the place, not the file: no other file can be written there either."""
 
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
@@ -27,22 +27,25 @@ _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 class PartialFile:
     """A file that is written under a temporary name beside `path`, until it is committed or discarded.
 
-    The temporary file exists already, empty; nobody else has made it. `commit` syncs the content to the disk before it renames
-    the file, and the folder before it returns: whatever happens, there is a whole file or none. A symbolic link at `path` is
-    replaced, not followed. `parts`, where they are set, are what `commit` writes, one after the other; nobody must change them
-    until then.
+    The constructor creates the temporary file, empty, under a name that did not exist before. `commit` renames it to
+    `path` (atomic rename). Before the rename it syncs the content to the disk, and before it returns it syncs the
+    folder. So the new file is complete or absent, whatever happens. A symbolic link at `path` is replaced, not
+    followed.
+
+    If `parts` is set, `commit` writes these parts, one after the other. They must not change before `commit` returns.
 
     Args:
         path: the file to be written.
-        token: marks the temporary name, so that `remove_partial_files` finds what a killed writer left.
+        token: a part of the temporary name, by which `remove_partial_files` finds the files that a killed writer left.
 
     Raises:
-        OutputError: the file cannot be made; PlaceError: another could not be made either.
+        OutputError: the file cannot be created.
+        PlaceError: no other file can be created there either.
     """
 
     def __init__(self, path: Path, /, *, token: str = "") -> None:
         self.path = path
-        # only the beginning of the name, which may already have the greatest length of a name
+        # only the beginning of the name: the name may already be as long as the system allows
         name = f".{path.name[:40]}.{os.urandom(8).hex()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
         self.temporary = path.with_name(name)
         self._descriptor: int | None = None
@@ -53,13 +56,17 @@ class PartialFile:
             raise not_written(path, error) from error
 
     def commit(self, let_go: Callable[[], None] = lambda: None, /) -> int:
-        """Sync the file to the disk, rename it to `path`, and return its size in bytes; this waits, and hardly computes.
+        """Write the parts, sync the file to the disk, rename it to `path`, and return its size in bytes.
+
+        Nearly all of the time is spent waiting for the disk.
 
         Args:
-            let_go: called when the parts are written, and kept no longer.
+            let_go: called when all parts are written and this object no longer holds them: their memory can be used
+                again.
 
         Raises:
-            OutputError: that fails, and the file is discarded; PlaceError: another file would fail too.
+            OutputError: the file cannot be written or renamed; it has been discarded.
+            PlaceError: no other file can be written there either.
         """
         assert self._descriptor is not None
         size = sum(part.nbytes for part in self.parts) or None
@@ -72,7 +79,7 @@ class PartialFile:
             if not found.st_size or not os.path.samestat(found, os.lstat(self.temporary)):
                 raise OSError("nothing was written")
             os.fsync(self._descriptor)
-            # not every system renames an open file
+            # some systems cannot rename an open file
             descriptor, self._descriptor = self._descriptor, None
             os.close(descriptor)
             os.replace(self.temporary, self.path)
@@ -86,7 +93,7 @@ class PartialFile:
         return found.st_size
 
     def discard(self) -> None:
-        """Remove what was written."""
+        """Close and remove the temporary file."""
         if self._descriptor is not None:
             remove_and_close(self.temporary, self._descriptor)
         else:
@@ -96,10 +103,11 @@ class PartialFile:
 
 @contextmanager
 def atomic_write(path: Path, /) -> Iterator[Path]:
-    """Yield a temporary name beside `path`; what is written there replaces `path` on leaving, or is removed on an error.
+    """Yield the name of a temporary file beside `path`. It replaces `path` after the block, or is removed on an error.
 
     Raises:
-        OutputError: the file cannot be written or renamed; PlaceError: another would fail too.
+        OutputError: the file cannot be written or renamed.
+        PlaceError: no other file can be written there either.
     """
     partial = PartialFile(path)
     try:
@@ -113,10 +121,11 @@ def atomic_write(path: Path, /) -> Iterator[Path]:
 
 @contextmanager
 def writing(path: Path, /) -> Iterator[None]:
-    """Turn the system's errors in writing a file into what they mean for a user, see `not_written`.
+    """Turn an OSError in the block, in which `path` is written, into the error that `not_written` returns.
 
     Raises:
-        OutputError: the file cannot be written; PlaceError: another would fail too.
+        OutputError: the file cannot be written.
+        PlaceError: no other file can be written there either.
     """
     try:
         yield
@@ -125,12 +134,12 @@ def writing(path: Path, /) -> Iterator[None]:
 
 
 def not_written(path: Path, error: OSError, /, *, size: int | None = None) -> OutputError:
-    """Return what an error of the system means for a user: whether the file that is written is at fault, or its place.
+    """Return the error for a user: PlaceError if no file can be written at that place, else OutputError.
 
     Args:
         path: the file.
-        error: of the system.
-        size: about how many bytes were to be written; None: nobody knows.
+        error: the error that the operating system raised.
+        size: approximate number of bytes that were to be written; None: not known.
     """
     told = error.strerror or str(error)
     if error.errno in _FULL and size is not None:
@@ -143,17 +152,18 @@ def not_written(path: Path, error: OSError, /, *, size: int | None = None) -> Ou
 
 
 def remove_partial_files(folder: Path, /, *, token: str) -> None:
-    """Remove the half-written files that killed writers with this token left in a folder, or below it; `*`: with any."""
+    """Remove the temporary files that killed writers with this token (`*`: any) left in a folder or below it."""
     with suppress(OSError):
         for leftover in folder.rglob(f".*.{token}{PARTIAL_SUFFIX}"):
             leftover.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str, /) -> None:
-    """Write a text, whole or not at all; its lines end the same on every system.
+    """Write a text as UTF-8, whole or not at all. Line ends are the same on every system.
 
     Raises:
-        OutputError: the file cannot be written; PlaceError: another would fail too.
+        OutputError: the file cannot be written.
+        PlaceError: no other file can be written there either.
     """
     content = memoryview(text.encode())
     partial = PartialFile(path)
@@ -162,15 +172,15 @@ def write_text(path: Path, text: str, /) -> None:
 
 
 def write_json(path: Path, document: Mapping[str, Any], /) -> None:
-    """Write a JSON document, readable by people, whole or not at all."""
+    """Write a JSON document, indented, whole or not at all."""
     write_text(path, json.dumps(document, indent=2, default=str) + "\n")
 
 
 def make_folder(path: Path, /) -> None:
-    """Make a folder, and its parents, that files can be written into.
+    """Create a folder and its parents if they do not exist, and make sure that files can be written into it.
 
     Raises:
-        OutputError: it is a file, or cannot be made or written into.
+        OutputError: `path` is a file, or the folder cannot be created or written into.
     """
     probe = path / f".cadtof.{os.urandom(8).hex()}{PARTIAL_SUFFIX}"
     try:
@@ -185,17 +195,17 @@ def make_folder(path: Path, /) -> None:
 
 
 def require_new(path: Path, /, *, overwrite: bool) -> None:
-    """Refuse to replace a file, before any work is done for it.
+    """Make sure, before any work is done, that writing a file would not replace another one.
 
     Raises:
-        OutputError: something is there already, and `overwrite` is not set.
+        OutputError: `path` exists already, and `overwrite` is not set.
     """
     if os.path.lexists(path) and not overwrite:
         raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another place")
 
 
 def require_absent(path: Path, /) -> None:
-    """Raise OutputError where there is a file, or a folder that is not empty."""
+    """Raise OutputError if `path` is a file, or a folder that is not empty."""
     if path.is_dir() and not any(path.iterdir()):
         return
     if path.exists() or path.is_symlink():
@@ -208,7 +218,7 @@ def new_folder(path: Path, /) -> Iterator[Path]:
     """Yield a temporary folder beside `path`, and rename it to `path` on success.
 
     Raises:
-        OutputError: something is there already, or the place cannot be written.
+        OutputError: `path` is a file or a folder that is not empty, or the place cannot be written.
     """
     require_absent(path)
     try:
@@ -221,7 +231,7 @@ def new_folder(path: Path, /) -> Iterator[Path]:
         yield partial
         partial.replace(path)
     except OutputError as error:
-        # the temporary name tells nobody anything
+        # the message is to name the folder that the user asked for, not the temporary one
         raise type(error)(str(error).replace(str(partial), str(path))) from error
     except OSError as error:
         raise not_written(path, error) from error

@@ -1,4 +1,4 @@
-"""Tables as CSV, and values that JSON can hold."""
+"""Tables as CSV text, and values in a form that JSON can hold."""
 
 import csv
 import io
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def csv_text(names: Iterable[str], rows: Iterable[Iterable[Any]], /, *, digits: int | None = None) -> str:
-    """Return a table as CSV: numbers with so many digits, or all that they have; nothing for None and NaN."""
+    """Return a table as CSV text. Numbers have `digits` significant digits (None: all); None and NaN become empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
@@ -24,12 +24,12 @@ def _cell(value: Any, digits: int | None) -> Any:
 
 
 def write_rows(path: Path, names: Sequence[str], rows: Iterable[Iterable[float]], /) -> None:
-    """Write a CSV of numbers, seven digits each."""
+    """Write a table of numbers as CSV, with seven significant digits each."""
     path.write_text(csv_text(names, rows, digits=7), encoding="utf-8", newline="")
 
 
 def plain(value: Any, /) -> Any:
-    """Return a value as JSON can hold it: numpy's numbers as Python's own, and null where a number is not finite."""
+    """Return a value as JSON can hold it: numpy's numbers become Python's, numbers that are not finite become None."""
     if isinstance(value, Mapping):
         return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):

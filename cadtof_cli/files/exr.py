@@ -1,6 +1,7 @@
-"""EXR files, by way of the OpenEXR library: recorded frames, in one part or a part for each harmonic, and named layers.
+"""EXR files, read and written by the OpenEXR library: recorded frames and named layers.
 
-Layers are maps with their status bits, truth, and the maps of a calibration.
+A frame lies in one part, or in one part per harmonic. Named layers are maps with their status bits, truth, and the maps
+of a calibration.
 """
 
 import math
@@ -33,7 +34,7 @@ _COMPRESSIONS: dict[Compression, Any] = {
 }
 
 _PREFIX = "cadtof."
-"""How the attributes begin that say something about the maps."""
+"""Prefix of the attributes that hold facts about the maps."""
 
 _LOSSY_FOR = {
     "B44": ("float16",),
@@ -42,18 +43,18 @@ _LOSSY_FOR = {
     "DWAA": ("float16", "float32"),
     "DWAB": ("float16", "float32"),
 }
-"""Types whose values a compression changes."""
+"""The sample types whose values each lossy compression changes."""
 
 _PICTURE_CHANNELS = frozenset({"R", "G", "B", "Y", "RY", "BY"})
-"""The channels that DWAA and DWAB change, whatever layer they are of."""
+"""Last parts of the names of the channels that DWAA and DWAB change; they keep all others."""
 
 _SAMPLE_BYTES = 4
-"""The most that one sample of an EXR channel takes; a header without pixels does not tell the type."""
+"""The most bytes that a sample of an EXR channel takes; a header that is read without pixels does not tell the type."""
 
 
 @dataclass(frozen=True)
 class ExrPart(NamedPart):
-    """One part, as its header describes it."""
+    """One part of an EXR file, as its header describes it: sizes are rows and columns, positions are column and row."""
 
     shape: tuple[int, int]
     subsampled: tuple[str, ...]
@@ -63,22 +64,22 @@ class ExrPart(NamedPart):
 
 
 def read_parts(path: Path, /) -> list[ExrPart]:
-    """Return what the headers of a file say, without its pixels.
+    """Return the parts of a file as their headers describe them; no pixels are read.
 
     Raises:
-        FrameError: the file cannot be read, is damaged, or promises more pixels than it can hold.
+        FrameError: the file cannot be read, is damaged, or its headers promise more pixels than the file can hold.
     """
     file = _opened(path, header_only=True)
     with damage_as_frame_error(path, "EXR"):
         parts = [_part(file.header(index)) for index in range(len(file.parts))]
-        # the library makes room for the image, and for one whole tile, which may be larger
+        # the library allocates the image and one whole tile, which may be larger than the image
         samples = sum((math.prod(part.shape) + math.prod(part.tile)) * len(part.channels) for part in parts)
         require_plausible_size(path, samples * _SAMPLE_BYTES, path.stat().st_size)
     return parts
 
 
 def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
-    """Return the name of a file's compression where that changes values of a type; None where it does not.
+    """Return the name of the file's compression if it changes values of type `dtype`, else None.
 
     Raises:
         FrameError: the file cannot be read.
@@ -110,7 +111,9 @@ def _part(header: dict[str, Any]) -> ExrPart:
 
 @contextmanager
 def open_pixels(path: Path, places: Sequence[tuple[int, str]], /) -> Iterator[list[NDArray[Any]]]:
-    """Yield the channels at these parts and names as they are stored; they live as long as the file is open.
+    """Yield the channels at these places (index of a part, name of a channel) as they are stored.
+
+    The arrays are valid only inside the block, as long as the file is open.
 
     Raises:
         FrameError: the file cannot be read, is damaged, or lacks a channel.
@@ -129,10 +132,11 @@ def _opened(path: Path, *, header_only: bool) -> Any:
     with damage_as_frame_error(path, "EXR"):
         with library_output() as said:
             try:
-                # no threads of the library's own: its pool does not survive a fork
+                # the library must start no threads, because its thread pool does not survive a fork
                 file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
             except Exception:
-                # it says the same of a damaged file and of one that cannot be opened while so many are
+                # the library raises the same error for a damaged file and for one that cannot be opened because too
+                # many files are open; reading the file ourselves raises the system's own error
                 read_through(path)
                 raise
         if said:
@@ -146,10 +150,10 @@ def _opened(path: Path, *, header_only: bool) -> Any:
 
 
 def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compression: Compression, **header: str) -> None:
-    """Write (Y, X) channels, float16, float32 or uint32, as one part of scan lines.
+    """Write channels, (Y, X) each, float16, float32 or uint32, as one scan-line part.
 
     Raises:
-        OSError: that fails.
+        OSError: the file cannot be written.
     """
     planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
     described = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage, **header}
@@ -157,7 +161,7 @@ def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compressio
         try:
             OpenEXR.File(described, planes, num_threads=0).write(str(path))
         except RuntimeError as error:
-            # the library has no other kind of error, and its message names the file, which may be a temporary one
+            # the library raises only this kind of error; its message names the file, which may be a temporary one
             raise OSError(str(error).rpartition('"')[2].strip(" .")) from error
     if not path.exists():
         raise OSError("the OpenEXR library wrote nothing")
@@ -165,11 +169,11 @@ def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compressio
 
 @contextmanager
 def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
-    """Read the frame in one EXR file, all of it on opening.
+    """Yield the frame in an EXR file; all of it is read when the file is opened.
 
     Args:
-        path: an EXR file, scan line or tiled, of any compression that the OpenEXR library reads; of a pyramid the
-            full resolution is taken.
+        path: an EXR file, scan-line or tiled, of any compression that the OpenEXR library reads. From a pyramid of
+            resolutions, the full resolution is read.
         layout: harmonics of the capture.
 
     Raises:
@@ -183,7 +187,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
-    """Return the one plane of an EXR file, shape (Y, X): its only channel, or luminance Y.
+    """Return the one plane of an EXR file, shape (Y, X): its only channel, or its channel Y (luminance).
 
     Raises:
         FrameError: the file cannot be read, is damaged, or holds more than one plane.
@@ -199,7 +203,7 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
 
 
 def write_frame(path: Path, stored: Stored, /, *, layout: FrameLayout, compress: bool) -> None:
-    """Write a frame, shape (H, C, Y, X), as float32 channels H1.SC1, H1.SC2, H2.SC1, …"""
+    """Write a frame, shape (H, C, Y, X), as float32 channels with the names H1.SC1, H1.SC2, H2.SC1, …"""
     planes = stored.astype(np.float32).reshape(layout.planes, *stored.shape[2:])
     write_exr(path, dict(zip(layout.plane_names, planes, strict=True)), compression="zip" if compress else "none")
 
@@ -218,7 +222,7 @@ def _planes(path: Path, parts: Sequence[ExrPart], places: Sequence[Place]) -> St
 
 
 def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place]) -> tuple[int, int]:
-    """Return height and width of all the planes, after checking that they are plain images of one size."""
+    """Return the height and width of all planes; refuse planes that are no plain images of one size and origin."""
     shape, origin = parts[places[0].part].shape, parts[places[0].part].origin
     for place in places:
         part = parts[place.part]
@@ -239,9 +243,9 @@ def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place])
 
 
 def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence[memoryview]:
-    """Write maps as float channels, and the status bits as one of unsigned integers; what is said about them as attributes.
+    """Write the layers as float32 channels, the status bits as a uint32 channel, and units and facts as attributes.
 
-    They are not compressed: compressing noise takes ten times as long as resolving it.
+    The file is not compressed, because compressing noise takes ten times as long as resolving it.
     """
     channels = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     units = {f"{_PREFIX}unit.{name}": unit for name, unit in header.units.items() if unit}
@@ -251,7 +255,7 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
-    """Return what the attributes of a file's first part say about its maps."""
+    """Return the facts about the maps that the attributes of the file's first part hold, by name."""
     file = _opened(path, header_only=True)
     with damage_as_frame_error(path, "EXR"):
         texts = {name: value for name, value in file.header(0).items() if isinstance(value, str)}
@@ -260,7 +264,7 @@ def read_facts(path: Path, /) -> dict[str, str]:
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
-    """Return the channels of a file's first part by name, as they are stored."""
+    """Return the channels of the file's first part by name, (Y, X) each, as they are stored."""
     names = read_parts(path)[0].channels
     with open_pixels(path, [(0, name) for name in names]) as planes:
         return {name: plane.copy() for name, plane in zip(names, planes, strict=True)}

@@ -1,6 +1,7 @@
 """The registry of file formats. A format is one entry here and the modules that the entry names.
 
-Options and discovery read it at start-up, so a format's library is loaded only when a file of that format is met.
+Options and discovery use the registry when the program starts. So the library of a format is loaded only when a file of
+that format is read or written.
 """
 
 import os
@@ -24,14 +25,14 @@ if TYPE_CHECKING:
     from cadtof_cli.files.maps import DepthMaps, MapHeader
 
 _HEAD_BYTES = 16
-"""First bytes that are read to recognise a format; messages show four of them."""
+"""Number of first bytes that are read to recognise a format; messages show four of these bytes."""
 
 
 class FrameReader(Protocol):
-    """How the frames of a format are read. What is wrong with a file is a FrameError that names it."""
+    """How the frames of a format are read. A file that cannot be read raises a FrameError that names the file."""
 
     def open_frames(self, path: Path, layout: "FrameLayout", /) -> AbstractContextManager["Frames"]:
-        """Open a file of whole frames; NotAFrameError where it holds something else than voltages."""
+        """Open a file of whole frames; raise NotAFrameError if it holds something other than voltages."""
 
     def read_plane(self, path: Path, layout: "FrameLayout", /) -> "Stored":
         """Return the one plane of a file, shape (Y, X), native byte order."""
@@ -45,23 +46,25 @@ class FrameWriter(Protocol):
 
 
 class Compressions(Protocol):
-    """How the compression of a format's files is told."""
+    """How to find out whether the compression of a format's files changes values."""
 
     def lossy_compression(self, path: Path, dtype: "np.dtype[Any]", /) -> str | None:
-        """Return the name of a file's compression where that changes values of a type; None where none is known to."""
+        """Return the name of the file's compression if it is known to change values of type `dtype`, else None."""
 
 
 class LayerFiles(Protocol):
-    """How maps are written in a format, and named layers read from it."""
+    """How maps are written in a format, and how named layers are read from it."""
 
     def write_maps(self, path: Path, maps: "DepthMaps", /, *, header: "MapHeader") -> Sequence[memoryview]:
-        """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes.
+        """Write the maps of a frame: layers in their order, then the status bits. The same maps give the same bytes.
 
-        Return nothing after the file was written, or its bytes in parts, which the caller writes.
+        Returns:
+            Nothing (an empty sequence) if the file has been written. Otherwise the parts of the file, in their order;
+            the caller writes them.
         """
 
     def read_facts(self, path: Path, /) -> dict[str, str]:
-        """Return the facts in the header of a map file, by name; nothing where another program wrote it."""
+        """Return the facts in the header of a map file, by name; empty if another program wrote the file."""
 
     def read_layers(self, path: Path, /) -> "dict[str, NDArray[Any]]":
         """Return the layers of a file by name, (Y, X) each, as they are stored."""
@@ -72,17 +75,19 @@ class Format:
     """One file format.
 
     Attributes:
-        name: what options and `cadtof info` call it; files that we write end with it.
-        title: what messages call it.
-        suffixes: endings of its files in lower case, by which folders are searched.
-        magics: first bytes of its files, by which a file is judged; none where the name has to do.
+        name: the name in options and in `cadtof info`, and the suffix of files that we write.
+        title: the name in messages.
+        suffixes: suffixes of its files in lower case; folders are searched for them.
+        magics: first bytes of its files, by which a file is recognised; empty if files can be recognised only by their
+            name.
         stacks: whether a file may hold several frames.
-        frames: loads the module that reads its frames.
-        whole: whether a file may hold a whole frame, not one plane only.
-        layers: loads the module that writes maps and reads layers; None where maps are not kept in it.
-        recording: loads the module that writes frames; None where frames are only read.
-        counts: whether a recording in it holds counts, not volts.
-        compressions: loads the module that tells whether a file's compression changes values; None where no such is known.
+        frames: loads the module that reads frames.
+        whole: whether a file may hold a whole frame; False: a file holds one plane.
+        layers: loads the module that writes maps and reads layers; None: the format is not used for maps.
+        recording: loads the module that writes frames; None: frames of this format are only read.
+        counts: whether the simulated camera records counts in this format; False: it records volts.
+        compressions: loads the module that tells whether a file's compression changes values; None: no compression of
+            this format is known to change values.
     """
 
     name: str
@@ -99,7 +104,7 @@ class Format:
 
 
 def _module(name: str) -> Callable[[], Any]:
-    """Return a function that imports a module of `files/` when it is first called."""
+    """Return a function that returns a module of `files/`, and imports it when it is first called."""
     return cache(partial(import_module, f"cadtof_cli.files.{name}"))
 
 
@@ -152,18 +157,18 @@ RAW = Format(
 FORMATS = (EXR, TIFF, NPY, PNG, RAW)
 
 FRAME_SUFFIXES = tuple(suffix for one in FORMATS if one.magics and one.whole for suffix in one.suffixes)
-"""Endings of files that count as frames in any folder."""
+"""Suffixes of the files that count as frames in every folder, without any metadata."""
 
 MAP_SUFFIXES = tuple(suffix for one in FORMATS if one.layers for suffix in one.suffixes)
 
 FRAME_FORMATS = tuple(one.name for one in reversed(FORMATS) if one.recording)
-"""Names of the formats that a simulated camera records in, the usual one first."""
+"""Names of the formats in which a simulated camera can record; the first is the default."""
 
 MAP_FORMATS = tuple(one.name for one in FORMATS if one.layers)
-"""Names of the formats that maps are written in."""
+"""Names of the formats in which maps can be written."""
 
 AS_INPUT = "same"
-"""Stands for the format of the frames, where that of their maps is named."""
+"""Value of the option for the format of maps that means: the format of the frames."""
 
 _BY_NAME = {one.name: one for one in FORMATS}
 _BY_SUFFIX = {suffix: one for one in FORMATS for suffix in one.suffixes}
@@ -175,14 +180,15 @@ def format_by_name(name: str, /) -> Format:
 
 
 def format_by_suffix(path: Path, /) -> Format | None:
-    """Return the format that the ending of a file's name says; None for others. Names may be wrong: see `detect_format`."""
+    """Return the format of a file by its suffix; None: unknown suffix. A name may be wrong: see `detect_format`."""
     return _BY_SUFFIX.get(path.suffix.lower())
 
 
 def map_format(name: str, frame: Path, /) -> Format:
-    """Return the format of the maps of a frame: the one named, or for `same` that of the frame.
+    """Return the format in which the maps of a frame are written.
 
-    It is TIFF where no maps are kept in that, or the frame's name does not tell.
+    It is the format called `name`, or, if `name` is "same", the format that the suffix of the frame's file stands for.
+    If that suffix is unknown, or if its format is not used for maps, it is TIFF.
     """
     if name != AS_INPUT:
         return format_by_name(name)
@@ -191,10 +197,10 @@ def map_format(name: str, frame: Path, /) -> Format:
 
 
 def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:
-    """Return the endings of files that a capture may be recorded in.
+    """Return the suffixes of the files in which a capture may be recorded.
 
     Args:
-        planes: whether files are to hold a plane each, by `[layout] pattern`.
+        planes: whether each file holds one plane, which `[layout] pattern` says.
         raw: whether `[layout.raw]` says what raw dumps hold.
     """
     taken = (one for one in FORMATS if (one.magics or raw) and (one.whole or planes))
@@ -202,10 +208,15 @@ def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:
 
 
 def detect_format(path: Path, /, *, raw: bool = False) -> Format:
-    """Return the format of a file by its first bytes; where `[layout.raw]` says what raw dumps hold, theirs by its name.
+    """Return the format of a file by its first bytes.
+
+    Args:
+        path: the file.
+        raw: whether `[layout.raw]` says what raw dumps hold. If so, a file with the suffix of a raw dump is a raw dump,
+            whatever its first bytes are.
 
     Raises:
-        FrameError: the file cannot be read, or is of no format that we know.
+        FrameError: the file cannot be read, or its format is unknown.
     """
     if raw and format_by_suffix(path) is RAW:
         return RAW

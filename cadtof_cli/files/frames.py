@@ -1,4 +1,4 @@
-"""The order of a frame's planes in files, and the frames of an open file as every reader returns them."""
+"""The order of a frame's planes in files, and the record of an open file's frames that every reader returns."""
 
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -12,19 +12,23 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.units import size_text
 
 CHANNELS = 2
-"""SC1, the cosine, and SC2, the sine."""
+"""Channels per harmonic: SC1, the cosine, and SC2, the sine."""
 
 SAMPLE_TYPES = ("float16", "float32", "float64", "int16", "int32", "uint16", "uint32", "uint8")
-"""Types that a frame may be recorded in."""
+"""Types that the stored values of a frame may have."""
 
 
 class NotAFrameError(FrameError):
-    """A sound file that holds something other than voltages, such as a map; a run reports it as skipped."""
+    """An undamaged file that holds something other than voltages, such as a map; a run reports it as skipped."""
 
 
 @dataclass(frozen=True)
 class RawLayout:
-    """What a raw dump holds (`[layout.raw]`): numpy's name of its type, shape (…, Y, X), and bytes before the first value."""
+    """What a raw dump holds, as `[layout.raw]` says.
+
+    `dtype` is numpy's name of the type, `shape` is (…, Y, X), `offset_bytes` is the number of bytes before the first
+    value.
+    """
 
     dtype: str
     shape: tuple[int, ...]
@@ -33,12 +37,12 @@ class RawLayout:
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """What the metadata says of how files are laid out.
+    """How the planes of frames are laid out in files, as far as the metadata says it.
 
     Attributes:
         harmonics: harmonic numbers h in rising order, such as (1, 2).
-        frames: frames in each stack (`[layout] frames`); None where files say it themselves.
-        raw: what raw dumps hold; None where nothing says it.
+        frames: number of frames in each stack (`[layout] frames`); None: not given, the files say it themselves.
+        raw: what raw dumps hold; None: not given.
     """
 
     harmonics: tuple[int, ...]
@@ -47,12 +51,12 @@ class FrameLayout:
 
     @property
     def planes(self) -> int:
-        """Planes in one frame: SC1 and SC2 at every harmonic."""
+        """Number of planes in one frame: SC1 and SC2 of every harmonic."""
         return CHANNELS * len(self.harmonics)
 
     @property
     def plane_names(self) -> tuple[str, ...]:
-        """Names of the planes in the order of files and pages."""
+        """Names of the planes in the order in which files hold them: H1.SC1, H1.SC2, H2.SC1, …"""
         return tuple(plane_name(harmonic, channel) for harmonic in self.harmonics for channel in (1, 2))
 
 
@@ -60,7 +64,7 @@ class ReadFrame(Protocol):
     """How a frame of an open file is read."""
 
     def __call__(self, index: int = 0, /) -> Stored:
-        """Return frame `index` as it is stored: shape (H, C, Y, X), C-contiguous, native byte order."""
+        """Return frame `index` with its stored values: shape (H, C, Y, X), C-contiguous, native byte order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +72,13 @@ class Frames:
     """The frames of one open file.
 
     Attributes:
-        count: how many there are.
-        shape: of one frame, H C Y X.
-        dtype: of the stored values, native byte order.
-        read: reads one of them.
-        read_like: reads the single frame of another file whose bytes differ from this one's in their pixels alone, which so is as
-            sound as this one; None of any other file. OSError: it cannot be read. None: a reader has no such way.
+        count: number of frames.
+        shape: shape of one frame, (H, C, Y, X).
+        dtype: type of the stored values, native byte order.
+        read: reads one frame.
+        read_like: a quick way to read the single frame of another file, if all bytes around its pixels are the same as
+            in this file. Such a file needs no checks, because this file passed them. The function returns None for any
+            other file, and raises OSError if the file cannot be read. None: the reader has no such function.
     """
 
     count: int
@@ -84,24 +89,29 @@ class Frames:
 
 
 def is_sample_type(dtype: str, /) -> bool:
-    """Return whether numpy's name of a type, of any byte order, is one that a frame may be recorded in."""
+    """Return whether a frame may be stored in the type that numpy calls `dtype`, in any byte order."""
     try:
         return np.dtype(dtype).name in SAMPLE_TYPES
     except (TypeError, ValueError, SyntaxError):
-        # numpy parses texts with commas and brackets as structured types
+        # SyntaxError: numpy parses texts with commas and brackets as structured types
         return False
 
 
 def plane_name(harmonic: int, channel: int) -> str:
-    """Return the name that one plane has in EXR files and in messages, such as H1.SC2."""
+    """Return the name of a plane in EXR files and in messages, such as H1.SC2."""
     return f"H{harmonic}.SC{channel}"
 
 
 def harmonic_labels(harmonics: tuple[int, ...], found: Collection[int]) -> tuple[int, ...]:
-    """Return what a capture calls its harmonics: their numbers h, or their places 1, 2, … in the order.
+    """Return the labels by which the files of a capture name its harmonics.
 
-    The number is the rule. Places are accepted where they are all there and the numbers are not: a capture with
-    harmonics (1, 3) whose files say H1 and H2 has counted them.
+    Usually these are the harmonic numbers h. They are the places 1, 2, … in the order of the harmonics if all places
+    are in `found` but not all numbers are. Example: if a capture has the harmonics (1, 3) and its files say H1 and H2,
+    then H2 is the second harmonic, h = 3.
+
+    Args:
+        harmonics: harmonic numbers h of the capture.
+        found: labels that the files name.
     """
     places = tuple(range(1, len(harmonics) + 1))
     if not set(harmonics) <= set(found) and set(places) <= set(found):
@@ -110,5 +120,5 @@ def harmonic_labels(harmonics: tuple[int, ...], found: Collection[int]) -> tuple
 
 
 def shape_text(shape: tuple[int, ...], dtype: np.dtype[Any]) -> str:
-    """Return an image's size for a message, such as `320 × 240 uint16`, from a shape that ends in Y, X."""
+    """Return size and type of an image for a message, such as `320 × 240 uint16`; `shape` is (…, Y, X)."""
     return f"{size_text(shape[-2:])} {dtype.name}"

@@ -1,4 +1,4 @@
-"""Files of named layers in any format: maps, truth and calibration."""
+"""Files of named layers in every format that holds them: maps, truth and the maps of a calibration."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +14,10 @@ from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suff
 from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader, NotMapsError
 
 Digest = xxh3_128
-"""What bytes are added to piece by piece, fast enough for every frame and its maps: it finds accidents, not forgeries."""
+"""Hash function for digests of files, fast enough for every frame and its maps.
+
+It detects accidental changes; it gives no protection against forgery.
+"""
 
 _CHUNK_BYTES = 2**22
 
@@ -22,26 +25,27 @@ _STATUS_LIMIT = 2**32
 
 
 def file_digest(path: Path, /) -> str:
-    """Return the digest of a file's bytes, a few megabytes at a time.
+    """Return the digest of a file's bytes.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
     digest = Digest()
     with path.open("rb", buffering=0) as file:
-        # a map may be large: never all of it in memory
+        # a map may be large, so it is read in pieces
         while piece := file.read(_CHUNK_BYTES):
             digest.update(piece)
     return digest.hexdigest()
 
 
 def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str) -> tuple[PartialFile, str]:
-    """Write maps under a temporary name, in the format that `path` ends with; return that file and the digest of its bytes.
+    """Write maps under a temporary name, in the format of `path`'s suffix; return the file and the digest of its bytes.
 
-    The file is still to be committed or discarded: committing waits for the disk, and something else can be done meanwhile.
+    The caller commits or discards the file. A commit waits for the disk, so the caller can do other work at the same
+    time.
 
     Raises:
-        OutputError: the file cannot be written, for lack of space or permission.
+        OutputError: the file cannot be written, such as for lack of space or permission.
     """
     kind = format_by_suffix(path)
     if kind is None or kind.layers is None:
@@ -64,13 +68,14 @@ def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str)
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
-    """Return the layers of a map or truth file by name, (Y, X) each, as they are stored, and the status as uint32 bits.
+    """Return the layers of a map or truth file by name, (Y, X) each, as they are stored; the status becomes uint32.
 
-    Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF, which holds the bits as floats.
+    Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF. An OME-TIFF holds the
+    status bits as float numbers.
 
     Raises:
-        NotMapsError: its layers have no names.
-        FrameError: the file cannot be read, is damaged, or its status is no bits.
+        NotMapsError: the layers have no names.
+        FrameError: the file cannot be read, is damaged, or its status holds numbers that cannot be bits.
     """
     kind = detect_format(path)
     if kind.layers is None:
@@ -85,17 +90,17 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
 
 
 def _with_quiet_nans(layer: NDArray[Any]) -> NDArray[Any]:
-    """Return a layer without NaNs of the kind that raise a warning wherever they are converted."""
+    """Return a layer with quiet NaNs only: signalling NaNs would raise a warning at every conversion."""
     if layer.dtype.kind != "f":
         return layer
     with np.errstate(invalid="ignore"):
-        # by one, not plus zero: that turns −0 into 0
+        # multiplied by 1, because adding 0 would turn −0 into 0
         quiet: NDArray[Any] = layer * layer.dtype.type(1)
     return quiet
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
-    """Return the facts in the header of a map file, such as the kind of depth and the recorded frame; nothing where it has none.
+    """Return the facts in the header of a map file by name, such as the kind of depth; empty if there are none.
 
     Raises:
         FrameError: the file cannot be read, or is damaged.
@@ -109,9 +114,9 @@ def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bo
 
     Args:
         path: the file to be written.
-        layers: by name, half, float32 or uint32.
-        lossy: rounded to 16 bits of mantissa by PXR24 compression. That is 0.06 mm at 4 to 8 m, and a quarter of the bytes
-            that lossless compression needs for smooth maps.
+        layers: the layers by name: float16, float32 or uint32.
+        lossy: whether values are rounded to 16 bits of mantissa, by PXR24 compression. The rounding is 0.06 mm at 4 to
+            8 m. Smooth maps then take a quarter of the bytes that lossless compression needs.
 
     Raises:
         OutputError: the file cannot be written.

@@ -1,7 +1,8 @@
-"""What the libraries of OpenEXR, PNG and JPEG XR print, caught before it reaches the terminal.
+"""Catches the text that the libraries of OpenEXR, PNG and JPEG XR print, before it reaches the terminal.
 
-On damaged files they write to file descriptors 1 and 2 from C++ and to `sys.stdout` from a Python binding, and may then hand back
-fewer parts, or wrong pixels, as if nothing had happened. What they print is the only sign.
+When a file is damaged, these libraries print to file descriptors 1 and 2 from C++, and to `sys.stdout` from a Python
+binding. Then they may return fewer parts, or wrong pixels, without any error. The printed text is the only sign of the
+damage.
 """
 
 import contextlib
@@ -15,20 +16,20 @@ from collections.abc import Iterator
 from cadtof_cli.files.system import flush_c_streams, read_at
 
 _DESCRIPTORS = (1, 2)
-"""Standard output, on which a pipeline reads our JSON, and standard error."""
+"""Standard output, from which other programs read our JSON, and standard error."""
 
 _LIBRARY_LINES = re.compile(r"EXR|ojph|^Warning: |^PNG |WMPTag", re.IGNORECASE)
-"""The libraries' own, and those of OpenJPH, by which one reads HTJ2K."""
+"""Lines that come from these libraries, or from OpenJPH, with which OpenEXR decodes HTJ2K."""
 
 _lock = threading.Lock()
-"""The descriptors belong to the process, so threads take turns."""
+"""All threads of the process share the descriptors, so only one thread at a time may redirect them."""
 
 
 @contextlib.contextmanager
 def library_output() -> Iterator[list[str]]:
     """Collect the lines that a library prints within the block; the list is filled when the block ends.
 
-    Lines that other threads print meanwhile, such as a progress bar, are passed on.
+    Lines that other threads print at the same time, such as a progress bar, are printed after the block.
     """
     said: list[str] = []
     with _lock, contextlib.ExitStack() as opened:
@@ -37,7 +38,7 @@ def library_output() -> Iterator[list[str]]:
         single_thread = threading.active_count() == 1
         kept: dict[int, tuple[int, int]] = {}
         for descriptor in filter(_is_open, _DESCRIPTORS):
-            # none is left open where no more may be
+            # all are closed again, even if the process may open no more files
             file = _closed_with(opened, _unnamed_file())
             kept[descriptor] = file, _closed_with(opened, os.dup(descriptor))
         flush_c_streams()
@@ -72,10 +73,11 @@ def _is_open(descriptor: int) -> bool:
 
 
 def _unnamed_file() -> int:
-    """Return a descriptor of a file that nobody else sees; a pipe would block when it is full."""
+    """Return a descriptor of a file without a name; a pipe in its place would block when it is full."""
     if hasattr(os, "memfd_create"):
         return os.memfd_create("cadtof")
-    # with random and shutil, more than a hundredth of the time that a command takes to start
+    # imported here, because this module, with random and shutil, takes more than 1 % of the time that a command takes
+    # to start
     import tempfile
 
     with tempfile.TemporaryFile() as stream:
@@ -83,7 +85,7 @@ def _unnamed_file() -> int:
 
 
 def _separate(said: list[str], printed: str, unprinted: str, *, single_thread: bool) -> None:
-    """Keep the library's lines, and write those of other threads, where there were any, to where they were going."""
+    """Append the library's lines to `said`; write the lines of other threads, if there were any, to their streams."""
     for text, stream in ((unprinted, sys.stderr), (printed, sys.stdout)):
         for line in text.splitlines(keepends=True):
             if single_thread or _LIBRARY_LINES.search(line):

@@ -1,4 +1,7 @@
-"""MATLAB's files, which hold arrays of any names and orders of axes: not read, but how to save one so that it is, is told."""
+"""Files of MATLAB. They are refused, because their arrays have any name and any order of axes.
+
+The message says how to save such an array in a file that we read.
+"""
 
 from pathlib import Path
 
@@ -15,11 +18,11 @@ _LEAST_AXES = 3
 
 
 def matlab_refusal(path: Path, head: bytes, /) -> FrameError:
-    """Return the error that says how an array of a MATLAB file becomes a frame.
+    """Return the error that says how an array of a MATLAB file can be saved as a frame.
 
     Args:
         path: the file.
-        head: its first bytes, as in `MAGICS`.
+        head: its first bytes.
     """
     saved = repr(str(path.with_suffix(".npy")))
     if head.startswith(MAGICS[1]):
@@ -33,7 +36,7 @@ def matlab_refusal(path: Path, head: bytes, /) -> FrameError:
 
 
 def _saving(path: Path, saved: str) -> str:
-    """Return how to save the first array of a file that may be a frame."""
+    """Return how to save the first array of a file that has enough axes for a frame."""
     with damage_as_frame_error(path, "MATLAB"):
         arrays = [(name, shape) for name, shape, _ in scipy.io.whosmat(path) if len(shape) >= _LEAST_AXES]
     for name, shape in arrays:

@@ -1,4 +1,7 @@
-"""Which channel, page or band of a file is which plane of a frame, where they have names: names win over order."""
+"""Finds which channel, page or band of a file is which plane of a frame, by their names.
+
+If there are names, they decide; the order in the file does not matter.
+"""
 
 import itertools
 import re
@@ -16,22 +19,25 @@ _CHANNEL_WORD = r"(?i)(?<![a-z])sc[\s._#:-]*0*([12])(?!\d)"
 _FREQUENCY_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*MHz(?![a-z])"
 _PERIOD_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*ns(?![a-z])"
 _CHANNEL_BEFORE_NUMBER = rf"{_CHANNEL_WORD}[\s._/:-]*"
-"""SC1 and what parts it from what follows: the frequency in SC1.25MHz is 25 MHz."""
+"""A word for the channel and the separators after it, so that SC1.25MHz is SC1 at 25 MHz, not 1.25 MHz."""
 
 _LONGEST_NAME = 256
-"""Letters of a name; what is longer is a description."""
+"""Most letters of a name; a longer text is a description."""
 
 _ROUNDING = 0.02
-"""What a frequency in a name may differ by from a multiple of the fundamental: 33 and 67 MHz."""
+"""Largest relative difference between a frequency in a name and a multiple of the fundamental.
+
+Names hold rounded frequencies, such as 33 and 67 MHz.
+"""
 
 _COLOURS = frozenset({"R", "G", "B", "A", "Y", "RY", "BY"})
-"""Channels of a picture: colours, opacity, luminance and chroma."""
+"""Names of the channels of a picture: colours, opacity, luminance and chroma."""
 
 Found = TypeVar("Found")
 
 
 class PlaneLabel(NamedTuple):
-    """What a name says of its plane; None where it leaves harmonic or channel open."""
+    """The harmonic and the channel that a name gives for its plane; None: the name does not give it."""
 
     harmonic: int | None
     channel: int | None
@@ -39,21 +45,21 @@ class PlaneLabel(NamedTuple):
 
 @dataclass(frozen=True)
 class NamedPart:
-    """One part of a file, such as all of it; its name is empty where it has none."""
+    """One part of a file, or the whole file, with the names of its channels; `name` is empty if it has no name."""
 
     name: str
     channels: tuple[str, ...]
 
 
 class Place(NamedTuple):
-    """One channel of a file."""
+    """One channel of a file: the index of its part, and its name."""
 
     part: int
     channel: str
 
 
 def plane_label(name: str, /) -> PlaneLabel | None:
-    """Return what a name such as H1.SC2, h1_sc2, H1/SC2, SC2 or H1 says of its plane; None where it says nothing."""
+    """Return the label that a name such as H1.SC2, h1_sc2, H1/SC2, SC2 or H1 gives its plane; None: it gives none."""
     match = re.fullmatch(_PLANE, name.strip())
     if match is None or (match["harmonic"] is None and match["channel"] is None):
         return None
@@ -61,9 +67,10 @@ def plane_label(name: str, /) -> PlaneLabel | None:
 
 
 def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[PlaneLabel, ...]:
-    """Return what names such as `sc1_h2`, `Harmonic 2, SC1`, `rec_h2_sc1.tif` or `SC1.50MHz` say, if each says both, once.
+    """Return the labels that names such as `sc1_h2`, `Harmonic 2, SC1`, `rec_h2_sc1.tif` or `SC1.50MHz` give.
 
-    Nothing where one of them does not, or a harmonic or channel is named by none.
+    Every name must give exactly one harmonic and one channel, and every plane must be named. If not, the result is
+    empty.
     """
     channels = [_only(_CHANNEL_WORD, name) for name in names]
     numbers = harmonics_in_words(names, harmonics)
@@ -77,26 +84,29 @@ def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[
 
 
 def channels_in_words(names: Sequence[str], /) -> tuple[PlaneLabel, ...]:
-    """Return what names such as `SC1 A` say of the channel alone, if each says one, and all channels are named as often."""
+    """Return the labels that names such as `SC1 A` give, which give only the channel.
+
+    Every name must give exactly one channel, and all channels must be named equally often. If not, the result is empty.
+    """
     channels = [int(channel) for name in names if (channel := _only(_CHANNEL_WORD, name))]
     even = all(channels.count(channel) * CHANNELS == len(names) for channel in range(1, CHANNELS + 1))
     return tuple(PlaneLabel(None, channel) for channel in channels) if even else ()
 
 
 def says_a_channel(name: str, /) -> bool:
-    """Return whether a text is a name that says SC1 or SC2, in whatever words."""
+    """Return whether a text is a name that contains SC1 or SC2, in any spelling, exactly once."""
     return _only(_CHANNEL_WORD, name) is not None
 
 
 def is_of_a_plane(name: str, /) -> bool:
-    """Return whether a name says a harmonic or channel, in our form, or a channel in other words."""
+    """Return whether a name gives a harmonic or channel in our form (H1.SC2), or a channel in another form."""
     return plane_label(name) is not None or says_a_channel(name)
 
 
 def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[int, ...]:
-    """Return the harmonic that each name says, by its number, as a frequency in MHz or as a period in ns.
+    """Return the harmonic that each name gives: as a number, as a frequency in MHz, or as a period in ns.
 
-    Nothing where one of them does not, or a harmonic is named by none.
+    Every name must give exactly one harmonic, and every harmonic must be named. If not, the result is empty.
     """
     numbers = [_only(_HARMONIC_WORD, name) for name in names]
     if None not in numbers:
@@ -113,7 +123,7 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
 
 
 def _frequency_mhz(name: str) -> float | None:
-    """Return the frequency that a name says itself, or by its period."""
+    """Return the frequency in MHz that a name gives, directly or by a period in ns; None: it gives none."""
     frequency, period = (_only(word, name) for word in (_FREQUENCY_WORD, _PERIOD_WORD))
     if frequency is not None:
         return float(frequency)
@@ -125,15 +135,15 @@ def _without_channel(name: str) -> str:
 
 
 def _only(word: str, name: str) -> str | None:
-    """Return the number in a name that has one such word; None where it has none, or several."""
+    """Return the number in the only match of the pattern `word` in a name; None: no match, or several."""
     found = re.findall(word, name) if len(name) <= _LONGEST_NAME else []
     return found[0] if len(found) == 1 else None
 
 
 def planes_in_order(found: Mapping[tuple[int, int], Found], layout: FrameLayout, *, where: str) -> list[Found]:
-    """Return what was found for each harmonic and channel in the order H1.SC1, H1.SC2, H2.SC1, …
+    """Return the values of `found`, which are keyed by harmonic and channel, in the order H1.SC1, H1.SC2, H2.SC1, …
 
-    Harmonics are called by number or place: see `harmonic_labels`.
+    Files name a harmonic by its number or by its place: see `harmonic_labels`.
 
     Raises:
         FrameError: a plane is missing.
@@ -152,13 +162,13 @@ def planes_in_order(found: Mapping[tuple[int, int], Found], layout: FrameLayout,
 def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: str) -> list[Place]:
     """Return the places of a frame's planes in the order H1.SC1, H1.SC2, H2.SC1, …
 
-    A channel says its harmonic itself (H2.SC1), or its part does (a part H2 with SC1 and SC2), or else the parts count
-    as harmonics in their order. The only channel of a part H2.SC1 may be called anything. Where no name has this form, other
-    words count: see `labels_in_words`.
+    The name of a channel gives its harmonic (H2.SC1), or the name of its part gives it (a part H2 with the channels SC1
+    and SC2). If neither does, the parts are the harmonics in their order. If a part called H2.SC1 has only one channel,
+    the channel may have any name. If no name has this form, names in other words are used: see `labels_in_words`.
 
     Raises:
         NotAFrameError: no channel holds a voltage.
-        FrameError: a harmonic or channel is missing or there twice.
+        FrameError: a plane is missing or appears twice.
     """
     found = _labelled(parts, layout, where)
     if not found:
@@ -167,7 +177,7 @@ def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: st
 
 
 def not_a_frame(names: Iterable[str], layout: FrameLayout, *, where: str) -> NotAFrameError:
-    """Return the error for a file whose channels hold something else than voltages."""
+    """Return the error for a file whose channels, with these names, hold something other than voltages."""
     found = list(names)
     what = "a colour picture, " if _COLOURS.issuperset(found) else ""
     return NotAFrameError(
@@ -176,7 +186,7 @@ def not_a_frame(names: Iterable[str], layout: FrameLayout, *, where: str) -> Not
 
 
 def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[tuple[int, int], Place]:
-    """Return the place of every voltage by harmonic label and channel."""
+    """Return the place of every plane by its harmonic label and channel."""
     by_part = _part_labels(parts, layout, where)
     found: dict[tuple[int, int], Place] = {}
     for place, label in _labels_in_our_form(parts) or _labels_in_words(parts, layout):
@@ -199,23 +209,32 @@ def _labels_in_our_form(parts: Sequence[NamedPart]) -> list[tuple[Place, PlaneLa
 
 
 def _labels_in_words(parts: Sequence[NamedPart], layout: FrameLayout) -> list[tuple[Place, PlaneLabel]]:
-    """Return what all channels say in other words; the part of a lone one speaks for it, unless it says its channel itself."""
+    """Return the labels that names in other words give to all channels.
+
+    Empty unless every name gives a harmonic and a channel.
+
+    If a channel is the only one of its part and its own name gives no channel, the name of the part is used.
+    """
     places = [Place(index, name) for index, part in enumerate(parts) for name in part.channels]
     alone = [len(parts[place.part].channels) == 1 and not says_a_channel(place.channel) for place in places]
     names = [parts[place.part].name if lone else place.channel for place, lone in zip(places, alone, strict=True)]
-    # none at all where one says too little
+    # `labels_in_words` returns a label for every name, or none at all
     return list(zip(places, labels_in_words(names, layout.harmonics), strict=False))
 
 
 def _label(part: NamedPart, channel: str) -> PlaneLabel | None:
-    """Return what the name of a channel says of its plane, or that of its part, where that says all and holds no other."""
+    """Return the label that the name of a channel gives.
+
+    If it gives none, and the channel is the only one of its part, return the label of the part's name, if that is
+    whole.
+    """
     label, of_part = plane_label(channel), plane_label(part.name)
     alone = len(part.channels) == 1 and of_part is not None and None not in of_part
     return of_part if label is None and alone else label
 
 
 def _part_labels(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[int, int]:
-    """Return the harmonic of each part whose channels leave it open."""
+    """Return the harmonic label of each part that has channels whose names give only SC1 or SC2."""
     labels = {i: [plane_label(name) for name in part.channels] for i, part in enumerate(parts)}
     open_parts = [
         i for i, found in labels.items() if any(label and label.channel and not label.harmonic for label in found)

@@ -1,4 +1,4 @@
-"""Frames and planes in NPY files; the array is mapped into memory, so that a frame of a stack costs a frame."""
+"""Frames and planes in NPY files. The array is mapped into memory, so only the frame that is asked for is read."""
 
 import os
 from contextlib import AbstractContextManager
@@ -14,14 +14,15 @@ from cadtof_cli.files.frames import FrameLayout, Frames
 from cadtof_cli.files.reading import damage_as_frame_error, open_regular
 
 _LONGEST_HEADER = 1000
-"""Bytes of a header that says type and shape; it is parsed in a time that grows with their square."""
+"""Most bytes of a header that gives type and shape. The time to parse a header grows with the square of its length."""
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
-    """Open a file of axes [T] H C Y X, or [T·]2·H Y X.
+    """Open a file whose array has the axes [T] H C Y X, or [T·]2·H Y X.
 
     Raises:
-        FrameError: the file cannot be read, is damaged, holds Python objects, or its planes do not make up whole frames.
+        FrameError: the file cannot be read, is damaged, holds Python objects, or its planes do not make up whole
+            frames.
     """
     return open_array(path, _mapped(path), layout, mended_by="numpy.save(PATH, numpy.load(PATH){})")
 

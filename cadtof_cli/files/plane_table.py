@@ -1,4 +1,4 @@
-"""Which plane of a file is which: from names, and the axes that a file declares, to frame, harmonic and channel."""
+"""Finds the frame, harmonic and channel of every plane of a file, from names and from the axes of the file."""
 
 import math
 from collections.abc import Sequence
@@ -22,20 +22,22 @@ _CHANNEL_LABELS = "CS"
 def plane_table(
     labels: str, sizes: Sequence[int], layout: FrameLayout, *, where: str, names: Sequence[str] = ()
 ) -> NDArray[np.intp]:
-    """Return which plane of a file holds each frame, harmonic and channel.
+    """Return the index of the plane that holds each frame, harmonic and channel.
 
     Args:
-        labels: the file's axes besides Y and X, slowest first: T frame, H harmonic, C or S channel, others unnamed.
-        sizes: lengths of those axes.
-        layout: harmonics of the capture, and frames of a stack where the metadata says it.
-        where: what the file is and what was found in it, to begin a message with.
-        names: of the planes, empty where one has none; they win over the order.
+        labels: labels of the file's axes besides Y and X, slowest first: T frame, H harmonic, C or S channel; other
+            labels have no meaning.
+        sizes: lengths of these axes.
+        layout: harmonics of the capture, and the number of frames in a stack if the metadata gives it.
+        where: the file and what was found in it, as the beginning of a message.
+        names: names of the planes, an empty text for a plane without a name. If names give labels, the labels decide,
+            not the order.
 
     Returns:
         Indices of planes in the order of the file, shape (T, H, C).
 
     Raises:
-        FrameError: the planes do not make up whole frames, or their order is not certain.
+        FrameError: the planes do not make up whole frames, or their order is ambiguous.
     """
     named = {place: label for place, name in enumerate(names) if (label := plane_label(name))}
     if names and not named:
@@ -50,7 +52,10 @@ def plane_table(
 
 
 def _with_harmonics_counted(named: dict[int, PlaneLabel], layout: FrameLayout) -> dict[int, PlaneLabel]:
-    """Return the labels of the planes of one frame; where they say channels alone, the n-th of a channel is the n-th harmonic."""
+    """Return the labels of the planes of one frame, with harmonics added if the labels give only channels.
+
+    The n-th plane of a channel then belongs to the n-th harmonic.
+    """
     channels = [label.channel for label in named.values()]
     as_many = all(channels.count(channel) == len(layout.harmonics) for channel in range(1, CHANNELS + 1))
     if not as_many or any(label.harmonic for label in named.values()):
@@ -60,7 +65,7 @@ def _with_harmonics_counted(named: dict[int, PlaneLabel], layout: FrameLayout) -
 
 
 def _table_by_names(named: dict[int, PlaneLabel], layout: FrameLayout, where: str) -> NDArray[np.intp]:
-    """Return the table of planes that say their harmonic and channel; the n-th of a name belongs to frame n."""
+    """Return the table of planes that all have complete labels. Of equal labels, the n-th belongs to frame n."""
     found: dict[tuple[int, int], list[int]] = {}
     for place, (harmonic, channel) in named.items():
         found.setdefault((harmonic or 0, channel or 0), []).append(place)
@@ -79,7 +84,7 @@ def _table_by_names(named: dict[int, PlaneLabel], layout: FrameLayout, where: st
 def _reordered(
     table: NDArray[np.intp], named: dict[int, PlaneLabel], layout: FrameLayout, where: str
 ) -> NDArray[np.intp]:
-    """Return a table in the order of names that say only the channel, or only the harmonic, of each plane."""
+    """Return the table with each plane at the channel or harmonic of its label; a label may give only one of both."""
     labels = harmonic_labels(layout.harmonics, {label.harmonic for label in named.values() if label.harmonic})
     ordered = np.full_like(table, -1)
     for frame, harmonic, channel in np.ndindex(table.shape):
@@ -95,7 +100,7 @@ def _reordered(
 
 
 def _table_by_order(labels: str, sizes: Sequence[int], layout: FrameLayout, where: str) -> NDArray[np.intp]:
-    """Return the table from axes alone."""
+    """Return the table that follows from the axes, without any names."""
     total = math.prod(sizes)
     count = _frame_count(total, layout, where)
     axes = [(label, size) for label, size in zip(labels, sizes, strict=True) if size != 1]
@@ -137,10 +142,10 @@ def _frame_count(total: int, layout: FrameLayout, where: str) -> int:
 
 
 def _frame_order(axes: list[tuple[str, int]], count: int, layout: FrameLayout) -> list[int] | None:
-    """Return the axes in the order frame, harmonic, channel; None where that is a guess.
+    """Return the indices of the axes in the order frame, harmonic, channel; None: the order is ambiguous.
 
-    Labels decide where there are any: C, or samples S, of length 2 is the channel, T of the right length the frame.
-    The rest must come in our order already, since nothing else tells harmonics from frames.
+    Labels decide first: C or S (samples) of length 2 is the channel, T of the right length is the frame. The other axes
+    must already be in our order, because nothing else distinguishes harmonics from frames.
     """
     channel = [i for i, (label, size) in enumerate(axes) if label in _CHANNEL_LABELS and size == CHANNELS]
     if len(channel) != 1:

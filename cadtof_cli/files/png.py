@@ -1,6 +1,6 @@
 """PNG files: planes of recorded frames, and pictures that we write.
 
-A file holds one plane, in 8 or 16 bits of grey, so frames come by `[layout] pattern`.
+A file holds one plane, in grey with 8 or 16 bits. So a frame is several files, which `[layout] pattern` describes.
 """
 
 import struct
@@ -26,16 +26,17 @@ _EXIF, _TRANSPARENT, _LAST_CHUNK = b"eXIf", b"tRNS", b"IEND"
 _ORIENTATION = 274
 _TURNED = range(2, 9)
 _HARMLESS = "Interlace handling"
-"""The library remarks on every interlaced picture, and decodes it."""
+"""Part of a warning that the library prints for every interlaced picture, which it decodes correctly."""
 
 _COLOUR_TYPES = {2: "RGB", 3: "a palette", 4: "grey and opacity", 6: "RGBA"}
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
-    """Refuse a file in place of a whole frame: it holds one plane.
+    """Refuse a file that is opened as a whole frame, because a PNG holds one plane.
 
     Raises:
-        NotAFrameError: always; the message says how planes become frames.
+        NotAFrameError: always, unless the file is damaged. The message says how planes become frames.
+        FrameError: the file cannot be read, or is damaged.
     """
     with damage_as_frame_error(path, "PNG"):
         height, width, bits = _size(path, read_bytes(path))
@@ -49,8 +50,8 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     """Return the plane of a file, uint8 or uint16 (Y, X).
 
     Raises:
-        NotAFrameError: it is a picture in colour.
-        FrameError: the file cannot be read, is damaged, or has less than 8 bits.
+        NotAFrameError: the file is a colour picture.
+        FrameError: the file cannot be read, is damaged, or has less than 8 bits per pixel.
     """
     import imagecodecs
 
@@ -72,10 +73,11 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
 
 
 def _require_sound_chunks(path: Path, content: memoryview) -> None:
-    """Make sure that all chunks of a file are there, have the check sums that they say, and none says it is turned
-    or that a value stands for no picture.
+    """Make sure that all chunks are complete and have the right check sums, and that the picture is neither turned nor
+    transparent.
 
-    The library would find that too; but each failure costs it memory, and thousands of them in one process abort it.
+    The library would find damaged chunks too. But it loses memory at each failure, and thousands of failures in one
+    process abort the process.
     """
     place = len(PNG.magics[0])
     while content[place + 4 : place + 8] != _LAST_CHUNK:
@@ -94,7 +96,7 @@ def _require_sound_chunks(path: Path, content: memoryview) -> None:
 
 
 def _require_first_row_on_top(path: Path, exif: bytes) -> None:
-    """Refuse a plane whose Exif, laid out as the first page of a TIFF, says that a viewer has to turn it."""
+    """Refuse a plane if its Exif data (in the form of a TIFF's first page) says that viewers must turn the picture."""
 
     def number(place: int, size: int) -> int:
         return int.from_bytes(exif[place : place + size], "little" if exif[:2] == b"II" else "big")
@@ -108,7 +110,7 @@ def _require_first_row_on_top(path: Path, exif: bytes) -> None:
 
 
 def _size(path: Path, content: bytes) -> tuple[int, int, int]:
-    """Return height, width and bits of a grey picture by its header."""
+    """Return height, width and bits per pixel of a grey picture from its header; refuse pictures of any other kind."""
     if len(content) < _HEADER.size:
         raise FrameError(f"{path}: damaged PNG: found {len(content)} bytes, expected a header")
     _, _, width, height, bits, colour = _HEADER.unpack_from(content)
@@ -121,13 +123,13 @@ def _size(path: Path, content: bytes) -> tuple[int, int, int]:
 
 
 def write_grey_png(path: Path, plane: NDArray[np.uint16], /, *, texts: dict[str, str]) -> None:
-    """Write a plane (Y, X) as a 16-bit greyscale PNG with texts by keyword, which appears whole or not at all.
+    """Write a plane (Y, X) as a 16-bit grey PNG with texts by keyword; the file appears whole or not at all.
 
     Raises:
         OutputError: the file cannot be written.
     """
     height, width = plane.shape
-    rows = np.zeros((height, 1 + 2 * width), np.uint8)  # each row begins with its filter: none
+    rows = np.zeros((height, 1 + 2 * width), np.uint8)  # PNG: each row begins with a filter type; 0 is no filter
     rows[:, 1:] = plane.astype(">u2").view(np.uint8)
     chunks = [
         *((b"tEXt", f"{key}\0{text}".encode("latin-1", "replace")) for key, text in texts.items()),
@@ -138,7 +140,7 @@ def write_grey_png(path: Path, plane: NDArray[np.uint16], /, *, texts: dict[str,
 
 
 def indexed_png(places: NDArray[np.uint8], colours: NDArray[np.uint8], /) -> bytes:
-    """Return a plane (Y, X) of places in a table of colours (n, 3), 256 at most, as the bytes of a PNG."""
+    """Return the bytes of a PNG whose pixels (Y, X) are indices into a table of at most 256 colours, (n, 3)."""
     height, width = places.shape
     rows = np.zeros((height, 1 + width), np.uint8)
     rows[:, 1:] = places
@@ -147,13 +149,13 @@ def indexed_png(places: NDArray[np.uint8], colours: NDArray[np.uint8], /) -> byt
 
 
 def _png_bytes(pixels: tuple[int, int], /, *, depth: int, kind: int, chunks: Iterable[tuple[bytes, bytes]]) -> bytes:
-    """Return the bytes of a PNG of columns × rows pixels: its header, chunks by their kinds, and its end.
+    """Return the bytes of a PNG: signature, header, chunks and end.
 
     Args:
-        pixels: columns and rows.
-        depth: bits of a sample.
-        kind: of colours, by PNG's number.
-        chunks: what stands between header and end.
+        pixels: number of columns, number of rows.
+        depth: bits per sample.
+        kind: PNG's number of the colour type.
+        chunks: kind and content of each chunk between header and end.
     """
     header = struct.pack(">IIBBBBB", *pixels, depth, kind, 0, 0, 0)
     return PNG.magics[0] + b"".join(_chunk(*one) for one in ((b"IHDR", header), *chunks, (b"IEND", b"")))

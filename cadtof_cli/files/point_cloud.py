@@ -1,4 +1,4 @@
-"""Points with what is known of each, as other software reads them: PLY and PCD, binary."""
+"""Point clouds with values for each point, in binary formats that other software reads: PLY and PCD."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from cadtof_cli.files.atomic import atomic_write
 
 Columns = Mapping[str, NDArray[np.float32] | NDArray[np.uint32]]
-"""Values of n points by the name of what they are, (n,) each."""
+"""Columns of values by name, (n,) each for n points."""
 
 _PLY_TYPES = {"f": "float", "u": "uint"}
 
 
 def write_points(path: Path, columns: Columns, /, *, comment: str) -> None:
-    """Write points in the format that `path` ends with, binary and little-endian; the file appears whole or not at all.
+    """Write points in the format of `path`'s suffix, binary and little-endian; the file appears whole or not at all.
 
     Raises:
         OutputError: the file cannot be written.
@@ -25,7 +25,7 @@ def write_points(path: Path, columns: Columns, /, *, comment: str) -> None:
     for name, values in columns.items():
         points[name] = values
     header = _HEADERS[path.suffix.lower()]
-    # a line break in a file's name must not end the comment
+    # the comment names files, and a line break in a name must not end the comment
     head = header(columns, count, " ".join(comment.split())).encode("utf-8", "replace")
     with atomic_write(path) as temporary:
         temporary.write_bytes(head + points.tobytes())
@@ -52,4 +52,4 @@ def _pcd_header(columns: Columns, count: int, comment: str) -> str:
 
 
 _HEADERS: dict[str, Callable[[Columns, int, str], str]] = {".ply": _ply_header, ".pcd": _pcd_header}
-"""What begins a file, by its ending: PLY, and PCD of version 0.7."""
+"""Functions that return the header of a file, by suffix: PLY, and PCD of version 0.7."""

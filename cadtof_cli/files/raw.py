@@ -1,4 +1,4 @@
-"""Frames and planes in raw dumps: type, shape and offset are those of `[layout.raw]`; what the file says itself is its size."""
+"""Frames and planes in raw dumps. `[layout.raw]` gives type, shape and offset; the file itself tells only its size."""
 
 import math
 from contextlib import AbstractContextManager
@@ -14,15 +14,16 @@ from cadtof_cli.files.reading import damage_as_frame_error, require_regular
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
-    """Open a dump of `layout.raw.shape`, or of a whole number of them: a stack.
+    """Open a dump that holds one array of shape `layout.raw.shape`, or several one after the other: a stack.
 
     Raises:
-        FrameError: nothing says its shape, the size of the file is another, or its planes do not make up whole frames.
+        FrameError: `layout.raw` is None, the file does not have the size that follows from it, or the planes do not
+            make up whole frames.
     """
     array = _mapped(path, layout)
     assert layout.raw is not None
     read = f"numpy.fromfile(PATH, {layout.raw.dtype!r}, offset={layout.raw.offset_bytes})"
-    # MATLAB writes the first axis first
+    # in what MATLAB writes, the first axis varies fastest
     mended_by = f"numpy.save(NPY, {read}.reshape({array.shape}, order='C'){{}}), or order='F' for a dump of MATLAB,"
     return open_array(path, array, layout, mended_by=mended_by)
 

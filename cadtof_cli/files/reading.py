@@ -1,5 +1,7 @@
-"""How files are read: regular ones alone, as a FIFO or a device that stands where a file should may never answer, or never end;
-and whatever a library raises on a damaged one becomes one FrameError that names it.
+"""How files are read, and how errors of reading libraries become FrameErrors.
+
+Only regular files are read, because reading a FIFO or a device in place of a file may wait for ever or never end.
+Whatever a library raises for a damaged file becomes a FrameError that names the file.
 """
 
 import errno
@@ -14,7 +16,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.system import READ_FLAGS
 
 MOST_TEXT_BYTES = 2**22
-"""Larger than any text that people write; what is read into memory as a whole should not be without end."""
+"""Limit for texts that are read into memory as a whole; it is larger than any text that people write."""
 
 _PIECE_BYTES = 2**22
 
@@ -27,7 +29,7 @@ _KINDS = {
 
 
 def is_folder(path: Path, /) -> bool:
-    """Return whether a path leads to a folder; false where it cannot be followed."""
+    """Return whether a path leads to a folder; False if the path cannot be followed."""
     try:
         return stat.S_ISDIR(path.stat().st_mode)
     except (OSError, ValueError):
@@ -35,7 +37,7 @@ def is_folder(path: Path, /) -> bool:
 
 
 def real_path(path: Path, /) -> str:
-    """Return the absolute path with links resolved; as it is where they form a loop, or no file can have such a name."""
+    """Return the absolute path with links resolved; links stay if they form a loop or if the name is impossible."""
     try:
         return os.path.realpath(path)
     except (OSError, ValueError):
@@ -43,15 +45,15 @@ def real_path(path: Path, /) -> str:
 
 
 def require_regular(path: Path, /) -> os.stat_result:
-    """Make sure that there is a regular file, without opening it; return its state.
+    """Make sure, without opening it, that a path leads to a regular file; return its `os.stat` result.
 
     Raises:
-        OSError: there is none, and why.
+        OSError: it does not; the error says why.
     """
     try:
         state = path.stat()
     except ValueError as error:
-        # a zero byte
+        # the path contains a zero byte
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path)) from error
     if stat.S_ISDIR(state.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -62,13 +64,13 @@ def require_regular(path: Path, /) -> os.stat_result:
 
 
 def open_regular(path: Path, /) -> int:
-    """Return a descriptor of a regular file, to be read.
+    """Open a regular file for reading and return its descriptor.
 
     Raises:
-        OSError: there is none, or it cannot be opened.
+        OSError: there is no regular file, or it cannot be opened.
     """
     require_regular(path)
-    # READ_FLAGS: does not wait even if a FIFO takes its place between these two lines
+    # READ_FLAGS: if a FIFO has replaced the file since the line above, opening it does not wait
     return os.open(path, READ_FLAGS)
 
 
@@ -76,8 +78,8 @@ def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None 
     """Return the text in a regular file.
 
     Raises:
-        OSError: there is none, it cannot be read, or it holds more than `most_bytes`.
-        UnicodeDecodeError: it is no text.
+        OSError: there is no regular file, it cannot be read, or it holds more than `most_bytes`.
+        UnicodeDecodeError: the file is not text in this encoding.
     """
     size = require_regular(path).st_size
     if most_bytes is not None and size > most_bytes:
@@ -87,20 +89,21 @@ def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None 
 
 
 def read_bytes(path: Path, /) -> bytes:
-    """Return what a regular file holds.
+    """Return the content of a regular file.
 
     Raises:
-        OSError: there is none, or it cannot be read.
+        OSError: there is no regular file, or it cannot be read.
     """
     with os.fdopen(open_regular(path), "rb") as file:
         return file.read()
 
 
 def read_through(path: Path, /) -> None:
-    """Read a regular file to its end and keep nothing: the system says what a library has not handed on.
+    """Read a regular file to its end and keep nothing, to raise an error of the system that a library did not pass on.
 
     Raises:
-        OSError: there is none, or it cannot be opened or read: no more files may be open, a disk or network fails.
+        OSError: there is no regular file, or it cannot be opened or read. Examples: too many open files, a disk or
+            network that fails.
     """
     with os.fdopen(open_regular(path), "rb", buffering=0) as file:
         while file.read(_PIECE_BYTES):
@@ -109,15 +112,21 @@ def read_through(path: Path, /) -> None:
 
 PLAUSIBLE_BYTES = 2**26
 PLAUSIBLE_RATIO = 4096
-"""A header may promise this many bytes, or this many times the size of its file. More is a flipped bit, not a picture:
-deflate reaches a ratio of 1,032, and a frame of a megapixel holds 16 to 32 MB."""
+"""Limits on the size of the pixels that a header promises: this many bytes, or this many times the size of the file.
+
+A header that promises more than both is damaged. Deflate reaches a ratio of 1,032, and a frame of a megapixel holds 16
+to 32 MB.
+"""
 
 
 _MOST_LETTERS = 300
 
 
 def in_brief(remarks: Iterable[object], /) -> str:
-    """Return the first of the remarks that a library makes on a damaged file, and how many others there are, often thousands."""
+    """Return the first remark of a library on a damaged file, shortened, and the number of different remarks after it.
+
+    A library may make thousands of remarks on one file.
+    """
     first, *others = dict.fromkeys(map(str, remarks))
     told = first if len(first) <= _MOST_LETTERS else f"{first[:_MOST_LETTERS]} …"
     return f"{told} (and {len(others)} remarks more)" if others else told
@@ -125,14 +134,14 @@ def in_brief(remarks: Iterable[object], /) -> str:
 
 @contextmanager
 def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
-    """Turn what reading raises into a FrameError; wrap the calls of a reading library, never a caller's work.
+    """Turn whatever is raised in the block into a FrameError. The block must contain only calls of a reading library.
 
-    The libraries promise nothing about damaged input: ValueError, TypeError, KeyError, ZeroDivisionError, struct.error,
-    zlib.error, RuntimeError and more have been seen.
+    The libraries do not document what they raise for damaged files. We have seen ValueError, TypeError, KeyError,
+    ZeroDivisionError, struct.error, zlib.error, RuntimeError and more.
     """
     try:
         with warnings.catch_warnings():
-            # warnings of the libraries do not concern the pixels; what does is checked by each reader
+            # the libraries' warnings say nothing about pixels; each reader checks the pixels itself
             warnings.simplefilter("ignore")
             yield
     except FrameError:
@@ -151,7 +160,7 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
 
 
 def require_plausible_size(path: Path, promised: int, file_size: int) -> None:
-    """Refuse a header that promises more bytes than its file can hold, before they are allocated."""
+    """Raise FrameError, before memory is allocated, if a header promises more bytes than its file can hold."""
     if promised > max(PLAUSIBLE_BYTES, PLAUSIBLE_RATIO * file_size):
         raise FrameError(
             f"{path}: damaged header: promises {promised:,} bytes of pixels, found a file of {file_size:,} bytes"

@@ -1,7 +1,7 @@
-"""File operations that differ between operating systems: only this module asks which system it is.
+"""File operations that differ between operating systems. Only this module asks which system it runs on.
 
-Where a system lacks something (Windows cannot refuse to follow links, sync folders or read at a position), the next best is done.
-Python already keeps other programs from inheriting our open files.
+If a system lacks a feature, the nearest substitute is used. Windows cannot refuse to follow links, sync folders or read
+at a position. Child processes do not inherit our open files; Python sees to that.
 """
 
 import errno
@@ -15,38 +15,41 @@ from pathlib import Path
 _BINARY = getattr(os, "O_BINARY", 0)
 
 READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY
-"""To open a file for reading, without waiting where a FIFO has taken its place."""
+"""Flags to open a file for reading; if a FIFO is in its place, opening it does not wait."""
 
 CREATE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
-"""To create a file that must not exist."""
+"""Flags to create a file that must not exist yet."""
 
 OPEN_OR_CREATE_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | _BINARY
-"""To open a file, or create it where it does not exist; a link is not followed."""
+"""Flags to open a file, or create it if it does not exist; a link is not followed."""
 
 REMOVES_OPEN_FILES = os.name != "nt"
 """Whether an open file can be removed."""
 
 BLOCK_BYTES = 4096
-"""Block of a disk: what is aligned to blocks, in the file and in memory, can be written without a copy."""
+"""Size of a disk block. Data aligned to blocks, in the file and in memory, can be written without a copy."""
 
 _LEAST_DIRECT_BYTES = 2**18
 
 _LOCKED_BYTE = 2**30
-"""Position of the byte that is locked on Windows, beyond the end of the lock file: bytes that are locked cannot be read there."""
+"""Position of the byte that is locked on Windows.
+
+It lies beyond the end of the lock file, because locked bytes cannot be read.
+"""
 
 
 _fcntl = cache(partial(import_module, "fcntl"))
 
 
 def flush_c_streams() -> None:
-    """Write what libraries have printed by C's `printf`, which keeps it for long where stdout is no terminal."""
+    """Write out the text that C's `printf` holds in its buffers; it holds it long if stdout is not a terminal."""
     import ctypes
 
     ctypes.CDLL(None if os.name != "nt" else "ucrtbase").fflush(None)
 
 
 def read_at(descriptor: int, count: int, place: int, /) -> bytes:
-    """Return `count` bytes of an open file from a position on, or fewer at its end."""
+    """Return `count` bytes of an open file, beginning at byte `place`, or fewer if the file ends before."""
     if hasattr(os, "pread"):
         return os.pread(descriptor, count, place)
     os.lseek(descriptor, place, os.SEEK_SET)
@@ -54,7 +57,7 @@ def read_at(descriptor: int, count: int, place: int, /) -> bytes:
 
 
 def read_parts(descriptor: int, parts: Sequence[memoryview], /) -> bool:
-    """Fill all parts from an open file, one after the other, and return whether there was enough for them."""
+    """Fill all parts, one after the other, from an open file; return False if the file ended before they were full."""
     rest = [part for part in parts if part.nbytes]
     while rest:
         count = os.readv(descriptor, rest) if hasattr(os, "readv") else _read_into(descriptor, rest[0])
@@ -74,10 +77,11 @@ def _read_into(descriptor: int, part: memoryview) -> int:
 
 
 def write_parts(descriptor: int, parts: Sequence[memoryview], /) -> None:
-    """Write all parts to an empty file that was opened for writing alone, one after the other; it will be synced.
+    """Write all parts, one after the other, to an empty file that was opened only for writing; the caller syncs it.
 
-    A part that is aligned to blocks, in the file and in memory, bypasses the page cache (O_DIRECT): copying it there first takes
-    half as long as computing it. Where the file system does not support that, it is copied.
+    A part that is aligned to blocks, in the file and in memory, bypasses the page cache (O_DIRECT), because copying
+    maps into the cache takes half as long as computing them. If the file system does not support that, the part is
+    copied.
     """
     place = 0
     for part in parts:
@@ -89,7 +93,7 @@ def write_parts(descriptor: int, parts: Sequence[memoryview], /) -> None:
                 while written < whole:
                     written += os.write(descriptor, part[written:whole])
             except OSError as error:
-                # the file system cannot, or not from there in memory
+                # the file system does not support O_DIRECT, or the memory is not aligned as it needs
                 if error.errno not in {errno.EINVAL, errno.EOPNOTSUPP}:
                     raise
             finally:
@@ -101,9 +105,9 @@ def write_parts(descriptor: int, parts: Sequence[memoryview], /) -> None:
 
 @contextmanager
 def codes_of_the_system(path: Path, size: int, /) -> Iterator[None]:
-    """Give errors in writing a file of about so many bytes the code of the system, which numpy and OpenEXR do not hand on.
+    """Give errors in writing a file of about `size` bytes the error code of the system, which numpy and OpenEXR drop.
 
-    The system is asked again: zeros are written into the file, which is spoilt already.
+    To learn the code, zeros are written into the file, whose content is lost already; that fails for the same reason.
     """
     try:
         yield
@@ -121,7 +125,7 @@ def _write_zeros(path: Path, count: int) -> None:
 
 
 def most_bytes_of_a_file() -> int | None:
-    """Return how large this process may make a file (`ulimit -f`); None: as large as the file system can hold."""
+    """Return the largest size in bytes that this process may give a file (`ulimit -f`); None: there is no limit."""
     try:
         resource = import_module("resource")
     except ImportError:
@@ -131,10 +135,10 @@ def most_bytes_of_a_file() -> int | None:
 
 
 def sync_folder(folder: str | Path, /) -> None:
-    """Sync a folder, and so the names in it, to the disk, where the system and the file system can do so.
+    """Sync a folder, which holds the names of its files, to the disk, if the system and the file system can do so.
 
     Raises:
-        OSError: the folder is gone, or the disk fails.
+        OSError: the folder does not exist any more, or the disk fails.
     """
     if not hasattr(os, "O_DIRECTORY"):
         return
@@ -149,7 +153,7 @@ def sync_folder(folder: str | Path, /) -> None:
 
 
 def remove_and_close(path: Path, descriptor: int, /) -> None:
-    """Remove an open file, if possible, and close it: the other way round on a system that cannot remove open files."""
+    """Remove an open file, if possible, and close it; it is closed first on a system that cannot remove open files."""
     if not REMOVES_OPEN_FILES:
         os.close(descriptor)
     with suppress(OSError):
@@ -159,9 +163,9 @@ def remove_and_close(path: Path, descriptor: int, /) -> None:
 
 
 def try_lock(descriptor: int, /) -> bool:
-    """Lock an open file until this process ends; return False where another process holds the lock.
+    """Lock an open file until this process ends; return False if another process holds the lock.
 
-    Where the file system has no locks, there is none.
+    If the file system has no locks, return True without a lock.
     """
     try:
         try:

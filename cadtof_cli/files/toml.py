@@ -1,6 +1,7 @@
-"""TOML read and written: `capture.toml` and the parts of a calibration.
+"""Reads and writes TOML: `capture.toml` and the parts of a calibration.
 
-The writer is our own, since tomli-w breaks every list over lines: a pair of numbers should stay on one.
+We have our own writer, because tomli-w puts every item of a list on a line of its own. A pair of numbers should stay on
+one line.
 """
 
 import json
@@ -31,12 +32,12 @@ def read_toml(path: Path, /) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise MetadataError(f"{path}: not valid TOML: {error}") from error
     except ValueError as error:
-        # what else Python's own numbers cannot hold
+        # other values that Python cannot hold raise a ValueError that is no TOMLDecodeError
         raise MetadataError(f"{path}: not valid TOML: a whole number of thousands of digits, or no date") from error
 
 
 def toml_from_tables(tables: Mapping[str, Mapping[str, Any]], /, *, comments: Iterable[str] = ()) -> str:
-    """Return TOML text of tables of plain values and lists, with comment lines on top."""
+    """Return TOML text for tables of plain values and lists, with comment lines at the top."""
     blocks = ["\n".join(f"# {comment}" for comment in comments)]
     blocks += [
         "\n".join((f"[{name}]", *(f"{key} = {toml_value(value)}" for key, value in table.items())))
@@ -46,7 +47,7 @@ def toml_from_tables(tables: Mapping[str, Mapping[str, Any]], /, *, comments: It
 
 
 def toml_value(value: Any, /) -> str:
-    """Return a value as TOML: numbers in one line, names in a line each."""
+    """Return a value as TOML: a list of numbers on one line, a list of texts with one line for each."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{toml_value(name)} = {toml_value(one)}" for name, one in value.items()) + " }"
     if isinstance(value, list | tuple):
