@@ -1,4 +1,4 @@
-"""Checks that the pages of a TIFF are voltages: no pictures in colour, no inverted or turned images, no maps."""
+"""Checks that the pages of a TIFF may be voltages: no colour pictures, no inverted or turned images, no maps."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -17,29 +17,31 @@ _ORIENTATION = 274
 _MIN_IS_WHITE, _RGB = 0, 2
 
 _COLOURS = {
-    _RGB: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIELAB", 9: "ICCLAB", 10: "ITULAB", 32844: "LogL", 32845: "LogLUV"
+    _RGB: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIELAB", 9: "ICCLAB", 10: "ITULAB", 32844: "LogL", 32845:
+    "LogLUV"
 }  # fmt: skip
-"""Photometric interpretations that are pictures."""
+"""Photometric interpretations of colour pictures."""
 
 _CONTIGUOUS = 1
 
 _OPACITY = frozenset({1, 2})
-"""What a sample beside the colours may be said to be."""
+"""Values of the tag ExtraSamples that mean opacity."""
 
 _MASK_OR_REDUCED = 4 | 1
 
 
 def is_plain_page(page: Page, /) -> bool:
-    """Return whether a page is an image in full size, not a mask or one of a pyramid's smaller copies."""
+    """Return whether a page is an image in full size, not a mask or a smaller copy in a pyramid."""
     return page.keyframe is None or not page.keyframe.subfiletype & _MASK_OR_REDUCED
 
 
 def require_voltages(path: Path, pages: Iterable[Page], names: Sequence[str], /) -> None:
-    """Make sure that the pages of a file, whose planes have these names, may hold voltages.
+    """Make sure that the pages of a file may hold voltages; `names` are the names of its planes.
 
     Raises:
-        NotAFrameError: they are maps, or a colour picture. One whose samples are named as voltages is none.
-        FrameError: their values or their rows are not stored as they are meant.
+        NotAFrameError: the file holds maps, or a colour picture. A picture whose planes have names of voltages is
+            accepted.
+        FrameError: the values are stored inverted, or the rows and columns are turned.
     """
     layers = list(dict.fromkeys(filter(is_map_layer, names)))
     if layers:
@@ -53,9 +55,9 @@ def require_voltages(path: Path, pages: Iterable[Page], names: Sequence[str], /)
 
 
 def _require_stored_plainly(path: Path, page: tifffile.TiffPage, *, named: bool) -> None:
-    """Make sure that a page is no picture in colour, unless its planes are `named`, and neither inverted nor turned."""
+    """Make sure that a page is no colour picture, unless its planes are `named`, and neither inverted nor turned."""
     photometric, samples = int(page.photometric), page.samplesperpixel
-    # what is given four planes, and not told that they are no colours, stores them apart as RGBA
+    # software that is not told that four planes are no colours stores them as RGBA, with planar configuration 2
     apart = photometric == _RGB and page.planarconfig != _CONTIGUOUS and samples > 3
     if photometric in _COLOURS and not apart and not named:
         alpha = "A" if photometric == _RGB and samples == 4 else ""

@@ -1,7 +1,8 @@
-"""What stands around the pixels of a TIFF file. Frames of a recording, and maps of a run, differ in their pixels alone.
+"""The envelope of a TIFF file: all bytes before and after its pixels.
 
-So tifffile and our checks are needed for the first of them only: a file with the same bytes around as many pixels is read and
-written as that one was.
+The frames of a recording differ only in their pixels, and so do the maps of a run. So only the first file is read with
+tifffile and our checks, or written by tifffile. If another file has the same envelope around the same number of pixels,
+its pixels are at the same place, and no check can give another result.
 """
 
 import os
@@ -18,12 +19,12 @@ from cadtof_cli.files.system import BLOCK_BYTES, READ_FLAGS, read_parts
 from cadtof_cli.records import dataclass
 
 LARGEST_BYTES = 2**20
-"""Most bytes around the pixels kept in memory; where there are more, reading the pages costs little beside the pixels."""
+"""Largest envelope, in bytes, that is kept. With a larger one, reading the pages costs little beside the pixels."""
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """The bytes of a file before and after one run of `pixels` bytes of pixels."""
+    """The bytes of a file before (`head`) and after (`tail`) a single run of pixels, which takes `pixels` bytes."""
 
     head: bytes
     pixels: int
@@ -31,8 +32,11 @@ class Envelope:
 
     @classmethod
     def of(cls, file: FileHandle, first: int, pixels: int, /) -> "Envelope | None":
-        """Return the bytes around the pixels, which begin at byte `first` of an open file; None where they are too many."""
-        # what was written since it was opened counts
+        """Return the envelope of an open file whose `pixels` bytes of pixels begin at byte `first`.
+
+        None: it is larger than `LARGEST_BYTES`, or the pixels do not fit into the file.
+        """
+        # not `file.size`, which does not count what was written since the file was opened
         if not 0 <= file.seek(0, os.SEEK_END) - pixels <= LARGEST_BYTES:
             return None
         file.seek(0)
@@ -41,10 +45,10 @@ class Envelope:
         return cls(head, pixels, file.read())
 
     def read(self, path: Path, /, *, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any] | None:
-        """Return the pixels of a file that has the same bytes around as many of them; None of any other.
+        """Return the pixels of a file that has this envelope; None: the file has another, or `shape` does not fit.
 
         Raises:
-            OSError: it cannot be read.
+            OSError: the file cannot be read.
         """
         out = np.empty(shape, dtype)
         if out.nbytes != self.pixels:
@@ -56,7 +60,7 @@ class Envelope:
             if not stat.S_ISREG(found.st_mode) or found.st_size != len(head) + self.pixels + len(tail):
                 return None
             whole = read_parts(descriptor, (memoryview(head), out.data.cast("B"), memoryview(tail)))
-            # it may have grown meanwhile
+            # the last read: the file may have grown in the meantime
             same = whole and head == self.head and tail == self.tail and not os.read(descriptor, 1)
             return out if same else None
         finally:
@@ -65,9 +69,19 @@ class Envelope:
     def around(
         self, pixels: NDArray[Any], image: memoryview | None, /, *, old: bytes, new: bytes
     ) -> Sequence[memoryview]:
-        """Return the parts of a file with these bytes around other pixels, `old` ones among them replaced by as many `new` ones.
+        """Return the parts of a file with this envelope around other pixels.
 
-        It is a single part where the pixels lie in an `image` that has a block before them and room for the rest behind.
+        Args:
+            pixels: the pixels of the file.
+            image: memory with one disk block, then the pixels, then free space; see `DepthMaps`. None: the pixels lie
+                elsewhere.
+            old: bytes in the envelope that are replaced.
+            new: bytes that replace them, of the same length.
+
+        Returns:
+            One part, a piece of `image`, if the head takes exactly one block and the tail fits behind the pixels.
+            Otherwise
+            three parts: head, pixels, tail.
         """
         head, tail = self.head.replace(old, new), self.tail.replace(old, new)
         behind = BLOCK_BYTES + self.pixels

@@ -22,7 +22,7 @@ from cadtof_cli.records import dataclass
 
 @dataclass(frozen=True)
 class _Stack:
-    """A stack whose pages are known and whose file is closed; the key changes when the file does."""
+    """A stack whose pages are known and whose file is closed; `key` is different after the file has changed."""
 
     key: object
     images: TiffImages
@@ -42,7 +42,8 @@ _last = _LastRead()
 def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """Open a TIFF or BigTIFF file of either byte order.
 
-    A worker that takes a stack frame by frame finds its thousands of pages once.
+    The pages of the last stack are remembered. So a worker that reads a stack frame by frame looks for its thousands of
+    pages only once.
 
     Raises:
         NotAFrameError: the file holds maps, not voltages.
@@ -64,7 +65,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
 
 
 def _opened(key: object, path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.intp]]:
-    """Return the images of a file, opened, and the table of their planes."""
+    """Return the images of a file, which is open then, and the table that says where each plane is, (T, H, C)."""
     last = _last.stack
     if last and last.key == key:
         last.images.open()
@@ -93,9 +94,9 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
 
 
 def write_frame(path: Path, stored: Stored, /, *, layout: FrameLayout, compress: bool) -> None:
-    """Write a frame, shape (H, C, Y, X), one page per plane; its axes are said as H C Y X.
+    """Write a frame, shape (H, C, Y, X), with one page per plane and the axes H C Y X in the metadata.
 
-    With axes, tifffile would put several planes of one column into a page: there the order of the pages says it.
+    If planes have only one column, no axes are given: with axes, tifffile would put several such planes into one page.
     """
     columns = stored.shape[-1]
     with codes_of_the_system(path, stored.nbytes):

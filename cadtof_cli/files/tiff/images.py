@@ -1,4 +1,4 @@
-"""The images of a TIFF file, in order, whatever software wrote it: plain pages, shaped, OME and ImageJ files."""
+"""The images of a TIFF file in their order, whichever software wrote it: plain pages, shaped, OME and ImageJ files."""
 
 import contextlib
 import logging
@@ -32,17 +32,18 @@ from cadtof_cli.files.tiff.series import (
 )
 
 _PRINTING = frozenset({22610, 34933, 34934})
-"""Compressions whose libraries print what they make of a damaged page: JPEG XR and PNG."""
+"""Compressions whose libraries print their remarks on a damaged page: JPEG XR and PNG."""
 
 _PRIVATE_TAG_MESSAGE = r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b"
-"""A message about a private tag of some maker."""
+"""Pattern of messages about private tags, which manufacturers define."""
 
 
 class _Remarks:
-    """Keeps what tifffile logs while one of our threads reads, so that none of it reaches the terminal.
+    """Keeps the errors that tifffile logs while one of our threads reads, and keeps all its messages off the terminal.
 
-    tifffile logs an error and goes on with a guess, such as fewer strips or a plainer order of pages; for depth a guess
-    is damage. So the logger's own methods are taken, not a filter: programs often silence that logger, or all.
+    After an error, tifffile continues with a guess, such as fewer strips or a simpler order of pages. For us such a
+    file is damaged. We replace methods of tifffile's logger and do not add a filter, because programs often silence
+    that logger, or all loggers, and then no filter is called.
     """
 
     def __init__(self, log: logging.Logger) -> None:
@@ -66,7 +67,7 @@ _remarks = _Remarks(logging.getLogger("tifffile"))
 
 @contextlib.contextmanager
 def reading_tiff(path: Path) -> Iterator[None]:
-    """Turn whatever tifffile raises or logs within the block into a FrameError."""
+    """Turn everything that tifffile raises in the block, and every error that it logs, into a FrameError."""
     errors: list[str] = []
     _remarks.kept.errors = errors
     try:
@@ -79,11 +80,11 @@ def reading_tiff(path: Path) -> Iterator[None]:
 
 
 class TiffImages:
-    """The images of one TIFF file, read by their place in the file; what is damaged or missing is found on opening.
+    """The images of one TIFF file, read by their index in the file. Opening the file finds damaged and missing pages.
 
-    Attributes:
+    Args:
         path: a TIFF or BigTIFF file of either byte order.
-        voltages: whether maps and pictures are refused.
+        voltages: whether the file must hold voltages, so that maps and pictures are refused.
 
     Raises:
         NotAFrameError: the file holds maps, not voltages.
@@ -99,7 +100,7 @@ class TiffImages:
                 series = alike_series(path, self._tiff)
                 page = series[0].keyframe
                 self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
-                # tifffile takes any number for a size
+                # tifffile accepts sizes that are no whole numbers
                 self._page_shape = tuple(map(operator.index, page.shape))
                 self._is_printing = page.compression in _PRINTING
                 self._described_beside = series[0].kind == "ndtiff"
@@ -115,7 +116,7 @@ class TiffImages:
             opened.pop_all()
 
     def _divide(self, series: Sequence[tifffile.TiffPageSeries]) -> None:
-        """Find the images of a file whose pages are planes, or hold planes as samples of their pixels."""
+        """Find the images of a file whose pages are planes, or whose pixels hold a sample of each of several planes."""
         labels, outer, page_axes = divided_axes(self.path, series[0])
         height, width = (self._page_shape[page_axes.index(axis)] for axis in "YX")
         self.plane_shape = (height, width)
@@ -127,7 +128,7 @@ class TiffImages:
 
     @property
     def found(self) -> str:
-        """What the file holds, to begin a message with."""
+        """What was found in the file, as the beginning of a message."""
         samples = f" of {self.sizes[-1]} samples" if self.sizes[-1] > 1 else ""
         pages = math.prod(self.sizes[:-1])
         return f"{self.path}: found {pages} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
@@ -137,11 +138,11 @@ class TiffImages:
         self._tiff.filehandle.open()
 
     def close(self) -> None:
-        """Close the file; where its images lie is kept."""
+        """Close the file; the places of its images are kept, so that `open` is quick."""
         self._tiff.filehandle.close()
 
     def planes(self, indices: NDArray[np.intp], /) -> Stored:
-        """Return planes by their place in the file, in native byte order, shape (n, Y, X), C-contiguous."""
+        """Return planes by their index in the file, in native byte order, shape (n, Y, X), C-contiguous."""
         if self._scattered is not None:
             with self._decoding():
                 return self._scattered.planes(indices)
@@ -155,9 +156,11 @@ class TiffImages:
         return np.ascontiguousarray(stored[place, samples])
 
     def envelope(self, indices: NDArray[np.intp], /) -> Envelope | None:
-        """Return what stands around planes; None where they do not lie in one run, in this order and native byte order.
+        """Return the envelope around these planes.
 
-        Nor where another file says which they are: of files that differ in their pixels alone it may say something else.
+        None: the planes do not lie in one run, in this order and in native byte order; or the envelope is too large; or
+            another
+        file (an NDTiff index) says which plane is which, because it may say something else for the next file.
         """
         native = self.dtype.newbyteorder(self._tiff.byteorder) == self.dtype
         plain = self._scattered is None and self._samples == 1 and not self._described_beside
@@ -174,7 +177,7 @@ class TiffImages:
 
     @contextlib.contextmanager
     def _decoding(self) -> Iterator[None]:
-        """Turn what is raised, logged or printed while pages are decoded into a FrameError."""
+        """Turn everything that is raised, logged as an error or printed while pages are decoded into a FrameError."""
         with reading_tiff(self.path):
             if not self._is_printing:
                 yield
@@ -185,7 +188,7 @@ class TiffImages:
                 raise FrameError(f"{self.path}: damaged TIFF: {in_brief(said)}")
 
     def _images(self, indices: Sequence[int]) -> Stored:
-        """Return some of the file's images, shape (n, *page shape)."""
+        """Return images by their index, shape (n, *page shape)."""
         size = len(indices) * math.prod(self._page_shape) * self.dtype.itemsize
         require_plausible_size(self.path, size, self._tiff.filehandle.size)
         whole: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
@@ -199,6 +202,6 @@ class TiffImages:
                     stored_type = self.dtype.newbyteorder(self._tiff.byteorder)
                     self._tiff.filehandle.read_array(stored_type, part.size, item, out=part)
                 else:
-                    # one thread: it is frames that are read in parallel
+                    # one thread, because several frames are read in parallel
                     item.asarray(out=part, maxworkers=1)
         return whole

@@ -1,7 +1,8 @@
-"""Named layers as OME-TIFF: one float32 page each, the status bits of maps as whole numbers in the last.
+"""Named layers as OME-TIFF: one float32 page per layer. The last page of maps holds the status bits as whole numbers.
 
-OME-XML in front says what the pages are; each page has its name too, as a page name and as the description of a band, since GDAL
-and what is built on it (rasterio, QGIS) know a page without the others.
+OME-XML in the first page says what all pages are. Each page also has its own name, as a page name and as the
+description of a GDAL band, because GDAL and programs that use it (rasterio, QGIS) read one page without the other
+pages.
 """
 
 import math
@@ -28,13 +29,17 @@ _REFERENCES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 
 _NAMESPACE = "cadtof"
 _UNIT = "unit of "
-"""Namespace of our annotations, and how the names of those begin that give the unit of a layer."""
+"""Namespace of our annotations, and prefix of the names of annotations that give the unit of a layer."""
 
 _SCHEMA = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
 class _LastWritten(threading.local):
-    """The last file of maps of this thread: names, size and facts of the maps, and the bytes around their pixels."""
+    """The last file of maps that this thread wrote.
+
+    `kind` is everything but pixels and source that the file depends on, `source` is the frame's name as it stands in
+    the file, and `envelope` is the bytes around the pixels.
+    """
 
     kind: object = None
     source: bytes = b""
@@ -45,14 +50,16 @@ _last = _LastWritten()
 
 
 def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence[memoryview]:
-    """Write the maps to `path`, which is empty, or return the parts of the file; no date and no random identifier goes in.
+    """Write the maps to `path`, which is an empty file, or return the parts of the file for the caller to write.
 
-    Files of maps with the same names and size differ in their pixels, and in the name of the recorded frame, alone: tifffile
-    makes what is around them, once.
+    The file holds no date and no random identifier. Files of maps with the same names, size and facts differ only in
+    their pixels and in the name of the recorded frame. So tifffile writes the first file, and its envelope is used for
+    the next.
     """
     maps.pages[-1] = maps.status
     others = {name: text for name, text in header.facts.items() if name != SOURCE}
-    # the name of the recorded frame as it stands in both kinds of XML, with the marks before and after it
+    # the name of the recorded frame as both kinds of XML hold it, with the characters before and after it, which make
+    # it unique
     name = header.facts.get(SOURCE, "").translate(_REFERENCES)
     source = f'source">{name}<'.encode("ascii", "xmlcharrefreplace")
     kind = (maps.names, maps.pages.shape, others, dict(header.units), len(source))
@@ -63,10 +70,13 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
 
 
 def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> Envelope | None:
-    """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags.
+    """Write a file with tifffile, with all pixels in one run; then write the names of the pages into their tags.
 
-    Return what it has written around the pixels; None where these do not lie in one run, as they are. The file ends with a whole
-    disk block, as its pixels begin with one: the next files can then be written past the page cache.
+    The pixels begin at a disk block and the file ends with a whole disk block, so that the next files can be written
+    without the page cache.
+
+    Returns:
+        The envelope of the file; None: tifffile did not write the pixels in one run, or the envelope is too large.
     """
     names = (*maps.names, STATUS)
     bands = [
@@ -87,7 +97,7 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> Envelope | N
         pages, page_bytes = list(file.pages), maps.status.nbytes
         for page, name, band in zip(pages, names, bands, strict=True):
             assert isinstance(page, tifffile.TiffPage)
-            # tifffile writes what does not fit into the place of the tag to the end of the file
+            # tifffile writes a value that does not fit into the place of the old one to the end of the file
             page.tags[_PAGE_NAME].overwrite(name)
             page.tags[_GDAL_METADATA].overwrite(band if name != STATUS else _at_end_of_block(file.filehandle, band))
         starts = [page.dataoffsets[0] for page in pages if page.databytecounts == (page_bytes,)]
@@ -97,9 +107,10 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> Envelope | N
 
 
 def _at_end_of_block(file: tifffile.FileHandle, text: str) -> str:
-    """Make a file as long as is needed for it to end with a whole block after a text and its zero byte; return this text.
+    """Lengthen a file so that it ends with a whole disk block once the text and a zero byte follow; return the text.
 
-    It gets a blank where it takes an odd number of bytes, since values begin at even places.
+    A blank is added to the text if text and zero byte together have an odd length, because values in TIFF begin at even
+    places.
     """
     text += " " * ((len(text) + 1) % 2)
     end = file.seek(0, os.SEEK_END)
@@ -108,19 +119,19 @@ def _at_end_of_block(file: tifffile.FileHandle, text: str) -> str:
 
 
 def _gdal_xml(name: str, unit: str, facts: Mapping[str, str]) -> str:
-    """Return GDAL's metadata of one band: its name, its unit, and facts about the file."""
+    """Return GDAL's metadata of one band as XML: its name, its unit, and facts about the file."""
     root = ElementTree.Element("GDALMetadata")
     for key, text in facts.items():
         ElementTree.SubElement(root, "Item", {"name": key}).text = text
     for key, text in (("description", name), ("unittype", unit)):
         if text:
             ElementTree.SubElement(root, "Item", {"name": key.upper(), "sample": "0", "role": key}).text = text
-    # texts in TIFF are ASCII, and so is what comes without an encoding: other characters are references
+    # texts in TIFF are ASCII; without an encoding, `tostring` gives ASCII with references for other characters
     return ElementTree.tostring(root).decode()
 
 
 def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader) -> str:
-    """Return OME-XML of one image of float pages, of `size` (Y, X) each, with a name for each, their units and facts."""
+    """Return OME-XML of one image: float pages of `size` (Y, X) with their names and units, and facts."""
     root = ElementTree.Element(
         "OME",
         {
@@ -150,19 +161,20 @@ def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader
         value = ElementTree.SubElement(note, "Value")
         for name, text in said.items():
             ElementTree.SubElement(value, "M", {"K": name}).text = text
-    # the serialiser escapes ">" wherever else it stands; without the blanks our files keep the bytes they had
+    # the serialiser escapes every other ">", so this changes only tags; without the blank, files keep the bytes they
+    # had
     text = ElementTree.tostring(root).decode().replace(" />", "/>")
     return f'<?xml version="1.0" encoding="UTF-8"?>{text}'
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
-    """Return what the OME-XML of a file says about its maps."""
+    """Return the facts about the maps that the OME-XML of a file holds, by name."""
     with reading_tiff(path), tifffile.TiffFile(path) as file:
         return _annotations(file.ome_metadata) if file.ome_metadata else {}
 
 
 def _annotations(xml: str) -> dict[str, str]:
-    """Return the facts that `ome_xml` has put in; nothing where it is not ours, or not XML."""
+    """Return the facts that `ome_xml` wrote into the XML; empty if the text is no XML or was not written by us."""
     try:
         root = ElementTree.fromstring(xml)
     except ElementTree.ParseError:
@@ -176,7 +188,7 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     """Return the pages of an OME-TIFF by the names of its channels.
 
     Raises:
-        NotMapsError: its channels have no names.
+        NotMapsError: the channels have no names.
         FrameError: the file cannot be read, or is damaged.
     """
     with closing(TiffImages(path, voltages=False)) as images:

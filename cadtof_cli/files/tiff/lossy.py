@@ -1,4 +1,7 @@
-"""Whether a TIFF's compression changes values: one code stands for lossless and lossy alike, so its bytes are asked."""
+"""Finds out whether a TIFF's compression changes values.
+
+The code of a compression stands for lossless and lossy data alike, so the compressed bytes are examined.
+"""
 
 import struct
 from collections.abc import Callable
@@ -15,19 +18,19 @@ from cadtof_cli.files.tiff.images import reading_tiff
 _LERC_PARAMETERS = 50674
 
 _DEFLATE, _ZSTANDARD = 1, 2
-"""What LERC may be packed in once more."""
+"""Codes of the compressions that may be applied to LERC data."""
 
 _MOST_HEADER_BYTES = 64
-"""Bytes of a JPEG XR that hold all of its header, unless the image is cut into hundreds of tiles."""
+"""Number of bytes in which the header of a JPEG XR fits, unless the image has hundreds of tiles."""
 
 _ROUNDING = 0.5
-"""What LERC calls the error of whole numbers that it keeps."""
+"""The largest error that LERC declares for whole numbers that it keeps exactly."""
 
 
 def lossy_compression(path: Path, _dtype: np.dtype[Any], /) -> str | None:
-    """Return the name of the compression of a file's first page where that changes values; None where it does not.
+    """Return the name of the compression of the file's first page if it changes values.
 
-    None too where the header is one that is not understood.
+    None: it does not change values, or the compressed data has a header that we do not understand.
 
     Raises:
         FrameError: the file cannot be read.
@@ -45,7 +48,7 @@ def lossy_compression(path: Path, _dtype: np.dtype[Any], /) -> str | None:
 
 
 def _jpeg(data: bytes, _page: tifffile.TiffPage) -> str | None:
-    """Lossless JPEG says so by the kind of its frame, SOF3; lossy JPEG has frames of other kinds."""
+    """Examine JPEG: the kind of its frame tells whether it is lossless (SOF3) or lossy (other kinds)."""
     place = 2
     while data[place] == 0xFF and data[place + 1] not in _FRAME_KINDS:
         (length,) = struct.unpack_from(">H", data, place + 2)
@@ -58,7 +61,7 @@ _LOSSLESS_KINDS = frozenset({0xC3, 0xC7, 0xCB, 0xCF})
 
 
 def _jpeg_2000(data: bytes, _page: tifffile.TiffPage) -> str | None:
-    """The wavelet 9/7 cannot be reversed, 5/3 can; COD says which."""
+    """Examine JPEG 2000: the wavelet 9/7 cannot be reversed, 5/3 can; the marker COD says which of them is used."""
     place = data.find(b"\xff\x52")
     return "JPEG 2000" if place >= 0 and data[place + 13] == 0 else None
 
@@ -68,7 +71,7 @@ def _webp(data: bytes, _page: tifffile.TiffPage) -> str | None:
 
 
 def _lerc(data: bytes, page: tifffile.TiffPage) -> str | None:
-    """The largest error allowed stands in the header of a LERC2."""
+    """Examine LERC: the header of LERC2 holds the largest error that was allowed."""
     _, packed = page.tags.valueof(_LERC_PARAMETERS, default=(0, 0))
     if packed == _DEFLATE:
         data = bytes(imagecodecs.zlib_decode(data))
@@ -85,7 +88,7 @@ def _lerc(data: bytes, page: tifffile.TiffPage) -> str | None:
 
 
 def _jpeg_xl(data: bytes, _page: tifffile.TiffPage) -> str | None:
-    """Lossy JPEG XL keeps pixels in colours of its own (XYB)."""
+    """Examine JPEG XL: lossy data holds the pixels in its own colour space, XYB."""
     start = data.find(b"\xff\x0a", data.find(b"jxlc") if data.startswith(b"\0\0\0\x0cJXL ") else 0)
     bits = int.from_bytes(data[start + 2 : start + 34], "little")
 
@@ -104,7 +107,7 @@ def _jpeg_xl(data: bytes, _page: tifffile.TiffPage) -> str | None:
     if take(1):
         return "JPEG XL"
     if take(1) and take(6) >> 3:
-        # what comes next has no fixed place
+        # the fields after this one have no fixed place
         return None
     is_float = take(1)
     if take(2) == 3:
@@ -116,13 +119,13 @@ def _jpeg_xl(data: bytes, _page: tifffile.TiffPage) -> str | None:
 _JPEG_XR = b"WMPHOTO\0"
 _GREY = 0
 _SHIFTED = frozenset({2, 3, 6})
-"""Types of samples, whole numbers of 16 and 32 bits, of which low bits may be left out."""
+"""Types of samples, whole numbers of 16 and 32 bits, whose low bits may be left out."""
 _FLOAT32 = 7
 _MANTISSA_BITS = 23
 
 
 def _jpeg_xr(data: bytes, _page: tifffile.TiffPage) -> str | None:
-    """Lossless JPEG XR keeps all bits and all bands, and divides by nothing (ITU-T T.832, 8.3 and 8.4)."""
+    """Examine JPEG XR: lossless data keeps all bits and all bands, with divisors of 1 (ITU-T T.832, 8.3 and 8.4)."""
     start = data.index(_JPEG_XR) + len(_JPEG_XR)
     header = data[start : start + _MOST_HEADER_BYTES].ljust(_MOST_HEADER_BYTES, b"\0")
     bits, place = int.from_bytes(header, "big"), 8 * _MOST_HEADER_BYTES
@@ -146,11 +149,11 @@ def _jpeg_xr(data: bytes, _page: tifffile.TiffPage) -> str | None:
     if trimmed or scaled or bands_left_out:
         return "JPEG XR"
     if colours != _GREY:
-        # what comes next depends on the colours
+        # the fields after this one depend on the colours
         return None
     if (kind in _SHIFTED and take(8)) or (kind == _FLOAT32 and take(16) >> 8 < _MANTISSA_BITS):
         return "JPEG XR"
-    # of each band whether one divisor holds everywhere, and which; or that it is the one of the band before
+    # for each band: is there one divisor for the whole image, and which? Or is it the divisor of the band before?
     coarse = not take(1) or take(8) > 1
     for _ in range(2):
         coarse = coarse or (not take(1) and (not take(1) or take(8) > 1))
@@ -175,4 +178,4 @@ _TOLD_BY: dict[int, Callable[[bytes, tifffile.TiffPage], str | None]] = {
     50002: _jpeg_xl,
     52546: _jpeg_xl,
 }
-"""What tells whether values are changed, by the code of a compression."""
+"""Functions that examine compressed data, by the code of the compression; see `lossy_compression`."""

@@ -1,4 +1,4 @@
-"""The names that a TIFF gives its planes: OME channels, GDAL bands, ImageJ slice labels, page names and descriptions."""
+"""The names that a TIFF gives its planes: OME channels, GDAL bands, ImageJ slice labels, page names, descriptions."""
 
 import math
 from collections.abc import Sequence
@@ -18,13 +18,16 @@ _GDAL_METADATA = 42112
 def names_of_planes(
     tiff: tifffile.TiffFile, series: Sequence[tifffile.TiffPageSeries], axes: str, sizes: Sequence[int]
 ) -> tuple[str, ...]:
-    """Return a name for every plane in the order of the file, empty where one has none; nothing where none has one.
+    """Return a name for every plane, in the order of the file. A plane without a name has an empty text.
+
+    The result is empty if no plane has a name.
 
     Args:
         tiff: the open file.
-        series: its pages.
-        axes: labels of the axes besides Y and X, slowest first; I runs over images, S over the samples of a pixel.
-        sizes: lengths of those axes.
+        series: the series of its pages.
+        axes: labels of the axes besides Y and X, slowest first; I is the axis of images, S the axis of a pixel's
+            samples.
+        sizes: lengths of these axes.
     """
     first, samples, images = tiff.pages.first, sizes[-1], math.prod(sizes[:-1])
     if tiff.is_ome:
@@ -37,26 +40,26 @@ def names_of_planes(
         return index_names(Path(tiff.filehandle.path), list(series[0]))
     labels = (tiff.imagej_metadata or {}).get("Labels", ()) if tiff.is_imagej else ()
     if len(labels) == images:
-        # ImageJ adds lines about the image that a slice came from
+        # the first line is the name; after it ImageJ adds lines about the image that the slice came from
         return tuple(str(label).partition("\n")[0] for label in labels)
     names = tuple(_page_name(page) for one in series for page in one) if _page_name(first) else ()
     return names if len(names) == images else ()
 
 
 def channel_names(xml: str, /) -> tuple[str, ...]:
-    """Return the names of all channels in their order, empty for one without a name; none of them where it is not XML."""
+    """Return the names of all channels in OME-XML (an empty text: no name); empty if the text is no XML."""
     from xml.etree import ElementTree
 
     try:
         root = ElementTree.fromstring(xml)
     except ElementTree.ParseError:
-        # tifffile logs it too, which becomes an error elsewhere
+        # tifffile logs an error for this, which `reading_tiff` turns into a FrameError
         return ()
     return tuple(element.get("Name", "") for element in root.iter() if element.tag.rpartition("}")[2] == "Channel")
 
 
 def _channels(names: Sequence[str], axes: str, sizes: Sequence[int]) -> tuple[str, ...]:
-    """Return the name of each plane's channel; several images have channels of their own."""
+    """Return the name of each plane's channel; `names` are those of all images in turn, or of one image for all."""
     along = axes.find("C") if "C" in axes and sizes[axes.find("C")] > 1 else axes.rindex("S")
     images, place = np.indices(sizes)[[0, along]].reshape(2, -1)
     channels = sizes[along]
@@ -67,7 +70,7 @@ def _channels(names: Sequence[str], axes: str, sizes: Sequence[int]) -> tuple[st
 
 
 def _bands(page: tifffile.TiffPage, samples: int) -> tuple[str, ...]:
-    """Return the descriptions of a GeoTIFF's bands."""
+    """Return the descriptions of a GeoTIFF's bands, which GDAL wrote."""
     from xml.etree import ElementTree
 
     tag = page.tags.get(_GDAL_METADATA)
@@ -81,7 +84,7 @@ def _bands(page: tifffile.TiffPage, samples: int) -> tuple[str, ...]:
 
 
 def _page_name(page: object) -> str:
-    """Return a page's name, or its description where that is the name of a plane."""
+    """Return the name or the description of a page, whichever names a plane; empty if neither does."""
     if isinstance(page, tifffile.TiffFrame):
         page = page.aspage()
     if not isinstance(page, tifffile.TiffPage):

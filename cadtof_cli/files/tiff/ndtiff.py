@@ -1,4 +1,4 @@
-"""NDTiff, as Micro-Manager writes it: a file beside the pages, not they, says which page is which plane."""
+"""NDTiff, as Micro-Manager writes it: an index in a file of its own says which page is which plane."""
 
 import math
 from collections.abc import Sequence
@@ -13,15 +13,17 @@ from cadtof_cli.files.tiff.pages import Page
 _INDEX = "NDTiff.index"
 
 _FIRST_WITH_INDEX = 2
-"""Major version of the format."""
+"""Major version of the format from which on there is an index."""
 
 
 def require_sound_index(path: Path, tiff: tifffile.TiffFile, /) -> None:
-    """Make sure, before tifffile follows it, that the index of an NDTiff file describes the pages of this file and no others.
+    """Make sure that the index of an NDTiff file describes the pages of this file and of no other file.
+
+    This is checked before tifffile uses the index.
 
     Raises:
-        FrameError: it is not there, names other files, or promises planes that it does not list.
-        OSError: it cannot be read.
+        FrameError: the index is missing, names other files, or its axes promise planes that it does not list.
+        OSError: the index cannot be read.
     """
     written_by = tiff.micromanager_metadata or {}
     if written_by.get("MajorVersion", 0) < _FIRST_WITH_INDEX:
@@ -46,13 +48,16 @@ def require_sound_index(path: Path, tiff: tifffile.TiffFile, /) -> None:
 
 
 def _length(places: Sequence[object]) -> int:
-    """Return how long an axis is, along which planes have these places: whole numbers, or names."""
+    """Return the length of an axis on which planes have these places, which are whole numbers or names."""
     numbers = [place for place in places if isinstance(place, int)]
     return max(numbers) - min(numbers) + 1 if len(numbers) == len(places) else len(set(places))
 
 
 def index_names(path: Path, pages: Sequence[Page | None], /) -> tuple[str, ...]:
-    """Return what the index calls each page, such as H1.SC2, by the names among its places; empty where they are numbers."""
+    """Return the name that the index gives each page, such as H1.SC2: the names among its places, joined by dots.
+
+    The name of a page is empty if all its places are numbers.
+    """
     said = {
         offset: ".".join(place for place in axes.values() if isinstance(place, str))
         for axes, _, offset, *_ in tifffile.read_ndtiff_index(path.with_name(_INDEX))

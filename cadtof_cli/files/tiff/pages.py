@@ -1,4 +1,4 @@
-"""The pages of a TIFF file, checked before a pixel is read, since tifffile fills what is missing with zeros."""
+"""Checks of a TIFF's pages before a pixel is read, because tifffile fills missing data with zeros."""
 
 import math
 import struct
@@ -13,20 +13,27 @@ from cadtof_cli.files.reading import in_brief
 from cadtof_cli.files.system import read_at
 
 MAX_TAGS = 4096
-"""The limit of tifffile; a page with more is damaged."""
+"""Most tags of a page, the limit of tifffile; a page with more tags is damaged."""
 
 LOOKED_INTO = 64
-"""Pages that are checked one by one; a file of more is a stack, whose pages are alike."""
+"""Number of first pages that are checked one by one; a file with more pages is a stack, whose pages are alike."""
 
 Page = tifffile.TiffPage | tifffile.TiffFrame
 
 
 _VALUE_BYTES = {3: 2, 4: 4, 5: 8, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
-"""Bytes of one value by the type code of its tag; one where not listed."""
+"""Bytes of one value by the type code of its tag; types that are not listed take one byte."""
 
 
 class _Form(NamedTuple):
-    """How the numbers of a TIFF file are packed; `first` is where the first page's place stands."""
+    """How the numbers of a TIFF file are packed.
+
+    Attributes:
+        first: the byte at which the position of the first page is stored.
+        tags: the number of tags of a page.
+        tag: one tag: code, type, number of values, and the position of the values.
+        link: the position of a page.
+    """
 
     first: int
     tags: struct.Struct
@@ -44,17 +51,17 @@ _FORMS = {
     for order in "<>"
     for big in (False, True)
 }
-"""How the structures of a TIFF are laid out, by byte order and whether it is a BigTIFF."""
+"""Forms of a TIFF file, by its byte order and by whether it is a BigTIFF."""
 
 
 def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
-    """Follow the list of pages of an open file from one to the next.
+    """Follow the linked list of an open file's pages from the first to the last, and check it.
 
-    tifffile takes a list that breaks off for a shorter one, and can follow a list that bites its tail until memory
-    runs out; neither may happen here.
+    tifffile reads a list that breaks off as a shorter list. If a list returns to an earlier page, tifffile can follow
+    it until the memory is full.
 
     Raises:
-        FrameError: the list is empty, leaves the file, ends within a page or returns to an earlier one.
+        FrameError: the list is empty, leaves the file, ends within a page or returns to an earlier page.
     """
     header = read_at(descriptor, 4, 0)
     form = _FORMS["<" if header[:2] == b"II" else ">", 43 in header[2:]]
@@ -82,7 +89,8 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
 def _require_values_within(path: Path, page: int, form: _Form, tags: bytes, size: int) -> None:
     """Check that the values of a page's tags lie within the file.
 
-    Software that learns the axes last writes them last, and a file that lost them would be read in another order.
+    Some software knows the axes only at the end of a recording and writes them at the end of the file. If that end is
+    lost, the planes would be read in another order.
     """
     for code, kind, count, offset in form.tag.iter_unpack(tags):
         length = _VALUE_BYTES.get(kind, 1) * count
@@ -94,7 +102,7 @@ def _require_values_within(path: Path, page: int, form: _Form, tags: bytes, size
 
 
 def require_sound_page(path: Path, page: Page, keyframe: tifffile.TiffPage, file_size: int) -> None:
-    """Check that all of a page's strips or tiles are there and within the file.
+    """Check that all strips or tiles of a page are present and lie within the file.
 
     Raises:
         FrameError: strips are missing, empty, or reach beyond the end of the file.
@@ -112,16 +120,17 @@ def require_sound_page(path: Path, page: Page, keyframe: tifffile.TiffPage, file
 
 
 def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes: int) -> None:
-    """Check what the page that describes a series says of its samples against the bytes it says they take.
+    """Check the type of samples and the number of bytes that the page which describes a series declares.
 
     Args:
         path: the file, for messages.
-        page: first page of the series.
-        stored_bytes: bytes that the page's strips take if they are not compressed: those of the page, or of the
-            whole series where one page stands for all.
+        page: first page of the series, which describes all its pages.
+        stored_bytes: bytes that the page's strips must take if they are not compressed. It is the size of one page, or
+            of the whole series if this page stands for all pages.
 
     Raises:
-        FrameError: the samples are of a type that we do not read, or the bytes are too many or too few.
+        FrameError: we do not read samples of this type or this compression, or the declared bytes are too many or too
+            few.
     """
     if page.dtype is None or page.dtype.name not in SAMPLE_TYPES or page.bitspersample != page.dtype.itemsize * 8:
         found = f"{page.bitspersample} bits a sample, sample format {int(page.sampleformat)}"
@@ -152,7 +161,7 @@ def _require_known_compression(path: Path, page: tifffile.TiffPage) -> None:
 
 
 def lies_in_one_run(page: Page, keyframe: tifffile.TiffPage) -> bool:
-    """Return whether a page's pixels follow each other in the file as they do in memory."""
+    """Return whether the pixels of a page lie in the file without gaps, in the order and form of arrays in memory."""
     if not keyframe.is_final:
         return False
     ends = [offset + count for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False)]

@@ -1,4 +1,7 @@
-"""Which images a TIFF holds, in which order, and whether each is whole, by what tifffile makes of its metadata."""
+"""Finds which images a TIFF holds, in which order, and whether each is complete.
+
+It starts from the series that tifffile finds in the metadata of the file.
+"""
 
 import math
 from collections import Counter
@@ -20,14 +23,15 @@ from cadtof_cli.files.tiff.ndtiff import require_sound_index
 from cadtof_cli.files.tiff.pages import Page, lies_in_one_run, require_sound_keyframe, require_sound_page
 
 Item = int | Page
-"""One image of a series: the byte where its pixels begin, if they lie in one run, or the page that knows."""
+"""Place of an image: the byte at which its pixels begin, if they lie in one run; otherwise the page, to be decoded."""
 
 
 def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPageSeries]:
-    """Return the series of a file; software that writes page by page makes a series of each.
+    """Return the series of a file, which are alike; software that writes page by page makes a series of every page.
 
     Raises:
-        FrameError: there is no image, the images differ in size or type, or some lie in other files.
+        FrameError: there is no image, the images differ in size or type, some lie in other files, or the metadata is
+            damaged.
     """
     first = tiff.pages.first
     if "<OME" in first.description and not tiff.is_ome:
@@ -46,15 +50,16 @@ def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPa
 
 
 def _series(tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
-    """Return the series that tifffile finds, or one for each page in the order of the file where they are not alike.
+    """Return the series that tifffile finds, or a series for each page in the order of the file.
 
-    tifffile sorts pages by how they are stored, and takes that for the order of a stack; but the pages of a file that
-    another program has touched differ in their strips. A page that was split off keeps the description of its file.
+    If tifffile finds several plain series, it has sorted the pages by how they are stored. That is not the order of a
+    stack, because pages that another program has rewritten differ in their strips. The description of a file that holds
+    a single plane is not used, because a page that was split off keeps the description of its old file.
     """
     if not _is_alone(tiff):
         try:
             found: Any = tiff.series
-            # from tifffile 2026.5 on, axes of length 1 are left out unless one asks for them
+            # from tifffile 2026.5 on, axes of length 1 are left out unless `squeeze` is False
             series: list[tifffile.TiffPageSeries] = list(found(squeeze=False) if callable(found) else found)
         except RuntimeError:
             series = []
@@ -66,14 +71,17 @@ def _series(tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
 
 
 def _is_alone(tiff: tifffile.TiffFile) -> bool:
-    """Return whether a file holds one plane, whatever its description says; others may follow without a page of their own."""
+    """Return whether a file holds a single plane, whatever its description says.
+
+    More planes may follow the first one without pages of their own; then the file is larger.
+    """
     first = tiff.pages.first
     after = tiff.filehandle.size - min(first.dataoffsets, default=0)
     return len(tiff.pages) == 1 and len(first.shape) == 2 and after < 2 * first.nbytes
 
 
 def _axes(series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...]]:
-    """Return labels and lengths of a series' axes, without the one sample a pixel that tifffile adds to some."""
+    """Return labels and lengths of a series' axes, without an axis of one sample per pixel that tifffile may add."""
     one: Any = series
     is_old = hasattr(one, "get_axes")  # until tifffile 2026.5
     axes, shape = (one.get_axes(squeeze=False), one.get_shape(squeeze=False)) if is_old else (one.axes, one.shape)
@@ -83,10 +91,10 @@ def _axes(series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...]]:
 
 
 def divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...], str]:
-    """Return labels and lengths of the axes that run over images, and labels of the axes within an image.
+    """Return labels and lengths of the axes over images, and labels of the axes within an image.
 
     Raises:
-        FrameError: a page is no whole image.
+        FrameError: the pages of the series are no whole images.
     """
     axes, shape = _axes(series)
     page = series.keyframe
@@ -100,16 +108,16 @@ def divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tupl
 
 
 def sound_items(path: Path, series: Sequence[tifffile.TiffPageSeries], images: int) -> list[Item]:
-    """Return the place of every image, each checked to be within the file.
+    """Return the place of every image, after checking that each lies within the file.
 
     Raises:
-        FrameError: images are missing, or the file was cut off.
+        FrameError: images are missing, or the file was cut off, or `require_sound_keyframe` refuses it.
     """
     items: list[Item] = []
     for one in series:
         page = one.keyframe
         file_size = page.parent.filehandle.size
-        # ImageJ and truncated files describe a whole stack by its first page
+        # the pixels of all images in one run; files of ImageJ and of tifffile's `truncate` then have only a first page
         run = one.dataoffset
         require_sound_keyframe(path, page, stored_bytes=page.nbytes * (images if run is not None else 1))
         if run is not None:
@@ -133,14 +141,14 @@ def sound_items(path: Path, series: Sequence[tifffile.TiffPageSeries], images: i
 
 
 def is_scattered(series: tifffile.TiffPageSeries, /) -> bool:
-    """Return whether a plane is spread over pages: its rows or columns are an axis over pages, as in axes Y X C H."""
+    """Return whether planes are spread over pages: rows or columns are an axis over pages, as in the axes Y X C H."""
     axes, within = _axes(series)[0], series.keyframe.axes
     pairs = zip(axes[::-1], within[::-1], strict=False) if len(axes) >= len(within) else ()
     return {"Y", "X"} <= set(axes) and any(axis != page_axis for axis, page_axis in pairs if page_axis in "YX")
 
 
 class ScatteredPlanes:
-    """Planes whose pixels are spread over many pages; they are read all at once, as the axes say."""
+    """Planes whose pixels are spread over many pages; the whole series is read at once and its axes are reordered."""
 
     def __init__(self, path: Path, series: Sequence[tifffile.TiffPageSeries]) -> None:
         self._series = one = series[0]
@@ -163,6 +171,6 @@ class ScatteredPlanes:
         return whole.reshape(-1, *whole.shape[-2:])
 
     def planes(self, indices: NDArray[np.intp], /) -> Stored:
-        """Return planes by their place, native byte order, shape (n, Y, X), C-contiguous."""
+        """Return planes by their index, native byte order, shape (n, Y, X), C-contiguous."""
         found = self._planes[indices]
         return np.ascontiguousarray(found, found.dtype.newbyteorder("="))
