@@ -1,1 +1,1 @@
-"""What was recorded: the metadata of captures, and where their frames lie in folders and files."""
+"""Captures: their metadata, and where their frames lie in folders and files."""

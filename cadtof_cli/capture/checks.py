@@ -1,4 +1,4 @@
-"""Kinds and checks of the values of `capture.toml`, and what messages say where one fails."""
+"""Kinds and checks of the values in `capture.toml`, and the messages for values that fail them."""
 
 import math
 import re
@@ -11,11 +11,11 @@ from cadtof_cli.units import shortened
 Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "text", "names", "numbers by name"]
 
 MOST_LETTERS = 200
-"""Letters of a value that a message shows."""
+"""Most letters of a value that a message shows."""
 
 
 _BEYOND_FLOAT = 2**1023
-"""Whole numbers from here on may be too large for a float."""
+"""Whole numbers of this size or more may be too large for a float."""
 
 _EXPECTED: dict[Kind, str] = {
     "number": "a number",
@@ -30,7 +30,15 @@ _EXPECTED: dict[Kind, str] = {
 
 
 class InvalidValueError(MetadataError):
-    """A value that a key cannot have. `where` is the file or option that it came from, filled in by the caller that knows it."""
+    """A value that its key cannot have.
+
+    Attributes:
+        key: the dotted name of the key.
+        found: the value.
+        expected: the values that are allowed, in words.
+        where: the file or option that gave the value; empty: not known. A caller that knows it raises the error again
+            with it.
+    """
 
     def __init__(self, key: str, found: object, expected: str, where: str = "") -> None:
         super().__init__(key, found, expected, where)
@@ -42,7 +50,11 @@ class InvalidValueError(MetadataError):
 
 
 def converted(kind: Kind, value: Any, /) -> Any:
-    """Return a value from TOML or the command line as the records hold it; raises TypeError, with what was expected."""
+    """Return a value from TOML or the command line in the type that the records hold.
+
+    Raises:
+        TypeError: the value is not of this kind; the message is the expected kind, in words.
+    """
     match kind, value:
         case ("number", int() | float()) if not isinstance(value, bool) and (
             type(value) is float or abs(value) < _BEYOND_FLOAT
@@ -63,7 +75,13 @@ def converted(kind: Kind, value: Any, /) -> Any:
 
 
 class Check(NamedTuple):
-    """A condition that values must meet, what a message then expects, and what it shows as found."""
+    """A condition on a value.
+
+    Attributes:
+        holds: whether a value meets the condition.
+        expected: the condition in words, for a message.
+        found: the part of a bad value that a message shows.
+    """
 
     holds: Callable[[Any], bool]
     expected: str
@@ -71,12 +89,12 @@ class Check(NamedTuple):
 
 
 def above(least: float, /) -> Check:
-    """Return the check that a number is finite and above another."""
+    """Return the check that a number is finite and greater than `least`."""
     return Check(lambda value: math.isfinite(value) and value > least, f"a finite number above {least}")
 
 
 def within(least: float, most: float, /) -> Check:
-    """Return the check that a magnitude lies between two limits."""
+    """Return the check that the magnitude of a number lies between two limits, limits included."""
     return Check(lambda value: least <= abs(value) <= most, f"a number from {least:g} to {most:g}")
 
 
@@ -85,11 +103,11 @@ POSITIVE = above(0)
 COUNT, LENGTH, PERIOD, VOLTS, SCALE = (
     within(*limits) for limits in ((0.0, 1e15), (1e-3, 1e9), (1e-3, 1e9), (1e-6, 1e6), (1e-15, 1e6))
 )
-"""Limits far beyond what any camera has; squares of numbers outside may overflow."""
+"""Checks with limits far beyond the values of any camera; outside them, squares of numbers may overflow."""
 
 
 def each(check: Check, /) -> Check:
-    """Return the check that all items of a list pass another."""
+    """Return the check that all items of a list pass `check`."""
     return Check(
         lambda values: all(map(check.holds, values)),
         check.expected,
@@ -98,7 +116,7 @@ def each(check: Check, /) -> Check:
 
 
 def _is_sample_type(dtype: str) -> bool:
-    # imported here: options that are only printed do not need numpy
+    # imported here, because commands that only print their options do not need numpy
     from cadtof_cli.files.frames import is_sample_type
 
     return is_sample_type(dtype)

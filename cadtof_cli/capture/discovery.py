@@ -1,6 +1,7 @@
-"""Captures and their frames from the folders and files that a command was given, by name alone.
+"""Finds captures and their frames in the folders and files that a command was given, by names alone.
 
-What a file holds is judged when it is read, so that a bad one fails alone and 2,000 files are listed in milliseconds.
+The content of a file is checked only when the file is read. So a bad file fails alone, and 2,000 files are listed in
+milliseconds.
 """
 
 import functools
@@ -23,10 +24,10 @@ from cadtof_cli.files.reading import is_folder
 from cadtof_cli.units import first_of
 
 OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
-"""Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""
+"""Files that mark a folder of maps, or a calibration: no file in it or below it is a recorded frame."""
 
 TRUTH = "truth"
-"""What files of truth are called, without suffix: they are no frames."""
+"""Name of the files of truth, without suffix; these files are no frames."""
 
 _MISNAMED = (
     "Capture.toml",
@@ -36,7 +37,7 @@ _MISNAMED = (
     "Capture.toml.txt",
     "capture.toml.toml",
 )
-"""What editors and other systems make of the name of settings."""
+"""Wrong names that editors and other systems give to `capture.toml`."""
 
 
 def find_captures(
@@ -48,21 +49,21 @@ def find_captures(
 ) -> tuple[Capture, ...]:
     """Return the captures in folders and files.
 
-    A folder is a capture: its files of the formats that we read in natural order, without hidden files, `truth.*` and what
-    lies in folders within it. Files that follow each other and share a folder are a capture too. The `capture.toml` of a
-    capture is the one in its folder, else the one in the nearest folder above. With `[layout] pattern`, files are planes
-    and grouped into frames.
+    A folder is a capture. Its frames are its files of the formats that we read, in natural order, without hidden files,
+    `truth.*` and files in folders inside it. Files that follow each other in `inputs` and share a folder are a capture
+    too. The `capture.toml` of a capture is the one in its folder, or else in the nearest folder above. With
+    `[layout] pattern`, files are planes, which are grouped into frames.
 
-    What is named twice counts once: a capture, and a file besides the folder that it lies in.
+    A capture that is named twice is returned once. A file that is named in addition to its folder counts once.
 
     Args:
         inputs: folders and files.
-        overrides: metadata by dotted key that goes before any `capture.toml`.
-        settings_file: a `capture.toml` that holds for all captures, in place of any other.
-        recursive: whether folders within folders are looked into, all the way down.
+        overrides: metadata by dotted key, which replaces the values of every `capture.toml`.
+        settings_file: a `capture.toml` that is used for all captures, in place of any other.
+        recursive: whether captures are also looked for in all folders below the inputs.
 
     Raises:
-        CaptureError: an input does not exist, cannot be listed, or holds no frames, or two frames share a name.
+        CaptureError: an input does not exist, cannot be listed or holds no frames, or two frames have the same name.
         MetadataError: a `capture.toml` or an override is not allowed.
     """
     source_of = functools.cache(lambda folder: load_metadata(settings_file or nearest_settings(folder), overrides))
@@ -92,7 +93,7 @@ def find_captures(
 
 
 def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:
-    """Yield captures, of which each tells whether it is a whole folder, without frames that another one has."""
+    """Yield every capture once, without frames that another capture has. The flag says whether it is a whole folder."""
     whole = {absolute(one.root): one for one, is_whole in reversed(captures) if is_whole}
     times, seen = Counter(absolute(one.root) for one, _ in captures), set[tuple[Path, ...]]()
     for capture, _ in captures:
@@ -115,11 +116,17 @@ def find_placed_captures(
     recursive: bool = False,
     base: Path | None = None,
 ) -> tuple[tuple[Capture, ...], Path]:
-    """Return the captures of `find_captures` with their frames named as they lie below a folder whose tree OUT mirrors, and that
-    folder.
+    """Return the captures of `find_captures`, with their frames renamed for OUT, and the folder whose tree OUT mirrors.
 
-    A capture elsewhere is placed by the part of its path that it does not share with `base`; None: the deepest folder that all
-    inputs and captures lie in.
+    The name of a frame gets the path of its capture relative to that folder in front of it. If a capture lies outside
+    of the folder, the steps `..` of this path are left out.
+
+    Args:
+        inputs: see `find_captures`.
+        overrides: see `find_captures`.
+        settings_file: see `find_captures`.
+        recursive: see `find_captures`.
+        base: the folder whose tree OUT mirrors; None: the deepest folder that contains all inputs and captures.
     """
     captures = find_captures(inputs, overrides=overrides, settings_file=settings_file, recursive=recursive)
     if base is None:
@@ -138,18 +145,18 @@ def find_placed_captures(
 
 
 def absolute(path: Path, /) -> Path:
-    """Return an absolute path without `..`; links are taken as they are named."""
+    """Return an absolute path without `..`; links are not resolved."""
     return Path(os.path.normpath(path.absolute()))
 
 
 def nearest_settings(folder: Path, /) -> Path | None:
-    """Return the `capture.toml` that holds for a folder: its own, else that of the nearest folder above; None: there is none.
+    """Return the `capture.toml` of a folder: the one in it, or else in the nearest folder above; None: there is none.
 
     Raises:
-        CaptureError: the first of these that has one has it under another name, which would be passed over.
+        CaptureError: the nearest folder that has such a file has it under a wrong name, so that it would be ignored.
     """
     for place in (folder, *absolute(folder).parents):
-        # a file in a folder without permission counts as missing; a broken link counts as there, and fails when it is read
+        # a file in a folder without permission counts as missing; a broken link counts as present, and reading it fails
         if os.path.lexists(place / FILE_NAME):
             return place / FILE_NAME
         for name in _MISNAMED:
@@ -161,11 +168,11 @@ def nearest_settings(folder: Path, /) -> Path | None:
 
 
 _SourceOf = Callable[[Path], MetadataSource]
-"""The metadata of what lies in a folder; each `capture.toml` is looked for once."""
+"""Returns the metadata that a folder's captures have; it looks for the `capture.toml` of each folder once."""
 
 
 def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
-    """Return the folder of the capture that an input is or belongs to, and whether the input is that folder."""
+    """Return the folder of the capture to which an input belongs, and whether the input is that folder itself."""
     try:
         if stat.S_ISDIR(path.stat().st_mode):
             return path, True
@@ -174,7 +181,7 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
     except OSError as error:
         raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
     except ValueError as error:
-        # a whole list, where zero bytes stand for the ends of lines
+        # the path may be a whole list of paths with zero bytes between them
         first, zero, _ = str(path).partition("\0")
         hint = "; paths with zero bytes between them, as `find -print0` writes them, need `resolve -0`" if zero else ""
         raise CaptureError(
@@ -185,7 +192,7 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
 
 
 def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
-    """Yield the captures in a folder and in all folders below it, in natural order."""
+    """Yield the captures in a folder and in all folders below it, in the natural order of the folders' names."""
     waiting, seen = [folder], set[str]()
     while waiting:
         here = waiting.pop()
@@ -205,8 +212,9 @@ def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
 
 
 def _entries(folder: Path, pattern: str | None = None) -> list[tuple[str, bool]]:
-    """Return what lies in a folder, as many levels below it as the pattern of its planes says: paths relative to it, with
-    slashes, and whether each is a folder.
+    """Return the entries of a folder: their paths relative to the folder, with slashes, and whether each is a folder.
+
+    If the pattern of planes contains slashes, the entries are those of the folders that many levels below.
 
     Raises:
         CaptureError: a folder cannot be listed.
@@ -219,7 +227,7 @@ def _entries(folder: Path, pattern: str | None = None) -> list[tuple[str, bool]]
             try:
                 with os.scandir(here) as entries:
                     found += [
-                        # a link in a loop is listed as a file; reading it gives the error
+                        # a link in a loop is listed as a file; reading it raises the error
                         (
                             below + entry.name,
                             entry.is_dir(follow_symlinks=False) or (entry.is_symlink() and is_folder(Path(entry))),
@@ -239,19 +247,21 @@ def _entries(folder: Path, pattern: str | None = None) -> list[tuple[str, bool]]
 def _capture(
     root: Path, source: MetadataSource, named: Sequence[str] | None = None, *, recursive: bool = False
 ) -> Capture | None:
-    """Return the capture in a folder, or of files that were named in it; None where there is no frame.
+    """Return the capture in a folder, or of the files in it that were named; None: there is no frame.
 
-    What the names of frames, or of planes, end with is in it, in natural order: a folder of such a name, too, so that the frame
-    fails by its name; where folders are looked into, only one that is empty.
+    The entries of the folder with the suffix of a frame, or of a plane, belong to the capture, in natural order. A
+    folder with such a name belongs to it too, so that it is reported as a frame that fails. If `recursive` is set,
+    captures are looked for inside of folders, so such a folder belongs to the capture only if it is empty.
 
     Raises:
-        CaptureError: two frames share a name; or folders are looked into, and this one has planes that the pattern does not fit.
+        CaptureError: two frames have the same name; or `recursive` is set, and the folder has planes but none fits the
+            pattern.
     """
-    # a shell that expands cap/* hands over the metadata too
+    # when a shell expands cap/*, `capture.toml` is among the named files
     layout, names = source.metadata.layout, [name for name in named or () if name != FILE_NAME]
     suffixes = frame_suffixes(planes=layout.pattern is not None, raw=layout.raw_dtype is not None)
     for name, is_dir in _entries(root, layout.pattern) if named is None else ():
-        # plain strings: a Path for each of 2,000 names takes longer than listing them
+        # plain strings, because making 2,000 Paths takes longer than listing the folder
         last = name.rpartition("/")[2].lower()
         stem, dot, suffix = last.rpartition(".")
         if dot + suffix not in suffixes or last.startswith(".") or stem == TRUTH:
@@ -265,7 +275,7 @@ def _capture(
     frames: Sequence[FrameSource] = FrameFileList(root, names)
     if layout.pattern is not None:
         frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
-    # files of one kind have different names
+    # names without suffix can be equal only if there are different suffixes, or if a pattern makes the names
     if layout.pattern is not None or len({name.rpartition(".")[2] for name in names}) > 1:
         _require_different_names(root, frames)
     if recursive and not frames and "/" not in str(layout.pattern):
@@ -274,7 +284,7 @@ def _capture(
 
 
 def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None = None) -> CaptureError:
-    """Return the error of a folder without frames, or of files that were named in it."""
+    """Return the error for a folder without frames, or for named files in it (`among`) that are no frames."""
     layout = source.metadata.layout
     pattern, looked_for = layout.pattern, _expected_names(layout)
     if among is None:
@@ -287,7 +297,7 @@ def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None =
 
 
 def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -> str:
-    """Return what has to be said or done before files of some suffixes are frames; the names are examples of them."""
+    """Return a hint what to do so that files of these suffixes become frames; `by_suffix` holds an example of each."""
     if of_matlab := by_suffix.get(".mat"):
         return f"; `cadtof info {root / of_matlab}` says how to save an array of MATLAB"
     if layout.raw_dtype is None and (dump := next(filter(None, map(by_suffix.get, RAW.suffixes)), None)):

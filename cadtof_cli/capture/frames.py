@@ -1,4 +1,7 @@
-"""A capture and its frames: where each lies, and how it is read from a file of whatever format, a stack, or files of planes."""
+"""A capture and its frames: where each frame lies, and how it is read.
+
+A frame lies in a file of any format, in a stack, or in several files of one plane each.
+"""
 
 import functools
 import itertools
@@ -23,7 +26,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.units import size_text
 
 _SIZES_COMPARED, _FILES_OPENED = 1000, 15
-"""How many of a capture's files, spread evenly over it, are looked at for the size that most have, and for what they hold."""
+"""The most files of a capture, spread evenly over it, whose sizes are compared, and the most that are opened."""
 
 _DIGITS = re.compile(r"(\d+)")
 
@@ -33,9 +36,9 @@ class FrameSource:
     """Where one frame lies.
 
     Attributes:
-        name: of what is written for the frame, without suffix; with slashes where that lies in folders.
+        name: the name of its maps, without suffix; with slashes if the maps lie in folders.
         paths: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
-        index: position in a stack; None where the file is to hold this frame alone.
+        index: the position in a stack; None: the file is expected to hold only this frame.
     """
 
     name: str
@@ -49,13 +52,14 @@ class FrameSource:
 
     @property
     def file_name(self) -> str:
-        """Name of the frame's first file, with its position in a stack: the same wherever the folder lies."""
+        """Name of the frame's first file, with the position in a stack. It does not depend on where the folder lies."""
         return f"{self.paths[0].name}{'' if self.index is None else f'[{self.index}]'}"
 
     def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
         """Return a source for each of the `count` frames of the stack that the file turned out to be.
 
-        They are numbered with four digits, or more where `count` needs them or another frame's name is `taken` already.
+        The frames are numbered with four digits. There are more digits if `count` needs them, or if a name with fewer
+        digits is already in `taken`.
         """
         digits = max(4, len(str(count - 1)))
         while any(f"{self.name}_{index:0{digits}}" in taken for index in range(count)):
@@ -65,12 +69,14 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class FrameFileList(Sequence[FrameSource]):
-    """Frames of one folder, each in a file of its own; only the names of the files are kept, as there may be thousands.
+    """Frames of one folder, each in a file of its own. A `FrameSource` is made only when a frame is asked for.
+
+    There may be thousands of files, so only their names are kept.
 
     Attributes:
-        folder: of the files.
-        files: their names.
-        below: what comes before the names of frames, ends with a slash where it is not empty.
+        folder: the folder of the files.
+        files: the names of the files.
+        below: the beginning of the frames' names: empty, or folders with a slash at the end.
     """
 
     folder: Path
@@ -92,9 +98,9 @@ class FrameFileList(Sequence[FrameSource]):
 
 
 def natural_key(name: str) -> str:
-    """Return a sort key by which frame_2 comes before frame_10; a single text, as there may be thousands of keys."""
+    """Return a sort key by which frame_2 comes before frame_10. Keys are single texts: there may be thousands."""
     pieces = _DIGITS.split(name.casefold())
-    # each number becomes the count of its digits and the digits; a name that ends before a number comes first
+    # each number becomes the count of its digits, then its digits; a name that ends before a number comes first
     for place in range(1, len(pieces), 2):
         digits = str(int(pieces[place]))
         pieces[place] = f"\0{len(digits):04}{digits}"
@@ -106,9 +112,9 @@ class Capture:
     """Frames that were recorded under the same metadata.
 
     Attributes:
-        root: folder in which they lie.
-        source: their metadata and where each value came from.
-        frames: where each frame lies, in the order they were recorded or given.
+        root: the folder in which the frames lie.
+        source: the metadata and the origin of each value.
+        frames: where each frame lies, in the order in which the frames were recorded or given.
     """
 
     root: Path
@@ -117,7 +123,7 @@ class Capture:
 
     @functools.cached_property
     def layout(self) -> FrameLayout:
-        """How the files are laid out, as a reader needs it."""
+        """How the files are laid out, in the form that readers need."""
         layout = self.source.metadata.layout
         raw = None
         if layout.raw_dtype is not None and layout.raw_shape is not None:
@@ -126,10 +132,11 @@ class Capture:
 
     @functools.cached_property
     def typical(self) -> "TypicalFile | None":
-        """What most of the files hold, by the few that are opened; None where none can be.
+        """What most files of the capture hold; None: no file can be opened.
 
-        Files of as many bytes hold frames of one size, so it is enough to open one of the most common. Where no size is common,
-        as with compressed files, a few are opened that are spread over the capture.
+        Only a few files are opened. Files with the same number of bytes hold frames of the same size, so if more than
+        half of the files have the same number of bytes, one of these is enough. If not, as with compressed files, a few
+        files are opened that are spread over the capture.
         """
         compared = list(self.frames[:: -(-len(self.frames) // _SIZES_COMPARED)])
         sizes = [file_size(source.paths[0]) for source in compared]
@@ -148,30 +155,29 @@ class Capture:
 
 
 def frame_names(captures: Iterable[Capture], /) -> set[str]:
-    """Return the names of all frames of some captures."""
+    """Return the names of all frames of the captures."""
     return {frame.name for capture in captures for frame in capture.frames}
 
 
 @contextmanager
 def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]:
-    """Open the file, or the files of single planes, in which a frame lies.
+    """Open the file in which a frame lies, or its files of single planes, and yield the frames in it.
+
+    If there are several frames and `source.index` is None, the file is a stack, which its name did not tell.
 
     Args:
         source: where the frame lies.
         layout: how the capture's files are laid out.
 
-    Returns:
-        The frames of the file; where there are several and the source names none, it was a stack all along.
-
     Raises:
-        NotAFrameError: the file is sound but holds something else, such as a map.
+        NotAFrameError: the file is undamaged but holds something else, such as a map.
         FrameError: the file cannot be read, is damaged, or lacks a harmonic or channel.
     """
     path, stored, read_like = source.paths[0], None, None
     if len(source.paths) > 1:
         stored = _joined_planes(source, layout)
     elif _last.read_like is not None and layout == _last.layout and not (layout.raw or source.index):
-        # what is wrong is told by those who look at all of the file
+        # an error is ignored here: the reader below finds it too and raises a better message
         with suppress(OSError, ValueError, MemoryError):
             read_like = _last.read_like
             stored = read_like(path)
@@ -184,9 +190,10 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
 
 
 class _LastRead(threading.local):
-    """How this thread can read a file that differs in its pixels alone from the one read last, and the layout of that.
+    """The quick way (`Frames.read_like`) in which this thread can read the next file, and the layout of the last file.
 
-    Most frames of a capture do: neither what recognises a format nor its library is needed for them.
+    Most files of a capture differ from the last one only in their pixels. For these, neither the format has to be
+    detected nor its library called.
     """
 
     layout: FrameLayout | None = None
@@ -197,7 +204,7 @@ _last = _LastRead()
 
 
 def _joined_planes(source: FrameSource, layout: FrameLayout) -> Stored:
-    """Return the frame that files of one plane each make up."""
+    """Return the frame of a source with files of one plane each."""
     if len(source.paths) != layout.planes:
         raise FrameError(f"frame {source.name}: found {len(source.paths)} files, expected {layout.planes}")
     for path, name in zip(source.paths, layout.plane_names, strict=True):
@@ -217,11 +224,12 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Stored:
 
 
 def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int, int] | None = None) -> Stored:
-    """Return a frame as it is stored, (H, C, Y, X).
+    """Return the stored values of a frame, (H, C, Y, X).
 
     Raises:
-        NotAFrameError, FrameError: see `open_frames`; or its file holds several where the source names none, or its (Y, X) is
-            not the `size` of the capture's other frames.
+        NotAFrameError: see `open_frames`.
+        FrameError: see `open_frames`; or the file holds several frames and `source.index` is None; or (Y, X) of the
+            frame is not `size`, which is the size of the capture's other frames.
     """
     with open_frames(source, layout) as frames:
         if source.index is None and frames.count != 1:
@@ -235,11 +243,16 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
 
 
 def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] | None = None) -> Iterator[FrameSource]:
-    """Yield every frame of a capture, a stack's one by one, none under a name in `taken`, which is only called for a stack.
+    """Yield every frame of a capture, and every frame of its stacks.
 
-    Opening each of thousands of files beforehand would cost as much as reading them, so a file of the very size of one that
-    held a single frame is taken to hold one too (its reader checks). A file that cannot be opened is yielded as it is: it
-    fails when its turn comes.
+    To open thousands of files beforehand would cost as much time as to read them. So if a file has as many bytes as a
+    file with a single frame, we assume that it holds a single frame too; `read_stored` checks that. A file that cannot
+    be opened is yielded as a single frame; it fails when it is read.
+
+    Args:
+        capture: the capture.
+        taken: returns names that the frames of stacks must not get; called at most once, and only if there is a stack.
+            None: the names of the capture's own frames.
     """
     layout, size_of_one = capture.layout, 0
     names: Collection[str] | None = None
@@ -265,20 +278,31 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
 
 
 def lossy_compression(source: FrameSource, layout: FrameLayout, dtype: np.dtype[Any], /) -> str | None:
-    """Return the name of the compression of a frame's first file where that changes values of a type; None where it does not."""
+    """Return the name of the compression of a frame's first file if it changes values of type `dtype`, else None.
+
+    None too if the file cannot be read.
+    """
     path = source.paths[0]
     try:
         found = detect_format(path, raw=layout.raw is not None)
         return found.compressions().lossy_compression(path, dtype) if found.compressions else None
     except FrameError:
-        # reading it tells what is wrong
+        # whoever reads the frame gets the error
         return None
 
 
 @dataclass(frozen=True)
 class TypicalFile:
-    """What most files of a capture hold: (Y, X) and type of a frame, and how many; and one of these files: its bytes, and whether
-    the values of a single frame are known to lie in it as they are, not compressed."""
+    """What most files of a capture hold, and one of these files.
+
+    Attributes:
+        pixels: (Y, X) of a frame.
+        dtype: type of the stored values.
+        frames: number of frames in the file.
+        source: the file.
+        bytes: size of the file.
+        is_plain: whether the file is known to hold a single frame whose values are not compressed.
+    """
 
     pixels: tuple[int, int]
     dtype: np.dtype[Any]
@@ -289,7 +313,7 @@ class TypicalFile:
 
 
 def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[TypicalFile]:
-    """Yield, for each file that can be opened, what it holds."""
+    """Yield what each file holds, for the files that can be opened."""
     for source in sources:
         try:
             with open_frames(source, layout) as frames:
@@ -302,7 +326,7 @@ def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[Typ
 
 
 def file_size(path: Path, /) -> int:
-    """Return the size of a file in bytes, 0 where it cannot be told."""
+    """Return the size of a file in bytes; 0 if it cannot be found out."""
     try:
         return path.stat().st_size
     except OSError:

@@ -1,4 +1,4 @@
-"""What is known of a capture besides its pixels: the records that `capture.toml` describes, one per table."""
+"""The metadata of a capture: one record for each table of `capture.toml`."""
 
 import itertools
 import math
@@ -31,26 +31,26 @@ WAVEFORMS: tuple[Waveform, ...] = get_args(Waveform)
 HIGHEST_HARMONIC = 1000
 
 LEAST_MODULATION = 1e-6
-"""A pulse leaves at least this share of the highest harmonic's modulation, or nothing can be resolved."""
+"""Smallest share of the highest harmonic's modulation that a pulse may leave; with less, nothing can be resolved."""
 
 SHORTEST_PULSE_NS = 1e-6
-"""A femtosecond, shorter than which no laser is; what is below was meant in seconds."""
+"""A femtosecond. No laser pulse is shorter; a smaller number was probably meant in seconds."""
 
 MOST_RANGES = 10
-"""Unambiguous ranges in which a target stands at most; what is beyond was meant in millimetres."""
+"""Largest distance of a target in unambiguous ranges; a larger number was probably meant in millimetres."""
 
 WIDEST_VIEW_DEG = 140.0
-"""Angle of view beyond which no lens is a pinhole."""
+"""Widest angle of view for which a lens can be treated as a pinhole."""
 
 LARGE_ARRAY = 16
-"""Pixels across from which on a principal point in the first of them is hardly meant."""
+"""Width or height in pixels above which a principal point in the first pixel is probably a mistake."""
 
 HARMONIC_TOLERANCE = 5e-4
-"""How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
+"""Largest relative distance of periods_ns[0] / period from a whole number; given periods are rounded decimals."""
 
 
 def _key(kind: Kind, about: str, default: Any = None, *checks: Check) -> Any:
-    """Declare one key of a table: its kind of value, what it means, the paper's value if it has one, and its checks."""
+    """Declare a key of a table: kind of its value, meaning, default (the paper's value, or None) and checks."""
     return field(default=default, metadata={"kind": kind, "about": about, "checks": checks})
 
 
@@ -62,7 +62,7 @@ def _are_harmonics(periods: tuple[float, ...]) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table of `capture.toml`: its fields are keys, and hold values that their checks allow, or None."""
+    """A table of `capture.toml`. Its fields are the keys; their values pass the checks of the key, or are None."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -104,7 +104,7 @@ class Modulation(Table):
 
 @dataclass(frozen=True, kw_only=True)
 class Pixel(Table):
-    """The averaging that each photon's sample goes through."""
+    """The averaging of the photons' samples in each pixel."""
 
     integration_length: float | None = _key(
         "number",
@@ -117,7 +117,7 @@ class Pixel(Table):
 
 @dataclass(frozen=True, kw_only=True)
 class Pulse(Table):
-    """The laser pulse, taken as a Gaussian."""
+    """The laser pulse, which is treated as a Gaussian."""
 
     fwhm_ns: float = _key(
         "number",
@@ -157,13 +157,13 @@ class Voltage(Table):
 
     @property
     def zero(self) -> float:
-        """Stored value of 0 V; 0 unless given."""
+        """The stored value that means 0 V; 0 if it is not given."""
         return self.zero_counts or 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Optics(Table):
-    """The lens as a pinhole; needed for z depth, Petzval walls and point clouds."""
+    """The lens, treated as a pinhole (needed for z depth, Petzval walls and point clouds), and the lamp."""
 
     focal_length_px: float | None = _key("number", "focal length in pixels", None, POSITIVE, LENGTH)
     principal_point_px: tuple[float, float] | None = _key(
@@ -181,11 +181,11 @@ class Optics(Table):
     )
 
     def principal_point(self, pixels: tuple[int, int], /) -> tuple[float, float]:
-        """Return the principal point, column and row, in an array (Y, X): its middle, where none is given."""
+        """Return the principal point, column and row, of an array (Y, X); it is the middle if none is given."""
         return self.principal_point_px or ((pixels[1] - 1) / 2.0, (pixels[0] - 1) / 2.0)
 
     def doubt(self, pixels: tuple[int, int], /) -> str | None:
-        """Return which value is hardly in pixels, for an array (Y, X); None where all may be."""
+        """Return in words which value is probably not in pixels, for an array (Y, X); None: all may be in pixels."""
         across, focal, point = max(pixels), self.focal_length_px, self.principal_point_px
         if focal is not None and (view_deg := 2.0 * math.degrees(math.atan(across / 2.0 / focal))) > WIDEST_VIEW_DEG:
             return f"optics.focal_length_px = {focal:g} is a view of {view_deg:.0f}° across: is it in mm?"
@@ -205,7 +205,7 @@ class Target(Table):
 
 @dataclass(frozen=True, kw_only=True)
 class Layout(Table):
-    """How frames are spread over files, where the files do not say it themselves."""
+    """How frames are spread over files, if the files do not say it themselves."""
 
     pattern: str | None = _key(
         "text",
@@ -252,7 +252,7 @@ class Layout(Table):
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureMetadata:
-    """All that is known of a capture; the tables and keys are those of `capture.toml`."""
+    """The metadata of a capture; its fields are the tables of `capture.toml`."""
 
     modulation: Modulation = field(default_factory=Modulation)
     pixel: Pixel = field(default_factory=Pixel)
@@ -264,7 +264,7 @@ class CaptureMetadata:
 
     def __post_init__(self) -> None:
         width, shortest = self.pulse.fwhm_ns, self.modulation.periods_ns[-1]
-        # of a Gaussian pulse, exp(−(2π·s/T)²/2) is left of a sine of period T
+        # a Gaussian pulse with standard deviation s leaves the share exp(−(2π·s/T)²/2) of a sine with period T
         widest = math.sqrt(-2.0 * math.log(LEAST_MODULATION)) / (2.0 * math.pi) * FWHM_PER_SIGMA * shortest
         if width > widest:
             expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
@@ -283,14 +283,20 @@ class CaptureMetadata:
 
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
-"""--frames chooses among a capture's frames."""
+"""Options that are not named after their key: --frames chooses among the frames of a capture."""
 
 
 @dataclass(frozen=True)
 class Key:
     """One key of `capture.toml`, as the reader, the command-line options and the documentation need it.
 
-    `path` is its dotted name, such as `pixel.integration_length`.
+    Attributes:
+        path: the dotted name, such as `pixel.integration_length`.
+        table: the part of the name before the dot.
+        name: the part of the name after the dot.
+        about: the meaning of the key, in words.
+        default: the value if none is given; None: the key has no default.
+        kind: the kind of its values.
     """
 
     path: str
@@ -314,4 +320,7 @@ KEYS: dict[str, Key] = {
     for item in fields(record)
     for path in (f"{table}.{item.name}",)
 }
-"""The registry of keys, by dotted name: `capture.toml`, the options that override it, `cadtof info` and the README follow it."""
+"""The registry of keys by dotted name.
+
+`capture.toml`, the options that override it, `cadtof info` and the README follow this registry.
+"""

@@ -1,4 +1,4 @@
-"""Files of one plane each: the frames that a pattern of names makes of them, and the pattern that their names suggest."""
+"""Files of one plane each: grouped into frames by a pattern of names, and the pattern that their names suggest."""
 
 import itertools
 import re
@@ -19,32 +19,41 @@ ONLY_FRAME = "frame"
 """Name of the one frame of a capture whose pattern has no {frame}."""
 
 _ANY_WORD = r"[^/]+"
-"""What {frame} stands for."""
+"""Text that {frame} can stand for."""
 
 _PIECES = r"\d+|[^\W\d_]+|[\W_]+"
 
 _WORDS_FOR = {"channel": r"(?i)s?c|ch\w*|sin|cos|iq", "harmonic": r"(?i)h\w*|mhz|f|freq\w*"}
-"""Words before or behind a number that make it the number of a channel or of a harmonic."""
+"""Words before or after a number by which it is the number of a channel or of a harmonic."""
 
 EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
 
 
 @dataclass(frozen=True)
 class _Column:
-    """A position at which names differ: the different texts there, and the texts on either side."""
+    """A position at which the names of files differ.
+
+    Attributes:
+        place: index of the piece of the names.
+        values: the different texts at this position, in natural order.
+        beside: the texts before and after this position.
+    """
 
     place: int
     values: tuple[str, ...]
     beside: tuple[str, str]
 
     def is_named_for(self, what: str) -> bool:
-        """Whether it names a channel, or a harmonic, by itself (letters or numbers) or by what stands beside it."""
+        """Return whether the values are probably channels, or harmonics: by the values, or by a word beside them.
+
+        Values of letters are probably channels; other values, such as numbers, are probably harmonics.
+        """
         letters = all(value.isalpha() for value in self.values)
         return letters == (what == "channel") or any(re.fullmatch(_WORDS_FOR[what], word) for word in self.beside)
 
 
 def hint_of_planes(capture: Capture, /) -> str | None:
-    """Return a hint for a capture without a whole frame, where its files seem to be planes; None where they do not."""
+    """Return a hint for a capture in which no whole frame was found; None unless its files seem to be planes."""
     layout = capture.layout
     if capture.source.metadata.layout.pattern is not None or len(capture.frames) < layout.planes:
         return None
@@ -66,13 +75,16 @@ def hint_of_planes(capture: Capture, /) -> str | None:
 
 
 def guessed_layout(capture: Capture, /) -> Layout | None:
-    """Return the layout that the names of a capture's files suggest; None where they suggest none."""
+    """Return the layout that the names of a capture's files suggest; None: they suggest none."""
     harmonics = capture.source.metadata.modulation.harmonics
     return layout_of_names([frame.paths[0].name for frame in capture.frames], harmonics)
 
 
 def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layout | None:
-    """Return the layout whose pattern fits file names of planes: every frame with every harmonic and channel, once."""
+    """Return the layout whose pattern fits these file names of planes; None: there is none.
+
+    With it, every frame must have every harmonic and channel exactly once.
+    """
     split = [re.findall(_PIECES, name) for name in names]
     if len({len(pieces) for pieces in split}) != 1:
         return None
@@ -92,7 +104,7 @@ def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layo
 
 
 def _least_likely_last(pair: tuple[_Column, _Column]) -> tuple[int, bool]:
-    """Return a key that sorts the likeliest columns of harmonic and channel to the front."""
+    """Return a sort key by which the likeliest pair of columns, for harmonic and channel, comes first."""
     harmonic, channel = pair
     wrong = channel.is_named_for("harmonic") + harmonic.is_named_for("channel")
     return wrong - harmonic.is_named_for("harmonic") - channel.is_named_for("channel"), harmonic.place > channel.place
@@ -101,7 +113,10 @@ def _least_likely_last(pair: tuple[_Column, _Column]) -> tuple[int, bool]:
 def _layout(
     split: list[list[str]], columns: list[_Column], harmonic: _Column, channel: _Column, harmonics: tuple[int, ...]
 ) -> Layout | None:
-    """Return the layout with these two columns, if the others are a frame's name in one piece."""
+    """Return the layout with these two columns for harmonic and channel.
+
+    None: the other columns are not a single piece of the name, or some planes are missing.
+    """
     others = [column.place for column in columns if column not in (harmonic, channel)]
     pieces = list(split[0])
     pieces[harmonic.place], pieces[channel.place] = "{harmonic}", "{channel}"
@@ -128,16 +143,16 @@ def _layout(
 def grouped_planes(
     root: Path, names: Iterable[str], layout: Layout, harmonics: tuple[int, ...]
 ) -> tuple[FrameSource, ...]:
-    """Return a frame for every value of {frame} among file names that fit the pattern, in natural order.
+    """Return a frame for every value of {frame} among the file names that fit the pattern, in natural order.
 
-    A file that is missing is named all the same: its frame then fails on reading, and alone. Without {frame} in the pattern
-    there is one frame, of the name `frame`.
+    If a file is missing, its frame names it all the same: this frame fails when it is read, and the other frames do
+    not. Without {frame} in the pattern, there is one frame with the name `frame`.
 
     Args:
         root: folder of the files.
-        names: file names, with folders below the root before them, of which those that do not fit are passed over.
-        layout: has a pattern, and says what it calls harmonics and channels. {harmonic} is the number h or the place in the
-            order (see `harmonic_labels`), {channel} is 1 for SC1 and 2 for SC2, where it does not give them other names.
+        names: paths of files relative to the root. Names that do not fit the pattern are ignored.
+        layout: the pattern, and the names of harmonics and channels in it. If it does not name them, {harmonic} is the
+            number h or the place in the order (see `harmonic_labels`), and {channel} is 1 for SC1 and 2 for SC2.
         harmonics: harmonic numbers of the capture.
 
     Raises:
@@ -163,7 +178,7 @@ def grouped_planes(
 
 
 def hint_of_words(names: Iterable[str], layout: Layout, /) -> str | None:
-    """Return a hint for file names of which one fits the pattern but for what it calls harmonic and channel; else None."""
+    """Return a hint if a file name fits the pattern except for its words for harmonic and channel, else None."""
     matcher = _matcher(_pieces(layout), dict.fromkeys(("frame", "harmonic", "channel"), _ANY_WORD))
     name = next(filter(matcher.fullmatch, names), None)
     if name is None:
@@ -176,12 +191,12 @@ def hint_of_words(names: Iterable[str], layout: Layout, /) -> str | None:
 
 
 def _pieces(layout: Layout) -> list[str]:
-    """Return the pattern cut at its places: texts, and between each two of them what stands there."""
+    """Return the pieces of the pattern: fixed texts at even places, `frame`, `harmonic` or `channel` at odd ones."""
     return re.split(r"\{(frame|harmonic|channel)\}", str(layout.pattern))
 
 
 def _matcher(pieces: Sequence[str], parts: Mapping[str, str]) -> re.Pattern[str]:
-    """Return what file names are held against; `parts` says what may stand in each place."""
+    """Return the regular expression for file names; `parts` gives the expression for each name in braces."""
     return re.compile(
         "".join(f"(?P<{piece}>{parts[piece]})" if place % 2 else re.escape(piece) for place, piece in enumerate(pieces))
     )

@@ -1,4 +1,4 @@
-"""`capture.toml` read into metadata, with the origin of each value, and written back."""
+"""Reads `capture.toml` into metadata, with the origin of each value, and writes metadata as `capture.toml`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,17 +14,17 @@ from cadtof_cli.units import shortened
 FILE_NAME = "capture.toml"
 
 DEFAULT_ORIGIN = "default"
-"""Origin of a key that neither a file nor an option gave."""
+"""Origin of a key whose value neither a file nor an option gave."""
 
 
 @dataclass(frozen=True)
 class MetadataSource:
-    """Metadata, and where they are from.
+    """Metadata, and the origin of every value.
 
     Attributes:
-        metadata: of a capture.
-        origins: of every value by dotted key: a file's path, the option that set it, or `default`.
-        file: that was read; None: there is none.
+        metadata: the metadata of a capture.
+        origins: the origin of every value by dotted key: the path of a file, the option that set it, or `default`.
+        file: the file that was read; None: no file.
     """
 
     metadata: CaptureMetadata
@@ -32,17 +32,17 @@ class MetadataSource:
     file: Path | None = None
 
     def defaults_in_words(self) -> str:
-        """Return which values are the paper's, as neither a file nor an option gave them; nothing where none is."""
+        """Return in words which values are the paper's, because neither a file nor an option gave them; empty: none."""
         taken = (KEYS[path] for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN)
         told = ", ".join(f"{key.path} = {key.default}" for key in taken if key.default is not None)
         return f"not given, so taken from the paper: {told}" if told else ""
 
 
 def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None) -> MetadataSource:
-    """Read a `capture.toml` (None: there is none) and lay overrides by dotted key over it.
+    """Read a `capture.toml` (None: no file) and replace values in it by `overrides`, which has dotted keys.
 
     Raises:
-        MetadataError: the file cannot be read or parsed, or a table, key, type or value in it is not allowed.
+        MetadataError: the file cannot be read or parsed, or a table, key, type or value is not allowed.
     """
     given = [(dotted, value, str(path)) for dotted, value in _flat(read_toml(path), path).items()] if path else []
     given += [(dotted, value, KEYS[dotted].option) for dotted, value in (overrides or {}).items() if value is not None]
@@ -63,7 +63,7 @@ def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None)
 
 
 def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return the document's values by dotted key; refuse tables and keys that are not in the registry."""
+    """Return the values of a document by dotted key; refuse tables and keys that are not in the registry."""
     flat: dict[str, Any] = {}
     for table, content in document.items():
         if table not in TABLES:
@@ -75,7 +75,7 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
         given: dict[str, Any] = {}
         for name, value in content.items():
             if isinstance(value, dict) and f"{table}.{name}" not in KEYS:
-                # a table in a table, such as [layout.raw]: its keys get both names, such as raw_dtype
+                # a table in a table, such as [layout.raw]: the key dtype in it is the key raw_dtype of [layout]
                 given |= {f"{name}_{inner}": entry for inner, entry in value.items()}
             else:
                 given[name] = value
@@ -95,7 +95,7 @@ def _unknown(what: str, name: str, known: list[str]) -> str:
 
 
 def toml_text(metadata: CaptureMetadata, *, comments: tuple[str, ...] = ()) -> str:
-    """Return `capture.toml` for the metadata, with comment lines on top; keys without a value are left out."""
+    """Return the text of a `capture.toml` with comment lines at the top; keys without a value are left out."""
     tables: dict[str, dict[str, Any]] = {}
     for key in KEYS.values():
         value = getattr(getattr(metadata, key.table), key.name)
