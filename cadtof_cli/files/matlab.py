@@ -11,7 +11,8 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.array_frames import transpositions
 from cadtof_cli.files.reading import damage_as_frame_error
 
-MAGICS = (b"MATLAB 5.0 MAT-f", b"MATLAB 7.3 MAT-f")
+_VERSION_7_3 = b"MATLAB 7.3 MAT-f"
+"""First bytes of the files that are HDF5, which h5py reads and scipy does not."""
 
 _HARMONICS = (2, 3, 4)
 _LEAST_AXES = 3
@@ -25,7 +26,7 @@ def matlab_refusal(path: Path, head: bytes, /) -> FrameError:
         head: its first bytes.
     """
     saved = repr(str(path.with_suffix(".npy")))
-    if head.startswith(MAGICS[1]):
+    if head.startswith(_VERSION_7_3):
         how = (
             f"numpy.save({saved}, h5py.File({str(path)!r})['NAME'][()].swapaxes(-1, -2)) saves what MATLAB calls"
             " NAME(row, column, channel, harmonic)"
