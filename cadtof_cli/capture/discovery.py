@@ -137,7 +137,7 @@ def find_placed_captures(
         steps = [step for step in Path(os.path.relpath(one.root, base)).parts if step != os.pardir]
         below, frames = "".join(f"{step}/" for step in steps), one.frames
         if isinstance(frames, FrameFileList):
-            frames = replace(frames, below=below + frames.below)
+            frames = replace(frames, below=below)
         else:
             frames = tuple(replace(frame, name=below + frame.name) for frame in frames)
         placed.append(replace(one, frames=frames))
