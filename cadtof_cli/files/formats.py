@@ -227,17 +227,17 @@ def detect_format(path: Path, /, *, raw: bool = False) -> Format:
         finally:
             os.close(descriptor)
     known = next((one for one in FORMATS if head.startswith(one.magics)), None)
-    if known is None and head.startswith(b"MATLAB "):
+    if known is not None:
+        return known
+    if head.startswith(b"MATLAB "):
         from cadtof_cli.files.matlab import matlab_refusal
 
         raise matlab_refusal(path, head)
-    if known is None:
-        found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
-        titles = ", ".join(one.title for one in FORMATS if one.magics)
-        hint = ""
-        if raw:
-            hint = f"; the names of raw dumps end with {', '.join(RAW.suffixes)}"
-        elif format_by_suffix(path) is RAW:
-            hint = "; for a raw dump, give dtype and shape under [layout.raw]"
-        raise FrameError(f"{path}: found {found}, expected one of {titles}{hint}")
-    return known
+    found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
+    titles = ", ".join(one.title for one in FORMATS if one.magics)
+    hint = ""
+    if raw:
+        hint = f"; the names of raw dumps end with {', '.join(RAW.suffixes)}"
+    elif format_by_suffix(path) is RAW:
+        hint = "; for a raw dump, give dtype and shape under [layout.raw]"
+    raise FrameError(f"{path}: found {found}, expected one of {titles}{hint}")
