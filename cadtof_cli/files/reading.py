@@ -20,6 +20,17 @@ MOST_TEXT_BYTES = 2**22
 
 _PIECE_BYTES = 2**22
 
+_PLAUSIBLE_BYTES = 2**26
+_PLAUSIBLE_RATIO = 4096
+"""Limits on the size of the pixels that a header promises: this many bytes, or this many times the size of the file.
+
+A header that promises more than both is damaged. Deflate reaches a ratio of 1,032, and a frame of a megapixel holds 16 to
+32 MB.
+"""
+
+_MOST_LETTERS = 300
+"""Most letters of a library's remark that a message shows."""
+
 _KINDS = {
     stat.S_IFIFO: "a FIFO",
     stat.S_IFSOCK: "a socket",
@@ -110,18 +121,6 @@ def read_through(path: Path, /) -> None:
             pass
 
 
-PLAUSIBLE_BYTES = 2**26
-PLAUSIBLE_RATIO = 4096
-"""Limits on the size of the pixels that a header promises: this many bytes, or this many times the size of the file.
-
-A header that promises more than both is damaged. Deflate reaches a ratio of 1,032, and a frame of a megapixel holds 16
-to 32 MB.
-"""
-
-
-_MOST_LETTERS = 300
-
-
 def in_brief(remarks: Iterable[object], /) -> str:
     """Return the first remark of a library on a damaged file, shortened, and the number of different remarks after it.
 
@@ -161,7 +160,7 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
 
 def require_plausible_size(path: Path, promised: int, file_size: int) -> None:
     """Raise FrameError, before memory is allocated, if a header promises more bytes than its file can hold."""
-    if promised > max(PLAUSIBLE_BYTES, PLAUSIBLE_RATIO * file_size):
+    if promised > max(_PLAUSIBLE_BYTES, _PLAUSIBLE_RATIO * file_size):
         raise FrameError(
             f"{path}: damaged header: promises {promised:,} bytes of pixels, found a file of {file_size:,} bytes"
         )
