@@ -100,9 +100,11 @@ def within(least: float, most: float, /) -> Check:
 
 POSITIVE = above(0)
 
-COUNT, LENGTH, PERIOD, VOLTS, SCALE = (
-    within(*limits) for limits in ((0.0, 1e15), (1e-3, 1e9), (1e-3, 1e9), (1e-6, 1e6), (1e-15, 1e6))
-)
+COUNT = within(0.0, 1e15)
+LENGTH = within(1e-3, 1e9)
+PERIOD = within(1e-3, 1e9)
+VOLTS = within(1e-6, 1e6)
+SCALE = within(1e-15, 1e6)
 """Checks with limits far beyond the values of any camera; outside them, squares of numbers may overflow."""
 
 
