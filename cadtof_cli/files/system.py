@@ -8,7 +8,6 @@ import errno
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 
@@ -36,9 +35,6 @@ _LOCKED_BYTE = 2**30
 
 It lies beyond the end of the lock file, because locked bytes cannot be read.
 """
-
-
-_fcntl = cache(partial(import_module, "fcntl"))
 
 
 def flush_c_streams() -> None:
@@ -87,7 +83,8 @@ def write_parts(descriptor: int, parts: Sequence[memoryview], /) -> None:
     for part in parts:
         written, whole = 0, part.nbytes - part.nbytes % BLOCK_BYTES
         if whole >= _LEAST_DIRECT_BYTES and place % BLOCK_BYTES == 0 and hasattr(os, "O_DIRECT"):
-            fcntl = _fcntl()
+            import fcntl
+
             try:
                 fcntl.fcntl(descriptor, fcntl.F_SETFL, os.O_DIRECT)
                 while written < whole:
@@ -127,10 +124,10 @@ def _write_zeros(path: Path, count: int) -> None:
 def most_bytes_of_a_file() -> int | None:
     """Return the largest size in bytes that this process may give a file (`ulimit -f`); None: there is no limit."""
     try:
-        resource = import_module("resource")
+        import resource
     except ImportError:
         return None
-    limit: int = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
     return None if limit == resource.RLIM_INFINITY else limit
 
 
@@ -169,7 +166,7 @@ def try_lock(descriptor: int, /) -> bool:
     """
     try:
         try:
-            fcntl = _fcntl()
+            import fcntl
         except ImportError:
             os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
             msvcrt = import_module("msvcrt")
