@@ -5,7 +5,7 @@ If there are names, they decide; the order in the file does not matter.
 
 import itertools
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 from cadtof_cli.errors import FrameError
@@ -172,17 +172,12 @@ def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: st
     """
     found = _labelled(parts, layout, where)
     if not found:
-        raise not_a_frame((name for part in parts for name in part.channels), layout, where=where)
+        names = [name for part in parts for name in part.channels]
+        what = "a colour picture, " if _COLOURS.issuperset(names) else ""
+        raise NotAFrameError(
+            f"{where}: holds {what}the channels {', '.join(names)}, expected voltages {', '.join(layout.plane_names)}"
+        )
     return planes_in_order(found, layout, where=where)
-
-
-def not_a_frame(names: Iterable[str], layout: FrameLayout, *, where: str) -> NotAFrameError:
-    """Return the error for a file whose channels, with these names, hold something other than voltages."""
-    found = list(names)
-    what = "a colour picture, " if _COLOURS.issuperset(found) else ""
-    return NotAFrameError(
-        f"{where}: holds {what}the channels {', '.join(found)}, expected voltages {', '.join(layout.plane_names)}"
-    )
 
 
 def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[tuple[int, int], Place]:
