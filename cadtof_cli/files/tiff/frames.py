@@ -49,9 +49,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
         NotAFrameError: the file holds maps, not voltages.
         FrameError: the file cannot be read, is damaged, or its planes do not make up whole frames.
     """
-    with damage_as_frame_error(path, "TIFF"):
-        state = path.stat()
-    images, table = _opened((path, layout, state.st_ino, state.st_size, state.st_mtime_ns), path, layout)
+    images, table = _opened(path, layout)
     shape = (len(layout.harmonics), CHANNELS, *images.plane_shape)
     with closing(images):
         with damage_as_frame_error(path, "TIFF"):
@@ -64,8 +62,11 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
         yield Frames(len(table), shape, images.dtype, read, read_like)
 
 
-def _opened(key: object, path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.intp]]:
+def _opened(path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.intp]]:
     """Return the images of a file, which is open then, and the table that says where each plane is, (T, H, C)."""
+    with damage_as_frame_error(path, "TIFF"):
+        state = path.stat()
+    key = path, layout, state.st_ino, state.st_size, state.st_mtime_ns
     last = _last.stack
     if last and last.key == key:
         last.images.open()
