@@ -291,20 +291,23 @@ class Key:
     """One key of `capture.toml`, as the reader, the command-line options and the documentation need it.
 
     Attributes:
-        path: the dotted name, such as `pixel.integration_length`.
-        table: the part of the name before the dot.
-        name: the part of the name after the dot.
+        table: the name of its table.
+        name: its name in the table.
         about: the meaning of the key, in words.
         default: the value if none is given; None: the key has no default.
         kind: the kind of its values.
     """
 
-    path: str
     table: str
     name: str
     about: str
     default: Any
     kind: Kind
+
+    @property
+    def path(self) -> str:
+        """The dotted name, such as `pixel.integration_length`."""
+        return f"{self.table}.{self.name}"
 
     @property
     def option(self) -> str:
@@ -315,10 +318,9 @@ class Key:
 TABLES: dict[str, type] = {table.name: cast(type, table.default_factory) for table in fields(CaptureMetadata)}
 
 KEYS: dict[str, Key] = {
-    path: Key(path, table, item.name, item.metadata["about"], item.default, item.metadata["kind"])
+    f"{table}.{item.name}": Key(table, item.name, item.metadata["about"], item.default, item.metadata["kind"])
     for table, record in TABLES.items()
     for item in fields(record)
-    for path in (f"{table}.{item.name}",)
 }
 """The registry of keys by dotted name.
 

@@ -33,8 +33,8 @@ class MetadataSource:
 
     def defaults_in_words(self) -> str:
         """Return in words which values are the paper's, because neither a file nor an option gave them; empty: none."""
-        taken = (KEYS[path] for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN)
-        told = ", ".join(f"{key.path} = {key.default}" for key in taken if key.default is not None)
+        defaults = {path: KEYS[path].default for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN}
+        told = ", ".join(f"{path} = {default}" for path, default in defaults.items() if default is not None)
         return f"not given, so taken from the paper: {told}" if told else ""
 
 
