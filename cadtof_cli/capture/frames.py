@@ -25,8 +25,11 @@ from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, sh
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import size_text
 
-_SIZES_COMPARED, _FILES_OPENED = 1000, 15
-"""The most files of a capture, spread evenly over it, whose sizes are compared, and the most that are opened."""
+_SIZES_COMPARED = 1000
+"""The most files of a capture, spread evenly over it, whose sizes are compared to find the typical file."""
+
+_FILES_OPENED = 15
+"""The most of these files that are opened."""
 
 _DIGITS = re.compile(r"(\d+)")
 
@@ -146,8 +149,8 @@ class Capture:
             found = next(_opened(itertools.islice(alike, _FILES_OPENED), self.layout), None)
             if found is not None:
                 return found
-        known = list(_opened(compared[:: -(-len(compared) // _FILES_OPENED)], self.layout))
-        known = known or list(itertools.islice(_opened(self.frames, self.layout), 1))
+        few = compared[:: -(-len(compared) // _FILES_OPENED)]
+        known = list(_opened(few, self.layout)) or list(itertools.islice(_opened(self.frames, self.layout), 1))
         if not known:
             return None
         most_common, _ = Counter(one.pixels for one in known).most_common(1)[0]
