@@ -130,7 +130,7 @@ def open_pixels(path: Path, places: Sequence[tuple[int, str]], /) -> Iterator[li
 
 def _opened(path: Path, *, header_only: bool) -> Any:
     with damage_as_frame_error(path, "EXR"):
-        with library_output() as said:
+        with library_output() as printed:
             try:
                 # the library must start no threads, because its thread pool does not survive a fork
                 file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
@@ -139,10 +139,10 @@ def _opened(path: Path, *, header_only: bool) -> Any:
                 # many files are open; reading the file ourselves raises the system's own error
                 read_through(path)
                 raise
-        if said:
+        if printed:
             read_through(path)
-    if said:
-        words = in_brief(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in said)
+    if printed:
+        words = in_brief(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in printed)
         raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
     if not file.parts:
         raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")

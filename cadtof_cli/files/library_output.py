@@ -31,10 +31,10 @@ def library_output() -> Iterator[list[str]]:
 
     Lines that other threads print at the same time, such as a progress bar, are printed after the block.
     """
-    said: list[str] = []
+    lines: list[str] = []
     with _lock, contextlib.ExitStack() as opened:
-        printed = io.StringIO()
-        unprinted: dict[int, bytes] = {}
+        from_python = io.StringIO()
+        from_c: dict[int, bytes] = {}
         single_thread = threading.active_count() == 1
         kept: dict[int, tuple[int, int]] = {}
         for descriptor in filter(_is_open, _DESCRIPTORS):
@@ -45,18 +45,17 @@ def library_output() -> Iterator[list[str]]:
         try:
             for descriptor, (file, _) in kept.items():
                 os.dup2(file, descriptor)
-            with contextlib.redirect_stdout(printed):
-                yield said
+            with contextlib.redirect_stdout(from_python):
+                yield lines
         finally:
             flush_c_streams()
             for descriptor, (file, before) in kept.items():
                 os.dup2(before, descriptor)
-                unprinted[descriptor] = read_at(file, os.fstat(file).st_size, 0)
-            if any(unprinted.values()) or printed.tell():
-                out, err = (unprinted.get(descriptor, b"").decode(errors="replace") for descriptor in _DESCRIPTORS)
-                _separate(
-                    said, printed.getvalue() + out, err, single_thread=single_thread and threading.active_count() == 1
-                )
+                from_c[descriptor] = read_at(file, os.fstat(file).st_size, 0)
+            if any(from_c.values()) or from_python.tell():
+                out, err = (from_c.get(descriptor, b"").decode(errors="replace") for descriptor in _DESCRIPTORS)
+                single_thread = single_thread and threading.active_count() == 1
+                _separate(lines, from_python.getvalue() + out, err, single_thread=single_thread)
 
 
 def _closed_with(opened: contextlib.ExitStack, descriptor: int) -> int:
@@ -84,11 +83,11 @@ def _unnamed_file() -> int:
         return os.dup(stream.fileno())
 
 
-def _separate(said: list[str], printed: str, unprinted: str, *, single_thread: bool) -> None:
-    """Append the library's lines to `said`; write the lines of other threads, if there were any, to their streams."""
-    for text, stream in ((unprinted, sys.stderr), (printed, sys.stdout)):
+def _separate(lines: list[str], out: str, err: str, *, single_thread: bool) -> None:
+    """Append the library's lines to `lines`; write those of other threads, if there are any, to stdout and stderr."""
+    for text, stream in ((err, sys.stderr), (out, sys.stdout)):
         for line in text.splitlines(keepends=True):
             if single_thread or _LIBRARY_LINES.search(line):
-                said.append(line.strip())
+                lines.append(line.strip())
             else:
                 stream.write(line)

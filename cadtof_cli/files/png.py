@@ -62,9 +62,9 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
         _require_sound_chunks(path, memoryview(content))
         with library_output() as printed:
             plane: Stored = imagecodecs.png_decode(content)
-    said = [line for line in printed if _HARMLESS not in line]
-    if said:
-        raise FrameError(f"{path}: damaged PNG: {in_brief(said)}; expected a complete file, try copying it again")
+    remarks = [line for line in printed if _HARMLESS not in line]
+    if remarks:
+        raise FrameError(f"{path}: damaged PNG: {in_brief(remarks)}; expected a complete file, try copying it again")
     if plane.shape != (height, width) or plane.dtype != np.dtype(f"u{bits // 8}"):
         raise FrameError(
             f"{path}: damaged PNG: found {plane.shape} {plane.dtype}, its header promises {height}, {width}"

@@ -182,10 +182,10 @@ class TiffImages:
             if not self._is_printing:
                 yield
                 return
-            with library_output() as said:
+            with library_output() as printed:
                 yield
-            if said:
-                raise FrameError(f"{self.path}: damaged TIFF: {in_brief(said)}")
+            if printed:
+                raise FrameError(f"{self.path}: damaged TIFF: {in_brief(printed)}")
 
     def _images(self, indices: Sequence[int]) -> Stored:
         """Return images by their index, shape (n, *page shape)."""

@@ -153,13 +153,15 @@ def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader
         channel = {"ID": f"Channel:0:{index}", "Name": name, "SamplesPerPixel": "1"}
         ElementTree.SubElement(pixels, "Channel", channel)
     ElementTree.SubElement(pixels, "TiffData")
-    said = dict(header.facts) | {f"{_UNIT}{name}": unit for name, unit in header.units.items() if unit}
-    if said:
+    facts = dict(header.facts) | {f"{_UNIT}{name}": unit for name, unit in header.units.items() if unit}
+    if facts:
         ElementTree.SubElement(image, "AnnotationRef", {"ID": "Annotation:0"})
-        held = ElementTree.SubElement(root, "StructuredAnnotations")
-        note = ElementTree.SubElement(held, "MapAnnotation", {"ID": "Annotation:0", "Namespace": _NAMESPACE})
-        value = ElementTree.SubElement(note, "Value")
-        for name, text in said.items():
+        annotations = ElementTree.SubElement(root, "StructuredAnnotations")
+        annotation = ElementTree.SubElement(
+            annotations, "MapAnnotation", {"ID": "Annotation:0", "Namespace": _NAMESPACE}
+        )
+        value = ElementTree.SubElement(annotation, "Value")
+        for name, text in facts.items():
             ElementTree.SubElement(value, "M", {"K": name}).text = text
     # the serialiser escapes every other ">", so this changes only tags; without the blank, files keep the bytes they
     # had

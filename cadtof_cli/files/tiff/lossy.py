@@ -37,13 +37,13 @@ def lossy_compression(path: Path, _dtype: np.dtype[Any], /) -> str | None:
     """
     with reading_tiff(path), tifffile.TiffFile(path) as tiff:
         page = tiff.pages.first
-        told = _TOLD_BY.get(int(page.compression))
-        if told is None or not page.databytecounts:
+        examine = _EXAMINE.get(int(page.compression))
+        if examine is None or not page.databytecounts:
             return None
         tiff.filehandle.seek(page.dataoffsets[0])
         data = tiff.filehandle.read(page.databytecounts[0])
         with suppress(struct.error, IndexError, ValueError):
-            return told(data, page)
+            return examine(data, page)
     return None
 
 
@@ -160,7 +160,7 @@ def _jpeg_xr(data: bytes, _page: tifffile.TiffPage) -> str | None:
     return "JPEG XR" if coarse else None
 
 
-_TOLD_BY: dict[int, Callable[[bytes, tifffile.TiffPage], str | None]] = {
+_EXAMINE: dict[int, Callable[[bytes, tifffile.TiffPage], str | None]] = {
     6: _jpeg,
     7: _jpeg,
     99: _jpeg,
