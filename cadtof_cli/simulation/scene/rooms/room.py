@@ -80,13 +80,15 @@ class RandomRoom:
     @property
     def summary(self) -> str:
         """One sentence about the scene."""
-        net = "" if self.net is None else f", a net {self.net.distance_m:.2f} m away with a fill of {self.net.fill:g}"
-        return f"{self.room.summary}{net}; all bounces of light, traced"
+        net = self.net
+        with_net = "" if net is None else f", a net {net.distance_m:.2f} m away with a fill of {net.fill:g}"
+        return f"{self.room.summary}{with_net}; all bounces of light, traced"
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
         """Return the direct path, and one path for each bin of the transient of light by way of other surfaces."""
-        light = self._light(self.room, camera, rows)
-        return light if self.net is None else self.net.mixed(self._light(self.net.hung(self.room), camera, rows), light)
+        room, net = self.room, self.net
+        light = self._light(room, camera, rows)
+        return light if net is None else net.mixed(self._light(net.hung(room), camera, rows), light)
 
     def _light(self, room: Room, camera: Camera, rows: slice) -> Light:
         view = View(
