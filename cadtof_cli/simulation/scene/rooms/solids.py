@@ -224,8 +224,10 @@ class Interior:
             block = slice(start, start + BLOCK)
             for group in self._groups:
                 near = start + group.near(origins_m[:, block], directions[:, block])
+                if not len(near):
+                    continue
                 starts, ways = origins_m[:, near], directions[:, near]
-                for solid in group.solids if len(near) else ():
+                for solid in group.solids:
                     free[near] &= solid.entry(starts, ways) >= lengths_m[near]
         return free
 
@@ -236,12 +238,14 @@ class Interior:
             np.minimum(lengths, _slab(origin - size / 2, slope, size / 2)[1], out=lengths)
         for group in self._groups:
             near = group.near(origins_m, directions)
+            if not len(near):
+                continue
             starts, ways, best, whose = origins_m[:, near], directions[:, near], lengths[near], solid[near]
-            for index, part in enumerate(group.solids if len(near) else ()):
+            for number, part in enumerate(group.solids, start=group.first):
                 entry = part.entry(starts, ways)
                 closer = entry < best
                 np.copyto(best, entry, where=closer)
-                whose[closer] = group.first + index
+                whose[closer] = number
             lengths[near], solid[near] = best, whose
 
     def _faces(self, points_m: Float32, solid: NDArray[np.intp]) -> tuple[Float32, NDArray[np.intp]]:
@@ -262,7 +266,7 @@ class Interior:
         return normals, np.where(round_ones, 0, 2 * axis + side)
 
     @cached_property
-    def _groups(self) -> tuple["_Group", ...]:
+    def _groups(self) -> tuple[_Group, ...]:
         """The solids in groups of neighbours."""
         groups: list[_Group] = []
         for number, solid in enumerate(self.solids, start=1):
