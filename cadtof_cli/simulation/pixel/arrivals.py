@@ -24,13 +24,12 @@ def draw_phases(mix: PhotonMix, generator: np.random.Generator, /, *, count: int
     centres = (2.0 * math.pi * harmonic / mix.period_ns * mix.delays_ns).astype(np.float32)
     spread = np.float32(harmonic * mix.spread_rad)
     arrival = generator.standard_normal(len(origin), dtype=np.float32) * spread
-    last = len(shares) - 1
     for path, limit in enumerate(ambient + np.cumsum(shares)[:-1]):
         if path == 0:
             arrival += np.where(origin < np.float32(limit), centres[0], centres[1])
         else:
             arrival += (origin >= np.float32(limit)) * (centres[path + 1] - centres[path])
-    if last == 0:
+    if len(shares) == 1:
         arrival += centres[0]
     phases[laser] = arrival
     return phases

@@ -87,12 +87,11 @@ def voltage_statistics(
     is less than 1 until the average has settled. `sample_noise_v` is the standard deviation of the additional noise of every
     sample, such as kTC noise.
     """
-    moments = mix.moments(highest_order(modulation.harmonics, modulation.waveform, mix.spread_rad))
-    at_rest, delays = moments, motion.delays_ns(len(modulation.harmonics))
-    shape = (len(modulation.harmonics), 3, *moments.shape[1:])
-    means, covariances = np.empty((shape[0], 2, *shape[2:])), np.empty(shape)
-    for row, harmonic in enumerate(modulation.harmonics):
-        moments = _later(at_rest, delays[row] / mix.period_ns)
+    at_rest = mix.moments(highest_order(modulation.harmonics, modulation.waveform, mix.spread_rad))
+    count, pixels = len(modulation.harmonics), at_rest.shape[1:]
+    means, covariances = np.empty((count, 2, *pixels)), np.empty((count, 3, *pixels))
+    for row, (harmonic, delay_ns) in enumerate(zip(modulation.harmonics, motion.delays_ns(count), strict=True)):
+        moments = _later(at_rest, delay_ns / mix.period_ns)
         mean = sample_mean(moments, harmonic=harmonic, waveform=modulation.waveform)
         means[row] = modulation.amplitude_v * np.stack([mean.real, mean.imag])
         covariances[row] = modulation.amplitude_v**2 * sample_covariance(

@@ -142,5 +142,13 @@ def _ball(between: Between, scale: float) -> Piece:
 
 
 _KINDS: tuple[Callable[[Between, float], Piece], ...] = (
-    *(_cupboard, _table, _chair, _shelf, _sofa, _bed, _panel, _pillar, _ball),
+    _cupboard,
+    _table,
+    _chair,
+    _shelf,
+    _sofa,
+    _bed,
+    _panel,
+    _pillar,
+    _ball,
 )
