@@ -13,7 +13,7 @@ import numpy as np
 
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.solids import Box
-from cadtof_cli.simulation.scene.rooms.view import LOOKING, Room, View
+from cadtof_cli.simulation.scene.rooms.view import COARSE_CAMERA, Room, View
 
 SEED_KEY = 7
 """Branch of the seed from which a net is drawn, so that the room is the same with and without a net."""
@@ -87,7 +87,7 @@ def drawn_net(room: Room, /, *, fill: float, distance_m: float | None, seed: int
 
 def _middle_range_m(room: Room) -> float:
     """Return the range of the surfaces in the middle of the view: the median over its middle third."""
-    view = View(room=room, camera=LOOKING)
-    height, width = LOOKING.height, LOOKING.width
-    rays = LOOKING.rays(slice(height // 3, -(height // 3)))[:, :, width // 3 : -(width // 3)]
+    view = View(room=room, camera=COARSE_CAMERA)
+    height, width = COARSE_CAMERA.height, COARSE_CAMERA.width
+    rays = COARSE_CAMERA.rays(slice(height // 3, -(height // 3)))[:, :, width // 3 : -(width // 3)]
     return float(np.median(view.meet(rays.reshape(3, -1)).lengths_m))

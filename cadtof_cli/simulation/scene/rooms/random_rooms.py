@@ -9,7 +9,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.furniture import random_piece
 from cadtof_cli.simulation.scene.rooms.solids import FACES, Ball, Box, Interior, Patch
-from cadtof_cli.simulation.scene.rooms.view import LOOKING, Room, View
+from cadtof_cli.simulation.scene.rooms.view import COARSE_CAMERA, Room, View
 
 MOST_FURNITURE = 12
 """How many pieces of furniture may be asked for."""
@@ -217,8 +217,8 @@ def _in_one_albedo(interior: Interior, albedo: float) -> Interior:
 
 def _fits(room: Room) -> bool:
     """Return whether the camera sees surfaces at ranges that it can measure, and most of these surfaces are lit."""
-    view = View(room=room, camera=LOOKING)
-    seen = view.meet(LOOKING.rays(slice(None)).reshape(3, -1))
+    view = View(room=room, camera=COARSE_CAMERA)
+    seen = view.meet(COARSE_CAMERA.rays(slice(None)).reshape(3, -1))
     closed = seen.albedo > 0
     if closed.mean() < 1 - LIGHT_LOST:
         return False

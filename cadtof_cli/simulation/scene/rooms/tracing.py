@@ -79,13 +79,13 @@ def transients(
     first, second = (np.mod(generator.random((count, 1)) + part, 1.0).ravel() for part in evenly_spread_pairs(paths))
     once, later = np.zeros((2, count * BINS)), np.zeros((2, count * BINS))
     for bounce in range(MOST_BOUNCES):
-        ours = once if bounce == 0 else later
-        for points, total in ((light.first, ours), (light.later, later)):
+        lamp_total = once if bounce == 0 else later
+        for points, total in ((light.first, lamp_total), (light.later, later)):
             if points.flux > 0:
                 starts = generator.integers(len(points.albedo), size=(count,))
                 _add_connected(total, interior, points, (starts[ends.pixels] + ends.numbers) % len(points.albedo), ends)
         local = cosine_weighted(first.astype(np.float32), second.astype(np.float32))
-        ends = _continued(ours, interior, lamp, light, ends, local, generator)
+        ends = _continued(lamp_total, interior, lamp, light, ends, local, generator)
         if not len(ends.pixels):
             break
         first, second = generator.random((2, len(ends.pixels)), dtype=np.float32)

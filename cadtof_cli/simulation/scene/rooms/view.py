@@ -12,7 +12,7 @@ from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp
 from cadtof_cli.simulation.scene.rooms.solids import Interior, Meetings
 
-LOOKING = Camera(width=40, height=30, focal_length_px=29.0)
+COARSE_CAMERA = Camera(width=40, height=30, focal_length_px=29.0)
 """The camera that looks at a room before it is rendered. It has few pixels, and its view is 69° wide, wider than the default."""
 
 
