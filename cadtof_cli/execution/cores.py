@@ -17,7 +17,7 @@ def available_cores() -> int:
     they take turns, and all of them stand still when the time is used up.
     """
     seen = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(seen, math.ceil(min(seen, quota_cores()))))
+    return max(1, math.ceil(min(seen, quota_cores())))
 
 
 def quota_cores(own_groups: Path = _OWN_GROUPS, groups: Path = _GROUPS) -> float:
