@@ -35,7 +35,7 @@ Every time that this process runs, it may displace a worker from its core, and t
 TASKS_IN_MEAN = 8
 """Length of the running mean of the time per task: a new time counts for 1/8."""
 
-NOW_AND_THEN_S, NOW_AND_THEN_TASKS = 0.01, 4
+PAUSE_S, PAUSE_TASKS = 0.01, 4
 """Longest pause before workers with short tasks are served again: so many seconds, or the time of so many of their tasks,
 whichever is shorter."""
 
@@ -52,7 +52,7 @@ AHEAD_BYTES = 16 * 2**10
 """Largest message with which a task goes to a busy worker ahead of time. The connection buffers a message of this size, so
 sending it makes no process wait."""
 
-FAREWELL_S = 2.0
+JOIN_S = 2.0
 """Longest wait for the end of a worker process that has nothing left to do, or was killed."""
 
 
@@ -92,11 +92,11 @@ class _Worker(Generic[Task, Result]):
     since: float = 0.0
     answered: float = field(default_factory=time.monotonic)
 
-    def at(self) -> _Job[Task, Result]:
+    def current_job(self) -> _Job[Task, Result]:
         """Return the job that the process is computing; if all jobs are computed, the first one, which is waited for."""
-        return self.jobs[self.computed if self.left() else 0]
+        return self.jobs[self.computed if self.uncomputed() else 0]
 
-    def left(self) -> int:
+    def uncomputed(self) -> int:
         """Return how many of the jobs are not computed yet."""
         return len(self.jobs) - self.computed
 
@@ -106,8 +106,8 @@ class _Pool(Generic[Task, Result]):
 
     def __init__(self, function: Work[Task, Result], workers: Workers, shared: Sequence[object]) -> None:
         self._function, self._messages = function, TaskMessages(shared)
-        self._most, self._limit_s = workers.jobs, workers.task_timeout_s
-        self._cores = cores_for(self._most)
+        self._max_workers, self._limit_s = workers.jobs, workers.task_timeout_s
+        self._cores = cores_for(self._max_workers)
         # the contexts of all start methods have the same methods; SpawnContext is the only type that every system has
         self._context = cast("SpawnContext", get_context(workers.start_method))
         # the workers listen at one end of a pipe; this process holds the other end, which closes even when the process is killed
@@ -115,7 +115,7 @@ class _Pool(Generic[Task, Result]):
         self._workers: list[_Worker[Task, Result]] = []
         self._incoming = Incoming[_Worker[Task, Result]]()
         self._waiting: deque[_Job[Task, Result]] = deque()
-        self._ahead, self._task_s = False, SHORT_S
+        self._fits_ahead, self._task_s = False, SHORT_S
 
     def add(self, job: _Job[Task, Result]) -> None:
         """Take one more job."""
@@ -126,8 +126,8 @@ class _Pool(Generic[Task, Result]):
         """Wait until a worker answers, is lost or exceeds the time limit; then hand out waiting jobs."""
         if self._task_s < SHORT_S:
             # no pause if a worker has nothing left to compute, as at the end
-            left = min(map(_Worker.left, self._workers), default=0)
-            time.sleep(min(NOW_AND_THEN_S, min(left, NOW_AND_THEN_TASKS) * self._task_s))
+            fewest = min(map(_Worker.uncomputed, self._workers), default=0)
+            time.sleep(min(PAUSE_S, min(fewest, PAUSE_TASKS) * self._task_s))
         limit, left_s = self._limit_s, None
         if limit is not None:
             since = min(worker.since for worker in self._workers if worker.jobs)
@@ -151,7 +151,7 @@ class _Pool(Generic[Task, Result]):
             except OSError:
                 continue
         for worker in self._workers:
-            worker.process.join(FAREWELL_S)
+            worker.process.join(JOIN_S)
 
     def close(self) -> None:
         """Kill every worker that is left, at once. This ends even a worker that is stopped (SIGSTOP)."""
@@ -160,7 +160,7 @@ class _Pool(Generic[Task, Result]):
         for worker in self._workers:
             worker.process.kill()
         for worker in self._workers:
-            worker.process.join(FAREWELL_S)
+            worker.process.join(JOIN_S)
             worker.connection.close()
         self._listening.close()
 
@@ -170,7 +170,7 @@ class _Pool(Generic[Task, Result]):
             # a job that lost its worker is tried again while no other job runs: memory may have been short
             if any(worker.jobs and (job.losses or worker.jobs[0].losses) for worker in self._workers):
                 return
-            worker = self._started_afresh() if job.losses else self._place()
+            worker = self._start_fresh() if job.losses else self._place()
             if worker is None:
                 return
             self._waiting.popleft()
@@ -181,27 +181,27 @@ class _Pool(Generic[Task, Result]):
         idle = next((worker for worker in self._workers if not worker.jobs), None)
         if idle is not None:
             return idle
-        if len(self._workers) < self._most:
+        if len(self._workers) < self._max_workers:
             return self._start()
-        least = min(self._workers, key=_Worker.left)
-        return least if self._ahead and least.left() < self._enough() else None
+        least = min(self._workers, key=_Worker.uncomputed)
+        return least if self._fits_ahead and least.uncomputed() < self._tasks_ahead() else None
 
-    def _enough(self) -> int:
+    def _tasks_ahead(self) -> int:
         """Return how many uncomputed tasks a worker should have: just enough, because no other worker can take them from it."""
         if self._task_s >= SHORT_S:
             return AHEAD
         # twice as many as are done during a pause: this process may come late
-        return min(AHEAD + math.ceil(2.0 * NOW_AND_THEN_S / max(self._task_s, 1e-4)), SHORT_AHEAD)
+        return min(AHEAD + math.ceil(2.0 * PAUSE_S / max(self._task_s, 1e-4)), SHORT_AHEAD)
 
-    def _started_afresh(self) -> _Worker[Task, Result]:
+    def _start_fresh(self) -> _Worker[Task, Result]:
         """Return a new worker. If there is no place for it, it replaces an idle one, which may be dead without our knowing it."""
-        if len(self._workers) == self._most:
+        if len(self._workers) == self._max_workers:
             self._end(self._workers[-1])
         return self._start()
 
     def _end(self, worker: _Worker[Task, Result]) -> None:
         worker.process.kill()
-        worker.process.join(FAREWELL_S)
+        worker.process.join(JOIN_S)
         self._incoming.remove(worker.connection)
         worker.connection.close()
         self._workers.remove(worker)
@@ -231,7 +231,7 @@ class _Pool(Generic[Task, Result]):
 
     def _give(self, worker: _Worker[Task, Result], job: _Job[Task, Result]) -> None:
         message = self._messages.message(job.task)
-        self._ahead = len(message) <= AHEAD_BYTES
+        self._fits_ahead = len(message) <= AHEAD_BYTES
         if not worker.jobs:
             worker.since = time.monotonic()
         worker.jobs.append(job)
@@ -268,7 +268,7 @@ class _Pool(Generic[Task, Result]):
         if not worker.jobs:
             return
         # a job that waits for a hanging disk stays the first, while the jobs behind it are computed
-        lost = worker.at() if after_s is None else worker.jobs[0]
+        lost = worker.current_job() if after_s is None else worker.jobs[0]
         lost.losses += 1
         if lost.losses == ATTEMPTS:
             lost.outcome = Outcome(lost.task, WorkerDied(after_s))

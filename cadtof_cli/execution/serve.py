@@ -61,7 +61,7 @@ def serve(
     function: Work[Any, Any],
     messages: TaskMessages,
     connection: Connection,
-    parents: Connection,
+    parent_end: Connection,
     listening: Connection,
     held: Connection,
     core: int | None,
@@ -72,11 +72,11 @@ def serve(
         function: what is done to each task.
         messages: restores tasks from messages.
         connection: the worker's end of the connection.
-        parents: the parent's end of it, of which a forked worker has a copy.
+        parent_end: the parent's end of it, of which a forked worker has a copy.
         listening, held, core: see `begin_worker`.
     """
     begin_worker(listening, held, core)
-    parents.close()
+    parent_end.close()
     answers = _Answers(connection)
     with finishing(answers.tell_all) as finisher:
         while message := connection.recv_bytes():

@@ -124,18 +124,18 @@ class ClusterRun(Generic[Task, Result]):
         probe: Path | None,
         say: Callable[[str], None],
     ) -> None:
-        self._cluster, self._function, self._waiting, self._say = cluster, function, tasks, say
+        self._cluster, self._function, self._tasks, self._say = cluster, function, tasks, say
         self._expected, self._probe, self._folder = expected, probe, Path.cwd()
         self._numbers = itertools.count()
-        self._seconds: deque[float] = deque(maxlen=15)
+        self._task_times_s: deque[float] = deque(maxlen=15)
         self._unreported: deque[Entry[Task, Result]] = deque()
-        self._again: deque[Entry[Task, Result]] = deque()
+        self._queued: deque[Entry[Task, Result]] = deque()
         self._suspects: deque[Entry[Task, Result]] = deque()
         self._asked: dict[int, str] = {}
         self._unfit: list[str] = []
         self._workers: dict[str, Worker[Task, Result]] = {}
         self._with_room: dict[str, Worker[Task, Result]] = {}
-        self._at: dict[int, Worker[Task, Result]] = {}
+        self._worker_of: dict[int, Worker[Task, Result]] = {}
         self._told_to_wait = False
 
     def welcome_workers(self) -> None:
@@ -158,7 +158,7 @@ class ClusterRun(Generic[Task, Result]):
         try:
             while True:
                 yield from self._in_order()
-                if not self._unreported and not self._drawn():
+                if not self._unreported and not self._draw():
                     return
                 self._hand_out()
                 self._tell()
@@ -174,12 +174,12 @@ class ClusterRun(Generic[Task, Result]):
                 raise ended.error
             yield ended
 
-    def _drawn(self) -> bool:
+    def _draw(self) -> bool:
         """Draw one more task if there is one, and return whether there was."""
-        for task in itertools.islice(self._waiting, 1):
+        for task in itertools.islice(self._tasks, 1):
             entry: Entry[Task, Result] = Entry(task)
             self._unreported.append(entry)
-            self._again.append(entry)
+            self._queued.append(entry)
             return True
         return False
 
@@ -196,7 +196,7 @@ class ClusterRun(Generic[Task, Result]):
                     break
                 continue
             work = next(self._numbers)
-            worker.batches[work], self._at[work] = batch, worker
+            worker.batches[work], self._worker_of[work] = batch, worker
             tasks = [entry.task for entry in batch.entries]
             self._cluster.submit(work, name, run_batch, self._function, tasks, self._folder)
             if not batch.alone and len(worker.batches) < BATCHES_PER_WORKER:
@@ -208,14 +208,14 @@ class ClusterRun(Generic[Task, Result]):
         if self._suspects:
             return None if worker.batches else Batch([self._suspects.popleft()], alone=True)
         size = self._batch_size()
-        while len(self._again) < size and len(self._unreported) < TASKS_AHEAD and self._drawn():
+        while len(self._queued) < size and len(self._unreported) < TASKS_AHEAD and self._draw():
             pass
-        entries = [self._again.popleft() for _ in range(min(size, len(self._again)))]
+        entries = [self._queued.popleft() for _ in range(min(size, len(self._queued)))]
         return Batch(entries) if entries else None
 
     def _batch_size(self) -> int:
         # the lower quartile: on a busy machine, slower tasks are slow for reasons that larger batches do not mend
-        usual = statistics.quantiles(self._seconds)[0] if len(self._seconds) > 1 else SHORT_S
+        usual = statistics.quantiles(self._task_times_s)[0] if len(self._task_times_s) > 1 else SHORT_S
         return 1 if usual >= SHORT_S else min(math.ceil(BATCH_S / max(usual, 1e-9)), MOST_IN_BATCH)
 
     def _take_news(self) -> None:
@@ -229,7 +229,7 @@ class ClusterRun(Generic[Task, Result]):
                     self._worker_lost(worker, expected=expected)
                 case Finished(work) if work in self._asked:
                     self._answered(self._asked.pop(work), news)
-                case Finished(work) if work in self._at:
+                case Finished(work) if work in self._worker_of:
                     self._batch_finished(work, news)
 
     def _answered(self, worker: str, news: Finished) -> None:
@@ -244,7 +244,7 @@ class ClusterRun(Generic[Task, Result]):
             self._workers[worker] = self._with_room[worker] = Worker(worker)
 
     def _batch_finished(self, work: int, news: Finished) -> None:
-        worker = self._at.pop(work)
+        worker = self._worker_of.pop(work)
         batch = worker.batches.pop(work)
         if news.error is not None:
             for entry in batch.entries:
@@ -253,8 +253,8 @@ class ClusterRun(Generic[Task, Result]):
             done: BatchResult[Result] = news.result
             for entry, result in zip(batch.entries, done.results, strict=False):
                 entry.ended = result if isinstance(result, Raised) else Outcome(entry.task, result)
-            self._again.extendleft(reversed(batch.entries[len(done.results) :]))
-            self._seconds.append(done.seconds / len(done.results))
+            self._queued.extendleft(reversed(batch.entries[len(done.results) :]))
+            self._task_times_s.append(done.seconds / len(done.results))
         self._with_room[worker.name] = worker
 
     def _worker_lost(self, name: str, *, expected: bool) -> None:
@@ -266,14 +266,14 @@ class ClusterRun(Generic[Task, Result]):
         self._with_room.pop(name, None)
         self._cluster.forget((*asked, *worker.batches))
         for work, batch in worker.batches.items():
-            del self._at[work]
+            del self._worker_of[work]
             if batch.alone and not expected:
                 (entry,) = batch.entries
                 entry.ended = Outcome(entry.task, WorkerDied())
             elif batch.alone or not expected:
                 self._suspects += batch.entries
             else:
-                self._again.extendleft(reversed(batch.entries))
+                self._queued.extendleft(reversed(batch.entries))
 
     def _tell(self) -> None:
         """Say which workers are left out, and that there is no worker; say each only once."""
