@@ -1,4 +1,4 @@
-"""How many cores there are for this process: by its affinity, and by the time that its control groups are given."""
+"""How many cores this process may use: by its affinity, and by the processor time that its control groups allow."""
 
 import math
 import os
@@ -13,19 +13,19 @@ _GROUPS = Path("/sys/fs/cgroup")
 def available_cores() -> int:
     """Return how many cores this process may keep busy.
 
-    A container that is given the time of two cores sees all of the machine's; more processes than two take turns there, and
-    stand still together when the time is used up.
+    A container that is limited to the time of two cores still sees all cores of the machine. If it runs more than two processes,
+    they take turns, and all of them stand still when the time is used up.
     """
     seen = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(seen, math.ceil(min(seen, quota_cores()))))
+    return max(1, math.ceil(min(seen, quota_cores())))
 
 
 def quota_cores(own_groups: Path = _OWN_GROUPS, groups: Path = _GROUPS) -> float:
-    """Return the time of how many cores the control groups of this process are given; infinity where nothing limits it.
+    """Return the processor time that the control groups of this process allow, in cores; infinity if nothing limits it.
 
     Args:
-        own_groups: lines of hierarchy, controllers and group (man 7 cgroups).
-        groups: where the groups are mounted.
+        own_groups: file with a line of hierarchy, controllers and group for each group of this process (man 7 cgroups).
+        groups: folder where the groups are mounted.
     """
     least = math.inf
     with suppress(OSError, ValueError):
@@ -39,7 +39,7 @@ def quota_cores(own_groups: Path = _OWN_GROUPS, groups: Path = _GROUPS) -> float
 
 
 def _quotas(root: Path, group: str) -> Iterator[float]:
-    """Yield what a group and those that it lies in are given, each in cores."""
+    """Yield the limit of a group, and the limit of every group that it lies in, in cores."""
     folder = root / group.lstrip("/")
     for one in (folder, *folder.parents):
         if not one.is_relative_to(root):

@@ -1,4 +1,4 @@
-"""Memory that is freed is kept for what comes next."""
+"""Freed memory is kept for the next arrays."""
 
 from functools import cache
 
@@ -7,13 +7,14 @@ KEPT_BYTES = 16 * 2**20
 
 @cache
 def keep_freed_memory() -> None:
-    """Let the C library keep the memory of temporary arrays for the next ones; called again, it does nothing.
+    """Make the C library keep the memory of temporary arrays for the next arrays; a second call does nothing.
 
-    A block's arrays are just large enough that glibc asks the system for fresh pages for each and returns them at once: over a
-    thousand page faults per frame, a third of the time. It learns otherwise when one larger array is freed: from then on, arrays
-    up to that size come from memory that it keeps, and up to twice that much of it. The second array already does, and numpy asks
-    Linux for huge pages for arrays of its size, which the smaller ones after it lie in then: a write past the page cache looks up
-    each page that it is from. No page of the two is touched.
+    The arrays of a block are just large enough that glibc gets fresh pages from the system for each array and returns them when
+    the array is freed: over a thousand page faults per frame, a third of the time. The first array here, which is larger, changes
+    that when it is freed: from then on glibc takes arrays up to its size from memory that it keeps, and keeps up to twice that
+    size. The second array already comes from that memory. For an array of its size, numpy asks Linux for huge pages, and the
+    smaller arrays after it lie in these. That is faster when a file is written past the page cache, because such a write looks up
+    each page that it reads. No page of the two arrays is touched here.
     """
     import numpy as np
 

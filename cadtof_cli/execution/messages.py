@@ -1,4 +1,4 @@
-"""What the processes of a pool say to each other, and how what comes from many of them is waited for."""
+"""The messages between the processes of a pool, and how to wait for messages of many processes at once."""
 
 import io
 import pickle
@@ -13,8 +13,11 @@ Who = TypeVar("Who")
 
 
 class Said(IntEnum):
-    """What a message of a worker says: the task that it was at is computed, and its result will come; or what came of the first
-    task that it has not answered for, a result or an exception."""
+    """The kind of a worker's message.
+
+    COMPUTED: the worker's current task is computed, and its result will come later. RESULT and ERROR: the result, or the
+    exception, of the first task that the worker has not answered for yet.
+    """
 
     COMPUTED = 0
     RESULT = 1
@@ -25,20 +28,20 @@ _COMPUTED = bytes((Said.COMPUTED,))
 
 
 def answer_message(said: Said, what: Any = None, /) -> bytes:
-    """Return a message of a worker."""
+    """Return the message of a worker with this result or exception."""
     return _COMPUTED if said == Said.COMPUTED else bytes((said,)) + pickle.dumps(what, pickle.HIGHEST_PROTOCOL)
 
 
 def answer_of(message: bytes, /) -> tuple[int, Any]:
-    """Return what a message of a worker says, one of `Said`, and the result or exception that comes with it."""
+    """Return the kind of a worker's message, one of `Said`, and the result or exception in it, None if it has neither."""
     return message[0], pickle.loads(memoryview(message)[1:]) if len(message) > 1 else None
 
 
 class TaskMessages:
-    """Messages that hold a task each, without what all tasks have in common: both sides know that already.
+    """Messages with one task each. They leave out the objects that tasks share, because both processes have these already.
 
     Args:
-        shared: objects that tasks hold, each of them by itself or within others: they are told by which objects they are.
+        shared: objects that tasks hold, directly or within other objects; they are recognised by identity, not by equality.
     """
 
     def __init__(self, shared: Sequence[object]) -> None:
@@ -46,17 +49,17 @@ class TaskMessages:
         self._places = {id(one): place for place, one in enumerate(self._shared)}
 
     def __reduce__(self) -> tuple[type["TaskMessages"], tuple[Sequence[object]]]:
-        """Return how another process makes its own, where the objects lie elsewhere."""
+        """Make pickle create a new instance in another process, because the objects have other addresses there."""
         return TaskMessages, (self._shared,)
 
     def message(self, task: object, /) -> bytes:
-        """Return the message that a worker makes the task from."""
+        """Return the message from which a worker restores the task."""
         written = io.BytesIO()
         _Pickler(written, self._places).dump(task)
         return written.getvalue()
 
     def task(self, message: bytes, /) -> Any:
-        """Return the task that a message holds."""
+        """Return the task in a message."""
         return _Unpickler(io.BytesIO(message), self._shared).load()
 
 
@@ -79,10 +82,10 @@ class _Unpickler(pickle.Unpickler):
 
 
 class Incoming(Generic[Who]):
-    """Connections, and whom each leads to; all of them are waited for at once.
+    """Connections, each with an object that says who is at the other end; all of them are waited for at once.
 
-    The system is told of a connection once, where it can be: to tell it of all of them before every message takes longer than
-    the message.
+    Each connection is registered with the operating system once, if the system can do that: to name all connections anew before
+    every message takes longer than the message.
     """
 
     def __init__(self) -> None:
@@ -90,25 +93,28 @@ class Incoming(Generic[Who]):
         self._selector = selectors.DefaultSelector() if sys.platform != "win32" else None
 
     def add(self, connection: Connection, who: Who, /) -> None:
-        """Wait for this one too."""
+        """Wait for this connection too."""
         self._ends[connection] = who
         if self._selector is not None:
             self._selector.register(connection, selectors.EVENT_READ, who)
 
     def remove(self, connection: Connection, /) -> None:
-        """No longer wait for this one, which is still open."""
+        """No longer wait for this connection, which must still be open."""
         del self._ends[connection]
         if self._selector is not None:
             self._selector.unregister(connection)
 
     def ready(self, timeout_s: float | None, /) -> list[Who]:
-        """Return from whom something has come, or whose end is closed, as soon as there is any; nobody after the time."""
+        """Wait until connections have a message, or their other end is closed; return the objects of these connections.
+
+        Return an empty list after `timeout_s`; None waits without limit.
+        """
         if self._selector is not None:
             return [key.data for key, _ in self._selector.select(timeout_s)]
         ready = wait(list(self._ends), timeout_s)
         return [who for connection, who in self._ends.items() if connection in ready]
 
     def close(self) -> None:
-        """Let go of the connections, which are not closed."""
+        """Stop waiting for the connections; they stay open."""
         if self._selector is not None:
             self._selector.close()

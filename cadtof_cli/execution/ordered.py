@@ -24,23 +24,23 @@ def run_ordered(
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Return a generator of the outcomes of function(task) for every task, in the order of the tasks.
 
-    With one job everything runs in this process, unless tasks have a time limit, which only another process can keep. With more,
-    or on a cluster, `function` must be importable from a module, and tasks and results must pickle; tasks are drawn from the
-    iterable only as places come free, so memory does not grow with their number. A task whose process dies or takes too long is
-    tried once more, alone; the others in flight are not lost. Exceptions of `function` are raised by the generator. Closing it,
-    or an exception such as KeyboardInterrupt, abandons what is in flight.
+    With one job everything runs in this process, unless tasks have a time limit, which only another process can enforce. With
+    more jobs, or on a cluster, `function` must be importable from a module, and tasks and results must pickle. Tasks are drawn
+    from the iterable only when places come free, so memory does not grow with their number. A task whose process dies or takes
+    too long is tried once more, alone; the other tasks in flight are not lost. The generator raises the exceptions of `function`.
+    Closing the generator, or an exception such as KeyboardInterrupt, abandons the tasks in flight.
 
     Args:
-        function: what is done; of what returns a `Later`, the waiting is done while the next task is.
-        tasks: what it is done to.
-        workers: what it is done by.
-        shared: what many tasks hold, such as a plan: another process is given these very objects once, not with every task.
-        probe: a file that workers of a cluster must see, or they share no file system with this process.
-        say: told of what a user should know of a cluster.
+        function: what is done to a task; if it returns a `Later`, the waiting is done while the next task is computed.
+        tasks: the tasks.
+        workers: who does the work.
+        shared: objects that many tasks hold, such as a plan: another process gets these very objects once, not with every task.
+        probe: a file that the workers of a cluster must see; if they do not, they share no file system with this process.
+        say: called with messages about the cluster that a user should see.
 
     Raises:
-        SettingsError: no scheduler answers where `workers` says there is one.
-        ClusterError: it has workers that would not do the same; or, from the generator, it is lost.
+        SettingsError: no scheduler answers at the address in `workers`.
+        ClusterError: the cluster has workers that would not give the same results; or, raised by the generator, it is lost.
     """
     if workers.scheduler != LOCAL:
         from cadtof_cli.execution.cluster.ordered import run_on_cluster

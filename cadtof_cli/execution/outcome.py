@@ -1,4 +1,4 @@
-"""What comes of a task, and threads that wait for what is left of it while the next one is computed."""
+"""The outcome of a task, and threads that wait for its end, as for a disk, while the next task is computed."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -15,9 +15,9 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class WorkerDied:
-    """What takes the place of a result where a task's process ended without giving one (killed, or out of memory).
+    """Stands in for the result of a task if its process ended without a result (killed, or out of memory).
 
-    `after_s` is the time that the task was given, where it was ended for taking longer.
+    `after_s` is the time limit, if the process was ended because the task exceeded it; else None.
     """
 
     after_s: float | None = None
@@ -25,7 +25,7 @@ class WorkerDied:
 
 @dataclass(frozen=True)
 class Outcome(Generic[Task, Result]):
-    """A task with what its function returned."""
+    """A task with the result of its function."""
 
     task: Task
     result: Result | WorkerDied
@@ -33,11 +33,12 @@ class Outcome(Generic[Task, Result]):
 
 @dataclass(eq=False)
 class Later(Generic[Result]):
-    """What a task's function returns where nothing but waiting is left, as for a disk: `wait` waits, and gives the result.
+    """A result that still has to be waited for. A task's function returns it when only waiting is left, as for a disk.
 
-    That is done in a thread while the next task is computed: what a `Future` is, in a tenth of its calls, as every frame has one.
-    `wait` is told what to call as soon as it has let go of what it holds much memory for. Once the result is `there`, `error` is
-    what was raised in its place, if anything was.
+    A thread calls `wait`, which waits and returns the result, while the next task is computed. The argument of `wait` is a
+    function that it calls as soon as it has freed its large memory. When the result is `there`, `error` is the exception that
+    `wait` raised in its place, or None. A `Later` does the work of a `Future` with a tenth of the function calls, because every
+    frame has one.
     """
 
     wait: Callable[[Callable[[], None]], Result]
@@ -47,13 +48,13 @@ class Later(Generic[Result]):
     _found: SimpleQueue[Result | None] = field(default_factory=SimpleQueue)
 
     def finish(self) -> "Later[Result]":
-        """Wait, and keep the result or what is raised in its place, but nothing of what it was made from."""
+        """Call `wait` and keep its result or exception, but nothing that the result was made from."""
         found = None
         with ExitStack() as held:
             held.callback(self.let_go)
             try:
                 found = self.wait(held.close)
-            except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
+            except Exception as error:  # noqa: BLE001  (`result` raises it)
                 self.error = error
         del self.wait
         self.there = True
@@ -61,7 +62,7 @@ class Later(Generic[Result]):
         return self
 
     def result(self) -> Result:
-        """Wait until it is finished, and return the result, once; raises what was raised in its place."""
+        """Wait until the result is there and return it, or raise the exception in its place. It can be called only once."""
         found = self._found.get()
         if self.error is not None:
             raise self.error
@@ -69,21 +70,21 @@ class Later(Generic[Result]):
 
 
 Work = Callable[[Task], Result | Later[Result]]
-"""What is done to tasks."""
+"""The function of a run: it takes a task and returns its result, or a `Later` that will have it."""
 
 
 LATER_AT_ONCE = 4
-"""Results of one process that may be waited for at once: a disk takes several files in about the time of one."""
+"""How many results of one process may be waited for at once: a disk writes several files in about the time of one."""
 
 HELD_AT_ONCE = 2
-"""Results waited for at once that may hold much memory, such as maps still to be written: more do not make the disk faster."""
+"""How many of these results may hold much memory, such as maps that are still to be written: more do not make the disk faster."""
 
 
 @dataclass(eq=False)
 class Finisher:
-    """Finishes results in threads, `LATER_AT_ONCE` at a time; see `finishing`.
+    """Finishes results in threads, at most `LATER_AT_ONCE` at a time; see `finishing`.
 
-    `then` is called by a thread when it has finished a result.
+    A thread calls `then` each time that it has finished a result.
     """
 
     then: Callable[[], None]
@@ -92,7 +93,10 @@ class Finisher:
     room: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(HELD_AT_ONCE))
 
     def begin(self, result: Result | Later[Result], /) -> Later[Result]:
-        """Return where the result will be; one that needs no waiting is there. While too many hold much memory, this waits."""
+        """Return the `Later` that will have the result; a result that needs no waiting is there at once.
+
+        This blocks while `HELD_AT_ONCE` results hold much memory.
+        """
         if not isinstance(result, Later):
             return Later(lambda _: result).finish()
         self.room.acquire()
@@ -103,7 +107,7 @@ class Finisher:
             try:
                 self.threads[-1].start()
             except RuntimeError:
-                # the system allows no more
+                # the system allows no more threads
                 self.threads.pop()
         if not self.threads:
             self.waiting.get()
@@ -111,24 +115,24 @@ class Finisher:
         return result
 
     def attempt(self, function: Work[Task, Result], task: Task, /) -> Later[Result]:
-        """Do a task; return where its result will be, or the exception that it raised."""
+        """Do a task; return the `Later` that will have its result, or that has the exception that the function raised."""
         found = Later(lambda _: function(task)).finish()
         return cast("Later[Result]", found) if found.error else self.begin(found.result())
 
     def _work(self) -> None:
         while (later := self.waiting.get()) is not None:
             later.finish()
-            # while the next one is waited for, nothing is kept of this one
+            # keep nothing of this result while the next one is waited for
             del later
             self.then()
 
 
 @contextmanager
 def finishing(then: Callable[[], None] = lambda: None) -> Iterator[Finisher]:
-    """Yield what finishes results; leaving waits for all that were begun, after an error only for those at it.
+    """Yield a `Finisher`; leaving the context waits for all results that were begun, after an error only for those in a thread.
 
-    No thread is started before a result is to be waited for: a process that has threads must not fork. Where the system allows
-    none at all (`ulimit -u`, `ulimit -v`), results are finished where they are begun.
+    No thread is started before there is a result to wait for, because a process that has threads must not fork. If the system
+    allows no threads at all (`ulimit -u`, `ulimit -v`), `begin` finishes each result itself.
     """
     finisher = Finisher(then)
     try:
@@ -142,6 +146,6 @@ def finishing(then: Callable[[], None] = lambda: None) -> Iterator[Finisher]:
         for _ in finisher.threads:
             finisher.waiting.put(None)
         for thread in finisher.threads:
-            # a signal may have come before the last one was started
+            # a signal may have come before the last thread was started
             if thread.is_alive():
                 thread.join()

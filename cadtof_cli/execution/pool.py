@@ -1,4 +1,4 @@
-"""Worker processes that are handed tasks one by one, so that one that is lost or hangs costs no task but its own."""
+"""Worker processes that get their tasks one by one: a worker that is lost or hangs costs only its current task."""
 
 import math
 import time
@@ -26,35 +26,39 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 SHORT_S = 0.01
-"""Where a worker takes less than this for a task, in the mean of some tasks, it is looked after now and then, and has more ahead.
+"""Mean time per task, in s, below which tasks count as short. Then this process serves its workers only now and then, and each
+worker has more tasks ahead.
 
-Each time that this process runs, it may take the place of a worker, and the cache of a core with it.
+Every time that this process runs, it may displace a worker from its core, and the worker's data from the cache of that core.
 """
 
 TASKS_IN_MEAN = 8
+"""Length of the running mean of the time per task: a new time counts for 1/8."""
 
-NOW_AND_THEN_S, NOW_AND_THEN_TASKS = 0.01, 4
-"""After how long workers with short tasks are looked after again, or after how many of their tasks, if that is sooner."""
+PAUSE_S, PAUSE_TASKS = 0.01, 4
+"""Longest pause before workers with short tasks are served again: so many seconds, or the time of so many of their tasks,
+whichever is shorter."""
 
 AHEAD, SHORT_AHEAD = 2, 8
-"""Tasks that a worker is given that are still to be computed, so that it never idles; and at most where they are short."""
+"""How many uncomputed tasks a worker has, so that it never idles: the usual number, and the most when tasks are short."""
 
 TASKS_PER_WORKER = 1 + SHORT_AHEAD + LATER_AT_ONCE
-"""Tasks in flight for each worker: some to be computed, some on their way to the disk, and one finished and not yet reported."""
+"""Most tasks in flight per worker: some to be computed, some on their way to the disk, and one finished but not yet reported."""
 
 ATTEMPTS = 2
-"""How often a task is tried whose worker is lost."""
+"""How many times a task is tried if its worker is lost each time."""
 
 AHEAD_BYTES = 16 * 2**10
-"""A task up to this size goes to a busy worker ahead of time: the connection holds it, so handing it over makes nobody wait."""
+"""Largest message with which a task goes to a busy worker ahead of time. The connection buffers a message of this size, so
+sending it makes no process wait."""
 
-FAREWELL_S = 2.0
-"""How long a worker that has nothing to do, or was killed, is waited for."""
+JOIN_S = 2.0
+"""Longest wait for the end of a worker process that has nothing left to do, or was killed."""
 
 
 @dataclass(eq=False)
 class _Job(Generic[Task, Result]):
-    """A task, how often its worker was lost, and what has come of it."""
+    """A task, the number of times that its worker was lost, and its outcome, or the exception that its function raised."""
 
     task: Task
     losses: int = 0
@@ -68,10 +72,16 @@ class _Job(Generic[Task, Result]):
 
 @dataclass(eq=False)
 class _Worker(Generic[Task, Result]):
-    """A process, our end of its connection, the core that it stays on, the jobs that it was given, when we last heard of them,
-    and when one was done.
+    """A worker process.
 
-    Of the first of the jobs, as many as are `computed`, only waiting is left.
+    Attributes:
+        process: the process.
+        connection: our end of the connection to it.
+        core: the core that it stays on; None if the system may move it.
+        jobs: the jobs that it was given and has not answered for, in order.
+        computed: how many of the first jobs are computed and only wait, as for a disk.
+        since: when its last message came, or when it was given a job while it had none.
+        answered: when its last result or exception came; before the first one, when it was started.
     """
 
     process: BaseProcess
@@ -82,30 +92,30 @@ class _Worker(Generic[Task, Result]):
     since: float = 0.0
     answered: float = field(default_factory=time.monotonic)
 
-    def at(self) -> _Job[Task, Result]:
-        """Return the job that the process is at."""
-        return self.jobs[self.computed if self.left() else 0]
+    def current_job(self) -> _Job[Task, Result]:
+        """Return the job that the process is computing; if all jobs are computed, the first one, which is waited for."""
+        return self.jobs[self.computed if self.uncomputed() else 0]
 
-    def left(self) -> int:
-        """Return how many of the jobs are still to be computed."""
+    def uncomputed(self) -> int:
+        """Return how many of the jobs are not computed yet."""
         return len(self.jobs) - self.computed
 
 
 class _Pool(Generic[Task, Result]):
-    """Workers, started as tasks come, and the jobs that wait for one."""
+    """Workers, which are started when tasks come, and the queue of jobs that wait for a worker."""
 
     def __init__(self, function: Work[Task, Result], workers: Workers, shared: Sequence[object]) -> None:
         self._function, self._messages = function, TaskMessages(shared)
-        self._most, self._limit_s = workers.jobs, workers.task_timeout_s
-        self._cores = cores_for(self._most)
-        # each makes processes in the same way; only this one is there on every system
+        self._max_workers, self._limit_s = workers.jobs, workers.task_timeout_s
+        self._cores = cores_for(self._max_workers)
+        # the contexts of all start methods have the same methods; SpawnContext is the only type that every system has
         self._context = cast("SpawnContext", get_context(workers.start_method))
-        # the workers hold one end of a pipe whose other end lives here: it closes even when this process is killed
+        # the workers listen at one end of a pipe; this process holds the other end, which closes even when the process is killed
         self._listening, self._held = self._context.Pipe(duplex=False)
         self._workers: list[_Worker[Task, Result]] = []
         self._incoming = Incoming[_Worker[Task, Result]]()
         self._waiting: deque[_Job[Task, Result]] = deque()
-        self._ahead, self._task_s = False, SHORT_S
+        self._fits_ahead, self._task_s = False, SHORT_S
 
     def add(self, job: _Job[Task, Result]) -> None:
         """Take one more job."""
@@ -113,11 +123,11 @@ class _Pool(Generic[Task, Result]):
         self._hand_out()
 
     def attend(self) -> None:
-        """Wait until a worker has answered, was lost or has taken too long, and hand out what waits."""
+        """Wait until a worker answers, is lost or exceeds the time limit; then hand out waiting jobs."""
         if self._task_s < SHORT_S:
-            # who has nothing left to compute, as at the end, is waited for
-            left = min(map(_Worker.left, self._workers), default=0)
-            time.sleep(min(NOW_AND_THEN_S, min(left, NOW_AND_THEN_TASKS) * self._task_s))
+            # no pause if a worker has nothing left to compute, as at the end
+            fewest = min(map(_Worker.uncomputed, self._workers), default=0)
+            time.sleep(min(PAUSE_S, min(fewest, PAUSE_TASKS) * self._task_s))
         limit, left_s = self._limit_s, None
         if limit is not None:
             since = min(worker.since for worker in self._workers if worker.jobs)
@@ -134,64 +144,64 @@ class _Pool(Generic[Task, Result]):
         self._hand_out()
 
     def dismiss(self) -> None:
-        """Let the workers end, which have nothing left to do."""
+        """Tell the workers to end, because nothing is left to do, and wait for their end."""
         for worker in self._workers:
             try:
                 worker.connection.send_bytes(b"")
             except OSError:
                 continue
         for worker in self._workers:
-            worker.process.join(FAREWELL_S)
+            worker.process.join(JOIN_S)
 
     def close(self) -> None:
-        """End every worker that is left, at once: even one that was stopped."""
+        """Kill every worker that is left, at once. This ends even a worker that is stopped (SIGSTOP)."""
         self._held.close()
         self._incoming.close()
         for worker in self._workers:
             worker.process.kill()
         for worker in self._workers:
-            worker.process.join(FAREWELL_S)
+            worker.process.join(JOIN_S)
             worker.connection.close()
         self._listening.close()
 
     def _hand_out(self) -> None:
         while self._waiting:
             job = self._waiting[0]
-            # one that lost its worker is tried again alone: memory may have been short
+            # a job that lost its worker is tried again while no other job runs: memory may have been short
             if any(worker.jobs and (job.losses or worker.jobs[0].losses) for worker in self._workers):
                 return
-            worker = self._started_afresh() if job.losses else self._place()
+            worker = self._start_fresh() if job.losses else self._place()
             if worker is None:
                 return
             self._waiting.popleft()
             self._give(worker, job)
 
     def _place(self) -> _Worker[Task, Result] | None:
-        """Return who is to do the next job; None while all have enough to do."""
+        """Return the worker for the next job; None if all workers have enough to do."""
         idle = next((worker for worker in self._workers if not worker.jobs), None)
         if idle is not None:
             return idle
-        if len(self._workers) < self._most:
+        if len(self._workers) < self._max_workers:
             return self._start()
-        least = min(self._workers, key=_Worker.left)
-        return least if self._ahead and least.left() < self._enough() else None
+        least = min(self._workers, key=_Worker.uncomputed)
+        return least if self._fits_ahead and least.uncomputed() < self._tasks_ahead() else None
 
-    def _enough(self) -> int:
-        """Return how many tasks a worker should have ahead: no more than it takes, since what it has no other can take."""
+    def _tasks_ahead(self) -> int:
+        """Return how many uncomputed tasks a worker should have: just enough, because no other worker can take them from it."""
         if self._task_s >= SHORT_S:
             return AHEAD
-        # as many again as are done meanwhile: this process may come late
-        return min(AHEAD + math.ceil(2.0 * NOW_AND_THEN_S / max(self._task_s, 1e-4)), SHORT_AHEAD)
+        # twice as many as are done during a pause: this process may come late
+        return min(AHEAD + math.ceil(2.0 * PAUSE_S / max(self._task_s, 1e-4)), SHORT_AHEAD)
 
-    def _started_afresh(self) -> _Worker[Task, Result]:
-        """Return a new process in place of an idle one, which may be dead as well without anybody having asked it since."""
-        if len(self._workers) == self._most:
+    def _start_fresh(self) -> _Worker[Task, Result]:
+        """Return a new worker. If there is no place for it, it replaces an idle one, which may be dead without our knowing it."""
+        if len(self._workers) == self._max_workers:
             self._end(self._workers[-1])
         return self._start()
 
     def _end(self, worker: _Worker[Task, Result]) -> None:
         worker.process.kill()
-        worker.process.join(FAREWELL_S)
+        worker.process.join(JOIN_S)
         self._incoming.remove(worker.connection)
         worker.connection.close()
         self._workers.remove(worker)
@@ -209,7 +219,7 @@ class _Pool(Generic[Task, Result]):
             with signals_held_back(), current_folder_left_out():
                 process.start()
         except (OSError, EOFError) as error:
-            # EOFError: what forks workers has ended
+            # EOFError: the fork server has ended
             why = error.strerror if isinstance(error, OSError) else error
             raise WorkersError(f"no worker process can be started ({why}): try fewer --jobs") from error
         finally:
@@ -221,7 +231,7 @@ class _Pool(Generic[Task, Result]):
 
     def _give(self, worker: _Worker[Task, Result], job: _Job[Task, Result]) -> None:
         message = self._messages.message(job.task)
-        self._ahead = len(message) <= AHEAD_BYTES
+        self._fits_ahead = len(message) <= AHEAD_BYTES
         if not worker.jobs:
             worker.since = time.monotonic()
         worker.jobs.append(job)
@@ -250,12 +260,15 @@ class _Pool(Generic[Task, Result]):
             job.error = answer
 
     def _lose(self, worker: _Worker[Task, Result], *, after_s: float | None = None) -> None:
-        """Go on without a worker; all its jobs but the one that it was at are as good as new."""
+        """Go on without a worker: one of its jobs counts a loss, and its other jobs wait again like new ones.
+
+        `after_s` is the time limit if the worker exceeded it.
+        """
         self._end(worker)
         if not worker.jobs:
             return
-        # what waits for a disk that hangs keeps its place, while other tasks are computed behind it
-        lost = worker.at() if after_s is None else worker.jobs[0]
+        # a job that waits for a hanging disk stays the first, while the jobs behind it are computed
+        lost = worker.current_job() if after_s is None else worker.jobs[0]
         lost.losses += 1
         if lost.losses == ATTEMPTS:
             lost.outcome = Outcome(lost.task, WorkerDied(after_s))
@@ -265,10 +278,10 @@ class _Pool(Generic[Task, Result]):
 def run_in_pool(
     function: Work[Task, Result], tasks: Iterable[Task], /, *, workers: Workers, shared: Sequence[object] = ()
 ) -> Generator[Outcome[Task, Result], None, None]:
-    """Yield the outcome of function(task) for every task, in the order of the tasks, from processes of their own.
+    """Yield the outcome of function(task) for every task, in the order of the tasks; worker processes call the function.
 
     Raises:
-        BaseException: what the function raised.
+        BaseException: the exception that the function raised.
     """
     waiting, most = iter(tasks), workers.jobs * TASKS_PER_WORKER
     in_order: deque[_Job[Task, Result]] = deque()

@@ -1,4 +1,4 @@
-"""What a worker process does: one task after the other, until there are no more."""
+"""What a worker process does: it computes one task after the other, until there are no more."""
 
 import os
 import threading
@@ -12,7 +12,10 @@ from cadtof_cli.execution.starting import begin_worker
 
 
 class _Answers:
-    """What a worker says: results in the order of the tasks, each from the thread that had the last of those before it."""
+    """The answers of a worker, sent in the order of the tasks.
+
+    A result is sent when it and all results before it are there, by the thread that finished the last of these.
+    """
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -20,19 +23,19 @@ class _Answers:
         self._change = threading.Condition()
 
     def add(self, result: Later[Any]) -> None:
-        """Answer for the next task; where too many results are waited for, this waits too."""
+        """Answer for the next task; this blocks while too many results are waited for."""
         with self._change:
             if result.there and not self._begun:
                 self._tell(result)
                 return
             self._connection.send_bytes(answer_message(Said.COMPUTED))
             self._begun.append(result)
-        # it may have come meanwhile
+        # the result may have come before it was in the queue
         self.tell_all()
         self._wait_for_at_most(LATER_AT_ONCE + 1)
 
     def end(self) -> None:
-        """Return when all is answered."""
+        """Wait until all results are sent."""
         self._wait_for_at_most(0)
 
     def _wait_for_at_most(self, count: int) -> None:
@@ -40,13 +43,13 @@ class _Answers:
             self._change.wait_for(lambda: len(self._begun) <= count)
 
     def tell_all(self) -> None:
-        """Tell the results that are there, and have none before them that is not."""
+        """Send the results that are there, in order, up to the first one that is missing."""
         try:
             with self._change:
                 while self._begun and self._begun[0].there:
                     self._tell(self._begun.popleft())
                 self._change.notify()
-        except BaseException:  # noqa: BLE001  (what cannot be sent would be waited for)
+        except BaseException:  # noqa: BLE001  (a result that cannot be sent would be waited for without end)
             os._exit(1)
 
     def _tell(self, result: Later[Any]) -> None:
@@ -58,7 +61,7 @@ def serve(
     function: Work[Any, Any],
     messages: TaskMessages,
     connection: Connection,
-    parents: Connection,
+    parent_end: Connection,
     listening: Connection,
     held: Connection,
     core: int | None,
@@ -66,14 +69,14 @@ def serve(
     """Answer one task after the other, until an empty message comes.
 
     Args:
-        function: what is done to tasks.
-        messages: how they come.
-        connection: the end of the connection that is ours.
-        parents: its other end, of which a forked worker has a copy.
+        function: what is done to each task.
+        messages: restores tasks from messages.
+        connection: the worker's end of the connection.
+        parent_end: the parent's end of it, of which a forked worker has a copy.
         listening, held, core: see `begin_worker`.
     """
     begin_worker(listening, held, core)
-    parents.close()
+    parent_end.close()
     answers = _Answers(connection)
     with finishing(answers.tell_all) as finisher:
         while message := connection.recv_bytes():

@@ -1,4 +1,4 @@
-"""How a worker process starts, on its parent's side and on its own: it ends with its parent, and never answers Ctrl-C itself."""
+"""How a worker process starts, in its parent and in itself. It ends when its parent ends, and it ignores Ctrl-C."""
 
 import gc
 import os
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
-"""What a terminal that goes away sends; None where the system knows nothing of it, as on Windows."""
+"""The signal of a terminal that goes away; None if the system does not have it, as on Windows."""
 
 _HELD_BACK = (signal.SIGINT, signal.SIGTERM) + ((HANGUP,) if HANGUP else ())
 
@@ -23,10 +23,10 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def cores_for(processes: int, /) -> tuple[int, ...]:
-    """Return a core for each of so many processes, where that is one for every core there is; else none.
+    """Return one core for each process if there are as many processes as cores; else an empty tuple.
 
-    A system moves processes from core to core, each time away from what the caches of one hold, where threads that wait for disks
-    wake up between them. Where all cores are taken, nothing is gained by that; where some are not, it may be needed.
+    When threads that wait for disks wake up, the system moves processes to other cores, and each time a process loses what the
+    caches of its core hold. If every core has a process, such a move gains nothing. If some cores are free, it may be needed.
     """
     cores = tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
     return cores if len(cores) == processes else ()
@@ -34,9 +34,10 @@ def cores_for(processes: int, /) -> tuple[int, ...]:
 
 @contextmanager
 def signals_held_back() -> Iterator[None]:
-    """Put off what ends us while processes may start: until it has come to `begin_worker`, one would answer like its parent.
+    """Hold back the signals that end this process while workers start.
 
-    Where signals cannot be put off, as on Windows, nothing is.
+    Until a worker has reached `begin_worker`, it would handle these signals like its parent. If the system cannot hold signals
+    back, as on Windows, nothing is done.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -50,7 +51,7 @@ def signals_held_back() -> Iterator[None]:
 
 @contextmanager
 def current_folder_left_out() -> Iterator[None]:
-    """Let processes that start import nothing from the current folder, where a file may be called like a module of Python's."""
+    """Keep starting processes from importing files of the current folder, which may have the name of a standard module."""
     before = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"
     try:
@@ -63,12 +64,14 @@ def current_folder_left_out() -> Iterator[None]:
 
 
 def begin_worker(listening: "Connection", held: "Connection", core: int | None, /) -> None:
-    """Prepare a worker: Ctrl-C and a terminal that goes away are the parent's to handle; SIGTERM, and the parent's end, end it.
+    """Prepare a worker: it ignores Ctrl-C and a terminal that goes away; SIGTERM ends it, and so does the end of its parent.
+
+    Ctrl-C and the end of a terminal are for the parent to handle.
 
     Args:
-        listening: the end of a pipe that gives way when the parent ends.
-        held: the parent's end of it, of which a forked worker has a copy.
-        core: that it stays on; None: it may be moved.
+        listening: the worker's end of a pipe; a read from it fails when the parent ends.
+        held: the parent's end of the pipe, of which a forked worker has a copy.
+        core: the core that the worker stays on; None: the system may move it.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if HANGUP:
@@ -79,17 +82,17 @@ def begin_worker(listening: "Connection", held: "Connection", core: int | None, 
     held.close()
     if core is not None and hasattr(os, "sched_setaffinity"):
         with suppress(OSError):
-            # it may have been taken away from us
+            # this process may have lost the core since
             os.sched_setaffinity(0, {core})
     if sys.platform == "linux":
         import ctypes
 
-        # even where it is stopped
+        # the kernel kills the worker when its parent ends, even if the worker is stopped (SIGSTOP)
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     with suppress(RuntimeError):
         # the system may allow no more threads
         threading.Thread(target=_end_with_parent, args=(listening,), daemon=True).start()
-    # what was here before the fork stays shared with the parent: nobody writes marks into it
+    # objects from before the fork stay in memory that is shared with the parent: the garbage collector no longer writes into them
     gc.freeze()
 
 

@@ -1,4 +1,4 @@
-"""What work is done by: processes of this machine, or the workers of a dask scheduler."""
+"""Who does the work: processes of this machine, or the workers of a dask scheduler."""
 
 import os
 import re
@@ -16,27 +16,27 @@ START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver") if hasa
 """How processes can be started on this system."""
 
 START_METHOD: StartMethod = "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
-"""The usual one: `fork` is safe before any thread runs, and starts in milliseconds."""
+"""The default: `fork` on Linux, which starts a process in milliseconds and is safe as long as no thread runs; else `spawn`."""
 
 LOCAL = "local"
 
 _SCHEDULER = r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+"
 
 LONGEST_S = 1e8
-"""Years; the clocks of systems end somewhere beyond."""
+"""Longest time limit, in s: three years. The clocks of operating systems end somewhere beyond that."""
 
 JOBS_PER_CORE = 4
-"""Users get no more processes than that a core: each takes memory, and none makes the work faster."""
+"""Most processes per core that users get: further processes take memory and do not make the work faster."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """What work is done by.
+    """Who does the work.
 
     Attributes:
-        jobs: processes; 1 is this one alone.
+        jobs: number of processes; 1 means this process alone.
         start_method: how other processes start.
-        task_timeout_s: after how long a task's process is ended; None: it takes the time that it takes.
+        task_timeout_s: time limit of a task, after which its process is ended; None: no limit.
         scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
     """
 
@@ -65,4 +65,4 @@ class Workers:
 
 
 ALONE = Workers(jobs=1)
-"""This process."""
+"""This process alone does the work."""

@@ -1,4 +1,4 @@
-"""A connection to a dask scheduler, the one place that knows dask: work goes to workers by name, news of them comes back."""
+"""A connection to a dask scheduler: work goes to named workers, and news of it comes back. Only this module knows dask."""
 
 import logging
 import pickle
@@ -20,35 +20,35 @@ CONNECT_S = 10
 """Longest wait for a scheduler to answer."""
 
 GATHER_S = 5
-"""Longest wait for a result that lies on a worker, before other news is looked at: when that is lost, there is none."""
+"""Longest wait for a result that lies on a worker, before other news is looked at: if that worker is lost, no result comes."""
 
 LISTEN_S = 1
-"""How often the connection is looked at while there is no news."""
+"""Longest wait for news, before the connection itself is checked."""
 
 COMPARE_S = 5
-"""How often the scheduler is asked for its workers, should news of one have gone missing."""
+"""Time between two requests for the list of workers, which are made because news of a worker may have gone missing."""
 
 STOP_S = 10
-"""Longest wait for workers to finish what they are at when a run is stopped."""
+"""Longest wait for workers to finish their current tasks when a run is stopped."""
 
 _CALL = "(lambda function, arguments: function(*arguments))(*__import__('pickle').loads(packed))"
-"""What a worker does: text and bytes, as functions of a package that is not there would end a worker, and fail at the scheduler,
-which need not have it."""
+"""The expression that a worker evaluates. Text and pickled bytes are sent instead of a function of cadtof: on a worker without
+cadtof, such a function would end the worker, and it would fail at the scheduler, which need not have cadtof."""
 
 _LIBRARIES = ("distributed", "tornado")
-"""What logs tracebacks where a connection is lost; we say that ourselves."""
+"""Libraries that log a traceback when a connection is lost; cadtof reports the loss itself."""
 
 
 @dataclass(frozen=True)
 class WorkerJoined:
-    """The scheduler has a worker more."""
+    """A worker has joined the scheduler."""
 
     worker: str
 
 
 @dataclass(frozen=True)
 class WorkerLost:
-    """The scheduler has a worker less; `expected` where it was told to leave."""
+    """A worker has left the scheduler; `expected` is True if the worker was told to leave."""
 
     worker: str
     expected: bool
@@ -56,7 +56,7 @@ class WorkerLost:
 
 @dataclass(frozen=True)
 class Finished:
-    """A piece of work has ended with what it returned, or with the exception that kept it from returning."""
+    """A piece of work has ended with the value that it returned, or with the exception that kept it from returning."""
 
     work: int
     result: Any
@@ -67,9 +67,9 @@ News = WorkerJoined | WorkerLost | Finished
 
 
 class Connection:
-    """A client of a scheduler. Every piece of work is bound to one worker, so that the scheduler moves none by itself.
+    """A client of a scheduler. Every piece of work is bound to one worker, so that the scheduler never moves work by itself.
 
-    What takes care of lost workers is the client, which alone knows that two pieces have met the same fate.
+    This side, not dask, takes care of lost workers: only it can tell a task that kills its worker from one that was beside it.
     """
 
     def __init__(self, address: str, /) -> None:
@@ -85,7 +85,7 @@ class Connection:
                 f"--scheduler {address}: needs the extra cluster: pip install 'cadtof[cluster]'"
             ) from error
         for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in _LIBRARIES]:
-            # dask has given some of them levels of their own
+            # dask sets the levels of some of these loggers itself
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self.address = address
         self._run = uuid4().hex[:8]
@@ -94,8 +94,8 @@ class Connection:
         self._workers: set[str] = set()
         try:
             host, _, port = address.removeprefix("tcp://").rpartition(":")
-            # dask would try again and again where nobody listens, and wait for ever where somebody else does; a scheduler
-            # speaks first, a dashboard does not
+            # dask tries again and again if nobody listens at the address, and waits for ever if another program listens
+            # there. A scheduler sends the first byte; a dashboard does not
             with socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S) as line:
                 if not line.recv(1):
                     raise ConnectionResetError("whoever listens there hangs up")
@@ -109,7 +109,7 @@ class Connection:
         self._compared = 0.0
 
     def submit(self, work: int, worker: str, function: Callable[..., Any], /, *arguments: Any) -> None:
-        """Have a worker call a function; news of it comes under the number `work`."""
+        """Make a worker call a function; news of the call comes under the number `work`."""
         future = self._futures[work] = self._submitted(str(work), worker, function, *arguments)
         future.add_done_callback(lambda _: self._news.put(work))
 
@@ -119,13 +119,13 @@ class Connection:
         return self._client.submit(eval, _CALL, {"packed": packed}, key=key, pure=False, workers=[worker])
 
     def forget(self, works: Iterable[int], /) -> None:
-        """Take work back, wherever it is; there will be no news of it."""
+        """Cancel pieces of work, wherever they are; there will be no news of them."""
         futures = [self._futures.pop(work) for work in works if work in self._futures]
         if futures and self._client.status == "running":
             self._client.cancel(futures)
 
     def news(self) -> list[News]:
-        """Wait for news, `LISTEN_S` at most, and return all there is.
+        """Wait for news, `LISTEN_S` at most, and return all news.
 
         Raises:
             ClusterError: the scheduler is lost.
@@ -139,7 +139,7 @@ class Connection:
         return [news for one in heard for news in self._understood(one)]
 
     def close(self) -> None:
-        """Take back all work, wait for what workers are at just now to end, and disconnect."""
+        """Cancel all work, wait until the workers have finished their current tasks, and disconnect."""
         # a cluster that is gone, or slow, must not keep a run from ending
         with suppress(OSError, TimeoutError, CancelledError):
             if self._futures and self._client.status == "running":
@@ -149,7 +149,7 @@ class Connection:
             self._client.close(timeout=CONNECT_S)
 
     def _heard(self, event: tuple[float, Any]) -> None:
-        """Take an event of the scheduler; called in the thread of the client."""
+        """Put an event of the scheduler in the queue of news; dask's client calls this in its own thread."""
         _, message = event
         match message.get("action"):
             case "add-worker":
@@ -170,8 +170,8 @@ class Connection:
             yield from self._ended(heard, future)
 
     def _ended(self, work: int, future: Any) -> Iterator[Finished]:
-        """Yield what work has ended with; nothing yet where that does not come, and nothing where it went down with its worker,
-        which there is other news of."""
+        """Yield the end of a piece of work. Yield nothing if its result does not come in time: it is asked for again later. Yield
+        nothing if the work was lost with its worker: other news says so."""
         try:
             if future.status == "finished":
                 result = future.result(timeout=GATHER_S)
@@ -185,13 +185,13 @@ class Connection:
             elif future.status == "cancelled":
                 raise self._lost()
         except OSError:
-            # too late, as a worker or this machine was frozen, or cut off; where one is lost, other news says so
+            # the result is late: a worker or this machine was frozen or cut off; if the worker is lost, other news says so
             self._news.put(work)
         except CancelledError as error:
             raise self._lost() from error
 
     def _compare_workers(self) -> None:
-        """Make sure that the scheduler is there, and now and then that its workers are those that are known here."""
+        """Check that the scheduler is there, and every `COMPARE_S` that it has the same workers as `_workers`."""
         if self._client.status != "running":
             raise self._lost()
         if time.monotonic() - self._compared < COMPARE_S:
@@ -207,7 +207,7 @@ class Connection:
             self._news.put(WorkerJoined(worker))
 
     def _wait_until_idle(self) -> None:
-        """Send every worker something that it can only do when it is at nothing else, and wait for it."""
+        """Send every worker a call that ends only when the worker has no other task, and wait for these calls."""
         until = time.monotonic() + STOP_S
         sent = [self._submitted(f"end-{place}", worker, wait_until_idle) for place, worker in enumerate(self._workers)]
         for future in sent:

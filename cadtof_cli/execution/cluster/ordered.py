@@ -19,47 +19,46 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 SHORT_S = 0.05
-"""Tasks that are shorter than this go in batches."""
+"""Tasks that take less time than this are sent in batches."""
 
 BATCH_S = 0.25
-"""How long a batch is to be: a task's way there and back costs some ten milliseconds of work, in four processes."""
+"""How long a batch should take. To send one task and get its result costs some ten milliseconds of work in four processes."""
 
 MOST_IN_BATCH = 100
 
 BATCHES_PER_WORKER = 3
-"""One is computed, the others wait so that the worker does not idle, even where its messages are slow to come."""
+"""The worker computes one batch. The others wait at the worker, so that it does not idle even if messages to it are slow."""
 
 TASKS_AHEAD = 10_000
-"""Tasks that may be drawn before the first of them is reported: while one is slow, or its worker is gone without a word for
-minutes, the others go on. Results are small."""
-
+"""How many tasks may be drawn before the first of them is reported. The other tasks go on while one task is slow, or while its
+worker is silent for minutes. Results are small."""
 
 ANSWER_S = 10
-"""How long a run waits for the first answers of all workers that are there: one that is frozen, or paused for its memory, is
-there and does nothing."""
+"""How long a run waits for the first answers of all workers that are there. A worker that is frozen, or that is paused because
+of its memory, is there but does not answer."""
 
 
 class Cluster(Protocol):
-    """What is asked of a connection."""
+    """The methods of a connection that a run needs."""
 
     address: str
 
     def submit(self, work: int, worker: str, function: Callable[..., Any], /, *arguments: Any) -> None:
-        """Have a worker call a function."""
+        """Make a worker call a function; news of the call comes under the number `work`."""
 
     def forget(self, works: Iterable[int], /) -> None:
-        """Take work back."""
+        """Cancel pieces of work."""
 
     def news(self) -> list[News]:
-        """Wait for news, a second or so at most, and return all there is."""
+        """Wait for news, a second or so at most, and return all news."""
 
     def close(self) -> None:
-        """Take back all work and disconnect."""
+        """Cancel all work and disconnect."""
 
 
 @dataclass(eq=False)
 class Entry(Generic[Task, Result]):
-    """A task that is not reported yet, and what became of it; None while nothing has."""
+    """A task that is not reported yet. `ended` is its outcome or exception, None until it has ended."""
 
     task: Task
     ended: Outcome[Task, Result] | Raised | None = None
@@ -67,7 +66,7 @@ class Entry(Generic[Task, Result]):
 
 @dataclass
 class Batch(Generic[Task, Result]):
-    """Tasks that go to a worker together; `alone` where it is one that may have killed a worker before."""
+    """Tasks that go to a worker together. `alone` is True if the batch is a single task that may have killed a worker before."""
 
     entries: list[Entry[Task, Result]]
     alone: bool = False
@@ -75,7 +74,7 @@ class Batch(Generic[Task, Result]):
 
 @dataclass
 class Worker(Generic[Task, Result]):
-    """A worker that is fit for the run, and the batches it has, by the number of the work."""
+    """A worker that is fit for the run, and the batches that it has, by their number of work."""
 
     name: str
     batches: dict[int, Batch[Task, Result]] = field(default_factory=dict)
@@ -90,7 +89,7 @@ def run_on_cluster(
     probe: Path | None,
     say: Callable[[str], None],
 ) -> Generator[Outcome[Task, Result], None, None]:
-    """Connect, make sure that the workers fit, and return a generator of outcomes in the order of the tasks.
+    """Connect, check that the workers fit, and return a generator of outcomes in the order of the tasks.
 
     Raises:
         SettingsError: no scheduler answers.
@@ -111,8 +110,9 @@ def run_on_cluster(
 class ClusterRun(Generic[Task, Result]):
     """One run of tasks on a cluster.
 
-    A worker that is lost takes its batches with it. Which of their tasks killed it, if any did, nobody knows: each of
-    them is tried once more, on a worker that has nothing else; one that loses that too has killed twice and fails.
+    When a worker is lost, its batches are lost too. Nobody knows which of their tasks killed the worker, or whether any task did.
+    So each of these tasks is a suspect: it is tried once more, on a worker that has no other task. A suspect that loses this
+    worker too has killed twice, and fails.
     """
 
     def __init__(
@@ -124,25 +124,25 @@ class ClusterRun(Generic[Task, Result]):
         probe: Path | None,
         say: Callable[[str], None],
     ) -> None:
-        self._cluster, self._function, self._waiting, self._say = cluster, function, tasks, say
+        self._cluster, self._function, self._tasks, self._say = cluster, function, tasks, say
         self._expected, self._probe, self._folder = expected, probe, Path.cwd()
         self._numbers = itertools.count()
-        self._seconds: deque[float] = deque(maxlen=15)
+        self._task_times_s: deque[float] = deque(maxlen=15)
         self._unreported: deque[Entry[Task, Result]] = deque()
-        self._again: deque[Entry[Task, Result]] = deque()
+        self._queued: deque[Entry[Task, Result]] = deque()
         self._suspects: deque[Entry[Task, Result]] = deque()
         self._asked: dict[int, str] = {}
         self._unfit: list[str] = []
         self._workers: dict[str, Worker[Task, Result]] = {}
         self._with_room: dict[str, Worker[Task, Result]] = {}
-        self._at: dict[int, Worker[Task, Result]] = {}
+        self._worker_of: dict[int, Worker[Task, Result]] = {}
         self._told_to_wait = False
 
     def welcome_workers(self) -> None:
-        """Ask all workers that are there what they run, and wait for their answers, for a while.
+        """Ask all workers that are there for their surroundings, and wait for the answers, `ANSWER_S` at most.
 
         Raises:
-            ClusterError: some would not make the same results; all of those are named.
+            ClusterError: some workers would not give the same results; the message names all of these.
         """
         until = time.monotonic() + ANSWER_S
         self._take_news()
@@ -158,7 +158,7 @@ class ClusterRun(Generic[Task, Result]):
         try:
             while True:
                 yield from self._in_order()
-                if not self._unreported and not self._drawn():
+                if not self._unreported and not self._draw():
                     return
                 self._hand_out()
                 self._tell()
@@ -167,24 +167,24 @@ class ClusterRun(Generic[Task, Result]):
             self._cluster.close()
 
     def _in_order(self) -> Iterator[Outcome[Task, Result]]:
-        """Yield what has ended and has nothing before it that has not."""
+        """Yield the outcomes of the first tasks, up to the first task that has not ended."""
         while self._unreported and (ended := self._unreported[0].ended) is not None:
             self._unreported.popleft()
             if isinstance(ended, Raised):
                 raise ended.error
             yield ended
 
-    def _drawn(self) -> bool:
-        """Draw one task more, if there is one."""
-        for task in itertools.islice(self._waiting, 1):
+    def _draw(self) -> bool:
+        """Draw one more task if there is one, and return whether there was."""
+        for task in itertools.islice(self._tasks, 1):
             entry: Entry[Task, Result] = Entry(task)
             self._unreported.append(entry)
-            self._again.append(entry)
+            self._queued.append(entry)
             return True
         return False
 
     def _hand_out(self) -> None:
-        """Give workers what they have room for: each one batch, then each another."""
+        """Give batches to the workers that have room: one to each worker, then another one to each, and so on."""
         kept: dict[str, Worker[Task, Result]] = {}
         while self._with_room:
             name = next(iter(self._with_room))
@@ -196,7 +196,7 @@ class ClusterRun(Generic[Task, Result]):
                     break
                 continue
             work = next(self._numbers)
-            worker.batches[work], self._at[work] = batch, worker
+            worker.batches[work], self._worker_of[work] = batch, worker
             tasks = [entry.task for entry in batch.entries]
             self._cluster.submit(work, name, run_batch, self._function, tasks, self._folder)
             if not batch.alone and len(worker.batches) < BATCHES_PER_WORKER:
@@ -204,18 +204,18 @@ class ClusterRun(Generic[Task, Result]):
         self._with_room |= kept
 
     def _next_batch(self, worker: Worker[Task, Result]) -> Batch[Task, Result] | None:
-        """Return a batch for a worker; as long as there are suspects, only workers without any get one: a suspect."""
+        """Return a batch for a worker, or None. As long as there are suspects, only an idle worker gets a batch: one suspect."""
         if self._suspects:
             return None if worker.batches else Batch([self._suspects.popleft()], alone=True)
         size = self._batch_size()
-        while len(self._again) < size and len(self._unreported) < TASKS_AHEAD and self._drawn():
+        while len(self._queued) < size and len(self._unreported) < TASKS_AHEAD and self._draw():
             pass
-        entries = [self._again.popleft() for _ in range(min(size, len(self._again)))]
+        entries = [self._queued.popleft() for _ in range(min(size, len(self._queued)))]
         return Batch(entries) if entries else None
 
     def _batch_size(self) -> int:
-        # the faster ones: on a busy machine the others are long for reasons that larger batches do not mend
-        usual = statistics.quantiles(self._seconds)[0] if len(self._seconds) > 1 else SHORT_S
+        # the lower quartile: on a busy machine, slower tasks are slow for reasons that larger batches do not mend
+        usual = statistics.quantiles(self._task_times_s)[0] if len(self._task_times_s) > 1 else SHORT_S
         return 1 if usual >= SHORT_S else min(math.ceil(BATCH_S / max(usual, 1e-9)), MOST_IN_BATCH)
 
     def _take_news(self) -> None:
@@ -229,11 +229,11 @@ class ClusterRun(Generic[Task, Result]):
                     self._worker_lost(worker, expected=expected)
                 case Finished(work) if work in self._asked:
                     self._answered(self._asked.pop(work), news)
-                case Finished(work) if work in self._at:
+                case Finished(work) if work in self._worker_of:
                     self._batch_finished(work, news)
 
     def _answered(self, worker: str, news: Finished) -> None:
-        """Admit a worker that fits."""
+        """Admit a worker if it fits; else note why it does not."""
         if news.error is not None:
             differences = [f"cannot run cadtof: {type(news.error).__name__}: {news.error}"]
         else:
@@ -244,7 +244,7 @@ class ClusterRun(Generic[Task, Result]):
             self._workers[worker] = self._with_room[worker] = Worker(worker)
 
     def _batch_finished(self, work: int, news: Finished) -> None:
-        worker = self._at.pop(work)
+        worker = self._worker_of.pop(work)
         batch = worker.batches.pop(work)
         if news.error is not None:
             for entry in batch.entries:
@@ -253,12 +253,12 @@ class ClusterRun(Generic[Task, Result]):
             done: BatchResult[Result] = news.result
             for entry, result in zip(batch.entries, done.results, strict=False):
                 entry.ended = result if isinstance(result, Raised) else Outcome(entry.task, result)
-            self._again.extendleft(reversed(batch.entries[len(done.results) :]))
-            self._seconds.append(done.seconds / len(done.results))
+            self._queued.extendleft(reversed(batch.entries[len(done.results) :]))
+            self._task_times_s.append(done.seconds / len(done.results))
         self._with_room[worker.name] = worker
 
     def _worker_lost(self, name: str, *, expected: bool) -> None:
-        """Take back what a worker had: to be done elsewhere, and with care if the worker did not leave on purpose."""
+        """Take back the work of a worker. Its tasks are done elsewhere, as suspects if the worker did not leave on purpose."""
         asked = [work for work, worker in self._asked.items() if worker == name]
         for work in asked:
             del self._asked[work]
@@ -266,17 +266,17 @@ class ClusterRun(Generic[Task, Result]):
         self._with_room.pop(name, None)
         self._cluster.forget((*asked, *worker.batches))
         for work, batch in worker.batches.items():
-            del self._at[work]
+            del self._worker_of[work]
             if batch.alone and not expected:
                 (entry,) = batch.entries
                 entry.ended = Outcome(entry.task, WorkerDied())
             elif batch.alone or not expected:
                 self._suspects += batch.entries
             else:
-                self._again.extendleft(reversed(batch.entries))
+                self._queued.extendleft(reversed(batch.entries))
 
     def _tell(self) -> None:
-        """Say which workers are left out, and that there is nobody to work, once each."""
+        """Say which workers are left out, and that there is no worker; say each only once."""
         for unfit in self._unfit:
             self._say(f"warning: left out: {unfit}")
         self._unfit.clear()

@@ -1,4 +1,4 @@
-"""What runs on a worker of a cluster: batches of tasks, one at a time, from the folder that the run was started in."""
+"""What runs on a worker of a cluster: one batch of tasks at a time, from the folder in which the run was started."""
 
 import hashlib
 import os
@@ -19,23 +19,23 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 LONGEST_BATCH_S = 1.0
-"""After so long a worker begins no further task of a batch: tasks can become slow, as where a disk stalls, and a run that is
-stopped waits for what workers are at."""
+"""After this time a worker begins no further task of a batch. Tasks can become slow, for example when a disk stalls, and a run
+that is stopped waits until its workers are idle."""
 
 _ONE_AT_A_TIME = threading.Lock()
-"""The folder that relative paths start from is the whole process's, so tasks of two runs must not be done at once."""
+"""Lets one batch run at a time: the current folder belongs to the whole process, so tasks of two runs must not run together."""
 
 
 @dataclass(frozen=True)
 class Raised:
-    """What takes the place of a task's result where its function raised an exception."""
+    """Stands in for the result of a task whose function raised an exception."""
 
     error: BaseException
 
 
 @dataclass(frozen=True)
 class BatchResult(Generic[Result]):
-    """What became of the first tasks of a batch, in their order, and how long they took together; the others were not begun."""
+    """The results of the first tasks of a batch, in order, and the time that they took together; no other task was begun."""
 
     results: tuple[Result | Raised, ...]
     seconds: float
@@ -43,13 +43,13 @@ class BatchResult(Generic[Result]):
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a process must have in common with a run's client to do its tasks.
+    """The properties that a process must share with a run's client to do its tasks.
 
     Attributes:
-        python: version of Python; the first two numbers count.
+        python: version of Python; only the first two numbers count.
         cadtof: version of cadtof.
-        code: digest of the source of cadtof, which is another where a version has been changed in place.
-        probe: digest of a file in the run's folder; None where there is no such file.
+        code: digest of the source of cadtof; it differs if somebody has changed a version in place.
+        probe: digest of a file in the run's folder; None if the process does not find this file.
     """
 
     python: str
@@ -58,7 +58,7 @@ class Surroundings:
     probe: str | None
 
     def differences(self, expected: "Surroundings", /) -> list[str]:
-        """Return what differs from the client's, in words; nothing where the tasks can be done."""
+        """Return the differences from the client's surroundings, in words; an empty list if the process can do the tasks."""
         found: list[str] = []
         if self.python.split(".")[:2] != expected.python.split(".")[:2]:
             found.append(f"has Python {self.python}, expected {expected.python} as here")
@@ -74,7 +74,7 @@ class Surroundings:
 
 
 def surroundings(folder: Path, probe: Path | None, /) -> Surroundings:
-    """Return the surroundings of this process; `probe` is a file, found from `folder`, or None."""
+    """Return the surroundings of this process; `probe` is a file, relative to `folder`, or None."""
     try:
         seen = hashlib.sha256((folder / probe).read_bytes()).hexdigest() if probe else None
     except OSError:
@@ -83,9 +83,9 @@ def surroundings(folder: Path, probe: Path | None, /) -> Surroundings:
 
 
 def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path, /) -> BatchResult[Result]:
-    """Run function(task) for tasks, in turn, from a folder, as where relative paths start; exceptions become results.
+    """Run function(task) for one task after the other, with `folder` as the current folder; exceptions become results.
 
-    The first is done however long it takes, the others as long as the batch has not taken `LONGEST_BATCH_S`.
+    The first task is always done. Every further task is begun only if the batch has not taken longer than `LONGEST_BATCH_S`.
     """
     with _ONE_AT_A_TIME, _in_folder(folder):
         began = time.monotonic()
@@ -101,7 +101,7 @@ def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path,
 
 @contextmanager
 def _in_folder(folder: Path) -> Iterator[None]:
-    """Have relative paths start from a folder; the one that the worker was started in may be gone."""
+    """Make a folder the current folder of this process, then go back; the folder from before may be gone."""
     before = None
     with suppress(OSError):
         before = Path.cwd()
@@ -115,7 +115,7 @@ def _in_folder(folder: Path) -> Iterator[None]:
 
 
 def wait_until_idle() -> None:
-    """Return when this process is at no task."""
+    """Wait until this process runs no batch."""
     with _ONE_AT_A_TIME:
         pass
 

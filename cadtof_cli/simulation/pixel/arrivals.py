@@ -1,4 +1,4 @@
-"""Photons one by one: when each arrives, as the phase at which it samples the modulation."""
+"""Single photons: the arrival time of each photon, as the phase at which it samples the modulation."""
 
 import math
 
@@ -9,10 +9,11 @@ from cadtof_cli.simulation.pixel.mix import PhotonMix
 
 
 def draw_phases(mix: PhotonMix, generator: np.random.Generator, /, *, count: int, harmonic: int = 1) -> Float32:
-    """Return the phases 2π h t/T1 at which photons of one pixel, a mix without pixel axes, arrive: float32 (count,), in rad.
+    """Return the phases 2π h t/T1 at which the photons of one pixel arrive, float32 (count,), in rad.
 
-    One uniform number per photon decides both where it comes from and, if that is ambient light, when; laser photons
-    get a Gaussian about their path's delay. float32 resolves 10⁻⁶ of a period, a thousandth of the pulse.
+    The mix has no pixel axes. One uniform random number per photon decides its origin and, if the photon is ambient light, also
+    its arrival time. The arrival time of a laser photon is Gaussian about the delay of its path. float32 resolves 10⁻⁶ of a
+    period, a thousandth of the pulse.
     """
     shares = mix.shares()
     ambient = float(mix.ambient / mix.total)
@@ -23,13 +24,12 @@ def draw_phases(mix: PhotonMix, generator: np.random.Generator, /, *, count: int
     centres = (2.0 * math.pi * harmonic / mix.period_ns * mix.delays_ns).astype(np.float32)
     spread = np.float32(harmonic * mix.spread_rad)
     arrival = generator.standard_normal(len(origin), dtype=np.float32) * spread
-    last = len(shares) - 1
     for path, limit in enumerate(ambient + np.cumsum(shares)[:-1]):
         if path == 0:
             arrival += np.where(origin < np.float32(limit), centres[0], centres[1])
         else:
             arrival += (origin >= np.float32(limit)) * (centres[path + 1] - centres[path])
-    if last == 0:
+    if len(shares) == 1:
         arrival += centres[0]
     phases[laser] = arrival
     return phases
@@ -48,12 +48,12 @@ def draw_detections(
     """Return the times of the photons that a SPAD with dead time detects, float64 (n,), in ns from the first cycle on.
 
     Args:
-        mix: of one pixel, without pixel axes; its own jitter must be 0, since what the SPAD misses is decided by
-            when photons arrive, not by when they are seen.
-        generator: of all that is drawn.
-        cycles: laser periods.
-        photons_per_cycle: photons that arrive in each.
-        dead_time_ns: after a detection, arrivals within this time are lost and do not prolong it.
+        mix: of one pixel, without pixel axes. Its own jitter must be 0, because the times at which photons arrive decide which
+            photons the SPAD misses, not the times at which it reports them.
+        generator: source of all random numbers.
+        cycles: number of laser periods.
+        photons_per_cycle: number of photons that arrive in each laser period.
+        dead_time_ns: photons that arrive within this time after a detection are lost; they do not prolong it.
         jitter_ns: standard deviation of the time that detection adds.
     """
     phases = draw_phases(mix, generator, count=cycles * photons_per_cycle).astype(np.float64)
@@ -65,10 +65,10 @@ def draw_detections(
 
 
 def detected(times_ns: Float, /, *, dead_time_ns: float) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Return which of the sorted arrival times (n,) are detected, as indices.
+    """Return the indices of the sorted arrival times (n,) that are detected.
 
-    Each photon knows which would be the next after it, so the chain from the first photon on is found by doubling
-    the stride, in log2(n) steps over all photons at once.
+    For every photon, the next photon that would be detected after it is known. Doubling the stride finds the chain of detections
+    from the first photon on, in log2(n) steps over all photons at once.
     """
     count = len(times_ns)
     following = np.append(np.searchsorted(times_ns, times_ns + dead_time_ns), count)

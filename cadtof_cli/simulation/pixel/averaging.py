@@ -1,6 +1,6 @@
 """How a pixel averages its samples: Eq. (1), from an integration length or from the capacitors of the paper's Fig. 1.
 
-Every way of averaging is linear, so it is known by its weights: the voltage read after n photons is Σ w_i V_m,i.
+Every way of averaging is linear, so its weights describe it completely: the voltage read after n photons is Σ w_i V_m,i.
 """
 
 import math
@@ -20,10 +20,10 @@ STAGE_DRIVES: tuple[StageDrive, ...] = get_args(StageDrive)
 BOLTZMANN_J_PER_K = 1.380649e-23
 
 MOST_TICKS = 2_000_000
-"""How often a stage may switch while a harmonic is recorded: each time is held in memory, and followed."""
+"""How many times a stage may switch while one harmonic is recorded: every time is held in memory and followed."""
 
 _SAME_LENGTH = 1e-6
-"""How far the integration lengths of the two channels may differ, relative."""
+"""Largest relative difference between the integration lengths of the two channels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class Capacitors:
     """C1 … C12 of Fig. 1, in fF. SC1 uses C1, C2, C5, C6, C9, C10; SC2 uses C3, C4, C7, C8, C11, C12.
 
     Raises:
-        SettingsError: a capacitor is not above 0, or the channels would average over different lengths.
+        SettingsError: a capacitor is not above 0, or the channels have different integration lengths.
     """
 
     values_ff: tuple[float, ...]
@@ -48,7 +48,7 @@ class Capacitors:
 
     @property
     def nodes_ff(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Capacitances of each channel, fF: the sampling capacitor, then what stands behind SM, ST1 and ST2."""
+        """Capacitances of each channel, fF: the sampling capacitor, then the nodes behind SM, ST1 and ST2."""
         c = self.values_ff
         return (c[0], c[1], c[4] + c[5], c[8] + c[9]), (c[2], c[3], c[6] + c[7], c[10] + c[11])
 
@@ -68,8 +68,8 @@ class Stages:
     """How ST1 and ST2 are driven.
 
     Attributes:
-        drive: `dc`, closed for good, so that their capacitances add to C_total; or `switched` at f1 and f2, so that
-            each shares its charge with the stage before at that rate.
+        drive: `dc`: the stages are always closed, so their capacitances add to C_total. `switched`: the stages switch at f1 and
+            f2, so each stage shares its charge with the stage before it at that rate.
     """
 
     drive: StageDrive = setting(
@@ -103,12 +103,12 @@ class Averaging:
         )
 
     def weights(self, photons: int, *, photon_rate_hz: float) -> Float:
-        """Return the weights of the samples of SC1 and of SC2 in the voltages read last, (2, photons).
+        """Return the weights of the samples of SC1 and of SC2 in the voltages read at the end, (2, photons).
 
         Eq. (1) from 0 V gives w_i = (1/n_av)(1 − 1/n_av)^(N − i).
 
         Raises:
-            SettingsError: the stages switch too seldom for any sample to reach the last one.
+            SettingsError: the stages switch so rarely that no sample reaches the last stage.
         """
         if self.capacitors is None or self.stages.drive == "dc":
             decay = math.log1p(-1.0 / self.integration_length)
@@ -126,18 +126,18 @@ class Averaging:
 
 
 def effective_length(weights: Float, /) -> float:
-    """Return the n_av of Eq. (1) whose noise equals that of the weights: (1/Σ w² + 1)/2 for weights that add up to 1."""
+    """Return the n_av with which Eq. (1) has the same noise as the weights: (1/Σ w² + 1)/2 if the weights add up to 1."""
     return (float(weights.sum()) ** 2 / float((weights**2).sum()) + 1.0) / 2.0
 
 
 def stage_ticks(stages: Stages, photons: int, photon_rate_hz: float) -> list[tuple[int, int]]:
-    """Return when the stages switch: pairs (photons sampled before, stage 1 or 2), in the order of time.
+    """Return the ticks at which the stages switch, in the order of time: pairs (photons sampled before, stage 1 or 2).
 
-    Photons come at an even rate here; that they really come at random moves a tick by a few photons of the hundreds
-    between two.
+    Photons arrive at an even rate here. Real photons arrive at random, which would move a tick by a few photons, but hundreds of
+    photons lie between two ticks.
 
     Raises:
-        SettingsError: they switch more often than is followed.
+        SettingsError: a stage switches more than MOST_TICKS times.
     """
     ticks = []
     for stage, frequency in ((1, stages.f1_hz), (2, stages.f2_hz)):
@@ -155,12 +155,12 @@ def stage_ticks(stages: Stages, photons: int, photon_rate_hz: float) -> list[tup
 
 
 def cascade_weights(nodes_ff: tuple[float, ...], ticks: list[tuple[int, int]], photons: int) -> Float:
-    """Return the weights of so many samples in the voltage of the last stage, (photons,), by the capacitors of `nodes_ff`.
+    """Return the weights of the samples of all photons in the voltage of the last stage, (photons,).
 
-    C1 takes the sample and shares it with the node behind SM, to which it stays connected until the next photon.
-    At a tick, a stage shares its charge with the one before. The effect of each sample on the last voltage is
-    followed backwards in time, so the loop is over ticks, not over photons. When all stages share their charge
-    between any two photons, this is Eq. (1) with C_total.
+    `nodes_ff` has the capacitances of the channel, as `Capacitors.nodes_ff`. C1 takes the sample and shares it with the node
+    behind SM, to which it stays connected until the next photon. At a tick, a stage shares its charge with the stage before it.
+    The effect of each sample on the final voltage is followed backwards in time, so the loop is over ticks, not over photons. If
+    all stages share their charge between any two photons, this is Eq. (1) with C_total.
     """
     sampling, first, second, third = nodes_ff
     keep = first / (sampling + first)

@@ -1,4 +1,4 @@
-"""What arrives at a pixel: laser light over one or many paths, uniform ambient light, and how its target moves meanwhile."""
+"""The light that arrives at a pixel: laser light by one or many paths, and uniform ambient light. The motion of the target."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,11 +11,11 @@ from cadtof_cli.records import setting
 from cadtof_cli.units import C_M_PER_NS, FWHM_PER_SIGMA
 
 MOST_RATIO = 1e12
-"""Photons over those of the laser: beyond, rounding is larger than its light."""
+"""Largest ratio of photons to the laser's photons: above it, rounding errors are larger than the laser's light."""
 
 
 def require_ratio(value: float, name: str, found: str) -> None:
-    """Raise a SettingsError that names the setting, unless it is a ratio of photons from which voltages can be told."""
+    """Raise a SettingsError that names the setting if the value is not a ratio of photons from 0 to `MOST_RATIO`."""
     require(0 <= value <= MOST_RATIO, name, found, f"a ratio from 0 to {MOST_RATIO:g}")
 
 
@@ -25,14 +25,14 @@ def _countable(counts: Float) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class PhotonMix:
-    """Photons by origin, for one pixel or for a block of them. Only the proportions of photons matter.
+    """Photons by origin, for one pixel or for a block of pixels. Only the ratios of the numbers of photons matter.
 
     Attributes:
-        delays_ns: (P, *pixels), arrival times of the P paths; the first path is the direct one.
+        delays_ns: (P, *pixels), arrival times of the P paths; the first path is the direct path.
         photons: (P, *pixels), photons of each path.
-        ambient: (*pixels), photons that arrive at any time of the period alike.
-        period_ns: the laser's period, which is that of the fundamental.
-        fwhm_ns: width of the laser pulse, a Gaussian.
+        ambient: (*pixels), photons of ambient light, which arrive at all times of the period with equal probability.
+        period_ns: period of the laser and of the fundamental.
+        fwhm_ns: full width at half maximum of the laser pulse, which is a Gaussian.
         jitter_ns: standard deviation of the detector's timing.
     """
 
@@ -67,11 +67,11 @@ class PhotonMix:
         return np.asarray(self.photons / self.total)
 
     def jittered(self, jitter_ns: float) -> "PhotonMix":
-        """Return the same photons, seen with the detector's timing."""
+        """Return the same photons, as a detector with this timing jitter sees them."""
         return replace(self, jitter_ns=jitter_ns)
 
     def later(self, delay_ns: float) -> "PhotonMix":
-        """Return the same photons, all paths of which take longer by a delay."""
+        """Return the same photons, with a delay added to every path."""
         return replace(self, delays_ns=self.delays_ns + delay_ns) if delay_ns else self
 
     def moments(self, highest: int) -> Complex:
@@ -93,7 +93,7 @@ class PhotonMix:
 class Condition:
     """The paper's light on a pixel: laser : MPI : ambient = 1 : mpi_ratio : asr, with arrival times within one period.
 
-    `further` are more paths of MPI besides the paper's one: photons over the laser's, and arrival in ns, of each.
+    `further` holds paths of MPI besides the paper's single one: for each, its photons over the laser's, and its arrival in ns.
     """
 
     asr: float
@@ -117,11 +117,15 @@ class Condition:
 
     @property
     def times_ns(self) -> tuple[float, ...]:
-        """Arrival of every path, the direct one first."""
+        """Arrival time of every path, the direct path first."""
         return self.direct_ns, self.second_ns, *(time for _, time in self.further)
 
     def mix(self, period_ns: float) -> PhotonMix:
-        """Return the photons of one pixel, without pixel axes; raises SettingsError for times that do not fit one period."""
+        """Return the photons of one pixel, without pixel axes.
+
+        Raises:
+            SettingsError: a time is outside the period, or a path of MPI does not arrive after the direct path.
+        """
         require(0 <= self.direct_ns < period_ns, "direct", f"{self.direct_ns:g} ns", f"0 to less than {period_ns:g} ns")
         for name, time_ns in zip(("second", *("path" for _ in self.further)), self.times_ns[1:], strict=True):
             separation = time_ns - self.direct_ns
@@ -142,10 +146,10 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """How fast the scene moves away from the camera, and how many frames of all harmonics are recorded per second.
+    """The speed of the scene away from the camera, and the number of frames, with all harmonics, per second.
 
-    Every harmonic has an equal share of a frame's time, and sees the light of the moment in which it is read: the average forgets
-    within n_av photons, which is little of that time. What is true is true in the middle of the moments of a frame.
+    Every harmonic has an equal share of a frame's time. It records the light of the moment when it is read, because the average
+    forgets within n_av photons, which is a small part of that time. The truth of a frame holds for the middle of these moments.
     """
 
     speed_m_s: float = setting(
@@ -168,7 +172,7 @@ class Motion:
         require(1e-6 <= rate < math.inf, "frame rate", f"{rate:g} Hz", "a rate of 1e-6 Hz or more")
 
     def delays_ns(self, harmonics: int, /) -> tuple[float, ...]:
-        """Return by how much later all light comes at each of so many harmonics than in the middle of the frame."""
+        """Return, for each of so many harmonics, how much later all light comes than in the middle of the frame."""
         between_s = 1.0 / (harmonics * self.frame_rate_hz)
         middle = 0.5 * (harmonics - 1)
         return tuple(2.0 * self.speed_m_s * (row - middle) * between_s / C_M_PER_NS for row in range(harmonics))

@@ -1,6 +1,6 @@
-"""The pixel, photon by photon: each samples the modulation at its arrival, and the samples are averaged.
+"""The pixel, photon by photon: each photon samples the modulation when it arrives, and the samples are averaged.
 
-One recording can be followed as it goes on, as in the paper's Fig. 2.
+A single recording can be followed from photon to photon, as in the paper's Fig. 2.
 """
 
 import math
@@ -18,22 +18,22 @@ from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
 from cadtof_cli.simulation.pixel.waveforms import sampled_pair
 
 PHOTONS_PER_LENGTH = 12.5
-"""Photons over n_av when nobody says how many cycles: the paper's 50,000 photons at n_av 4000."""
+"""Number of photons over n_av if the number of cycles is not given: the paper's 50,000 photons at n_av 4000."""
 
 FORGOTTEN_LENGTHS = 40.0
-"""Photons older than this many n_av weigh less than rounding and are not drawn."""
+"""Photons that are older than this many n_av are not drawn, because their weights are smaller than rounding errors."""
 
 BINS = 128
-"""Bins of the histogram of arrival times in an evolution."""
+"""Number of bins of the histogram of arrival times in an evolution."""
 
 MOST_ROWS = 1000
-"""Rows of an evolution that are kept; a picture shows no more."""
+"""How many points in time of an evolution are kept; a picture shows no more."""
 
 CHUNK = 1 << 16
-"""Photons drawn at once: their buffers stay in the processor's cache."""
+"""How many photons are drawn at once: their buffers stay in the processor's cache."""
 
 MOST_PHOTONS = 10**9
-"""Photons of a harmonic: their weights are held in memory, 16 bytes each."""
+"""Largest number of photons of a harmonic: their weights are held in memory, 16 bytes per photon."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,10 +41,10 @@ class PixelModel:
     """One pixel and how long it is exposed.
 
     Attributes:
-        modulation: voltages that it samples.
-        averaging: of the samples.
-        sample_noise_v: such as kTC noise √(kT/C1).
-        motion: of what it sees, from harmonic to harmonic.
+        modulation: the voltages that the pixel samples.
+        averaging: how the samples are averaged.
+        sample_noise_v: noise of every sample, one standard deviation, such as kTC noise √(kT/C1).
+        motion: motion of the scene from harmonic to harmonic.
     """
 
     modulation: Modulation = field(default_factory=Modulation)
@@ -100,10 +100,10 @@ def _require_few_photons(model: PixelModel) -> None:
 
 
 def pixel_weights(model: PixelModel, /) -> Float32:
-    """Return the weights of the photons that count, (2, n) float32, the latest last; they are the same in all runs.
+    """Return the weights of the photons that count, (2, n) float32, the latest photon last; they are the same in all runs.
 
     Raises:
-        SettingsError: the photons are too many to be simulated one by one, or none of them counts.
+        SettingsError: there are too many photons to simulate them one by one, or no photon counts.
     """
     _require_few_photons(model)
     weights = model.averaging.weights(model.photons, photon_rate_hz=model.photon_rate_hz)
@@ -116,10 +116,10 @@ def pixel_weights(model: PixelModel, /) -> Float32:
 def record_pixel(
     model: PixelModel, mix: PhotonMix, weights: Float32, generators: list[np.random.Generator], /
 ) -> Float:
-    """Return the voltages that one run ends with, (H, 2), in V, without keeping the trace; the weights are `pixel_weights`.
+    """Return the final voltages of one run, (H, 2), in V, without keeping the trace; the weights are `pixel_weights`.
 
-    The mix is without pixel axes, and without jitter, which is the model's. Each harmonic has its own generator, since harmonics
-    are recorded one after the other.
+    The mix has no pixel axes. It has no jitter either: the jitter of the model is used. Each harmonic has its own generator,
+    because the harmonics are recorded one after the other.
     """
     voltages = np.empty((len(model.modulation.harmonics), 2))
     delays = model.motion.delays_ns(len(generators))
@@ -139,12 +139,13 @@ def record_pixel(
 def trace_pixel(
     model: PixelModel, mix: PhotonMix, generator: np.random.Generator, /, *, harmonic: int
 ) -> tuple[Float, Float]:
-    """Return one recording photon by photon, from 0 V on; for averaging by Eq. (1), stages closed by dc.
+    """Return one recording photon by photon, from 0 V on, for averaging by Eq. (1), with the stages closed (`dc`).
 
-    That is when each arrived within the period of the fundamental, in ns, (n,), and SC1 and SC2 after it, in V, (2, n).
+    The first array has the arrival time of each photon within the period of the fundamental, in ns, (n,). The second array has
+    SC1 and SC2 after each photon, in V, (2, n).
 
     Raises:
-        SettingsError: the stages are switched, or the photons are too many to be simulated one by one.
+        SettingsError: the stages are switched, or there are too many photons to simulate them one by one.
     """
     _require_few_photons(model)
     if model.averaging.stages.drive == "switched":
@@ -172,7 +173,7 @@ def _chunks(count: int) -> list[int]:
 def _weighted_arrivals(
     model: PixelModel, mix: PhotonMix, weights: Float32, generator: np.random.Generator, harmonic: int
 ) -> Float:
-    """Return Σ w_i of the samples of SC1 and SC2 in units of A, (2,), a chunk of photons at a time."""
+    """Return the weighted sums of the samples of SC1 and of SC2 in units of A, (2,), computed a chunk of photons at a time."""
     sums, start = np.zeros(2), 0
     for count in _chunks(weights.shape[1]):
         phases = draw_phases(mix, generator, count=count, harmonic=harmonic)
@@ -211,10 +212,10 @@ class Evolution:
 
     Attributes:
         bin_ns: (BINS,), middle of each bin of the histogram.
-        counts: (BINS,), photons in each.
-        photons: (n,), photons sampled so far, evenly thinned.
-        voltages_v: (2, n), SC1 and SC2 after that many photons.
-        period_ns: of the modulation, which the histogram spans.
+        counts: (BINS,), photons in each bin.
+        photons: (n,), numbers of photons sampled so far, evenly thinned.
+        voltages_v: (2, n), SC1 and SC2 after each of these numbers of photons.
+        period_ns: period of the modulation, which is the range of the histogram.
     """
 
     bin_ns: Float
@@ -237,7 +238,7 @@ class Evolution:
 
 
 def evolution(model: PixelModel, mix: PhotonMix, generator: np.random.Generator, /) -> Evolution:
-    """Record the fundamental once, photon by photon, and keep what a picture needs."""
+    """Record the fundamental once, photon by photon, and return the data that a picture needs."""
     times_ns, voltages_v = trace_pixel(model, mix, generator, harmonic=1)
     period = model.modulation.periods_ns[0]
     counts, _ = np.histogram(times_ns, bins=BINS, range=(0.0, period))

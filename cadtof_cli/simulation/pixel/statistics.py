@@ -1,8 +1,9 @@
-"""Exact mean and covariance of a pixel's voltages for any photon mix, draws from them, and how well they can tell path times.
+"""Exact mean and covariance of a pixel's voltages for any photon mix, random voltages, and bounds on the times of paths.
 
 A photon at time t samples both channels at once, and the exponentially weighted moving average of Eq. (1) adds up
-independent samples with weights w_i. So the voltages have the mean of one sample and Σ w_i² of its covariance, which
-is 1/(2 n_av − 1) once the average has settled. Moments m_k of the arrival times give both.
+independent samples with weights w_i. So the mean of the voltages is the mean of one sample, and their covariance is Σ w_i²
+times the covariance of one sample. Σ w_i² is 1/(2 n_av − 1) once the average has settled. The moments m_k of the arrival times
+give both mean and covariance.
 """
 
 import math
@@ -24,7 +25,7 @@ from cadtof_cli.simulation.pixel.waveforms import (
 
 @dataclass(frozen=True)
 class VoltageStatistics:
-    """Distribution of SC1 and SC2 at each harmonic, which are recorded one after the other and so independent.
+    """Distribution of SC1 and SC2 at each harmonic. Harmonics are independent, because they are recorded one after the other.
 
     Attributes:
         means_v: (H, 2, *pixels), V.
@@ -36,14 +37,14 @@ class VoltageStatistics:
 
 
 def averaging_gain(integration_length: float) -> float:
-    """Return Σ w_i² = 1/(2 n_av − 1), by which Eq. (1) reduces the variance of one sample."""
+    """Return Σ w_i² = 1/(2 n_av − 1), the factor by which Eq. (1) reduces the variance of one sample."""
     return 1.0 / (2.0 * integration_length - 1.0)
 
 
 def sample_mean(moments: Complex, /, *, harmonic: int, waveform: Waveform) -> Complex:
-    """Return the mean of SC1 + i·SC2 over photons from `PhotonMix.moments`, (K + 1, *pixels), in units of A.
+    """Return the mean of SC1 + i·SC2 over photons, in units of A; `moments`, (K + 1, *pixels), come from `PhotonMix.moments`.
 
-    For a sine it is m_h, for a triangle (8/π²)(m_h + conj(m_3h)/9 + m_5h/25 + …); orders beyond K count as 0.
+    For a sine it is m_h, for a triangle (8/π²)(m_h + conj(m_3h)/9 + m_5h/25 + …); orders above K count as 0.
     """
     mean = np.zeros(moments.shape[1:], dtype=np.complex128)
     for n, coefficient in phasor_series(waveform, (len(moments) - 1) // harmonic):
@@ -80,18 +81,17 @@ def voltage_statistics(
     sample_noise_v: float = 0.0,
     motion: Motion = AT_REST,
 ) -> VoltageStatistics:
-    """Return the distribution of the averaged voltages of every pixel of a mix, in motion from harmonic to harmonic.
+    """Return the distribution of the averaged voltages of every pixel of a mix, which may move from harmonic to harmonic.
 
-    `variance_gain` is Σ w_i² of the averaging, from `averaging_gain` or from a cascade's weights, `mean_gain` Σ w_i, less than 1
-    until the average has settled, and `sample_noise_v` the standard deviation of noise that every sample brings besides, such as
-    kTC noise.
+    `variance_gain` is Σ w_i² of the averaging, from `averaging_gain` or from the weights of a cascade. `mean_gain` is Σ w_i; it
+    is less than 1 until the average has settled. `sample_noise_v` is the standard deviation of the additional noise of every
+    sample, such as kTC noise.
     """
-    moments = mix.moments(highest_order(modulation.harmonics, modulation.waveform, mix.spread_rad))
-    at_rest, delays = moments, motion.delays_ns(len(modulation.harmonics))
-    shape = (len(modulation.harmonics), 3, *moments.shape[1:])
-    means, covariances = np.empty((shape[0], 2, *shape[2:])), np.empty(shape)
-    for row, harmonic in enumerate(modulation.harmonics):
-        moments = _later(at_rest, delays[row] / mix.period_ns)
+    at_rest = mix.moments(highest_order(modulation.harmonics, modulation.waveform, mix.spread_rad))
+    count, pixels = len(modulation.harmonics), at_rest.shape[1:]
+    means, covariances = np.empty((count, 2, *pixels)), np.empty((count, 3, *pixels))
+    for row, (harmonic, delay_ns) in enumerate(zip(modulation.harmonics, motion.delays_ns(count), strict=True)):
+        moments = _later(at_rest, delay_ns / mix.period_ns)
         mean = sample_mean(moments, harmonic=harmonic, waveform=modulation.waveform)
         means[row] = modulation.amplitude_v * np.stack([mean.real, mean.imag])
         covariances[row] = modulation.amplitude_v**2 * sample_covariance(
@@ -102,7 +102,7 @@ def voltage_statistics(
 
 
 def _later(moments: Complex, turns: float) -> Complex:
-    """Return the moments of light that comes later by a share of the period."""
+    """Return the moments of the same light when it comes later by a share `turns` of the period."""
     if turns == 0.0:
         return moments
     orders = np.arange(len(moments)).reshape(-1, *[1] * (moments.ndim - 1))
@@ -137,8 +137,8 @@ def confidence_model_v(mix: PhotonMix, modulation: Modulation, /) -> Float:
 def phase_precision_of_mix_rad(mix: PhotonMix, modulation: Modulation, /, *, variance_gain: float) -> Float:
     """Return the standard deviation of the first phasor's phase for any mix, to first order in the noise, (*pixels).
 
-    It is the spread of the voltages across their mean, over the length of the mean: √(ASR(1 + ASR)/(2(2 n_av − 1))) for one
-    path, a sine and a short pulse.
+    It is the standard deviation of the voltages at right angles to their mean, divided by the magnitude of the mean. For one
+    path, a sine and a short pulse it is √(ASR(1 + ASR)/(2(2 n_av − 1))).
     """
     statistics = voltage_statistics(mix, modulation, variance_gain=variance_gain)
     c, s = statistics.means_v[0]
@@ -147,12 +147,12 @@ def phase_precision_of_mix_rad(mix: PhotonMix, modulation: Modulation, /, *, var
 
 
 def time_bounds_ns(mix: PhotonMix, modulation: Modulation, /, *, variance_gain: float) -> Float:
-    """Return the bound of each path's time in ns, (P,), when amplitudes and times of all paths are unknown.
+    """Return the Cramér–Rao bound on each path's time in ns, (P,), if amplitudes and times of all paths are unknown.
 
     Voltages are Gaussian with the exact covariance C of this mix, and J holds the derivatives of their means by
-    amplitudes and times: the bound is the root of the diagonal of (Σ_h Jᵀ C⁻¹ J)⁻¹ (Kay, Estimation Theory, 1993,
-    section 3.9, without what little the covariance itself tells). Infinite where paths coincide, NaN for paths
-    without photons, which are no unknowns. The mix is without pixel axes, `variance_gain` Σ w_i² of the averaging.
+    amplitudes and times. The bound is the root of the diagonal of (Σ_h Jᵀ C⁻¹ J)⁻¹ (Kay, Estimation Theory, 1993,
+    section 3.9, without the little information that the covariance itself has). It is infinite if paths coincide, and NaN for
+    paths without photons, because these are not unknown. The mix has no pixel axes; `variance_gain` is Σ w_i² of the averaging.
     """
     covariances = voltage_statistics(mix, modulation, variance_gain=variance_gain).covariances_v2
     present = np.flatnonzero(mix.photons > 0)

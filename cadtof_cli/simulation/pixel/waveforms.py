@@ -1,4 +1,4 @@
-"""Fourier series of the voltages that a pixel samples, and of their products: all that means and covariances need."""
+"""Fourier series of the voltages that a pixel samples, and of their products, for means and covariances."""
 
 import math
 from collections.abc import Iterator
@@ -10,22 +10,22 @@ from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import Waveform
 
 LARGEST_ORDER = 4096
-"""Where the series of a triangle ends when no pulse width ends it earlier; the rest adds up to less than 1e-4."""
+"""Last order of the series of a triangle if no pulse width ends it earlier; the terms beyond add up to less than 1e-4."""
 
 _NEGLIGIBLE_EXPONENT = 8.9
-"""exp(−8.9²/2) is below the rounding of 1.0, so orders with k·ω·s beyond it carry nothing."""
+"""exp(−8.9²/2) is below the rounding of 1.0, so orders k with k·ω·s above 8.9 contribute nothing."""
 
 Real = TypeVar("Real", Float, Float32)
 
 Series = Iterator[tuple[int, complex]]
-"""Pairs (k, coefficient) of a function of the phase; the term is coefficient · m_k, or its conjugate for k < 0."""
+"""Pairs (k, coefficient) of a function of the phase. The term is coefficient · m_k, and coefficient · conj(m_|k|) for k < 0."""
 
 
 def highest_order(harmonics: tuple[int, ...], waveform: Waveform, spread_rad: float) -> int:
     """Return the highest moment order k that means and covariances of these harmonics depend on.
 
-    `spread_rad` is the standard deviation of the arrival times as a phase of the fundamental; orders that it extinguishes to
-    below rounding are left out.
+    `spread_rad` is the standard deviation of the arrival times as a phase of the fundamental. Orders that this spread reduces to
+    less than rounding errors are left out.
     """
     if waveform == "sine":
         return 2 * max(harmonics)
@@ -34,9 +34,9 @@ def highest_order(harmonics: tuple[int, ...], waveform: Waveform, spread_rad: fl
 
 
 def phasor_series(waveform: Waveform, largest: int) -> Series:
-    """Yield the series of SC1 + i·SC2 in units of A: exp(iθ) for a sine, and for a triangle
+    """Yield the series of SC1 + i·SC2 in units of A.
 
-    (8/π²) (exp(iθ) + exp(−3iθ)/9 + exp(5iθ)/25 + exp(−7iθ)/49 + …).
+    It is exp(iθ) for a sine, and (8/π²) (exp(iθ) + exp(−3iθ)/9 + exp(5iθ)/25 + exp(−7iθ)/49 + …) for a triangle.
     """
     yield 1, 1.0 if waveform == "sine" else 8.0 / math.pi**2
     if waveform == "triangle":
@@ -45,9 +45,10 @@ def phasor_series(waveform: Waveform, largest: int) -> Series:
 
 
 def square_series(waveform: Waveform, largest: int) -> Series:
-    """Yield the series of SC1² − E over whole periods, in cos(2jθ) for orders 2j; SC2² has (−1)^j as a factor.
+    """Yield the series of SC1² without its mean over a period: coefficients of cos(2jθ), with orders 2j.
 
-    cos² θ = 1/2 + cos(2θ)/2. The square of a triangle is 1/3 + (4/π²) Σ_j cos(2jθ)/j².
+    In the series of SC2², each coefficient has the factor (−1)^j. cos² θ = 1/2 + cos(2θ)/2. The square of a triangle is
+    1/3 + (4/π²) Σ_j cos(2jθ)/j².
     """
     if waveform == "sine":
         yield 2, 0.5
@@ -57,7 +58,7 @@ def square_series(waveform: Waveform, largest: int) -> Series:
 
 
 def product_series(waveform: Waveform, largest: int) -> Series:
-    """Yield the series of SC1·SC2 in sin(2jθ) for orders 2j.
+    """Yield the series of SC1·SC2: coefficients of sin(2jθ), with orders 2j.
 
     cos θ sin θ = sin(2θ)/2. For triangles it is (8/π³) Σ_{odd j} sin(2jθ)/j³.
     """
@@ -74,7 +75,7 @@ def mean_square(waveform: Waveform) -> float:
 
 
 def triangle(phases_rad: Real, /) -> Real:
-    """Return the triangle wave with the zeros and peaks of a cosine, at the given phases, which it overwrites."""
+    """Return the triangle wave with the zeros and peaks of a cosine at the given phases; the array of phases is overwritten."""
     turns = np.multiply(phases_rad, 2.0 / math.pi, out=phases_rad)
     np.remainder(turns, 4.0, out=turns)
     np.subtract(turns, 2.0, out=turns)
@@ -83,7 +84,7 @@ def triangle(phases_rad: Real, /) -> Real:
 
 
 def sampled_pair(waveform: Waveform, phases_rad: Real, /) -> tuple[Real, Real]:
-    """Return the samples of SC1 and SC2 in units of A at phases of the harmonic, (n,), which are overwritten."""
+    """Return the samples of SC1 and SC2 in units of A at phases of the harmonic, (n,); the array of phases is overwritten."""
     if waveform == "sine":
         return np.cos(phases_rad), np.sin(phases_rad, out=phases_rad)
     first = triangle(phases_rad.copy())

@@ -14,24 +14,24 @@ from cadtof_cli.records import setting
 from cadtof_cli.units import C_M_PER_NS
 
 FOCAL_LENGTH_PER_WIDTH = 0.875
-"""A horizontal field of view of 59.5°, as of a QVGA array with 280 px focal length."""
+"""Focal length over the width of the array: a horizontal field of view of 59.5°, as of a QVGA array with 280 px focal length."""
 
 _DARK_KEY, _DELAY_KEY = 1, 2
-"""Branches of the seed for what is fixed in the array; frames draw from branch 0."""
+"""Branches of the seed for the fixed patterns of the array; frames draw from branch 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A QVGA camera with a 14-bit converter, unless told otherwise.
+    """A camera; the default has a QVGA array and a 14-bit converter.
 
     Attributes:
         focal_length_px: of the pinhole; None keeps the default field of view.
         petzval_m: k2, k4 of the field curvature, which adds k2 ρ² + k4 ρ⁴ metres to the measured range; ρ is the
             distance from the principal point over half the diagonal.
-        bits: of the converter.
+        bits: resolution of the converter.
         volts_per_count, zero_counts: volts = (counts − zero_counts) · volts_per_count.
-        dark_offset_v: each pixel has offsets of its own, one per harmonic and channel.
-        fixed_delay_ns: each pixel has a delay of its own, the fixed-pattern phase.
+        dark_offset_v: standard deviation of the offsets; each pixel has its own offset per harmonic and channel.
+        fixed_delay_ns: standard deviation of the delays; each pixel has its own delay, the fixed-pattern phase.
     """
 
     width: int = setting(320, "Columns of the frames.")
@@ -73,7 +73,7 @@ class Camera:
         )
 
     def rays(self, rows: slice) -> Float:
-        """Return the directions that the pixels of some rows look in, (3, Y, X): x right, y down, z = 1 forward."""
+        """Return the directions in which the pixels of some rows look, (3, Y, X): x right, y down, z = 1 forward."""
         x, y = ray_slopes(self.optics, (self.height, self.width))
         return np.stack(np.broadcast_arrays(x, y[rows], 1.0))
 
@@ -94,6 +94,6 @@ class Camera:
         return self.dark_offset_v * generator.standard_normal((harmonics, 2, self.height, self.width))
 
     def counts_from_voltages(self, voltages_v: Float, /) -> NDArray[np.uint16]:
-        """Return what the converter stores, uint16 of the same shape; voltages out of its range saturate."""
+        """Return the counts that the converter stores, uint16 of the same shape; voltages outside its range saturate."""
         counts = np.rint(voltages_v / self.volts_per_count + self.zero_counts)
         return np.clip(counts, 0, 2**self.bits - 1).astype(np.uint16)

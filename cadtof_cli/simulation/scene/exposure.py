@@ -1,4 +1,4 @@
-"""A scene through a camera: the distribution of every pixel's voltages, made in bands of rows, and frames from it."""
+"""A scene, recorded by a camera: the distribution of every pixel's voltages, made in bands of rows, and frames drawn from it."""
 
 from dataclasses import dataclass
 
@@ -14,18 +14,18 @@ from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.units import unambiguous_range_m
 
 BAND_ROWS = 8
-"""Rows of one band of work; fixed, so that results never depend on how many processes share the bands."""
+"""Number of rows of a band. It is fixed, so that results never depend on the number of processes that share the bands."""
 
 _FRAME_KEY = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
-    """What is recorded: a scene, through a camera, with the modulation and averaging that the metadata name.
+    """A recording: a scene, seen by a camera, with the modulation and averaging of the metadata.
 
     Attributes:
-        seed: of all that is random, in the array and in the frames.
-        motion: of the whole scene, from harmonic to harmonic; every frame catches it in the same place.
+        seed: seed of everything that is random, in the array and in the frames.
+        motion: motion of the whole scene from harmonic to harmonic; every frame shows the scene at the same place.
     """
 
     scene: Scene
@@ -42,7 +42,7 @@ class Exposure:
         """n_av of Eq. (1).
 
         Raises:
-            SettingsError: the metadata say none.
+            SettingsError: the metadata have no integration length.
         """
         length = self.metadata.pixel.integration_length
         if length is None:
@@ -52,7 +52,7 @@ class Exposure:
 
 @dataclass(frozen=True)
 class Band:
-    """Voltages of some rows, (H, 2 or 3, Y, X), and their truth by layer name, (Y, X) each."""
+    """Distribution of the voltages of some rows, (H, 2 or 3, Y, X), and their truth by layer name, (Y, X) per layer."""
 
     voltages: VoltageStatistics
     truth: dict[str, Float]
@@ -109,10 +109,10 @@ def joined(bands: list[Band], /) -> Band:
 
 
 def frame_voltages(exposure: Exposure, whole: Band, index: int, /, *, offsets_v: Float | None = None) -> Float:
-    """Return the voltages of one frame in V, (H, 2, Y, X), with dark offsets, of the same shape, added.
+    """Return the voltages of one frame in V, (H, 2, Y, X), plus the dark offsets, which have the same shape.
 
-    Frames are independent draws, which depend on the exposure's seed and their index alone: between two read-outs the average
-    forgets what it held.
+    Frames are independent draws, because the average forgets its content between two read-outs. A frame depends only on the
+    exposure's seed and on the frame's index.
     """
     generator = np.random.default_rng(np.random.SeedSequence(exposure.seed, spawn_key=(_FRAME_KEY, index)))
     voltages: Float = draw_voltages(whole.voltages, generator, draws=1)[0]

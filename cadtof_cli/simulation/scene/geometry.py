@@ -1,8 +1,8 @@
 """Flat diffuse surfaces in front of a camera that carries its own light: hits, irradiance, and light of one bounce.
 
 The camera and its light stand at the origin; x points right, y down, z forward; lengths are in metres. Every surface
-is Lambertian, so light is followed as irradiance: the light's is cos/r², and a surface of albedo ρ under irradiance E
-has the radiance ρE/π in every direction.
+is Lambertian, so irradiance is enough to follow light: the irradiance by the camera's light is cos/r², and a surface with
+albedo ρ and irradiance E has the radiance ρE/π in every direction.
 """
 
 import math
@@ -20,10 +20,10 @@ class Surface:
     """A flat rectangle, spanned by two unit vectors at right angles.
 
     Attributes:
-        origin_m: a point of the surface, from which its extents are counted.
+        origin_m: a point in the plane of the surface, from which its extents are counted.
         across, along: unit vectors in the surface; their cross product is its normal.
         extents_m: lower and upper limit across, then lower and upper limit along.
-        albedo: share of light that it gives back.
+        albedo: share of light that the surface reflects.
     """
 
     origin_m: Vector
@@ -38,9 +38,9 @@ class Surface:
         return np.cross(self.across, self.along)
 
     def distances(self, origins_m: Float, directions: Float) -> Float:
-        """Return the way from origin to surface along each ray, in lengths of its direction; inf where the ray misses it.
+        """Return the distance from the origin of each ray to the surface; inf if the ray misses the surface.
 
-        Origins and directions, (3, ...), are broadcast against each other.
+        The unit is the length of the ray's direction. Origins and directions, (3, ...), are broadcast against each other.
         """
         approach = _dot(self.normal, directions)
         height = _dot(self.normal, np.asarray(self.origin_m)) - _dot(self.normal, origins_m)
@@ -71,7 +71,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Hits:
-    """What each pixel sees.
+    """The points of surfaces that the pixels see.
 
     Attributes:
         points_m: (3, Y, X), NaN where a pixel sees nothing.
@@ -107,7 +107,7 @@ class Hits:
 
 
 def hits(surfaces: tuple[Surface, ...], rays: Float, /) -> Hits:
-    """Return the nearest surface that each ray from the camera meets; rays are (3, Y, X)."""
+    """Return the nearest point of a surface that each ray from the camera meets; rays are (3, Y, X)."""
     times = np.stack([surface.distances(np.zeros((3, 1, 1)), rays) for surface in surfaces])
     nearest = np.argmin(times, axis=0)
     reach = np.take_along_axis(times, nearest[None], axis=0)[0]
@@ -120,17 +120,17 @@ def hits(surfaces: tuple[Surface, ...], rays: Float, /) -> Hits:
 
 
 def irradiance(points_m: Float, normals: Float, /) -> Float:
-    """Return cos/r² of light from the origin on points with the given normals, 0 on their back and at NaN."""
+    """Return cos/r² of light from the origin on points with the given normals, 0 on the back of a surface and at NaN."""
     squared = _dot3(points_m, points_m)
     cosine = -_dot3(points_m, normals) / np.sqrt(squared)
     return np.nan_to_num(np.maximum(cosine, 0.0) / squared)
 
 
 def cosine_directions(count: int) -> Float:
-    """Return directions about the z axis, (3, count), whose density is the cosine to it over π.
+    """Return directions about the z axis, (3, count); their density is the cosine of the angle to the axis over π.
 
-    Each stands for an equal share of the light that a flat surface receives from a uniformly bright hemisphere. They
-    lie on a Fibonacci spiral, which lines up with no edge of a scene.
+    Each direction stands for an equal share of the light that a flat surface receives from a uniformly bright hemisphere. The
+    directions lie on a Fibonacci spiral, which lines up with no edge of a scene.
     """
     index = np.arange(count) + 0.5
     squared_sine, turn = index / count, math.pi * (3.0 - math.sqrt(5.0)) * index
@@ -143,8 +143,8 @@ class Bounce:
     """Light that reaches the seen points by way of another surface.
 
     Attributes:
-        irradiance: (B, Y, X), by each of B ways, in 1/m², as the camera's own light counts.
-        lengths_m: (B, Y, X), from the light to the point; 0 where a way carries nothing.
+        irradiance: (B, Y, X), by each of B ways, in 1/m², the unit of the irradiance by the camera's own light.
+        lengths_m: (B, Y, X), length of each way from the light to the point; 0 if a way carries no light.
     """
 
     irradiance: Float
@@ -154,8 +154,8 @@ class Bounce:
 def bounce_by_directions(seen: Hits, other: Surface, /, *, count: int) -> Bounce:
     """Follow `count` directions from every seen point to another surface and on to the light.
 
-    For surfaces that fill much of each other's view, such as the two sides of a corner. Each direction stands for
-    an equal share of the hemisphere's cosine-weighted solid angle, so it brings ρ E / count.
+    This is for surfaces that fill much of each other's view, such as the two sides of a corner. Each direction stands for an
+    equal share of the hemisphere's cosine-weighted solid angle, so it brings ρ E / count.
     """
     local = cosine_directions(count)[:, :, None, None]
     across, along = _tangents(seen.normals)
@@ -171,10 +171,10 @@ def bounce_by_directions(seen: Hits, other: Surface, /, *, count: int) -> Bounce
 
 
 def bounce_by_patches(seen: Hits, other: Surface, /, *, count: int) -> Bounce:
-    """Add up light over count² patches of another surface on the way to every seen point.
+    """Return the light that comes to every seen point by way of each of count² patches of another surface.
 
-    For surfaces that are small or far in each other's view. A patch of area dA brings
-    (ρ E / π) cos cos dA / d², with the cosines at both ends of the way.
+    This is for surfaces that are small or far in each other's view. A patch of area dA brings (ρ E / π) cos cos dA / d², with
+    the cosines at both ends of the way.
     """
     centres, area = other.patches(count)
     towards = -1.0 if float(other.normal @ centres[:, 0]) > 0 else 1.0
@@ -190,7 +190,7 @@ def bounce_by_patches(seen: Hits, other: Surface, /, *, count: int) -> Bounce:
 
 
 def spread_over(seen: Hits, bounces: dict[int, Bounce], /, *, ways: int) -> Bounce:
-    """Return the light on all pixels, (ways, Y, X), from that on the pixels of each surface, (ways, 1, n)."""
+    """Return the light on all pixels, (ways, Y, X), from the light on the pixels of each surface, (ways, 1, n)."""
     whole = np.zeros((2, ways, *seen.surface.shape))
     for index, bounce in bounces.items():
         whole[:, :, seen.surface == index] = bounce.irradiance[:, 0], bounce.lengths_m[:, 0]
@@ -208,7 +208,7 @@ def _dot3(first: Float, second: Float) -> Float:
 
 
 def _tangents(normals: Float) -> tuple[Float, Float]:
-    """Return two unit vectors at right angles to each normal, (3, Y, X); normals are not along y, the vertical."""
+    """Return two unit vectors at right angles to each normal, (3, Y, X); no normal may be along y, the vertical."""
     up = np.zeros_like(normals)
     up[1] = 1.0
     across = np.cross(up, normals, axis=0)

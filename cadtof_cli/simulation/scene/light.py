@@ -1,6 +1,6 @@
-"""Light on a band of a camera's pixels, with what is true of it, and what a scene must answer.
+"""The light on a band of a camera's pixels, with its truth, and the interface of a scene.
 
-A scene answers for a band of rows at a time, and a band never depends on another, so bands can be made anywhere.
+A scene returns the light of one band of rows at a time. No band depends on another, so any process can compute any band.
 """
 
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ class Light:
     """Light that reaches a band of pixels.
 
     Attributes:
-        delays_ns: (P, Y, X), the direct path first; the others are MPI.
-        photons: (P, Y, X), in a unit of the scene's own; a direct path without any means that the pixel sees nothing.
-        ambient: (Y, X), in the same unit.
-        ranges_m: (Y, X), of what the pixels see, where the lamp is beside the camera; None where half of the direct
-            path is that range.
+        delays_ns: (P, Y, X), the direct path first; the other paths are MPI.
+        photons: (P, Y, X), in a unit of the scene's own; a direct path without photons means that the pixel sees nothing.
+        ambient: (Y, X), photons of ambient light in the same unit.
+        ranges_m: (Y, X), range of the surface that each pixel sees, if the lamp is beside the camera; None if this range is half
+            of the direct path.
     """
 
     delays_ns: Float
@@ -34,10 +34,10 @@ class Light:
     ranges_m: Float | None = None
 
     def truth(self, amplitude_v: float) -> dict[str, Float]:
-        """Return what a perfect resolver would find, by layer name, (Y, X) each; NaN where there is no answer.
+        """Return what a perfect resolver would find, by layer name, (Y, X) per layer; NaN where there is no answer.
 
         `mpi.ratio` is MPI over direct photons, `mpi.delay` the mean delay of the MPI after the direct path in ns, and
-        `mpi.depth` the range that this mean stands for.
+        `mpi.depth` the range of a path with this mean delay.
         """
         direct, mpi = self.photons[0], self.photons[1:].sum(axis=0)
         seen, spread = direct > 0, (direct > 0) & (mpi > 0)
@@ -73,7 +73,7 @@ class Scene(Protocol):
 
 
 def light_from_bounces(seen: Hits, bounces: tuple[Bounce, ...], albedo: float, distance_m: float, asr: float) -> Light:
-    """Return light from geometry; the unit is the photons of a surface of this albedo that faces the light at this distance."""
+    """Return light from geometry. Its unit is the photons of a surface with this albedo that faces the light at this distance."""
     ranges_m = np.nan_to_num(seen.ranges_m)
     unit = distance_m**2 * seen.albedo / albedo
     ways_m = [ranges_m[None] * 2.0, *(bounce.lengths_m + ranges_m for bounce in bounces)]

@@ -28,10 +28,10 @@ class Wall:
     """A diffuse wall without MPI, as for calibration.
 
     Attributes:
-        distance_m: along the optical axis; at no tilt it is the perpendicular distance.
+        distance_m: distance along the optical axis; without a tilt it is the perpendicular distance.
         tilt_deg: how far the wall is turned to the right and down from facing the camera.
-        albedo: share of light that it gives back.
-        asr: ambient to direct photons where a wall at this distance faces the light.
+        albedo: share of light that the wall reflects.
+        asr: ratio of ambient to direct photons for a wall that faces the light at this distance.
     """
 
     distance_m: float = 3.0
@@ -61,14 +61,14 @@ class Wall:
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """The test card: two ideal paths, their separation growing across and the MPI ratio growing down.
+    """The test card: two ideal paths. Their separation grows from left to right, the MPI ratio from top to bottom.
 
     Attributes:
         distance_m: range of the direct path, the same in all pixels.
-        separations_ns: delay of the second path after the direct one, in the first and in the last column.
-        mpi_ratios: MPI to direct photons below the rows without MPI and in the last row.
-        clean_share: share of rows, at the top, without MPI.
-        asr: ambient to direct photons in all pixels.
+        separations_ns: delay of the second path after the direct path, in the first and in the last column.
+        mpi_ratios: ratio of MPI to direct photons, in the first row with MPI and in the last row.
+        clean_share: share of rows without MPI; they are at the top.
+        asr: ratio of ambient to direct photons in all pixels.
     """
 
     distance_m: float = 0.75
@@ -111,18 +111,18 @@ class Card:
 
 @dataclass(frozen=True, kw_only=True)
 class Corner:
-    """The corner of Fig. 5: two diffuse planes that meet in an upright edge, the far end of the scene.
+    """The corner of Fig. 5: two diffuse planes that meet in an upright edge, which is the far end of the scene.
 
-    The light of one bounce is integrated over the other plane, so the MPI of a pixel is a distribution of delays that
-    shrinks to nothing towards the edge. It is always later than the direct light.
+    The light of one bounce is integrated over the other plane, so the MPI of a pixel is a distribution of delays. These delays
+    shrink to 0 towards the edge. MPI is always later than the direct light.
 
     Attributes:
-        distance_m: of the edge.
+        distance_m: distance of the edge.
         opening_deg: angle between the planes.
         extents_m: width and height of each plane.
-        albedo: of both planes.
-        asr: ambient to direct photons where a plane at this distance faces the light.
-        directions: how many directions a pixel's hemisphere is divided into.
+        albedo: albedo of both planes.
+        asr: ratio of ambient to direct photons for a plane that faces the light at this distance.
+        directions: number of directions into which a pixel's hemisphere is divided.
     """
 
     distance_m: float = 2.0
@@ -163,7 +163,7 @@ class Corner:
         return left, right
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return the direct path and one by each direction; a way that misses the plane carries nothing."""
+        """Return the direct path and one path for each direction; a direction that misses the other plane carries no light."""
         left, right = self.surfaces()
         seen = hits((left, right), camera.rays(rows))
         bounces = {
@@ -175,25 +175,25 @@ class Corner:
 
 
 _PATCHES = 6
-"""Patches of the reflector along each side; light comes by way of every one."""
+"""Number of patches along each side of the reflector; light comes by way of every patch."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InterReflection:
     """The inter-reflection of Fig. 4: a panel in front of a wall, and a second reflector out of sight at its side.
 
-    The reflector's light comes to the panel 24 ns or so after the direct light, beyond half the period, which is
-    what makes the panel look nearer, as the paper measured. Its strength at the middle of the panel is set, since
-    what matters, how glossy the reflector was, is not in the paper; where it falls and how late follows from geometry.
+    The reflector's light comes to the panel about 24 ns after the direct light. That is more than half the period, so the panel
+    looks nearer, as the paper measured. The strength of this light at the middle of the panel is a setting: it depends on how
+    glossy the reflector was, which is not in the paper. Where the light falls, and how late it comes, follows from the geometry.
 
     Attributes:
         distance_m: perpendicular distance of the panel.
-        wall_m: perpendicular distance of the wall behind.
+        wall_m: perpendicular distance of the wall behind the panel.
         panel_m: width and height of the panel.
-        mpi_ratio: MPI to direct photons at the middle of the panel; 0 removes the reflector.
-        reflector_m: how far to the side it stands.
-        albedo: of the panel; the wall has half of it.
-        asr: ambient to direct photons where a panel at this distance faces the light.
+        mpi_ratio: ratio of MPI to direct photons at the middle of the panel; 0 removes the reflector.
+        reflector_m: distance of the reflector to the side.
+        albedo: albedo of the panel; the wall has half of it.
+        asr: ratio of ambient to direct photons for a panel that faces the light at this distance.
     """
 
     distance_m: float = 3.35
@@ -240,7 +240,7 @@ class InterReflection:
         return panel, wall, reflector
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return the direct path, and one by each patch of the reflector for the pixels of the panel."""
+        """Return the direct path and, for the pixels of the panel, one path for each patch of the reflector."""
         panel, wall, reflector = self.surfaces()
         seen = hits((panel, wall), camera.rays(rows))
         middle = hits((panel,), np.array([0.0, 0.0, 1.0]).reshape(3, 1, 1))

@@ -1,4 +1,4 @@
-"""Averages over traced pixels on the same face: weights for every pixel of some rows."""
+"""Averages over traced pixels on the same face: their weights for every pixel of some rows."""
 
 import itertools
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 ROUNDNESS = 8
-"""Power of the cosine between normals by which a neighbour on a ball counts less."""
+"""Exponent of the cosine between two normals in a weight: on a ball, a neighbour with another normal counts less."""
 
 
 @dataclass(frozen=True)
 class Faces:
-    """What the averages need to know of pixels: (n,) surface, as in Meetings, and normals, (3, n)."""
+    """The faces that pixels see: their surface, (n,), as in `Meetings`, and their normals, (3, n)."""
 
     surface: NDArray[np.int32]
     normals: Float32
@@ -26,12 +26,12 @@ class Faces:
 
 @dataclass(frozen=True)
 class Lattice:
-    """Places every `step` pixels of a camera, at the middles of squares of so many pixels.
+    """A grid of places on a camera's pixels: the middles of squares of step × step pixels.
 
     Attributes:
-        width: of the camera in pixels.
-        step: pixels.
-        reach: places to each side that an average may hold; weights fall off evenly to nothing at reach + 1/2.
+        width: width of the camera in pixels.
+        step: pixels from one place to the next.
+        reach: number of places to each side that an average may include; weights fall linearly to 0 at reach + 1/2 places.
     """
 
     width: int
@@ -40,24 +40,25 @@ class Lattice:
 
     @property
     def across(self) -> int:
-        """Places in a row."""
+        """Number of places in a row."""
         return -(-self.width // self.step)
 
     def rows(self, pixels: range) -> range:
-        """Return the rows of places that averages for rows of pixels may hold, from 0 on."""
+        """Return the rows of places that averages for rows of pixels may include: from row 0 on, but perhaps beyond the last."""
         return range(max(pixels.start // self.step - self.reach, 0), (pixels.stop - 1) // self.step + self.reach + 1)
 
     def nearness(self, pixels: Index, places: Index) -> Float:
-        """Return 1 where a place is at the pixel, falling evenly to 0."""
+        """Return the weight of places for pixels along one axis: 1 if the place is at the pixel, falling linearly to 0."""
         middles = self.step * places + (self.step - 1) / 2
         return np.asarray(np.maximum(1.0 - np.abs(pixels - middles) / (self.step * (self.reach + 0.5)), 0.0))
 
 
 def neighbour_weights(lattice: Lattice, rows: range, seen: Faces, places: Index, faces: Faces, /) -> "csr_array":
-    """Return the weight of each sample for each pixel of the rows, (Y·X, samples); all 0 where none is on its face.
+    """Return the weight of each sample for each pixel of the rows, (Y·X, samples).
 
-    `seen` is what the pixels see, `faces` what the samples are on, and `places`, (samples,), the number of each sample's place,
-    counted along the rows of `lattice.rows(rows)`; increasing together with the surface.
+    The weights of a pixel are all 0 if no sample within reach is on the pixel's face. `seen` has the faces that the pixels see,
+    `faces` the faces of the samples. `places`, (samples,), has the number of each sample's place, counted along the rows of
+    `lattice.rows(rows)`. The samples are sorted by place and then by surface.
     """
     from scipy.sparse import csr_array, diags_array
 
@@ -85,7 +86,7 @@ def neighbour_weights(lattice: Lattice, rows: range, seen: Faces, places: Index,
 def means_of_cells(faces: Faces, across: int, cell: int, /) -> tuple["csr_array", Index, Faces]:
     """Return weights that average pixels of the same face over square cells, and the place and face of each average.
 
-    The faces are those of rows of `across` pixels, the first of which begins a cell; a cell has `cell` along each side.
+    `faces` has the faces of whole rows of `across` pixels; the first row begins a cell. A cell has `cell` pixels on each side.
     """
     from scipy.sparse import csr_array
 

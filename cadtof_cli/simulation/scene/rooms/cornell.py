@@ -1,7 +1,7 @@
 """A box in the manner of Cornell's: white walls, one dark side, two blocks, open towards the camera.
 
-The size is that of a small room, so that delays are those of rooms; the blocks stand as in the original, whose
-measurements are in units of a millimetre and a 553 mm box. Albedos are grey values of its red, green and white paints.
+The size is that of a small room, so that delays are those of rooms. The blocks stand as in the original, which is a box of
+553 mm. The albedos are grey values of its red, green and white paints.
 """
 
 import math
@@ -29,12 +29,12 @@ WHITE, RED, GREEN = 0.75, 0.6, 0.35
 
 @dataclass(frozen=True, kw_only=True)
 class CornellBox:
-    """Cornell's box, from before its open side.
+    """Cornell's box, seen through its open side.
 
     Attributes:
-        asr: ambient photons over direct ones where a surface has the median irradiance of the view.
-        light_paths: traced from every fourth pixel.
-        tracing_seed: of the light paths.
+        asr: ratio of ambient to direct photons for a surface with the median irradiance of the view.
+        light_paths: number of light paths from each traced pixel; every fourth pixel is traced.
+        tracing_seed: seed of the light paths.
     """
 
     asr: float = 2.0
@@ -73,7 +73,7 @@ class CornellBox:
         )
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return the direct path, and a way for each bin of the transient that other surfaces bring."""
+        """Return the direct path, and one path for each bin of the transient of light by way of other surfaces."""
         view = View(room=self.room, camera=camera, light_paths=self.light_paths, seed=self.tracing_seed)
         return light_in_room(view, rows, asr=self.asr)
 

@@ -14,11 +14,11 @@ _BOARD_M = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """A piece that stands at the origin of the floor, its back towards smaller z; heights count upwards.
+    """A piece of furniture at the origin of the floor, with its back towards smaller z; heights count upwards.
 
     Attributes:
-        parts: boxes as (x, height, z) of their centres and half their sizes.
-        radius_m: of a ball that stands there instead.
+        parts: boxes; for each box, (x, height, z) of its centre, and half of its size along each axis.
+        radius_m: radius of the ball that the piece is if it has no parts.
     """
 
     parts: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...] = ()
@@ -26,7 +26,7 @@ class Piece:
 
     @property
     def half_footprint_m(self) -> tuple[float, float]:
-        """Half the width and depth of the floor that it takes."""
+        """Half the width and half the depth of the floor that the piece covers."""
         if not self.parts:
             return self.radius_m, self.radius_m
         return (
@@ -59,7 +59,7 @@ class Piece:
 
 
 def random_piece(generator: np.random.Generator, /, *, scale: float = 1.0) -> Piece:
-    """Return a piece of a random kind; its floor space is multiplied by `scale`."""
+    """Return a piece of a random kind; its width and depth are multiplied by `scale`."""
 
     def between(low: float, high: float) -> float:
         return float(generator.uniform(low, high))
@@ -69,7 +69,7 @@ def random_piece(generator: np.random.Generator, /, *, scale: float = 1.0) -> Pi
 
 
 Between = Callable[[float, float], float]
-"""Draws a number between two."""
+"""A function that draws a number between two limits."""
 
 
 def _cupboard(between: Between, scale: float) -> Piece:
@@ -142,5 +142,13 @@ def _ball(between: Between, scale: float) -> Piece:
 
 
 _KINDS: tuple[Callable[[Between, float], Piece], ...] = (
-    *(_cupboard, _table, _chair, _shelf, _sofa, _bed, _panel, _pillar, _ball),
+    _cupboard,
+    _table,
+    _chair,
+    _shelf,
+    _sofa,
+    _bed,
+    _panel,
+    _pillar,
+    _ball,
 )

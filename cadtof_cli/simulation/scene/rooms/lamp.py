@@ -1,4 +1,4 @@
-"""The camera's light in a room: a point with a beam, and the points that it reaches, from surface to surface."""
+"""The camera's lamp in a room: a point with a beam, and the points that its light reaches, from surface to surface."""
 
 import math
 from dataclasses import dataclass
@@ -11,26 +11,25 @@ from cadtof_cli.simulation.scene.rooms.directions import cosine_weighted, direct
 from cadtof_cli.simulation.scene.rooms.solids import MARGIN_M, Interior
 
 EDGE_RAD = math.radians(10.0)
-"""How far beyond its half angle the beam has faded to nothing."""
-
+"""Angle beyond the half angle of the beam at which the beam has faded to 0."""
 
 LIGHT_RAYS = 131_072
-"""Rays that leave the lamp."""
+"""Number of rays that leave the lamp."""
 
 EVENNESS = 8.0
-"""Density that stands for that of the points which light reaches after other surfaces, times the room's area. A smaller one would
-count more light from points nearby, whose light traced paths find better."""
+"""Density, times the room's area, that is assumed for the points that light reaches after other surfaces. The larger it is, the
+more light of nearby points comes from connections with these points, although traced paths find that light better."""
 
 MOST_BOUNCES = 64
-"""Where light is given up at the latest; at a mean albedo of 0.8, 10⁻⁶ of it is beyond."""
+"""Number of bounces after which light is given up; at a mean albedo of 0.8, 10⁻⁶ of the light is left then."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lamp:
-    """A small lamp, as bright in all directions of its beam.
+    """A small lamp that is equally bright in all directions of its beam.
 
     Attributes:
-        position_m: in the room's frame.
+        position_m: position in the room's coordinates.
         axis: unit vector along the middle of the beam.
         beam_rad: half angle within which the lamp has its full intensity of 1.
     """
@@ -56,7 +55,7 @@ class Lamp:
         return lit
 
     def emitted(self, count: int, /) -> Float32:
-        """Return evenly spread directions of its light, (3, count); any run of neighbours is spread evenly too."""
+        """Return evenly spread directions of the lamp's light, (3, count); any consecutive directions are spread evenly too."""
         theta, light = self._by_angle()
         share = np.concatenate([[0.0], np.cumsum(light)])
         first, second = evenly_spread_pairs(count)
@@ -68,7 +67,7 @@ class Lamp:
 
     @property
     def flux(self) -> float:
-        """All of its light, in units of the light on a square metre at a distance of 1 m."""
+        """Total light of the lamp; the unit is the light on one square metre at a distance of 1 m."""
         theta, light = self._by_angle()
         return float(light.sum() * (theta[1] - theta[0]))
 
@@ -95,14 +94,14 @@ class Lamp:
 
 @dataclass(frozen=True)
 class LightPoints:
-    """Points on surfaces, each reached by an equal share of the light.
+    """Points on surfaces. Each point is reached by an equal share of the light.
 
     Attributes:
         points_m, normals: (3, n).
         albedo: (n,).
-        lengths_m: (n,), of the light's way from the lamp.
-        density: (n,), 1/m², against which ways to them are weighed.
-        flux: light that all points together receive, where the lamp's is 1 on a square metre at a metre.
+        lengths_m: (n,), length of the light's way from the lamp to the point.
+        density: (n,), density of the points in 1/m², for the balance heuristic (see `tracing`).
+        flux: light that all points together receive, in the unit of `Lamp.flux`.
     """
 
     points_m: Float32
@@ -118,9 +117,9 @@ class LampLight:
     """Where the lamp's light goes.
 
     Attributes:
-        first: points that it reaches from the lamp; their density is the irradiance by the lamp over its flux.
-        later: points that it reaches after surfaces; their density stands for theirs, which is not known.
-        later_density: this one, 1/m².
+        first: points that the light reaches directly from the lamp; their density is the irradiance by the lamp over its flux.
+        later: points that the light reaches after other surfaces; their true density is not known, and a fixed one is assumed.
+        later_density: this assumed density, 1/m².
     """
 
     first: LightPoints
@@ -129,7 +128,7 @@ class LampLight:
 
 
 def lamp_light(interior: Interior, lamp: Lamp, generator: np.random.Generator, /, rays: int = LIGHT_RAYS) -> LampLight:
-    """Follow the lamp's light; at every surface a share of 1 − albedo of the rays ends."""
+    """Follow the rays of the lamp's light; at every surface, a share of 1 − albedo of the rays ends."""
     directions = lamp.emitted(rays)
     origins = np.repeat(np.asarray(lamp.position_m, np.float32)[:, None], rays, axis=1)
     met = interior.meet(origins, directions)
@@ -154,7 +153,7 @@ def lamp_light(interior: Interior, lamp: Lamp, generator: np.random.Generator, /
 def _in_order_of_rays(
     bounces: list[tuple[Float32, Float32, Float32, Float32, Index]], density: np.float32, share: float
 ) -> LightPoints:
-    """Return the points of all bounces, those of one ray together, so that neighbours come from all over the beam."""
+    """Return the points of all bounces, sorted by ray, so that consecutive points come from all over the beam."""
     if not bounces:
         none, no_points = np.zeros(0, np.float32), np.zeros((3, 0), np.float32)
         return LightPoints(no_points, no_points, none, none, none, 0.0)

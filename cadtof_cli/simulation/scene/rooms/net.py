@@ -1,8 +1,9 @@
-"""A net, or a pane that scatters, in a room: it sends a share of each pixel's light back and lets the others through.
+"""A net, or a pane that scatters, in a room: it sends back a share of each pixel's light and lets the rest through.
 
-What a pixel sees is then the sum of two rooms: one with the net as a panel, weighted by the share of it that is thread, and
-one without, by the share that is hole. Light that comes by way of other surfaces is mixed the same way, which is exact for a
-net that is as open for it, and counts light that would pass the net twice as often as light that passes once.
+A pixel then sees the sum of two rooms. One room has the net as a solid panel; its weight is the share of the net that is thread.
+The other room has no net; its weight is the share of the net that is hole. Light by way of other surfaces is mixed in the same
+way. That is exact if the net is equally open for this light. Light that would pass the net twice gets the same weight as light
+that passes it once.
 """
 
 import math
@@ -12,32 +13,32 @@ import numpy as np
 
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.solids import Box
-from cadtof_cli.simulation.scene.rooms.view import LOOKING, Room, View
+from cadtof_cli.simulation.scene.rooms.view import COARSE_CAMERA, Room, View
 
 SEED_KEY = 7
-"""Branch of the seed that a net is drawn from, so that the room is the same with and without."""
+"""Branch of the seed from which a net is drawn, so that the room is the same with and without a net."""
 
 DRAWN_DISTANCE = (0.35, 0.85)
-"""A net's distance over that of what lies behind it, as it is drawn."""
+"""Limits between which a net's distance is drawn, over the distance of the surfaces behind it."""
 
 DRAWN_HALF = ((0.12, 0.3), (0.12, 0.25))
-"""Half its width and half its height over its distance: 6 to 36 % of the view."""
+"""Limits of half the net's width and of half its height, over its distance: 6 to 36 % of the view."""
 
 DRAWN_ASIDE_RAD = math.radians(8.0)
-"""How far its middle is to the side of the view's at most."""
+"""Largest angle between the net's middle and the view's middle, to either side."""
 
 DRAWN_ALBEDO = (0.4, 0.9)
-"""Least and largest albedo of its threads."""
+"""Least and largest albedo of the net's threads."""
 
 HALF_THICKNESS_M = 0.002
 
 NEARER_NS = 1e-3
-"""How much sooner than that of what it hides a panel's direct light is at least; rounding is far less."""
+"""A panel hides a surface if its direct light comes earlier by more than this; rounding errors are far smaller."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Net:
-    """A net in a room: the share of light that it sends back, the panel that its threads would make, and how far away it is."""
+    """A net in a room: the share of light that it sends back, the solid panel in its place, and its distance."""
 
     fill: float
     panel: Box
@@ -49,7 +50,7 @@ class Net:
         return replace(room, interior=interior)
 
     def mixed(self, panel: Light, room: Light, /) -> Light:
-        """Return light on pixels from that in the room with the whole panel and in the room without."""
+        """Return the light on pixels, mixed from the light in the room with the solid panel and in the room without it."""
         hidden = panel.delays_ns[0] < room.delays_ns[0] - NEARER_NS
         threads, holes = self.fill, 1.0 - self.fill
         direct = threads * panel.photons[0] + np.where(hidden, 0.0, holes * room.photons[0])
@@ -65,9 +66,9 @@ class Net:
 
 
 def drawn_net(room: Room, /, *, fill: float, distance_m: float | None, seed: int) -> Net:
-    """Return the net of a seed: upright, facing the camera, about the middle of its view.
+    """Return the net of a seed: it is upright, faces the camera, and is near the middle of the camera's view.
 
-    It sends the share `fill` of the light back; its distance along the optical axis is drawn where it is None.
+    It sends back the share `fill` of the light. `distance_m` is its distance along the optical axis; None draws it.
     """
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(SEED_KEY,)))
     share, aside = float(generator.uniform(*DRAWN_DISTANCE)), float(generator.uniform(-1.0, 1.0)) * DRAWN_ASIDE_RAD
@@ -85,8 +86,8 @@ def drawn_net(room: Room, /, *, fill: float, distance_m: float | None, seed: int
 
 
 def _middle_range_m(room: Room) -> float:
-    """Return how far away the middle of the view is: the median over its middle third."""
-    view = View(room=room, camera=LOOKING)
-    height, width = LOOKING.height, LOOKING.width
-    rays = LOOKING.rays(slice(height // 3, -(height // 3)))[:, :, width // 3 : -(width // 3)]
+    """Return the range of the surfaces in the middle of the view: the median over its middle third."""
+    view = View(room=room, camera=COARSE_CAMERA)
+    height, width = COARSE_CAMERA.height, COARSE_CAMERA.width
+    rays = COARSE_CAMERA.rays(slice(height // 3, -(height // 3)))[:, :, width // 3 : -(width // 3)]
     return float(np.median(view.meet(rays.reshape(3, -1)).lengths_m))

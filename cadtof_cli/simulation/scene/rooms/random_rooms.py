@@ -9,24 +9,25 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.furniture import random_piece
 from cadtof_cli.simulation.scene.rooms.solids import FACES, Ball, Box, Interior, Patch
-from cadtof_cli.simulation.scene.rooms.view import LOOKING, Room, View
+from cadtof_cli.simulation.scene.rooms.view import COARSE_CAMERA, Room, View
 
 MOST_FURNITURE = 12
-"""Pieces that may be asked for; 0 to 8 are drawn."""
+"""How many pieces of furniture may be asked for."""
 
 DRAWN_FURNITURE = 8
+"""How many pieces of furniture are drawn at most."""
 
 FARTHEST_M, NEAREST_M = 5.7, 0.5
-"""What the camera may see: less than the unambiguous range of 6 m, and nothing right before the lens."""
+"""Limits of the ranges that the camera may see: less than the unambiguous range of 6 m, and nothing right before the lens."""
 
 LIGHT_LOST = 0.3
-"""Largest share of the view that openings may take, and of surfaces without direct light."""
+"""Largest share of the view that openings may take, and largest share of the seen surfaces that may have no direct light."""
 
 TRIES = 400
-"""Rooms drawn for a seed until one fits; most fit among the first ten."""
+"""How many rooms are drawn for a seed until one fits; mostly one of the first ten fits."""
 
 PLACES, SMALLER = 40, 0.97
-"""Places tried for a piece of furniture, and how many times as large it is at each as at the one before."""
+"""How many places are tried for a piece of furniture, and the factor on its size from one place to the next."""
 
 AGAINST_WALL = 0.6
 """Share of the furniture that stands with its back to a wall."""
@@ -35,7 +36,7 @@ KINDS = {"room": 0.5, "corner": 0.2, "corridor": 0.15, "closet": 0.15}
 """Kinds of room, and how often each is drawn."""
 
 _CAMERA_ROOM_M = 0.5
-"""Free floor about the camera."""
+"""Radius of the free floor around the camera."""
 
 _FLOOR = 3
 
@@ -43,9 +44,10 @@ _FLOOR = 3
 def random_room(
     seed: int, /, *, furniture: int | None = None, albedo: float | None = None, beam_deg: float | None = None
 ) -> Room:
-    """Return the room of a seed, the same for the same arguments; what is None is drawn.
+    """Return the room of a seed; it is the same for the same arguments.
 
-    That is the number of pieces of furniture, up to MOST_FURNITURE, the albedo of every surface, and half the beam's angle.
+    `furniture` is the number of pieces of furniture, up to MOST_FURNITURE, `albedo` the albedo of every surface, and `beam_deg`
+    half the beam's angle. An argument that is None is drawn.
 
     Raises:
         SettingsError: no room of this seed has place for the furniture.
@@ -130,7 +132,7 @@ def _furnished(
 def _against_wall(
     x: float, z: float, half_width: float, half_depth: float, size_m: Vector
 ) -> tuple[float, float, float]:
-    """Return place and turn of a piece with its back to the nearest of the walls left, right and far."""
+    """Return the place and the turn of a piece with its back to the left, right or far wall, whichever is nearest."""
     width, _, depth = size_m
     gap = half_depth + 0.02
     left, right, far = x, width - x, depth - z
@@ -163,7 +165,7 @@ def _room(
 
 
 def _face_albedos(generator: np.random.Generator) -> tuple[float, float, float, float, float, float]:
-    """Return the albedos of the walls, similar to each other, of a lighter ceiling, and of a darker floor."""
+    """Return the albedos of the faces: the walls are similar to each other, the ceiling is lighter, and the floor darker."""
     walls = np.clip(generator.uniform(0.25, 0.8) + generator.uniform(-0.15, 0.15, 4), 0.2, 0.9)
     left, right, near, far = (float(wall) for wall in walls)
     return left, right, float(generator.uniform(0.4, 0.9)), float(generator.uniform(0.2, 0.6)), near, far
@@ -214,9 +216,9 @@ def _in_one_albedo(interior: Interior, albedo: float) -> Interior:
 
 
 def _fits(room: Room) -> bool:
-    """Return whether the camera sees surfaces at ranges that it can measure, and most of them lit."""
-    view = View(room=room, camera=LOOKING)
-    seen = view.meet(LOOKING.rays(slice(None)).reshape(3, -1))
+    """Return whether the camera sees surfaces at ranges that it can measure, and most of these surfaces are lit."""
+    view = View(room=room, camera=COARSE_CAMERA)
+    seen = view.meet(COARSE_CAMERA.rays(slice(None)).reshape(3, -1))
     closed = seen.albedo > 0
     if closed.mean() < 1 - LIGHT_LOST:
         return False

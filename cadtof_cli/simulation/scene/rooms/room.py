@@ -19,24 +19,25 @@ from cadtof_cli.simulation.scene.rooms.view import Room, View
 from cadtof_cli.units import C_M_PER_NS
 
 COARSE = 8
-"""Every so many rows and columns are looked at for the median of the direct light."""
+"""Step in rows and columns between the pixels from which the median of the direct light is taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RandomRoom:
-    """A room whose surfaces light each other, with all that is in it drawn by a seed.
+    """A room whose surfaces light each other; a seed draws everything in it.
 
     Attributes:
-        seed: of the room.
-        furniture: how many pieces; None draws 0 to 8.
-        albedo: of all surfaces; None draws one for each.
-        lamp_offset_m: from the camera to its lamp: to the right, down, forward.
+        seed: seed of the room.
+        furniture: number of pieces of furniture; None draws 0 to 8.
+        albedo: albedo of all surfaces; None draws one for each surface.
+        lamp_offset_m: offset from the camera to its lamp: to the right, down, forward.
         beam_deg: half angle of the lamp's beam; None draws 42° to 65°.
-        asr: ambient photons over direct ones where a surface has the median irradiance of the view.
-        light_paths: traced from every fourth pixel; the scatter of the rendering falls with its root.
-        tracing_seed: of the light paths alone.
-        net_fill: share of light that a net across the middle of the view sends back; None for no net.
-        net_distance_m: of the net along the optical axis; None draws it.
+        asr: ratio of ambient to direct photons for a surface with the median irradiance of the view.
+        light_paths: number of light paths from each traced pixel; every fourth pixel is traced. The scatter of the rendering
+            falls with the root of this number.
+        tracing_seed: seed of the light paths alone.
+        net_fill: share of light that a net across the middle of the view sends back; None: there is no net.
+        net_distance_m: distance of the net along the optical axis; None draws it.
     """
 
     seed: int = 0
@@ -66,7 +67,7 @@ class RandomRoom:
 
     @property
     def room(self) -> Room:
-        """What the seed draws, without a net."""
+        """The room that the seed draws, without a net."""
         return _drawn(self.seed, self.furniture, self.albedo, self.beam_deg)
 
     @property
@@ -79,13 +80,15 @@ class RandomRoom:
     @property
     def summary(self) -> str:
         """One sentence about the scene."""
-        net = "" if self.net is None else f", a net {self.net.distance_m:.2f} m away with a fill of {self.net.fill:g}"
-        return f"{self.room.summary}{net}; all bounces of light, traced"
+        net = self.net
+        with_net = "" if net is None else f", a net {net.distance_m:.2f} m away with a fill of {net.fill:g}"
+        return f"{self.room.summary}{with_net}; all bounces of light, traced"
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return the direct path, and a way for each bin of the transient that other surfaces bring."""
-        light = self._light(self.room, camera, rows)
-        return light if self.net is None else self.net.mixed(self._light(self.net.hung(self.room), camera, rows), light)
+        """Return the direct path, and one path for each bin of the transient of light by way of other surfaces."""
+        room, net = self.room, self.net
+        light = self._light(room, camera, rows)
+        return light if net is None else net.mixed(self._light(net.hung(room), camera, rows), light)
 
     def _light(self, room: Room, camera: Camera, rows: slice) -> Light:
         view = View(

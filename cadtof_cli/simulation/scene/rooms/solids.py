@@ -1,7 +1,8 @@
-"""What rays meet in a room: its own six faces from within, and boxes and balls that stand in it.
+"""The surfaces that rays meet in a room: its own six faces from within, and boxes and balls that stand in it.
 
-Lengths are in metres, in the room's frame: x to the right, y down from the ceiling, z into the room. All surfaces are
-Lambertian. Rays are float32, since their number decides how long a rendering takes; 10⁻⁶ of a room is a micrometre.
+Lengths are in metres, in the room's coordinates: x to the right, y down from the ceiling, z into the room. All surfaces are
+Lambertian. Rays are float32, because there are so many that they decide how long a rendering takes; 10⁻⁶ of a room is a
+micrometre.
 """
 
 import math
@@ -16,19 +17,19 @@ from cadtof_cli.errors import require
 from cadtof_cli.simulation.scene.geometry import Vector
 
 FACES = ("left", "right", "ceiling", "floor", "near", "far")
-"""Faces of a box by number: 2·axis, and one more on the side of larger coordinates."""
+"""Names of the faces of a box, by number: 2·axis, plus 1 on the side of larger coordinates."""
 
 MARGIN_M = 1e-4
-"""How far before a surface a ray starts, so that rounding never puts it behind."""
+"""Distance before a surface at which a ray starts, so that rounding never puts its start behind the surface."""
 
 BLOCK = 16384
-"""Rays that are followed together: few enough for what belongs to them to stay in the cache."""
+"""Number of rays that are followed together; it is so small that their arrays stay in the cache."""
 
 NEIGHBOURS_M = 1.0
-"""How far apart solids of a group may be."""
+"""Largest distance between the centre of a group's first solid and the centres of its other solids."""
 
 _TINY = 1e-12
-"""Added to slopes, so that no ray is quite level with a face."""
+"""Added to slopes, so that no ray is exactly parallel to a face."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,10 +37,10 @@ class Box:
     """A cuboid, turned about the upright axis.
 
     Attributes:
-        centre_m: of the box.
-        half_m: half its width, height and depth.
-        turn_rad: how far it is turned from x towards z.
-        albedo: of all its faces.
+        centre_m: centre of the box.
+        half_m: half of its width, height and depth.
+        turn_rad: angle by which it is turned from x towards z.
+        albedo: albedo of all its faces.
     """
 
     centre_m: Vector
@@ -95,11 +96,11 @@ class Ball:
 
 @dataclass(frozen=True, kw_only=True)
 class Patch:
-    """A rectangle of a face of the room with an albedo of its own; with albedo 0 an opening, where light is lost.
+    """A rectangle on a face of the room with its own albedo. With albedo 0 it is an opening, where light is lost.
 
     Attributes:
         face: number of the face, as in FACES.
-        low_m, high_m: opposite corners; what they say along the face's own axis does not count.
+        low_m, high_m: opposite corners; their coordinates along the axis at right angles to the face do not count.
     """
 
     face: int
@@ -118,18 +119,18 @@ class Patch:
 
 @dataclass(frozen=True)
 class _Group:
-    """Solids near each other; most rays miss them all.
+    """Solids near each other; most rays miss all of them.
 
     Attributes:
-        solids: in the order of the room's.
-        first: number of the first of them.
+        solids: the solids, in the order of the room's solids.
+        first: number of the first of these solids.
     """
 
     solids: tuple[Box | Ball, ...]
     first: int
 
     def near(self, origins_m: Float32, directions: Float32) -> Index:
-        """Return which rays, (3, n), pass through the ball about the group."""
+        """Return the indices of the rays, (3, n), that pass through the ball around the group."""
         centre, radius = self._ball
         x, y, z = (origin - at for origin, at in zip(origins_m, centre, strict=True))
         dx, dy, dz = directions
@@ -142,7 +143,7 @@ class _Group:
 
     @cached_property
     def _ball(self) -> tuple[Vector, float]:
-        """Centre and radius of a ball that holds all solids, and a little more."""
+        """Centre and radius of a ball around all solids; it is a little larger than needed."""
         x, y, z = (sum(part) / len(self.solids) for part in zip(*(s.centre_m for s in self.solids), strict=True))
         reach = max(math.dist((x, y, z), solid.centre_m) + solid.reach_m for solid in self.solids)
         return (x, y, z), 1.001 * reach + 10 * MARGIN_M
@@ -153,10 +154,10 @@ class Meetings:
     """Where rays meet surfaces.
 
     Attributes:
-        lengths_m: (n,), along the ray.
+        lengths_m: (n,), distance along the ray.
         points_m, normals: (3, n); normals look into the room.
         albedo: (n,), 0 at an opening.
-        surface: (n,), equal where rays meet the same face of the same solid.
+        surface: (n,), number of the surface; it is equal for rays that meet the same face of the same solid.
     """
 
     lengths_m: Float32
@@ -168,13 +169,13 @@ class Meetings:
 
 @dataclass(frozen=True, kw_only=True)
 class Interior:
-    """A room with what stands in it.
+    """A room with the solids that stand in it.
 
     Attributes:
-        size_m: width, height and depth; the room reaches from 0 to there.
-        albedos: of the six faces.
-        patches: rectangles on the faces, later ones over earlier ones.
-        boxes, balls: must not hold the lamp or the camera.
+        size_m: width, height and depth; the room reaches from 0 to these values.
+        albedos: albedos of the six faces.
+        patches: rectangles on the faces; later rectangles cover earlier ones.
+        boxes, balls: the solids; the lamp and the camera must not be inside of them.
     """
 
     size_m: Vector
@@ -190,7 +191,7 @@ class Interior:
 
     @property
     def solids(self) -> tuple[Box | Ball, ...]:
-        """What stands in the room, boxes first."""
+        """The solids that stand in the room, boxes first."""
         return (*self.boxes, *self.balls)
 
     @property
@@ -200,7 +201,7 @@ class Interior:
         return 2.0 * (width * height + height * depth + depth * width)
 
     def meet(self, origins_m: Float32, directions: Float32, /) -> Meetings:
-        """Return what rays from within, (3, n) with unit directions, meet first."""
+        """Return where rays from within the room, (3, n) with unit directions, first meet a surface."""
         count = origins_m.shape[1]
         lengths, solid = np.empty(count, np.float32), np.zeros(count, np.intp)
         for start in range(0, count, BLOCK):
@@ -223,28 +224,32 @@ class Interior:
             block = slice(start, start + BLOCK)
             for group in self._groups:
                 near = start + group.near(origins_m[:, block], directions[:, block])
+                if not len(near):
+                    continue
                 starts, ways = origins_m[:, near], directions[:, near]
-                for solid in group.solids if len(near) else ():
+                for solid in group.solids:
                     free[near] &= solid.entry(starts, ways) >= lengths_m[near]
         return free
 
     def _nearest(self, origins_m: Float32, directions: Float32, lengths: Float32, solid: NDArray[np.intp]) -> None:
-        """Fill in the nearest surface's distance, and the number of its solid: 0 for the room, then the boxes, then the balls."""
+        """Fill in the distance of the nearest surface, and the number of its solid: 0 is the room, then boxes, then balls."""
         lengths[:] = np.inf
         for origin, slope, size in zip(origins_m, directions, self.size_m, strict=True):
             np.minimum(lengths, _slab(origin - size / 2, slope, size / 2)[1], out=lengths)
         for group in self._groups:
             near = group.near(origins_m, directions)
+            if not len(near):
+                continue
             starts, ways, best, whose = origins_m[:, near], directions[:, near], lengths[near], solid[near]
-            for index, part in enumerate(group.solids if len(near) else ()):
+            for number, part in enumerate(group.solids, start=group.first):
                 entry = part.entry(starts, ways)
                 closer = entry < best
                 np.copyto(best, entry, where=closer)
-                whose[closer] = group.first + index
+                whose[closer] = number
             lengths[near], solid[near] = best, whose
 
     def _faces(self, points_m: Float32, solid: NDArray[np.intp]) -> tuple[Float32, NDArray[np.intp]]:
-        """Return the normals at points of the given solids, (3, n), and which face of its solid each lies on."""
+        """Return the normals at points of the given solids, (3, n), and the number of the face on which each point lies."""
         centres, halves, turns, _ = self._table
         x, y, z = points_m - centres[:, solid]
         cosine, sine = turns[:, solid]
@@ -261,7 +266,7 @@ class Interior:
         return normals, np.where(round_ones, 0, 2 * axis + side)
 
     @cached_property
-    def _groups(self) -> tuple["_Group", ...]:
+    def _groups(self) -> tuple[_Group, ...]:
         """The solids in groups of neighbours."""
         groups: list[_Group] = []
         for number, solid in enumerate(self.solids, start=1):
@@ -273,7 +278,7 @@ class Interior:
 
     @cached_property
     def _table(self) -> tuple[Float32, Float32, Float32, Float32]:
-        """Centres and half sizes, (3, solids), cosine and sine of the turn, (2, solids), and albedos, (solids,)."""
+        """Centres and half sizes, (3, n), cosine and sine of the turn, (2, n), and albedos, (n,), of the room and its solids."""
         half = [size / 2 for size in self.size_m]
         centres = [half, *(box.centre_m for box in self.boxes), *(ball.centre_m for ball in self.balls)]
         halves = [half, *(box.half_m for box in self.boxes), *((ball.radius_m,) * 3 for ball in self.balls)]

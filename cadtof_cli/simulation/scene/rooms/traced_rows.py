@@ -1,8 +1,9 @@
-"""Light by way of other surfaces on a camera's pixels, traced at some of them and averaged for the others.
+"""Light by way of other surfaces on a camera's pixels: it is traced at some pixels and averaged for all pixels.
 
-It changes slowly along a surface, and the slower, the more surfaces it has come by. So it is traced at every second
-row and column. Light by way of one other surface is averaged over a few traced pixels on the same face, light by way of
-more over a wider neighbourhood. What a pixel sees, its direct light and its shadows are its own.
+This light changes slowly along a surface; the more surfaces it has come by, the more slowly it changes. So it is traced only at
+every second row and column. Light by way of one other surface is averaged over a few traced pixels on the same face, and light
+by way of more surfaces over a wider neighbourhood. The surface that a pixel sees, its direct light and its shadows are not
+averaged.
 """
 
 from dataclasses import dataclass
@@ -21,19 +22,19 @@ STEP = 2
 """Rows and columns from one traced pixel to the next."""
 
 REACH = 2
-"""Traced pixels to each side over which light by way of one other surface is averaged."""
+"""Number of traced pixels to each side over which light by way of one other surface is averaged."""
 
 CELL = 4
-"""Traced pixels along each side of a cell; light by way of more surfaces is averaged over cells."""
+"""Number of traced pixels along each side of a cell; light by way of more surfaces is averaged over cells."""
 
 CELLS = 2
-"""Cells to each side that such an average holds."""
+"""Number of cells to each side over which light by way of more surfaces is averaged."""
 
 ROWS_KEPT = 32
-"""Traced rows that wait for the next band, which shares most of them."""
+"""Number of traced rows that are kept for the next band, which needs most of them again."""
 
 _GRID_KEY, _ALONE_KEY, _LAMP_KEY = 0, 1, 2
-"""Branches of the seed: traced rows, pixels that are traced for themselves, and the light from the lamp."""
+"""Branches of the seed: for traced rows, for pixels that are traced for themselves, and for the light from the lamp."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class TracedRow:
 
 @lru_cache(maxsize=ROWS_KEPT)
 def traced_row(view: View, row: int, /) -> TracedRow:
-    """Trace one of every STEP rows; the result depends only on the view and on the row's number."""
+    """Trace one row, which is one of every STEP rows; the result depends only on the view and on the number of the row."""
     camera = view.camera
     columns = np.minimum(np.arange(0, camera.width, STEP) + STEP // 2, camera.width - 1)
     y = min(STEP * row + STEP // 2, camera.height - 1)
@@ -56,9 +57,10 @@ def traced_row(view: View, row: int, /) -> TracedRow:
 
 
 def indirect_light(view: View, seen: Meetings, rows: range, /) -> Float:
-    """Return light by way of other surfaces on rows that see `seen`, (Y·X,): (2, Y·X, BINS), as Transients have it.
+    """Return the light by way of other surfaces on the pixels of some rows, (2, Y·X, BINS), in the form of `Transients`.
 
-    Neighbours on another face do not count; a pixel without any on its own face is traced itself.
+    `seen` has the surfaces that these pixels see, (Y·X,). Neighbours on another face do not count; a pixel that has no neighbour
+    on its own face is traced itself.
     """
     width, faces = view.camera.width, Faces(seen.surface, seen.normals)
     fine, coarse = Lattice(width, STEP, REACH), Lattice(width, CELL * STEP, CELLS)

@@ -1,4 +1,4 @@
-"""A room with a camera in it: where that stands, what its pixels see, and the light of its lamp on that."""
+"""A room with a camera in it: the place of the camera, the surfaces that its pixels see, and the lamp's direct light on them."""
 
 import math
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp
 from cadtof_cli.simulation.scene.rooms.solids import Interior, Meetings
 
-LOOKING = Camera(width=40, height=30, focal_length_px=29.0)
-"""The camera that looks at a room before it is rendered: few pixels, and 69° across, wider than the usual one."""
+COARSE_CAMERA = Camera(width=40, height=30, focal_length_px=29.0)
+"""The camera that looks at a room before it is rendered. It has few pixels, and its view is 69° wide, wider than the default."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,10 +22,10 @@ class Room:
 
     Attributes:
         interior: the room.
-        position_m: of the camera, in the room's frame.
-        yaw_rad, pitch_rad: how far it is turned to the right and then down from looking along z.
-        beam_rad: half angle of the lamp's beam, whose middle is the optical axis.
-        summary: one sentence.
+        position_m: position of the camera in the room's coordinates.
+        yaw_rad, pitch_rad: how far the camera is turned to the right and then down from looking along z.
+        beam_rad: half angle of the lamp's beam; the middle of the beam is the optical axis.
+        summary: one sentence about the room.
     """
 
     interior: Interior
@@ -38,14 +38,14 @@ class Room:
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """A room through a camera.
+    """A room, seen by a camera.
 
     Attributes:
         room: the room.
         camera: array and lens.
-        lamp_offset_m: from the camera to its lamp, in the camera's frame.
-        light_paths: traced from each traced pixel.
-        seed: of the tracing.
+        lamp_offset_m: offset from the camera to its lamp, in the camera's coordinates.
+        light_paths: number of light paths from each traced pixel.
+        seed: seed of the tracing.
     """
 
     room: Room
@@ -60,7 +60,7 @@ class View:
 
     @property
     def turn(self) -> Float:
-        """Rotation from the camera's frame to the room's, (3, 3)."""
+        """Rotation from the camera's coordinates to the room's coordinates, (3, 3)."""
         a, b = self.room.yaw_rad, self.room.pitch_rad
         right_left = np.array([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]])
         up_down = np.array([[1, 0, 0], [0, math.cos(b), math.sin(b)], [0, -math.sin(b), math.cos(b)]])
@@ -68,7 +68,7 @@ class View:
 
     @property
     def lamp(self) -> Lamp:
-        """The camera's lamp in the room's frame."""
+        """The camera's lamp in the room's coordinates."""
         x, y, z = np.asarray(self.room.position_m) + self.turn @ np.asarray(self.lamp_offset_m)
         ahead = self.turn[:, 2]
         return Lamp(
@@ -78,11 +78,11 @@ class View:
         )
 
     def meet(self, rays: Float, /) -> Meetings:
-        """Return what rays in the camera's frame, (3, n), meet."""
+        """Return where rays from the camera, (3, n) in its coordinates, meet surfaces."""
         directions = (self.turn @ (rays / np.linalg.norm(rays, axis=0))).astype(np.float32)
         start = np.asarray(self.room.position_m, np.float32)[:, None]
         return self.room.interior.meet(np.broadcast_to(start, directions.shape), directions)
 
     def direct(self, seen: Meetings, /) -> Float32:
-        """Return the lamp's irradiance where rays have met surfaces, (n,)."""
+        """Return the lamp's irradiance on the points where rays have met surfaces, (n,)."""
         return self.lamp.irradiance(self.room.interior, seen.points_m, seen.normals)
