@@ -32,7 +32,7 @@ WORST = 5
 
 @dataclass(frozen=True)
 class FrameDifference:
-    """How much a frame differs: |A − B| of its leading layer, and how many pixels changed their status; None: A or B has none."""
+    """How much a frame differs: |A − B| of its leading layer, and pixels with another status; None: A or B has none."""
 
     frame: str
     p90_abs: float | None

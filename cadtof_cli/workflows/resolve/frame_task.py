@@ -54,7 +54,7 @@ class FrameTask:
     token: str = ""
 
     def __reduce__(self) -> tuple[Callable[..., "FrameTask"], tuple[Any, ...]]:
-        """Return how another process makes this task again. Paths go there as texts, because sending `Path` objects takes long."""
+        """Return how another process makes this task again. Paths are sent as texts, because `Path` objects take long."""
         sources = tuple((one.name, tuple(map(str, one.paths)), one.index) for one in self.sources)
         others = (self.layout, self.plan, self.pixels, str(self.output), self.resume, self.before, self.token)
         return _task_of_texts, (sources, *others)
