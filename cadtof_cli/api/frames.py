@@ -147,8 +147,9 @@ def read_frames(
         for note in plan.notes():
             _log.warning(note)
         for task in plan.tasks(settings, taken=partial(frame_names, captures)):
-            (source,), (stored, _) = task.sources, read_frame(task)
+            stored, _ = read_frame(task)
             assert isinstance(stored, np.ndarray)
+            source = task.sources[0]
             yield Frame(stored, plan.plan.metadata, source.name, source.file_name)
 
 

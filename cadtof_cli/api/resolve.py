@@ -70,15 +70,15 @@ def resolve(
     frames = _frames(frame)
     first = frames[0]
     pixels = first.stored.shape[2], first.stored.shape[3]
-    plan = FramePlan(metadata=first.metadata, settings=_settings(options, average=len(frames)))
-    plan.settings.require_roi_within(pixels, of=str(first))
-    loaded = None
+    settings = _settings(options, average=len(frames))
+    settings.require_roi_within(pixels, of=str(first))
+    loaded, use = None, None
     if calibration is not None:
         folder = Path(calibration)
         loaded = _loaded(folder, _stamp(folder))
         loaded.require_match(first.metadata, pixels)
         use = CalibrationUse(folder, loaded.digest)
-        plan = FramePlan(metadata=first.metadata, settings=plan.settings, calibration=use)
+    plan = FramePlan(metadata=first.metadata, settings=settings, calibration=use)
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
     maps, _ = answered_maps(resolved, plan, source=first)
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
