@@ -18,7 +18,7 @@ from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.reading import is_folder, read_bytes, real_path
@@ -135,17 +135,6 @@ class Run:
             return None
         called = Path("" if self.record is None else str(self.record["arguments"].get("out", "")))
         return self.folder / place_in(called, Path(report.output))
-
-    def require_range_depth(self) -> None:
-        """Make sure that the maps can be compared with truth, which is radial range.
-
-        Raises:
-            SettingsError: the maps hold z depth.
-        """
-        if self.depth_kind == "z":
-            raise SettingsError(
-                f"{self.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
-            )
 
     def _inputs(self, arguments: Mapping[str, Any]) -> list[Path]:
         """Return the paths of the run's inputs, as its record has them.

@@ -101,8 +101,11 @@ class Truth:
     _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(_direct_depth), repr=False)
 
     def __post_init__(self) -> None:
-        """Make sure that the maps can be compared with truth; raises SettingsError if they hold z depth."""
-        self.run.require_range_depth()
+        """Raise SettingsError if the maps hold z depth: they cannot be compared with truth, which is radial range."""
+        if self.run.depth_kind == "z":
+            raise SettingsError(
+                f"{self.run.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
+            )
 
     def file(self, map_file: Path, /) -> Path:
         """Return the file with the truth of a map. In a folder, it is the `truth.*` in the place that the map has in its run.
