@@ -88,21 +88,19 @@ class FirstPhasors:
 def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
     """Return the first phasors of a run's frames. If frames or calibration are unknown or gone, say so and return none."""
     recorded = run.recorded_frames(say)
+    if run.record is None or not recorded:
+        return FirstPhasors(run, {}, say)
     try:
+        settings, calibration = _map_settings(run.record), run.calibration()
         tasks = {}
         for name, (capture, sources) in recorded.items():
-            plan = FramePlan(
-                metadata=capture.source.metadata,
-                settings=_map_settings(run.record or {}),
-                calibration=run.calibration(),
-            )
+            plan = FramePlan(metadata=capture.source.metadata, settings=settings, calibration=calibration)
             tasks[name] = FrameTask(sources, capture.layout, plan, None, Path())
     except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
         say(f"the settings of the run cannot be taken from its record, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
     try:
-        for task in list(tasks.values())[:1]:
-            task.calibration()
+        next(iter(tasks.values())).calibration()
     except CadtofError as error:
         say(f"the calibration of the run is not what it was, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
