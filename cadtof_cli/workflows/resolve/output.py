@@ -2,7 +2,6 @@
 only with the same inputs and settings."""
 
 import contextlib
-import itertools
 import json
 import math
 import os
@@ -120,17 +119,17 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
     """
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
-    names = set[str]()
-    # within one capture all names differ
-    for name in (frame.name for one in captures for frame in one.frames) if len(captures) > 1 else ():
-        if name in names:
-            frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
-            first, second = (frame.paths[0] for frame in itertools.islice(frames, 2))
+    if len(captures) == 1:
+        # the names within a capture differ
+        return
+    named: dict[str, Path] = {}
+    for frame in (frame for capture in captures for frame in capture.frames):
+        if frame.name in named:
             raise OutputError(
-                f"{first} and {second} would both be written as {out}/{name}; "
+                f"{named[frame.name]} and {frame.paths[0]} would both be written as {out}/{frame.name}; "
                 "resolve them into folders of their own, one command each"
             )
-        names.add(name)
+        named[frame.name] = frame.paths[0]
 
 
 def continues_earlier_run(
@@ -161,10 +160,13 @@ def _existing_outputs(out: Path, captures: Sequence[Capture]) -> list[str]:
     names = frame_names(captures)
     folders = {out / folder for folder in {name.rpartition("/")[0] for name in names}} | {out}
     paths = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
-    there = sorted(path.relative_to(out).as_posix() for path in paths)
-    maps = {file: file.rpartition(".")[0] for file in there if file.rpartition(".")[2] in MAP_FORMATS}
-    replaced = {file for file, stem in maps.items() if names.intersection({stem, re.sub(_PLACE_IN_STACK, "", stem)})}
-    return [file for file in there if file in replaced or file in {RUN_FILE, FRAMES_FILE}]
+    replaced: list[str] = []
+    for file in sorted(path.relative_to(out).as_posix() for path in paths):
+        stem, _, suffix = file.rpartition(".")
+        is_map = suffix in MAP_FORMATS and not names.isdisjoint({stem, re.sub(_PLACE_IN_STACK, "", stem)})
+        if is_map or file in {RUN_FILE, FRAMES_FILE}:
+            replaced.append(file)
+    return replaced
 
 
 def remove_run(out: Path, /) -> None:
