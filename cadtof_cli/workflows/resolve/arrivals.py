@@ -81,13 +81,9 @@ class Arrivals:
         """Return the plans of captures; a capture that has come before keeps its plan."""
         new = plan_captures([one for one in captures if one.root not in self.known], self.settings, self.calibration)
         plans = [
-            replace(
-                self.known[one.root],
-                capture=replace(self.known[one.root].capture, frames=one.frames),
-                stack_frame_bytes=None,
-            )
+            replace(known, capture=replace(known.capture, frames=one.frames), stack_frame_bytes=None)
             for one in captures
-            if one.root in self.known
+            if (known := self.known.get(one.root))
         ] + new
         for frame in (frame for one in plans for frame in one.capture.frames):
             other = self.sources.get(frame.name, frame.paths[0])

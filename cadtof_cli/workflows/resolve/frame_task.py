@@ -79,9 +79,7 @@ class FrameTask:
 
     def files(self) -> tuple[SourceFile, ...] | None:
         """Return the files that the frame lies in, as they are now; None: a file is missing."""
-        paths = self.sources[0].paths
-        if len(self.sources) > 1:
-            paths = tuple(dict.fromkeys(path for source in self.sources for path in source.paths))
+        paths = dict.fromkeys(path for source in self.sources for path in source.paths)
         try:
             found = [(path.name, path.stat()) for path in paths]
         except (OSError, ValueError):

@@ -169,9 +169,10 @@ class _Run:
             return resolve_split(tasks, workers=workers)
         # no process is started that would have no frame
         workers = replace(workers, jobs=min(workers.jobs, max(sum(expected), 1)))
-        for one in plans if workers.jobs > 1 else ():
-            # a forked process has the module already
-            one.load_map_files(self.settings)
+        if workers.jobs > 1:
+            # a forked process has the modules already
+            for one in plans:
+                one.load_map_files(self.settings)
         probe = None if workers.scheduler == LOCAL else self._probe()
         shared = [part for one in plans for part in (one.plan, one.capture.layout)]
         return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self.progress.say)
