@@ -68,7 +68,7 @@ def inspect_pixel(
     try:
         stored, recording = read_frame(task)
     except NotAFrameError as error:
-        raise _of_maps(error, task.sources[0].paths[0]) from error
+        raise _with_recorded_frame(error, task.sources[0].paths[0]) from error
     for note in notes:
         progress.say(note)
     if recording.left_out:
@@ -121,7 +121,7 @@ def _task(
     raise SettingsError(f"--frame: found {place}, expected 0 … {maps - 1} of what a run on {frame} would write")
 
 
-def _of_maps(error: NotAFrameError, file: Path) -> NotAFrameError:
+def _with_recorded_frame(error: NotAFrameError, file: Path) -> NotAFrameError:
     """Return an error that names the recorded frame to inspect, if the record of the map's run tells it; else the error."""
     try:
         run = read_run(file)

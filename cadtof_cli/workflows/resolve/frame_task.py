@@ -199,11 +199,11 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         "output_digest": output_digest,
         "note": note,
     }
-    return Later(partial(_kept, task, file, "; ".join(reasons) or None, known, began=began))
+    return Later(partial(_committed, task, file, "; ".join(reasons) or None, known, began=began))
 
 
 @reported
-def _kept(
+def _committed(
     task: FrameTask,
     file: PartialFile,
     reason: str | None,

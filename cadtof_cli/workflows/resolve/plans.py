@@ -65,10 +65,10 @@ class CapturePlan:
 
     def expected_maps(self, settings: ResolveSettings, /) -> int:
         """Return the expected number of maps. In stacks, frames are estimated from one file and the sizes of all files."""
-        frames, of_one = len(self.capture.frames), self.stack_frame_bytes
-        if of_one is not None:
+        frames, frame_bytes = len(self.capture.frames), self.stack_frame_bytes
+        if frame_bytes is not None:
             sizes = (file_size(source.paths[0]) for source in self.capture.frames)
-            frames = sum(max(round(size / of_one), 1) for size in sizes)
+            frames = sum(max(round(size / frame_bytes), 1) for size in sizes)
         if settings.frames is not None:
             frames = len(range(*settings.frames.indices(frames)))
         return -(-frames // self.plan.settings.average)
@@ -156,14 +156,14 @@ def plan_captures(
                 raise CaptureError(hint)
             plans.append(CapturePlan(capture, plan, None))
             continue
-        of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
+        frame_bytes = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
         # the calibration of a camera shows that its planes are read in the right order
         doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
-        plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy, doubtful))
+        plans.append(CapturePlan(capture, plan, typical.pixels, frame_bytes, lossy, doubtful))
     return plans
 
 

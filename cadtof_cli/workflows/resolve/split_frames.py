@@ -45,7 +45,7 @@ def resolve_split(
     resolved = run_ordered(resolve_part, parts, workers=workers)
     with closing(resolved) as outcomes:
         while frame := list(itertools.islice(outcomes, workers.jobs)):
-            yield _whole(frame)
+            yield _joined(frame)
 
 
 def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
@@ -64,7 +64,7 @@ def _prepared(task: FrameTask, count: int, *, began: float) -> FrameReport | lis
     return [FramePart(task, part, recording) for part in pixels.parts(count)]
 
 
-def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[FrameTask, FrameReport]:
+def _joined(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[FrameTask, FrameReport]:
     """Write the maps that a frame's parts make up; if parts failed, return the report of the first of these."""
     task = frame[0].task.task
     found: list[DepthMaps] = []
