@@ -116,8 +116,9 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
     for number, source in enumerate(single_frames(capture)):
         stored = read_stored(source, capture.layout, size=size)
         require_plausible(stored, metadata, of=source)
-        for doubt in doubts(stored, metadata, has_light=has_light) if number == 0 else ():
-            progress.say(f"warning: {capture.root}: {doubt}")
+        if number == 0:
+            for doubt in doubts(stored, metadata, has_light=has_light):
+                progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()
 

@@ -51,7 +51,6 @@ def evaluate_maps(
         require_new(table, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
-
     known = Truth(truth, run)
     known.tell_of_captures(files, progress.say)
     recorded = first_phasors(run, progress.say)

@@ -232,7 +232,7 @@ class RunRecorder:
         if self.resumed:
             with atomic_write(self.path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, self._places))
-        totals = asdict(replace(self._totals, seconds=round(seconds, 3)))
+        totals = asdict(replace(self._totals, seconds=seconds))
         del totals["already_there"]  # always 0: kept maps count by the line of the run that made them
         write_json(self.path.with_name(RUN_FILE), {**self.document, "finished": True, "totals": totals})
 

@@ -256,7 +256,8 @@ class _Run:
             number = 0
             tasks = one.tasks(self.settings, taken=taken, before=self.record.before, token=self.token)
             for number, task in enumerate(tasks, start=1):
-                self.expected += number > count
+                if number > count:
+                    self.expected += 1
                 if "/" in task.sources[0].name:
                     with writing(task.output.parent):
                         task.output.parent.mkdir(parents=True, exist_ok=True)
