@@ -1,7 +1,7 @@
 """Depth maps free of multi-path interference from CA-dToF cameras.
 
-From Python: `from cadtof_cli import read_frames, resolve, read_maps, simulate_scene`, see docs/python.md. What they need is
-imported when one of them is first asked for, so importing the package costs nothing.
+The Python interface is `from cadtof_cli import read_frames, resolve, read_maps, simulate_scene`; see docs/python.md. The module
+behind each name is imported when the name is first used, so importing the package costs nothing.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -25,11 +25,11 @@ _MODULES = {
     "SimulatedCapture": "scenes",
     "simulate_scene": "scenes",
 }
-"""Which module of `cadtof_cli/api` each name comes from."""
+"""The module of `cadtof_cli/api` that defines each name."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import what a name of the Python interface stands for."""
+    """Import the function or class that a name of the Python interface stands for, and return it."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import importlib
@@ -40,5 +40,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return what the package offers, whether it has been asked for yet or not."""
+    """Return all names of the package, including names that are not imported yet."""
     return sorted({*globals(), *__all__})

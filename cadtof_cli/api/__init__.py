@@ -1,1 +1,1 @@
-"""The Python interface, `from cadtof_cli import …`: thin, since the same functions do the work as for the commands."""
+"""The Python interface, `from cadtof_cli import …`. It is thin: the functions that do the work are those of the commands."""

@@ -1,4 +1,4 @@
-"""Recorded frames for Python: read from captures as `cadtof resolve` reads them, or made of an array."""
+"""Recorded frames for Python: read from captures as `cadtof resolve` reads them, or made from an array."""
 
 import difflib
 import logging
@@ -27,7 +27,7 @@ from cadtof_cli.workflows.resolve.plans import plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 Place = str | os.PathLike[str]
-"""A file or folder."""
+"""The path of a file or folder."""
 
 _log = logging.getLogger("cadtof_cli")
 
@@ -37,10 +37,10 @@ class Frame:
     """One recorded frame.
 
     Attributes:
-        stored: values as they were recorded, (H, 2, Y, X), of any type that a file may hold.
-        metadata: how they were recorded: what `capture.toml` says.
-        name: of the file of maps that `cadtof resolve` would write, without suffix.
-        source: the recorded file, with the place in a stack: what maps say that they were made from.
+        stored: recorded values, (H, 2, Y, X), of any type that a file of frames may hold.
+        metadata: how the values were recorded: the content of `capture.toml`.
+        name: name of the map file that `cadtof resolve` would write for this frame, without suffix.
+        source: name of the recorded file, with the position in a stack. The maps name it as their source.
     """
 
     stored: Stored
@@ -76,18 +76,19 @@ class Frame:
         settings_file: Place | None = None,
         name: str = "frame",
     ) -> "Frame":
-        """Return a frame of values that are in memory already, such as those of a camera's own driver; they are not copied.
+        """Return a frame made from an array in memory, such as from a camera's own driver. A contiguous array is not copied.
 
         Args:
             stored: (H, 2, Y, X): harmonics in the order of the periods, SC1 and SC2, rows, columns. Floats are volts, unless
-                `volts_per_count` says otherwise; whole numbers need it.
-            metadata: values by dotted key of `capture.toml`, such as `{"modulation.periods_ns": [40.0, 20.0]}`; keys that are
-                not given have the paper's values.
-            settings_file: a `capture.toml` that holds what `metadata` does not.
-            name: of the frame.
+                `volts_per_count` is given. Whole numbers need `volts_per_count`.
+            metadata: values by dotted key of `capture.toml`, such as `{"modulation.periods_ns": [40.0, 20.0]}`. A key that is
+                not given has the paper's value.
+            settings_file: a `capture.toml` with the values that `metadata` does not give.
+            name: name of the frame.
 
         Raises:
-            MetadataError: a key or value is not allowed.
+            SettingsError: a key does not exist.
+            MetadataError: a value is not allowed.
             FrameError: the array has another shape or type, or values that are masked.
         """
         if np.ma.is_masked(stored):
@@ -110,25 +111,25 @@ def read_frames(
     recursive: bool = False,
     frames: slice | None = None,
 ) -> Iterator[Frame]:
-    """Yield the recorded frames of folders and files, in the order in which `cadtof resolve` takes them, one in memory at a time.
+    """Yield the recorded frames of folders and files in the order of `cadtof resolve`. Only one frame is in memory at a time.
 
-    What is taken for granted, as a default of the paper, is logged by the logger `cadtof_cli`.
+    Assumptions, such as values that default to the paper's, are logged by the logger `cadtof_cli`.
 
     Args:
         inputs: capture folders, and single files.
         metadata: values by dotted key that replace those of `capture.toml`, such as `{"pixel.integration_length": 1e5}`.
-        settings_file: a `capture.toml` that holds for all, in place of any other.
-        recursive: whether folders below folders are looked into.
-        frames: which frames of each capture, such as `slice(10, 20)`; None for all.
+        settings_file: a `capture.toml` that is used for all inputs, in place of any other.
+        recursive: whether the folders below each input are searched too.
+        frames: which frames of each capture, such as `slice(10, 20)`; None: all.
 
     Raises:
-        CadtofError: an input is no capture, its metadata are not allowed, or a frame cannot be read; the message says why.
+        CadtofError: an input is not a capture, its metadata are not allowed, or a frame cannot be read; the message says why.
     """
     if not all(map(os.fspath, inputs)) or not inputs:
         raise CaptureError(f"read_frames: found {inputs}, expected capture folders or frames")
     if frames is not None and not (isinstance(frames, slice) and _counts_from_0(frames)):
         raise SettingsError(f"read_frames: found frames={frames!r}, expected a slice from 0 on, such as slice(10, 20)")
-    # one path is found in whatever was recorded; what `resolve` is asked for is checked there
+    # the one-path solver fits every recording; `resolve` checks the options that its caller chooses
     settings = ResolveSettings(
         out=Path(os.devnull),
         maps=MapSettings(resolver=ResolverSettings(solver="one-path")),
@@ -146,8 +147,9 @@ def read_frames(
         for note in plan.notes():
             _log.warning(note)
         for task in plan.tasks(settings, taken=partial(frame_names, captures)):
-            (source,), (stored, _) = task.sources, read_frame(task)
+            stored, _ = read_frame(task)
             assert isinstance(stored, np.ndarray)
+            source = task.sources[0]
             yield Frame(stored, plan.plan.metadata, source.name, source.file_name)
 
 
@@ -162,7 +164,7 @@ def _overrides(metadata: Mapping[str, Any] | None) -> dict[str, Any]:
             meant = [key for key in KEYS if key.endswith(f".{name}")] or difflib.get_close_matches(str(name), KEYS, n=1)
             named = meant or sorted(KEYS)[:3]
             raise SettingsError(f"metadata: found {name!r}, expected keys such as {', '.join(named)}, …")
-    # as `capture.toml` would hold them
+    # numbers and arrays of numpy become what `capture.toml` would hold
     return {
         name: value.tolist() if isinstance(value, np.generic | np.ndarray) else value
         for name, value in (metadata or {}).items()

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Maps(Mapping[str, NDArray[Any]]):
-    """The layers of one frame by name, such as `maps["direct.depth"]`; float32 (Y, X) in m or V, NaN where there is no answer.
+    """The layers of one frame by name, such as `maps["direct.depth"]`: float32 (Y, X) in m or V, NaN if there is no answer.
 
-    The layer `status` is uint32 (Y, X): the bits of the README's table.
+    The layer `status` is uint32 (Y, X). It holds the bits of the table in the README.
 
     Attributes:
-        layers: by name.
-        facts: what the maps say of themselves: kind of depth, periods, recorded frame, digest of the calibration.
+        layers: the layers by name.
+        facts: the facts in the header of the maps: kind of depth, periods, recorded frame, digest of the calibration.
     """
 
     layers: Mapping[str, NDArray[Any]]
@@ -53,23 +53,25 @@ class Maps(Mapping[str, NDArray[Any]]):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(Y, X)."""
+        """The size of the maps, (Y, X)."""
         height, width = next(iter(self.layers.values())).shape
         return height, width
 
     @property
     def status(self) -> Status:
-        """The bits of every pixel, uint32 (Y, X)."""
+        """The status bits of every pixel, uint32 (Y, X)."""
         bits: Status = self[STATUS]
         return bits
 
     @property
     def units(self) -> dict[str, str]:
-        """The unit of each layer; empty for pure numbers."""
+        """The unit of each layer; an empty text for a pure number."""
         return {name: layer_unit(name) for name in self.layers}
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Return the layers as variables over y and x, with units; `status` with CF's flag_masks and flag_meanings.
+        """Return the layers as variables over y and x, with units.
+
+        The variable `status` has the attributes flag_masks and flag_meanings of the CF conventions.
 
         Raises:
             SettingsError: xarray is not installed.
@@ -94,7 +96,7 @@ class Maps(Mapping[str, NDArray[Any]]):
 
 
 def read_maps(path: str | os.PathLike[str], /) -> Maps:
-    """Return the layers of a file of maps or truth, or of the only one in a folder.
+    """Return the layers of a file of maps or truth. A folder that holds only one such file stands for it.
 
     Raises:
         CaptureError: there is no such file, or the folder holds several.

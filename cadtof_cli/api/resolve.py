@@ -1,4 +1,4 @@
-"""Frames → maps for Python, by the way that `cadtof resolve` goes: the same bits."""
+"""Frames → maps for Python, by the functions that `cadtof resolve` uses, so with the same bits."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ from cadtof_cli.workflows.resolve.frame_task import answered_maps
 
 
 class ResolverOptions(TypedDict, total=False):
-    """How phasors become paths: the fields of `ResolverSettings`, which says what each means and what it is if not given."""
+    """Options for how phasors become paths: the fields of `ResolverSettings`, which gives their meanings and defaults."""
 
     mpi_model: MpiModel
     solver: SolverName
@@ -36,7 +36,7 @@ class ResolverOptions(TypedDict, total=False):
 
 
 class ResolveOptions(ResolverOptions, total=False):
-    """What may be given to `resolve`: the fields of `ResolverSettings`, and those of `MapSettings`."""
+    """All options of `resolve`: the fields of `ResolverSettings` and of `MapSettings`."""
 
     depth: DepthKind
     pool: int
@@ -51,34 +51,34 @@ def resolve(
     calibration: str | os.PathLike[str] | None = None,
     **options: Unpack[ResolveOptions],
 ) -> Maps:
-    """Return the maps of a recorded frame, or of the mean of several: bit by bit what `cadtof resolve` writes for them.
+    """Return the maps of a recorded frame, or of the mean of several frames, with the same bits as `cadtof resolve` writes.
 
     Args:
-        frame: a frame; or several of one capture, whose mean is resolved, as with `--average`.
+        frame: a frame; or several frames of one capture, whose mean is resolved, as with `--average`.
         calibration: folder made by `cadtof calibrate`.
-        options: those of `cadtof resolve` under the names of the settings records, such as `solver="lm"`, `pool=5`,
-            `depth="z"`, `returns="strongest"`, `min_confidence_v=0.001`; defaults are the command's.
+        options: options of `cadtof resolve` under the names of the settings records, such as `solver="lm"`, `pool=5`,
+            `depth="z"`, `returns="strongest"`, `min_confidence_v=0.001`. The defaults are those of the command.
 
     Returns:
-        Named layers, float32 (Y, X) in m and V, NaN where there is no answer; `status` holds the bits that say why.
+        Named layers, float32 (Y, X) in m and V, NaN if a pixel has no answer; the bits in `status` say why.
 
     Raises:
-        SettingsError: an option that is not allowed, or does not fit the frame.
+        SettingsError: an option is not allowed, or does not fit the frame.
         MetadataError: the calibration cannot be read.
-        FrameError: values that cannot be voltages, or a frame in which no pixel has an answer.
+        FrameError: values cannot be voltages, no pixel has an answer, or the frames are not of one capture.
     """
     frames = _frames(frame)
     first = frames[0]
     pixels = first.stored.shape[2], first.stored.shape[3]
-    plan = FramePlan(metadata=first.metadata, settings=_settings(options, average=len(frames)))
-    plan.settings.require_roi_within(pixels, of=str(first))
-    loaded = None
+    settings = _settings(options, average=len(frames))
+    settings.require_roi_within(pixels, of=str(first))
+    loaded, use = None, None
     if calibration is not None:
         folder = Path(calibration)
         loaded = _loaded(folder, _stamp(folder))
         loaded.require_match(first.metadata, pixels)
         use = CalibrationUse(folder, loaded.digest)
-        plan = FramePlan(metadata=first.metadata, settings=plan.settings, calibration=use)
+    plan = FramePlan(metadata=first.metadata, settings=settings, calibration=use)
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
     maps, _ = answered_maps(resolved, plan, source=first)
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
@@ -97,7 +97,7 @@ def _frames(given: Frame | Sequence[Frame]) -> list[Frame]:
 
 
 def _settings(options: ResolveOptions, *, average: int) -> MapSettings:
-    """Return the settings that options stand for; those that are not given have the defaults of the records."""
+    """Return the settings record for some options; an option that is not given has the record's default."""
     of_resolver = ResolverOptions.__annotations__.keys()
     unknown = options.keys() - ResolveOptions.__annotations__.keys()
     if unknown:
@@ -112,7 +112,7 @@ def _settings(options: ResolveOptions, *, average: int) -> MapSettings:
 
 
 def _recorded(frames: Sequence[Frame]) -> Stored | FrameMean:
-    """Return what is resolved of frames: the values of one, or the mean of several."""
+    """Return the values to be resolved: the stored values of a single frame, or the mean of several frames."""
     first = frames[0]
     for one in frames:
         if one.stored.shape != first.stored.shape or one.metadata != first.metadata:
@@ -124,7 +124,7 @@ def _recorded(frames: Sequence[Frame]) -> Stored | FrameMean:
 
 
 def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
-    """Return what tells whether a calibration folder has changed."""
+    """Return name, size and modification time of each file in a calibration folder; a change in the folder changes them."""
     if not folder.is_dir():
         return ()
     return tuple((one.name, one.stat().st_size, one.stat().st_mtime_ns) for one in sorted(folder.iterdir()))
@@ -132,5 +132,5 @@ def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
 
 @lru_cache(maxsize=4)
 def _loaded(folder: Path, _stamp: tuple[tuple[str, int, int], ...], /) -> Calibration:
-    """Read a calibration once as long as its folder stays what it is."""
+    """Return the calibration in a folder. It is read again only when the stamp of the folder has changed."""
     return load_calibration(folder)

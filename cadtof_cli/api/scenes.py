@@ -1,4 +1,4 @@
-"""Simulated captures for Python: what `cadtof simulate --scene` records, without files."""
+"""Simulated captures for Python: the captures of `cadtof simulate --scene`, in memory instead of files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ from cadtof_cli.workflows.simulate.record import RecordSettings, expose, frames_
 
 @dataclass(frozen=True, eq=False)
 class SimulatedCapture:
-    """Frames as a camera would record them, and what is true of what it saw.
+    """Frames as a camera would record them, and the truth about the scene.
 
     Attributes:
-        frames: counts of the camera's converter.
+        frames: frames of counts, from the camera's converter.
         truth: layers `direct.depth`, `mpi.depth`, their amplitudes, `mpi.ratio` and `mpi.delay`; float64 (Y, X), NaN where the
             pixel sees nothing.
     """
@@ -46,9 +46,9 @@ def simulate_scene(
     """Return frames of a simulated scene with its truth: the counts that `cadtof simulate --scene NAME` writes.
 
     Args:
-        name: of the scene: card, wall, corner, inter-reflection, room or cornell.
-        frames: how many.
-        seed: of all that is random.
+        name: name of the scene: card, wall, corner, inter-reflection, room or cornell.
+        frames: number of frames.
+        seed: seed of all random numbers.
         integration_length: n_av of Eq. (1), per harmonic.
         modulation: fields of `Modulation`, such as `{"periods_ns": (40.0, 20.0, 40 / 3)}`.
         fwhm_ns: width of the laser pulse.
@@ -56,7 +56,7 @@ def simulate_scene(
         scene: fields of the scene's record in `simulation/scene/scenes.py`, such as `distance_m=2.0`, `asr=2.0`.
 
     Raises:
-        SettingsError: a scene, field or value that there is not.
+        SettingsError: the scene or a field does not exist, or a value is not allowed.
     """
     require(name in SCENES, "simulate_scene", repr(name), f"one of {', '.join(SCENES)}")
     given = {"seed": seed, **scene} if "seed" in SCENES[name].__dataclass_fields__ else scene
@@ -80,7 +80,7 @@ def simulate_scene(
 
 
 def _record(kind: Any, given: Mapping[str, Any]) -> Any:
-    """Return a settings record of some fields."""
+    """Return a settings record with some of its fields given."""
     unknown = given.keys() - kind.__dataclass_fields__.keys()
     require(not unknown, kind.__name__, ", ".join(sorted(unknown)), f"some of {', '.join(kind.__dataclass_fields__)}")
     try:

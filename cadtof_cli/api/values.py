@@ -1,4 +1,4 @@
-"""Values that Python hands over → what the fields of a settings record hold: numbers of numpy count as numbers."""
+"""Values from a caller in Python → values for the fields of a settings record. Numbers of numpy count as numbers."""
 
 import numbers
 import operator
@@ -10,15 +10,17 @@ from cadtof_cli.errors import SettingsError
 
 
 def as_declared(given: Mapping[str, Any], hints: Mapping[str, Any], /, *, of: str) -> dict[str, Any]:
-    """Return values as the fields of a record are declared; what is neither a number nor several is left to the record.
+    """Return values as the fields of a record declare them.
+
+    Numbers and tuples of numbers are converted. All other values are left as they are, and the record checks them.
 
     Args:
-        given: by the names of fields.
+        given: values by field name.
         hints: types of the fields by name.
-        of: whose values they are, for messages.
+        of: name of the record or function, for messages.
 
     Raises:
-        SettingsError: a value is of another kind.
+        SettingsError: a value is not of the declared type.
     """
     found = {}
     for name, value in given.items():
@@ -48,7 +50,7 @@ def _converted(value: Any, kind: Any) -> Any:
 
 
 _NUMBERS: dict[Any, tuple[str, str]] = {int: ("a whole number", "whole numbers"), float: ("a number", "numbers")}
-"""A type in words: one value of it, and several."""
+"""Types of numbers in words: one value, and several values."""
 
 
 def _in_words(kind: Any) -> str:

@@ -1,1 +1,1 @@
-"""What a command does, without click: paths and settings in, files and a report out."""
+"""The work of each command, without click: paths and settings in, files and a report out."""

@@ -1,4 +1,4 @@
-"""What a workflow tells while it goes on, which a command shows and a caller in Python may ignore; and work that is told of."""
+"""The progress of a workflow, which a command shows and a caller in Python may ignore; and tasks done with progress."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -14,17 +14,17 @@ Result = TypeVar("Result")
 
 
 class Progress(Protocol):
-    """Told of each step of a workflow."""
+    """Receives the progress and the messages of a workflow."""
 
     def advance(self, steps: int = 1, /, *, total: int | None = None) -> None:
-        """Count `steps` that were done; `total`, where it is given, is how many there are as far as is known."""
+        """Count some more steps as done; `total`, if given, is the number of all steps as far as it is known."""
 
     def say(self, message: str, /) -> None:
-        """Something that the user should know."""
+        """Tell the user something."""
 
 
 class _NoProgress:
-    """Progress that nobody is told of."""
+    """Progress that nobody receives."""
 
     def advance(self, steps: int = 1, /, *, total: int | None = None) -> None:
         """Do nothing."""
@@ -39,7 +39,7 @@ NO_PROGRESS: Progress = _NoProgress()
 def results(
     function: Callable[[Task], Result], tasks: Sequence[Task], /, *, workers: Workers, progress: Progress
 ) -> Iterator[Result]:
-    """Yield function(task) for every task, in order, by no more processes than there are tasks.
+    """Yield function(task) for every task, in the order of the tasks. There are no more processes than tasks.
 
     Raises:
         CadtofError: a task's process ended without a result.

@@ -1,4 +1,7 @@
-"""The folder of a run: a map file per frame, `run.json`, and `frames.jsonl`, a line per frame. Written by `resolve/record.py`."""
+"""The folder of a run, as later commands read it: a map file per frame, `run.json`, and `frames.jsonl` with a line per frame.
+
+`resolve/record.py` writes the two records.
+"""
 
 import operator
 import os
@@ -15,7 +18,7 @@ from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.reading import is_folder, read_bytes, real_path
@@ -24,24 +27,24 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, place_in, read_record, report_of
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
-"""Recorded frames and their captures, by the name of the map that was made from them: several where it is of their mean."""
+"""For each map, by its name: the capture, and the recorded frames that the map was made from (several if it shows a mean)."""
 
 NOT_EVALUATED = "so the first phasor is not evaluated"
-"""How notes end on recorded frames that are not known, or not what they were."""
+"""End of all notes on recorded frames that are unknown or have changed."""
 
 _DEPTH_BY_WORDS = {words: kind for kind, words in DEPTH_IN_WORDS.items()}
 
 
 @dataclass(frozen=True)
 class Run:
-    """The maps of a run, all of them or one, as what comes after a run finds them.
+    """All maps of a run, or one of them, as the commands after a run find them.
 
     Attributes:
-        maps: folder or file, as it was given.
+        maps: folder or file, as the user gave it.
         files: its map files, in the order of their names.
-        folder: of the run.
-        record: what `run.json` there holds; None where there is none, or it is not the record of a run.
-        no_record: which of the two.
+        folder: folder of the run.
+        record: content of `run.json` in that folder; None if there is no such file, or if it is not the record of a run.
+        no_record: which of these two is the reason for None.
     """
 
     maps: Path
@@ -56,9 +59,9 @@ class Run:
 
     @cached_property
     def roi(self) -> Sequence[int] | None:
-        """What the maps show of the recorded frames: columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1; None: all of them.
+        """The part X0, Y0, X1, Y1 of the recorded frames that the maps show: columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1.
 
-        Without the run's record the header of the first map that says anything tells it.
+        None: the maps show whole frames. Without a record of the run, the part is taken from the first header that has facts.
         """
         if self.record is not None:
             return cast("Sequence[int] | None", self.record["arguments"].get("roi"))
@@ -66,42 +69,42 @@ class Run:
         return tuple(map(int, said.split(","))) if re.fullmatch(r"\d{1,9}(,\d{1,9}){3}", said) else None
 
     def _headers(self) -> Iterator[Mapping[str, str]]:
-        """Yield the facts in the header of each map that has any; a damaged one may have none."""
+        """Yield the facts in the header of each map that has facts; a damaged map may have none."""
         for file in self.files:
             with suppress(FrameError):
                 if facts := read_facts(file):
                     yield facts
 
     def cropped(self, plane: Float, /) -> Float:
-        """Return of a plane of a whole frame what the maps show: the pixels of `--roi`."""
+        """Return the part of a plane that the maps show: the pixels of `--roi`. A plane of that size already stays as it is."""
         roi = self.roi
         if not roi or plane.shape == (roi[3] - roi[1], roi[2] - roi[0]):
             return plane
         return plane[roi[1] : roi[3], roi[0] : roi[2]]
 
     def require_maps(self) -> tuple[Path, ...]:
-        """Return the map files; raises CaptureError where there are none."""
+        """Return the map files; raises CaptureError if there are none."""
         if not self.files:
             raise CaptureError(f"{self.maps}: found no maps (.exr, .tif), expected those of `cadtof resolve`")
         return self.files
 
     @property
     def depth_kind(self) -> DepthKind:
-        """What the depths of the maps are: ranges, where nothing says otherwise."""
+        """The kind of depth in the maps: radial range, unless the record or a header names another kind."""
         return self.said_depth or "range"
 
     @cached_property
     def said_depth(self) -> DepthKind | None:
-        """What the depths of the maps are, as the run's record says or, without one, the header of the first map that says it."""
+        """The kind of depth that the run's record names or, without a record, the first header that names one; else None."""
         if self.record is not None:
             return "z" if self.record["arguments"].get("depth") == "z" else "range"
         words = (header.get("depth") for header in self._headers())
         return next((_DEPTH_BY_WORDS[said] for said in words if said in _DEPTH_BY_WORDS), None)
 
     def optics(self, file: Path, /) -> Optics:
-        """Return the optics of the recorded frame of a map, as the run's record has them; unknown without one.
+        """Return the optics of a map's recorded frame from the run's record. Without a record they are unknown.
 
-        Maps lie below the run's folder as their captures lie below the folder that they share.
+        Below the run's folder, the maps lie in the same folders as the captures below the folder that all captures share.
         """
         captures = [] if self.record is None else self.record.get("captures", [])
         beside = Path(self.name(file)).parent.parts
@@ -112,10 +115,10 @@ class Run:
         return Optics()
 
     def reports(self) -> tuple[FrameReport, ...]:
-        """Return the lines of `frames.jsonl`, those that are sound; nothing where there is no such file.
+        """Return the valid lines of `frames.jsonl`; no lines if there is no such file.
 
         Raises:
-            CaptureError: it cannot be read.
+            CaptureError: the file cannot be read.
         """
         path = self.folder / FRAMES_FILE
         try:
@@ -127,25 +130,18 @@ class Run:
         return tuple(report for report in map(report_of, lines) if report is not None)
 
     def map_of(self, report: FrameReport, /) -> Path | None:
-        """Return where the maps of a frame lie in the run's folder, wherever that has been moved; None where it has none."""
+        """Return the map file of a frame in the run's folder, also after the folder was moved; None: the frame has no maps."""
         if report.output is None:
             return None
         called = Path("" if self.record is None else str(self.record["arguments"].get("out", "")))
         return self.folder / place_in(called, Path(report.output))
 
-    def require_range_depth(self) -> None:
-        """Make sure that the maps can be held against truth, which is radial range.
-
-        Raises:
-            SettingsError: they hold z depth.
-        """
-        if self.depth_kind == "z":
-            raise SettingsError(
-                f"{self.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
-            )
-
     def _inputs(self, arguments: Mapping[str, Any]) -> list[Path]:
-        """Return where the inputs of the run lie: where they lay, or in the same place seen from the run, if both were moved."""
+        """Return the paths of the run's inputs, as its record has them.
+
+        If some of these are gone, inputs and run may have been moved together: then the paths relative to the run's folder are
+        returned, if all of them exist.
+        """
         known = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
         if "inputs_from_out" in arguments and not all(path.exists() for path in known):
             moved = [self.folder.absolute() / path for path in arguments["inputs_from_out"]]
@@ -153,7 +149,7 @@ class Run:
         return known
 
     def calibration(self) -> CalibrationUse | None:
-        """Return the calibration that was applied, where it lies now; None: none was.
+        """Return the calibration that the run applied, in the folder where it lies now; None: the run applied none.
 
         Raises:
             LookupError, TypeError: the record has another form.
@@ -170,7 +166,7 @@ class Run:
         return CalibrationUse((there or [Path(known["folder"])])[0], known["digest"])
 
     def recorded_frames(self, say: Callable[[str], None], /) -> RecordedFrames:
-        """Return the frames that the maps were made from; nothing, and a note, where they are not known or gone."""
+        """Return the frames that the maps were made from. If they are unknown or gone, say so and return nothing."""
         if self.record is None:
             say(f"{self.no_record}, {NOT_EVALUATED}")
             return {}
@@ -191,7 +187,7 @@ class Run:
 
 
 def _by_map(captures: Sequence[Capture], chosen: slice, average: int) -> RecordedFrames:
-    """Return the frames that each map is of, by its name: that of the first."""
+    """Return the frames of each map. The name of a map is the name of the first of its frames."""
     found: dict[str, tuple[Capture, tuple[FrameSource, ...]]] = {}
     for capture in captures:
         frames = tuple(single_frames(capture, taken=partial(frame_names, captures)))[chosen]
@@ -222,14 +218,14 @@ def read_run(maps: Path, /) -> Run:
 
 
 def is_run_folder(path: Path, /) -> bool:
-    """Return whether a folder is one that `cadtof resolve` wrote."""
+    """Return whether a path is a folder that `cadtof resolve` wrote."""
     return is_folder(path) and os.path.lexists(path / RUN_FILE) and not os.path.lexists(path / CAPTURE_FILE)
 
 
 def map_files(maps: Path, /) -> tuple[Path, ...]:
-    """Return a run's map files in the order of their names, those in folders below it last; or the one file.
+    """Return the map files in a folder in the order of their names, then those in folders below it; of a file, the file itself.
 
-    An empty folder that is called like a map stands for one, which fails by its name.
+    An empty folder with the name of a map counts as a map: reading it fails, with a message that names it.
 
     Raises:
         CaptureError: a folder cannot be listed.
@@ -238,7 +234,7 @@ def map_files(maps: Path, /) -> tuple[Path, ...]:
 
 
 def _map_files(folder: Path, seen: set[str]) -> tuple[Path, ...]:
-    """Return the map files in a folder and below it but for folders that were `seen`: links may lead in a circle."""
+    """Return the map files in a folder and below it. Folders in `seen` are left out, because links may lead in a circle."""
     seen.add(real_path(folder))
     files, below = list[Path](), list[Path]()
     for path in _listed(folder):
@@ -258,10 +254,10 @@ def _listed(folder: Path) -> list[Path]:
 
 
 def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return what a `run.json` holds, after a check of what other commands read from it: it may come from anywhere.
+    """Return the content of a `run.json`, after a check of the entries that other commands read: it may come from anywhere.
 
     Raises:
-        ValueError, LookupError, TypeError, AttributeError, MetadataError: it is something else.
+        ValueError, LookupError, TypeError, AttributeError, MetadataError: it is not the record of a run.
     """
     arguments = record["arguments"]
     if not arguments.keys() >= {"inputs", "overrides"}:

@@ -1,4 +1,4 @@
-"""What every `cadtof calibrate` step does first: captures → their mean frames, and the earlier parts of the calibration."""
+"""What every `cadtof calibrate` step has in common: captures → mean frames, earlier parts of the calibration, the report."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,13 +23,13 @@ from cadtof_cli.workflows.progress import Progress
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrateSettings:
-    """Where a part goes, and what its captures are.
+    """Where a part is written, and facts about its captures.
 
     Attributes:
         out: calibration folder.
         overwrite: whether the part may be replaced.
-        distances_m: of the targets, one for all captures or one each; empty: as `capture.toml` says.
-        settings_file: a `capture.toml` that holds for every capture, in place of any other.
+        distances_m: distances of the targets in m: one for all captures, or one each; empty: those in `capture.toml`.
+        settings_file: a `capture.toml` that is used for every capture, in place of any other.
     """
 
     out: Path
@@ -40,12 +40,12 @@ class CalibrateSettings:
 
 @dataclass(frozen=True, eq=False)
 class Averaged:
-    """What a part is measured from.
+    """The data that a part is measured from.
 
     Attributes:
-        captures: with the mean of the frames of each, in V.
-        earlier: the parts of the folder that are applied to the means first; None where there are none.
-        origin: of the part.
+        captures: each capture with the mean of its frames, in V.
+        earlier: parts in the calibration folder that are to be applied to the means first; None: there are none.
+        origin: origin of the part.
     """
 
     captures: Sequence[tuple[Capture, FrameMean]]
@@ -55,7 +55,7 @@ class Averaged:
 
 @dataclass(frozen=True)
 class CalibrateReport:
-    """What a step measured: `figures` by name, and `findings` about them in words."""
+    """The result of a step: what was measured as `figures` by name, and `findings` about them in words."""
 
     part: PartKind
     written: tuple[str, ...]
@@ -74,11 +74,11 @@ def averaged_captures(
     overrides: Mapping[str, Any],
     progress: Progress,
 ) -> Averaged:
-    """Read every frame of the captures, whose targets are where the settings say, and the earlier parts of the folder.
+    """Read every frame of the captures, and the earlier parts in the folder. Distances in the settings replace the metadata's.
 
     Raises:
-        CadtofError: the part is there already, an input or its metadata is at fault, a frame cannot be read, or the captures
-            were not recorded by one camera with one setting, that of the earlier parts.
+        CadtofError: the part is there already, an input or its metadata is at fault, a frame cannot be read, or captures and
+            earlier parts are not all of one camera with one setting.
     """
     require_new(settings.out / f"{kind}.toml", overwrite=settings.overwrite)
     captures = find_captures(inputs, overrides=overrides, settings_file=settings.settings_file)
@@ -110,20 +110,21 @@ def averaged_captures(
 
 
 def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterator[Stored]:
-    """Yield the frames of a capture; say of the first what is doubtful, the order of its planes too if it has light."""
+    """Yield the frames of a capture. Warn if the first is likely wrong; `has_light`: look at its size and planes too."""
     size = capture.typical.pixels if capture.typical else None
     metadata = capture.source.metadata
     for number, source in enumerate(single_frames(capture)):
         stored = read_stored(source, capture.layout, size=size)
         require_plausible(stored, metadata, of=source)
-        for doubt in doubts(stored, metadata, has_light=has_light) if number == 0 else ():
-            progress.say(f"warning: {capture.root}: {doubt}")
+        if number == 0:
+            for doubt in doubts(stored, metadata, has_light=has_light):
+                progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()
 
 
 def _at_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> tuple[Capture, ...]:
-    """Return captures whose targets stand at these distances: one for all, or one each."""
+    """Return captures with their targets at these distances: one for all captures, or one each."""
     if len(distances) not in {1, len(captures)}:
         raise SettingsError(
             f"--distance: found {len(distances)} distances for {len(captures)} captures, expected one for all, or one each in "
@@ -152,7 +153,11 @@ def _require_same_modulation(captures: Sequence[Capture]) -> None:
 def _earlier_parts(
     folder: Path, kind: PartKind, metadata: CaptureMetadata, pixels: tuple[int, int], progress: Progress
 ) -> Calibration | None:
-    """Return the parts of the folder that are applied before this one, checked against the captures; say which, or None."""
+    """Return the parts in the folder that are applied before this kind of part, and say which they are; None: there are none.
+
+    Raises:
+        CadtofError: a part cannot be read, or does not fit the captures.
+    """
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
     if not any(os.path.lexists(folder / f"{name}.toml") for name in earlier):
         if earlier:

@@ -47,7 +47,7 @@ def calibrate_dark(
 
 
 def _require_dark(capture: Capture, mean: FrameMean) -> None:
-    """Make sure that the frames saw no light; offsets taken from lit frames would take the scene out of every other."""
+    """Make sure that the frames saw no light. Offsets from lit frames would subtract their scene from every other frame."""
     modulation = capture.source.metadata.modulation
     seen = light_seen(mean.stored, harmonics=modulation.harmonics, amplitude_v=modulation.amplitude_v)
     if seen.follows_law:

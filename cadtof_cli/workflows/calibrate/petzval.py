@@ -37,7 +37,7 @@ def calibrate_petzval(
     progress: Progress,
     plot: Path | None = None,
 ) -> CalibrateReport:
-    """Measure the Petzval part from captures of one or several flat walls, write it, and draw it if asked to.
+    """Measure the Petzval part from captures of one or several flat walls, write it, and draw it into `plot` if that is given.
 
     Raises:
         CadtofError: see `averaged_captures` and `fit_petzval`.
@@ -64,7 +64,7 @@ def calibrate_petzval(
 
 
 def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration | None) -> WallRanges:
-    """Resolve the mean of a wall's frames, whose noise is that of one frame over the root of their number."""
+    """Resolve the mean of a wall's frames. Its noise is that of one frame, divided by the square root of their number."""
     metadata = capture.source.metadata
     n_av = metadata.pixel.integration_length
     pixel = replace(metadata.pixel, integration_length=n_av * mean.frames if n_av is not None else None)
@@ -83,7 +83,7 @@ def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration 
 
 
 def _with_shared_uncertainty(petzval: PetzvalCalibration, stderr_m: tuple[float, float]) -> PetzvalCalibration:
-    """Add the uncertainty of the response calibration: it cannot tell curvature from pixels' own phases that resemble it."""
+    """Add the uncertainty of the response calibration, which cannot tell curvature from pixel phases that look like it."""
     quality, (k2, k4) = petzval.quality, stderr_m
     k2_stderr_m, k4_stderr_m = float(np.hypot(quality.k2_stderr_m, k2)), float(np.hypot(quality.k4_stderr_m, k4))
     return replace(petzval, quality=replace(quality, k2_stderr_m=k2_stderr_m, k4_stderr_m=k4_stderr_m))

@@ -24,10 +24,10 @@ from cadtof_cli.workflows.calibrate.captures import (
 from cadtof_cli.workflows.progress import Progress
 
 FRAMES_ENOUGH = 3
-"""Frames from which on their scatter tells the noise of their mean."""
+"""Number of frames that is enough to measure the noise of their mean by their scatter."""
 
 ASSUMED_LENGTH = 1e5
-"""Integration length n_av that noise is predicted with where fewer frames were recorded, and nothing says it."""
+"""Integration length n_av for predicting the noise if there are fewer frames and the metadata do not give n_av."""
 
 
 def calibrate_response(
@@ -62,7 +62,7 @@ def _target(capture: Capture, mean: FrameMean, earlier: Calibration | None) -> T
 
 
 def _mean_noise(capture: Capture, mean: FrameMean) -> Float:
-    """Return the standard deviation of the mean's voltages, (H,): measured where there are frames enough, else predicted."""
+    """Return the standard deviation of the mean's voltages, (H,): measured if there are enough frames, else predicted."""
     if mean.frames >= FRAMES_ENOUGH:
         return np.asarray(mean.frame_noise() / np.sqrt(mean.frames))
     metadata = capture.source.metadata

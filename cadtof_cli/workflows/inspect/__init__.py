@@ -1,1 +1,1 @@
-"""What the commands do that look at captures and maps, and change neither: from `cadtof info` to `report` and `export`."""
+"""The work of the commands that read captures and maps and change neither, from `cadtof info` to `report` and `export`."""

@@ -27,12 +27,12 @@ from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
 WORST = 5
-"""Frames that are named."""
+"""How many frames are named: those that differ most."""
 
 
 @dataclass(frozen=True)
 class FrameDifference:
-    """How much a frame differs: |A − B| of its leading layer, and pixels whose status changed; None without a status."""
+    """How much a frame differs: |A − B| of its leading layer, and pixels with another status; None: A or B has none."""
 
     frame: str
     p90_abs: float | None
@@ -42,7 +42,7 @@ class FrameDifference:
 
 @dataclass
 class AnswerChange:
-    """How many pixels have a value in only one of the two."""
+    """How many pixels have a value in A only, and in B only."""
 
     only_a: int = 0
     only_b: int = 0
@@ -50,17 +50,17 @@ class AnswerChange:
 
 @dataclass
 class Comparison:
-    """What differs; the fields are keys of `--json`.
+    """The differences between two sets of maps, A and B. The fields are the keys of `--json`.
 
     Attributes:
-        frames: that were compared.
-        layers: of those that both have, by name, in the units of the layer.
-        status_changed: pixels in which any status bit differs; None where one of the two has no status.
-        status_bits: of each bit that differs anywhere.
-        answers: of each layer in which pixels have a value in one of the two alone.
-        only_a, only_b: frames and layers that only one of the two has.
-        worst: the frames that differ most in `worst_by`, the first first.
-        worst_by: layer by whose 90 % frames are ranked.
+        frames: number of frames that were compared.
+        layers: differences of each layer that both have, by the name of the layer and in its unit.
+        status_changed: number of pixels in which any status bit differs; None if A or B has no status.
+        status_bits: changes of each status bit that differs anywhere, by the bit in words.
+        answers: for each layer in which some pixels have a value in A or B only, how many.
+        only_a, only_b: frames and layers that are in A only, and in B only.
+        worst: the frames that differ most in `worst_by`; the frame that differs most is the first.
+        worst_by: layer that ranks the frames, by the 90 % quantile of its |A − B|.
     """
 
     frames: int = 0
@@ -76,7 +76,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class FramePair:
-    """A frame's layers in both, of the same size."""
+    """The layers of a frame in A and in B, of the same size."""
 
     name: str
     first: Layers
@@ -84,21 +84,21 @@ class FramePair:
 
     @property
     def shared(self) -> tuple[str, ...]:
-        """Layers of values that both have."""
+        """The layers, besides the status, that both have."""
         return tuple(name for name in self.first if name in self.second and name != STATUS)
 
     def status(self) -> tuple[Status, Status] | None:
-        """Return the status bits of both; None where one has none."""
+        """Return the status bits of both; None: A or B has none."""
         one, other = self.first.get(STATUS), self.second.get(STATUS)
         return None if one is None or other is None else (one, other)
 
 
 class MapPairs:
-    """The frames that two folders of maps, or files, share: by name; a lone file, such as truth, goes with every frame.
+    """The frames that A and B, folders or files of maps, share by name. A lone file, such as truth, goes with every frame.
 
     Raises:
-        CaptureError: there are no maps in one of them, or they share no frame.
-        SettingsError: one holds radial range and the other planar depth, or they show different parts of the pixels.
+        CaptureError: A or B has no maps, or they share no frame.
+        SettingsError: one holds radial range and the other planar depth, or they show different parts of the frames.
     """
 
     def __init__(self, first: Path, second: Path, /) -> None:
@@ -127,7 +127,7 @@ class MapPairs:
             raise CaptureError(f"{first} and {second} share no frame: found {found[0]} … and {found[1]} …")
 
     def pair(self, name: str, /) -> FramePair:
-        """Return a frame's layers in both; raises CadtofError where they cannot be read, or differ in size."""
+        """Return a frame's layers in A and in B; raises CadtofError if they cannot be read, or differ in size."""
         files = self.files[name]
         first, second = (
             {key: self.b.cropped(self.a.cropped(plane)) for key, plane in read_layers(file).items()} for file in files
@@ -138,7 +138,7 @@ class MapPairs:
 
 
 def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
-    """Return what differs between the frames that two runs, or a run and truth, share.
+    """Return the differences between the frames that two runs, or a run and truth, share.
 
     Raises:
         CadtofError: maps cannot be read, differ in size, or have no layer in common.
@@ -170,7 +170,7 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
 
 
 def _require_common_layers(found: Comparison, layers: Collection[str], pairs: MapPairs) -> None:
-    """Make sure that there was anything to compare: values of a layer, or status bits.
+    """Make sure that something could be compared: values of a layer, or status bits.
 
     Raises:
         CaptureError: no frame has a layer in both.
@@ -191,7 +191,7 @@ def _count_answers(found: Comparison, layer: str, one: NDArray[np.bool_], other:
 
 
 def _count_bits(found: Comparison, pair: FramePair) -> None:
-    """Count the bits that changed anywhere, by their names in words."""
+    """Count the pixels of a frame whose status changed: in all, and for each bit that changed, by the bit in words."""
     bits = pair.status()
     if bits is None:
         return
@@ -216,7 +216,7 @@ def _frame_difference(pair: FramePair) -> FrameDifference:
 
 
 def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:
-    """Draw the frame that differs most: both on one scale, their difference, and what became of each pixel.
+    """Draw the frame that differs most: A and B on one scale, their difference, and the paths of each pixel.
 
     Raises:
         CadtofError: the maps cannot be read, or the picture cannot be written.

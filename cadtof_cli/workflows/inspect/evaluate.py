@@ -1,4 +1,4 @@
-"""`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said; and over time."""
+"""`cadtof evaluate`: errors of a run's maps against truth, beside those of the first phasor alone; and scatter over time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -23,7 +23,7 @@ from cadtof_cli.workflows.run_folder import read_run
 
 @dataclass(frozen=True)
 class Scatter:
-    """Medians over the pixels of a sequence: how far the direct depth scatters, and what was predicted; None: nowhere known."""
+    """Scatter of the direct depth in a sequence, measured and predicted: medians over the pixels; None: no pixel has any."""
 
     frames: int
     median_std_cm: float | None
@@ -35,14 +35,14 @@ def evaluate_maps(
 ) -> Evaluation:
     """Compare the direct depth of a folder of maps, or of one file, with the direct depth in a truth file.
 
-    Both are judged over the same pixels: where the resolver has no answer, the first phasor has none.
+    The first phasor is compared too, over the same pixels: if a pixel has no answer in the maps, it has no first phasor either.
 
     Args:
         maps: the folder or file.
-        truth: file with a direct depth; or a folder with one for each capture, in the tree of the maps.
-        progress: told of each map.
-        table: CSV file for a line for each frame; None for none.
-        overwrite: whether that may be replaced.
+        truth: file with a direct depth; or a folder with such a file for each capture, in the same tree as the maps.
+        progress: a step is a map.
+        table: CSV file to be written, with a line for each frame; None: no file.
+        overwrite: whether a file at `table` may be replaced.
 
     Raises:
         CadtofError: maps or truth cannot be read, hold no direct depth, differ in size, or hold z depth.
@@ -51,7 +51,6 @@ def evaluate_maps(
         require_new(table, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
-
     known = Truth(truth, run)
     known.tell_of_captures(files, progress.say)
     recorded = first_phasors(run, progress.say)
@@ -84,10 +83,10 @@ def _write_table(path: Path, lines: Mapping[str, Evaluation]) -> None:
 
 
 def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite: bool) -> Scatter:
-    """Write, for each pixel, mean and standard deviation of the depths of a folder's maps over time, as layers of an EXR file.
+    """Write mean and standard deviation of each pixel's depths in a folder of maps, over time, as layers of an EXR file.
 
-    Layers `direct.mean`, `direct.std`, `direct.sigma` (root mean square of the predicted) in m, and `direct.frames`, in how many
-    maps there is an answer; the same of `mpi` where the maps have it.
+    The layers are `direct.mean`, `direct.std` and `direct.sigma` (root mean square of the predicted standard deviations) in m,
+    and `direct.frames` (number of maps with an answer). If the maps have MPI depths, there are the same layers of `mpi`.
 
     Raises:
         CadtofError: maps cannot be read, hold no direct depth, or differ in size; or `out` cannot be written.

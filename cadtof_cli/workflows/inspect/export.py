@@ -25,12 +25,12 @@ from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
 MOST_MM = 65535
-"""Farthest depth that 16 bits of millimetres hold."""
+"""Largest depth in mm that 16 bits hold."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportSettings(GivenOptics):
-    """What a user can choose, besides the optics."""
+    """What a user can choose about an export, besides the optics."""
 
     layer: str = setting(DIRECT_DEPTH, "Layer of the depths for point clouds and images.", metavar="NAME")
     depth: DepthKind | None = setting(None, "Kind of the depths.  [default: from the maps, else range]")
@@ -42,7 +42,7 @@ class ExportSettings(GivenOptics):
 
 @dataclass(frozen=True)
 class _Map:
-    """A map to be exported, with its optics; `name` is its layer of depths, and `kind` what those are."""
+    """A map to be exported, with its optics. `name` is the layer of depths to be exported, and `kind` their kind."""
 
     path: Path
     layers: Layers
@@ -51,7 +51,7 @@ class _Map:
     optics: Optics
 
     def layer(self, name: str) -> NDArray[Any]:
-        """Return a layer; raises CaptureError where there is none."""
+        """Return a layer; raises CaptureError if the map has no such layer."""
         return layer_of(self.layers, name, self.path)
 
     @property
@@ -63,13 +63,13 @@ class _Map:
 def export_maps(
     maps: Sequence[Path], out: Path, /, *, settings: ExportSettings, progress: Progress, overwrite: bool = False
 ) -> tuple[Path, ...]:
-    """Write each map into a file of the format that `out` ends with, and return the files.
+    """Write each map into a file of the format that the suffix of `out` names, and return the files.
 
-    Of several maps each goes into a file of its own, whose name is that of `out` with the map's name behind.
+    If there are several maps, each gets a file of its own. Its name is that of `out`, followed by the name of the map.
 
     Raises:
-        CadtofError: the maps cannot be read or lack layers, points need optics that are unknown, or a file cannot be written,
-            or is there already and `overwrite` is not set.
+        CadtofError: the maps cannot be read or lack layers, points need optics that are unknown, a file cannot be written, or
+            a file is there already and `overwrite` is not set.
     """
     write = WRITERS.get(out.suffix.lower())
     if write is None:
@@ -92,7 +92,7 @@ def export_maps(
 
 
 def _kind(run: Run, settings: ExportSettings) -> DepthKind:
-    """Return what the depths of maps are, as the user says where they do not; raises SettingsError where both say different."""
+    """Return the kind of depth that the maps name, else the user's choice; raises SettingsError if the two differ."""
     if settings.depth is None:
         return run.depth_kind
     if run.said_depth not in {None, settings.depth}:
@@ -127,7 +127,7 @@ def _write_points(one: _Map, output: Path) -> None:
 
 
 def _write_png(one: _Map, output: Path) -> None:
-    """Write millimetres; 0 where there is no answer, or one that does not fit into 16 bits."""
+    """Write the depths in mm; 0: there is no answer, or it does not fit into 16 bits."""
     mm = np.rint(1000.0 * np.nan_to_num(one.depth, nan=0.0, posinf=0.0, neginf=0.0))
     plane = np.where((mm > 0) & (mm <= MOST_MM), mm, 0).astype(np.uint16)
     about = f"{one.name} in mm, {DEPTH_IN_WORDS[one.kind]}; 0: no answer"
@@ -138,12 +138,12 @@ def _write_npz(one: _Map, output: Path) -> None:
     """Write all layers by name."""
     arrays: dict[str, Any] = dict(one.layers)
     with atomic_write(output) as temporary, temporary.open("wb") as file:
-        # until numpy 2.2 a keyword that says what may be pickled would be one more array
+        # no `allow_pickle` here: until numpy 2.2 this keyword would be saved as one more array
         np.savez_compressed(file, **arrays)
 
 
 def _write_csv(one: _Map, output: Path) -> None:
-    """Write a line for each pixel: column, row, and every layer; nothing where there is no answer."""
+    """Write a line for each pixel: column, row, and the value of every layer; empty if there is no answer."""
     rows, columns = next(iter(one.layers.values())).shape
     y, x = np.divmod(np.arange(rows * columns), columns)
     texts = [x.astype(str), y.astype(str), *(_texts(plane) for plane in one.layers.values())]
@@ -152,7 +152,7 @@ def _write_csv(one: _Map, output: Path) -> None:
 
 
 def _texts(plane: NDArray[Any]) -> NDArray[np.str_]:
-    """Return the shortest texts that are read as the same values."""
+    """Return each value as the shortest text that is read as the same value; NaN is an empty text."""
     values = plane.ravel()
     texts = values.astype(str)
     if plane.dtype.kind == "f":
@@ -167,10 +167,10 @@ WRITERS: dict[str, Callable[[_Map, Path], None]] = {
     ".npz": _write_npz,
     ".csv": _write_csv,
 }
-"""What writes a map, by the ending of the file."""
+"""The function that writes a map, by the suffix of the file."""
 
 WHOLE = (".npz", ".csv")
-"""Files of all layers."""
+"""Suffixes of the files that hold all layers."""
 
 OPTICS_FREE = (".png", *WHOLE)
-"""Files without points in space."""
+"""Suffixes of the files that hold no points in space, and so need no optics."""

@@ -35,8 +35,20 @@ from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """What a frame holds: the range of stored values of each plane, shares of bad pixels, the n_av that its noise shows, and
-    why its values cannot be voltages of the capture, or its planes are hardly those that they are read as."""
+    """What a recorded frame holds.
+
+    Attributes:
+        problem: why it could not be read; None: it was read.
+        skipped: whether the file is sound, but no frame.
+        container: name of the file format.
+        dtype: type of the stored values.
+        shape: shape of the frame, (H, 2, Y, X).
+        planes: least and largest stored value of each plane, by its name.
+        saturated: share of saturated pixels.
+        not_finite: share of pixels with values that are not finite.
+        integration_length_seen: the n_av that its noise shows.
+        implausible: why its values cannot be voltages of the capture, or why its planes are hardly what they are read as.
+    """
 
     problem: str | None = None
     skipped: bool = False
@@ -53,9 +65,9 @@ class FrameFacts:
 def facts_of_frame(
     source: FrameSource, /, *, layout: FrameLayout, metadata: CaptureMetadata, pixels: tuple[int, int] | None
 ) -> FrameFacts:
-    """Read one frame and return what it holds; whatever is wrong with it is a `problem`, never an exception.
+    """Read one frame and return what it holds. Every error becomes its `problem`.
 
-    `pixels` is the (Y, X) that it should have; None: any.
+    `pixels` is the size (Y, X) that it should have; None: any size.
     """
     try:
         stored = read_stored(source, layout, size=pixels)
@@ -89,7 +101,7 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
     try:
         phasor_map = ideal_phasor_map(metadata, stored.dtype)
     except CadtofError:
-        # what is missing is said once, for the whole capture
+        # the missing setting is reported once, for the whole capture
         return facts
     phasors = phasors_from_stored(planes, phasor_map)
     phasors[:, saturated] = np.nan
@@ -102,7 +114,7 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
 
 @dataclass(frozen=True)
 class LayerFacts:
-    """One layer of a map: its unit, range and median over the pixels that have an answer, and their share."""
+    """One layer of a map: its unit, its range and median over the pixels that have an answer, and the share of these pixels."""
 
     unit: str
     lowest: float | None
@@ -113,8 +125,18 @@ class LayerFacts:
 
 @dataclass
 class MapFacts:
-    """What a map file, or the first of a folder of them that can be read, holds; shares of pixels by status bit; the facts in
-    its header; the run's record."""
+    """What a map file, or a folder of maps, holds.
+
+    Attributes:
+        path: the file or folder.
+        files: number of map files.
+        pixels: size (Y, X) of the first map that can be read.
+        layers: the layers of that map, by name.
+        status: share of its pixels by status bit.
+        about: the facts in its header.
+        run: the record of the run; None: there is none.
+        problems: what is wrong, in words.
+    """
 
     path: str
     files: int
@@ -127,7 +149,7 @@ class MapFacts:
 
 
 def is_map(path: Path, /) -> bool:
-    """Return whether a file has layers of maps, as truth has too; or the first sound image of a folder without capture.toml."""
+    """Return whether a file has layers of maps, as truth has too; in a folder without capture.toml, its first sound image."""
     try:
         if not path.is_dir():
             files = [path] if path.suffix.lower() in MAP_SUFFIXES and path.is_file() else []
@@ -188,7 +210,7 @@ class CalibrationFacts:
 
 
 def is_calibration_folder(path: Path, /) -> bool:
-    """Return whether a folder is one that `cadtof calibrate` wrote."""
+    """Return whether a path is a folder that `cadtof calibrate` wrote."""
     return is_folder(path) and any(os.path.lexists(path / f"{kind}.toml") for kind in PART_KINDS)
 
 

@@ -1,7 +1,7 @@
-"""The depth of the first phasor alone: what MPI pulls off, and what the resolver is held against.
+"""The depth of the first phasor alone. MPI makes it wrong, and the resolver is compared with it.
 
-It is given all that the resolver is given: the same calibration, the same means over frames and neighbours, the same units; and
-beside the maps of a run it has no answer where they have none.
+It gets all that the resolver gets: the same calibration, the same means over frames and neighbours, the same units. Beside the
+maps of a run, a pixel that has no answer in the maps has no answer here either.
 """
 
 import math
@@ -30,12 +30,12 @@ from cadtof_cli.workflows.run_folder import NOT_EVALUATED, Run
 def first_phasor_depth(
     frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: Calibration | None = None
 ) -> Float:
-    """Return the depth that the fundamental's phase alone gives, float64 (Y, X) in m; NaN where pixels are saturated or hot.
+    """Return the depth from the phase of the fundamental alone, float64 (Y, X) in m; NaN if a pixel is saturated or hot.
 
     Args:
         frame: stored values, (H, 2, Y, X), or the mean of several frames.
-        plan: that of the maps; it says whether depth is radial range or planar.
-        calibration: the one that the plan names.
+        plan: plan of the maps; it says whether depth is radial range or planar.
+        calibration: the calibration that the plan names.
 
     Raises:
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
@@ -54,21 +54,21 @@ def first_phasor_depth(
 
 @dataclass(frozen=True)
 class FirstPhasors:
-    """The recorded frames of a run, each ready to be read as `cadtof resolve` read it, by the name of its map."""
+    """The recorded frames of a run. `tasks` tells how `cadtof resolve` read them, by the names of their maps."""
 
     run: Run
     tasks: Mapping[str, FrameTask]
     say: Callable[[str], None]
 
     def depth(self, file: Path, direct: NDArray[np.floating], /) -> Float | None:
-        """Return the first phasor's depth of a map's frame, float64 (Y, X) in m, where the map has an answer.
+        """Return the first phasor's depth of a map's frame, float64 (Y, X) in m; NaN if the map has no answer.
 
         Args:
             file: the map.
             direct: its direct depth, (Y, X); NaN where there is no answer.
 
         Returns:
-            None, and a note, where the frame is not known, or cannot be read any more, or has another size.
+            None if the frame is not known. None, with a note, if it cannot be read any more or has another size.
         """
         task = self.tasks.get(self.run.name(file))
         if task is None:
@@ -86,23 +86,21 @@ class FirstPhasors:
 
 
 def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
-    """Return the first phasors of a run's frames; none, and a note, where frames or calibration are not known or gone."""
+    """Return the first phasors of a run's frames. If frames or calibration are unknown or gone, say so and return none."""
     recorded = run.recorded_frames(say)
+    if run.record is None or not recorded:
+        return FirstPhasors(run, {}, say)
     try:
+        settings, calibration = _map_settings(run.record), run.calibration()
         tasks = {}
         for name, (capture, sources) in recorded.items():
-            plan = FramePlan(
-                metadata=capture.source.metadata,
-                settings=_map_settings(run.record or {}),
-                calibration=run.calibration(),
-            )
+            plan = FramePlan(metadata=capture.source.metadata, settings=settings, calibration=calibration)
             tasks[name] = FrameTask(sources, capture.layout, plan, None, Path())
     except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
         say(f"the settings of the run cannot be taken from its record, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
     try:
-        for task in list(tasks.values())[:1]:
-            task.calibration()
+        next(iter(tasks.values())).calibration()
     except CadtofError as error:
         say(f"the calibration of the run is not what it was, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
@@ -110,7 +108,7 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
 
 
 def _map_settings(record: Mapping[str, Any]) -> MapSettings:
-    """Return of a run's settings what its phasors were made with."""
+    """Return the settings that a run made its phasors with."""
     arguments = record["arguments"]
     known = {field.name for field in fields(ResolverSettings)} & arguments.keys() - {"min_confidence"}
     resolver = ResolverSettings(**{name: arguments[name] for name in known})

@@ -38,7 +38,7 @@ from cadtof_cli.workflows.run_folder import is_run_folder
 
 @dataclass
 class CaptureFacts:
-    """What a capture holds, gathered frame by frame; `problems` is empty where it can be resolved whole."""
+    """What a capture holds, gathered frame by frame. `problems` is empty if all of the capture can be resolved."""
 
     root: str
     frames: int = 0
@@ -92,7 +92,7 @@ def look_into(
     settings_file: Path | None = None,
     recursive: bool = False,
 ) -> list[Facts]:
-    """Return what each input holds: captures are read whole, so that what is damaged is found.
+    """Return what each input holds. All frames of captures are read, so that damaged ones are found.
 
     Raises:
         CadtofError: an input does not exist or holds nothing to look into, or its `capture.toml` is not allowed.
@@ -112,7 +112,7 @@ def look_into(
     progress.advance(0, total=sum(len(capture.frames) for capture in captures))
     for capture in captures:
         facts = _capture_facts(capture, workers, progress)
-        # below a folder that is looked through lie pictures of all kinds
+        # a search through all folders below an input also finds pictures that are no frames
         if not (facts.frames or facts.problems or recursive):
             facts.problems.append(f"{facts.root}: no frames: none of its files holds the voltages of one")
         found.append(facts)

@@ -1,4 +1,4 @@
-"""Layers of maps as what comes after a run needs them: by name, of one size, and with the optics that points follow from."""
+"""Layers of maps for the commands after a run: by name, of one size, with the optics for points in space, and with truth."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ Layers = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class GivenOptics:
-    """What a user can say of the optics that maps were recorded with, where the run's record lacks them or has them wrong."""
+    """The optics that a user gives if the run's record lacks the optics of the camera or has them wrong."""
 
     focal_length_px: float | None = setting(
         None,
@@ -42,10 +42,10 @@ class GivenOptics:
     )
 
     def optics(self, run: Run, file: Path, /) -> Optics:
-        """Return the optics of a map, whose pixels count from its own corner: those that the user gave, or else those of the run.
+        """Return the optics of a map: those that the user gave, else those of the run. Pixels count from the map's own corner.
 
-        Without a principal point it is the centre of the recorded frame. Where that is, nothing says for the maps of a part of
-        the pixels: their optics are unknown then.
+        If no principal point is given, it is the centre of the recorded frame. In maps of a part of the frame, nothing says
+        where that centre is, so the optics are unknown.
         """
         known, focal, point = run.optics(file), self.focal_length_px, self.principal_point_px
         if point is None and known.principal_point_px is not None:
@@ -57,12 +57,12 @@ class GivenOptics:
 
 
 def first_sound_layers(files: Sequence[Path], /) -> Layers | None:
-    """Return the layers of the first of some files that can be read, which tells what kind of files they are.
+    """Return the layers of the first file that can be read. They tell what kind of files all of them are.
 
-    Truth says nothing of damaged files beside it, which may be recorded frames.
+    Truth is read only if there are no other files: if these are damaged, truth does not tell whether they are recorded frames.
 
     Returns:
-        None where that file has no named layers, or no file can be read.
+        None if the first file that can be read has no named layers, or if no file can be read.
     """
     for file in [path for path in files if path.stem != TRUTH] or files:
         try:
@@ -75,7 +75,7 @@ def first_sound_layers(files: Sequence[Path], /) -> Layers | None:
 
 
 def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
-    """Return one of the layers of a file; raises CaptureError where it has none of that name."""
+    """Return one of the layers of a file; raises CaptureError if no layer has that name."""
     if name not in layers:
         hint = "; `cadtof resolve` makes maps of voltages" if all(map(is_of_a_plane, layers)) else ""
         raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {name}{hint}")
@@ -92,8 +92,8 @@ class Truth:
     """The true depths of a run's maps.
 
     Attributes:
-        given: the file that holds for all maps; or a folder with one for each capture, in the tree of the run.
-        run: whose maps are held against it.
+        given: the file with the truth of all maps; or a folder with a file for each capture, in the same tree as the run.
+        run: the run whose maps are compared with it.
     """
 
     given: Path
@@ -101,16 +101,19 @@ class Truth:
     _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(_direct_depth), repr=False)
 
     def __post_init__(self) -> None:
-        """Make sure that the maps can be held against truth; raises SettingsError where they hold z depth."""
-        self.run.require_range_depth()
+        """Raise SettingsError if the maps hold z depth: they cannot be compared with truth, which is radial range."""
+        if self.run.depth_kind == "z":
+            raise SettingsError(
+                f"{self.run.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
+            )
 
     def file(self, map_file: Path, /) -> Path:
-        """Return the file with the truth of a map: in a folder the `truth.*` that lies there as the map does in its run.
+        """Return the file with the truth of a map. In a folder, it is the `truth.*` in the place that the map has in its run.
 
-        Where there is none in that place, the one in the nearest folder above counts.
+        If there is no such file in that place, it is the one in the nearest folder above.
 
         Raises:
-            CaptureError: there is none.
+            CaptureError: there is no such file.
         """
         if not is_folder(self.given):
             return self.given
@@ -131,7 +134,7 @@ class Truth:
             direct: its direct depth, (Y, X).
 
         Raises:
-            CadtofError: the truth cannot be read, or is of another size.
+            CadtofError: the truth cannot be read, or has another size.
         """
         file = self.file(map_file)
         known = self.run.cropped(self._read(file))
@@ -139,7 +142,7 @@ class Truth:
         return known
 
     def tell_of_captures(self, files: Sequence[Path], say: Callable[[str], None], /) -> None:
-        """Say so where one file is to hold for the maps of several captures."""
+        """Say so if one file is the truth of the maps of several captures."""
         captures = len(self.run.record.get("captures", [])) if self.run.record else 1
         if captures > 1 and len(files) > 1 and not is_folder(self.given):
             say(
@@ -149,14 +152,14 @@ class Truth:
 
 
 def require_same_pixels(run: Run, other: Run, /) -> None:
-    """Make sure that maps of one size, of two runs, show the same part of the recorded frames, as far as their records tell.
+    """Make sure that maps of the same size of two runs show the same part of the recorded frames, if both have a record.
 
     Raises:
-        SettingsError: they show other parts.
+        SettingsError: they show different parts.
     """
     if run.record is None or other.record is None:
         return
-    # without --roi they begin at the frame's corner, and as maps of one size they end there too
+    # maps without --roi begin at 0,0; where maps of the same size begin at the same pixel, they also end at the same
     first, second = (tuple(one.roi) if one.roi else (0, 0) for one in (run, other))
     if first[: len(second)] != second[: len(first)]:
         parts = [",".join(map(str, one.roi)) if one.roi else "of whole frames" for one in (run, other)]
@@ -166,10 +169,10 @@ def require_same_pixels(run: Run, other: Run, /) -> None:
 
 
 def require_same_size(plane: NDArray[Any], expected: tuple[int, ...], path: Path, other: Path, /) -> None:
-    """Make sure that a plane read from `path` has the size, (Y, X), of the one in another file.
+    """Make sure that a plane read from `path` has the expected size, (Y, X), of the plane in the file `other`.
 
     Raises:
-        CaptureError: it has another.
+        CaptureError: it has another size.
     """
     if plane.shape != expected:
         raise CaptureError(

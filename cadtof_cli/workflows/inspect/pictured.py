@@ -1,4 +1,4 @@
-"""What `cadtof preview` can draw: maps, truth and any named layers, recorded frames, each with its layers by name."""
+"""What `cadtof preview` can draw: maps, truth, other files of named layers, and recorded frames, as layers by name."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ LIGHT = "H1.amplitude"
 
 @dataclass(frozen=True)
 class Pictured:
-    """A frame that can be drawn: its name, how it is read, its leading layer, and the map file where it is one."""
+    """A frame that can be drawn: its name, the function that reads it, its leading layer, and for a map its run and file."""
 
     name: str
     read: Callable[[], Shown]
@@ -41,7 +41,7 @@ class Pictured:
 
 
 def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
-    """Yield what can be drawn of folders of maps, map files, truth, captures and recorded frames.
+    """Yield every frame that can be drawn from folders of maps, map files, truth, captures and recorded frames.
 
     Raises:
         CadtofError: an input does not exist, or holds nothing that can be drawn.
@@ -59,7 +59,7 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
 
 
 def _holds_maps(path: Path) -> bool:
-    """Return whether a folder or file is one of maps or named layers, not of recorded frames; a missing path counts as maps."""
+    """Return whether a folder or file holds maps or other named layers, not recorded frames. A missing path counts as maps."""
     if path.is_dir():
         if (path / RUN_FILE).exists():
             return True
@@ -81,7 +81,7 @@ def _read_map(run: Run, file: Path) -> Shown:
 
 
 def _read_frame(capture: Capture, source: FrameSource) -> Shown:
-    """Read a recorded frame: volts, or what is stored where nothing says how many volts that is; amplitudes and phases."""
+    """Read a recorded frame: volts, amplitudes and phases; only stored values if nothing says how many volts they are."""
     with open_frames(source, capture.layout) as frames:
         stored = frames.read(source.index or 0)
     metadata = capture.source.metadata

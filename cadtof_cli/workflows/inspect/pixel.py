@@ -1,4 +1,4 @@
-"""`cadtof inspect`: everything about one pixel of a recorded frame, by the way that `cadtof resolve` goes."""
+"""`cadtof inspect`: everything about one pixel of a recorded frame, resolved as `cadtof resolve` does it."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -29,12 +29,12 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import read_run
 
 NEIGHBOURS = 2
-"""Pixels to each side whose depths are shown."""
+"""How many neighbours to each side are shown with their depths."""
 
 
 @dataclass(frozen=True)
 class InspectedPixel:
-    """Everything about a pixel: `document` has the keys of `--json`, and None for NaN; `evidence` is what a diagram shows."""
+    """Everything about a pixel. `document` has the keys of `--json`, with None for NaN; `evidence` is for the diagram."""
 
     document: dict[str, Any]
     evidence: PixelEvidence
@@ -55,10 +55,10 @@ def inspect_pixel(
     Args:
         frame: a frame, a stack of them, or a capture folder.
         pixel: column x and row y, from 0.
-        place: which of the maps that a run on `frame` would write, from 0.
-        settings: those of the run.
+        place: number, from 0, of the map among those that a run on `frame` would write.
+        settings: settings of the run.
         overrides: values by dotted key that replace those of `capture.toml`.
-        progress: told what is taken for granted.
+        progress: told what is assumed.
 
     Raises:
         CadtofError: the frame cannot be read or resolved, or has no such pixel.
@@ -68,7 +68,7 @@ def inspect_pixel(
     try:
         stored, recording = read_frame(task)
     except NotAFrameError as error:
-        raise _of_maps(error, task.sources[0].paths[0]) from error
+        raise _with_recorded_frame(error, task.sources[0].paths[0]) from error
     for note in notes:
         progress.say(note)
     if recording.left_out:
@@ -105,7 +105,7 @@ def inspect_pixel(
 def _task(
     frame: Path, place: int, settings: ResolveSettings, overrides: Mapping[str, Any]
 ) -> tuple[FrameTask, tuple[str, ...]]:
-    """Return the task that a run would have for a map, and notes on what it takes for granted."""
+    """Return the task that a run would have for a map, and notes on what it assumes."""
     captures = find_captures(
         [frame], overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
     )
@@ -121,8 +121,8 @@ def _task(
     raise SettingsError(f"--frame: found {place}, expected 0 … {maps - 1} of what a run on {frame} would write")
 
 
-def _of_maps(error: NotAFrameError, file: Path) -> NotAFrameError:
-    """Return an error that says what to inspect, where the file holds maps of a run that tells the recorded frame."""
+def _with_recorded_frame(error: NotAFrameError, file: Path) -> NotAFrameError:
+    """Return an error that names the recorded frame to inspect, if the record of the map's run tells it; else the error."""
     try:
         run = read_run(file)
         capture, recorded = run.recorded_frames(NO_PROGRESS.say)[run.name(file)]
@@ -151,7 +151,7 @@ def _noise(evidence: PixelEvidence, plan: FramePlan) -> dict[str, Any]:
 
 
 def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:
-    """Return the order test's numbers, and what came of them in words."""
+    """Return the numbers of the order test, and its verdict in words."""
     if test is None:
         return None
     if status & StatusBit.DIFFUSE_MPI:
@@ -163,7 +163,7 @@ def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:
     elif test.worth_another:
         verdict = "one path does not explain the phasors, and a second one reduces the error of the direct path"
     elif status & (StatusBit.TWO_PATHS | StatusBit.MORE_PATHS):
-        # solvers leave one path out where it is certain not to do
+        # a solver leaves one path out if its χ² is certainly above the limit
         verdict = "one path is far from explaining the phasors: a second one is taken, whatever noise it adds"
     else:
         verdict = (
@@ -175,7 +175,7 @@ def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:
 def _diffuse(
     choice: DiffuseChoice | None, evidence: PixelEvidence, plan: FramePlan, status: int
 ) -> dict[str, Any] | None:
-    """Return the frame's model of its MPI and why, and the tail at the pixel: H₁, what is recorded over what is direct."""
+    """Return the model of the frame's MPI with its reasons, and the tail at the pixel: H₁, recorded over direct light."""
     if choice is None:
         return None
     answered, paths = bool(status & StatusBit.DIFFUSE_MPI), evidence.resolved.paths
@@ -193,7 +193,7 @@ def _diffuse(
 
 
 def _neighbours(maps: DepthMaps, x: int, y: int) -> list[list[float]]:
-    """Return the direct depths around the pixel, rows from the top; NaN beyond the frame's edge too."""
+    """Return the direct depths around the pixel, rows from the top; NaN: no answer, or beyond the edge of the frame."""
     around = np.pad(maps.layer(DIRECT_DEPTH), NEIGHBOURS, constant_values=np.nan)
     side = 2 * NEIGHBOURS + 1
     values: list[list[float]] = around[y : y + side, x : x + side].tolist()

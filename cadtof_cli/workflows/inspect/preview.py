@@ -41,17 +41,17 @@ from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 from cadtof_cli.workflows.progress import Progress
 
 _FILM_PIXELS = 640
-"""A map in a film is magnified to so many pixels at most."""
+"""Most pixels along the longer side of a map that is magnified in a film."""
 
 _VALUES_A_FRAME = 4096
-"""Values of each frame that the scale of many is found by."""
+"""How many values of each frame are used to find the scale of many frames."""
 
 
 def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, progress: Progress) -> None:
     """Draw maps, truth, recorded frames or a calibration into the picture or film `out`.
 
-    One frame gets a figure, or one layer of it at full resolution; several get a sheet of thumbnails, or, where `out` is a GIF
-    or MP4, a film.
+    One frame becomes a figure, or one of its layers is drawn at full resolution. Several frames become a sheet of thumbnails,
+    or a film if `out` is a GIF or MP4.
 
     Raises:
         CadtofError: an input cannot be read or drawn, or the file cannot be written.
@@ -92,7 +92,7 @@ def _draw_calibration(folder: Path, out: Path, settings: PreviewSettings) -> Non
 
 
 def _figure(one: Pictured, out: Path, settings: PreviewSettings, progress: Progress) -> None:
-    """Draw one frame: one of its layers, or all of it."""
+    """Draw one frame: one of its layers, or all of them."""
     shown = one.read()
     if settings.layer is not None or settings.limits is not None or settings.colours is not None:
         name = _layer_name(one, shown, settings)
@@ -114,7 +114,7 @@ def _figure(one: Pictured, out: Path, settings: PreviewSettings, progress: Progr
 
 
 def _layer_name(one: Pictured, shown: Shown, settings: PreviewSettings) -> str:
-    """Return the layer that is drawn where only one is: the chosen one, or the first of the leading ones that the frame has."""
+    """Return the name of the layer to draw if only one is drawn: the chosen one, else the leading one, else the first."""
     name = settings.layer or (one.layer if one.layer in shown.layers else next(iter(shown.layers)))
     require(name in shown.layers, "--layer", repr(name), f"one of {', '.join(shown.layers)}: {shown.title}")
     return name
@@ -122,7 +122,7 @@ def _layer_name(one: Pictured, shown: Shown, settings: PreviewSettings) -> str:
 
 @dataclass
 class _Scale:
-    """What all frames of one picture share; each is read once to find it."""
+    """The scale that all frames of one picture share. Each frame is read once to find it."""
 
     layer: str
     limits: tuple[float, float]
@@ -132,7 +132,7 @@ class _Scale:
 
 
 def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress: Progress) -> _Scale:
-    """Return the scale that suits all frames; those that cannot be read are left out, with a note."""
+    """Return the scale that suits all frames. Frames that cannot be read are left out, with a note."""
     values: list[NDArray[np.floating]] = []
     kinds: set[PixelClass] = set()
     layer, shape = "", (0, 0)
@@ -142,7 +142,7 @@ def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress
             shown = one.read()
             name = _layer_name(one, shown, settings)
         except CadtofError as error:
-            # a layer that the first frame lacks is no layer of the others
+            # if the first frame lacks the layer, the others lack it too
             if isinstance(error, SettingsError) and not values:
                 raise
             progress.say(f"left out: {error}")
@@ -162,7 +162,7 @@ def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress
 def _blocks(
     found: Sequence[Pictured], scale: _Scale, settings: PreviewSettings, progress: Progress
 ) -> Iterator[tuple[str, Block | None]]:
-    """Yield each frame's name and its layer on the scale of all; None where it cannot be drawn."""
+    """Yield each frame's name, and its layer on the common scale; None: it cannot be drawn."""
     for one in found:
         progress.advance()
         block = None

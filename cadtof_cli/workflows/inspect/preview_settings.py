@@ -1,4 +1,4 @@
-"""What a user can choose about a picture. Options are made from it, so nothing heavy is imported here."""
+"""What a user can choose about a picture. The options are made from this record, so nothing heavy is imported here."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.records import setting
 
 ColourScale = Literal["viridis", "plasma", "magma", "inferno", "RdBu_r", "twilight"]
-"""Perceptually uniform, also for the colour-blind; the last two for values around 0 and for angles."""
+"""Colour maps, perceptually uniform, also for the colour-blind. The last two are for values around 0 and for angles."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,5 +49,5 @@ class PreviewSettings:
 
     @property
     def of_layers(self) -> bool:
-        """Whether something is chosen that only layers have."""
+        """Whether an option is given that holds for layers only."""
         return any(one is not None for one in (self.layer, self.limits, self.colours, self.truth))

@@ -27,7 +27,7 @@ TABLE = ".csv"
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileSettings:
-    """What a user can choose; one of row, column and line."""
+    """What a user can choose about a profile. Exactly one of row, column and line is given."""
 
     row: int | None = setting(None, "Along this row of pixels; 0 is the top.", metavar="Y")
     column: int | None = setting(None, "Along this column; 0 is the left.", metavar="X")
@@ -85,13 +85,13 @@ def read_profile(
 
     Args:
         maps: folders of runs, and map files, of the same size.
-        settings: which line, and what of it.
-        truth: file with the same layer; None where there is none.
+        settings: the line, and what is shown along it.
+        truth: file with the same layer; None: there is none.
         progress: told of what is left out.
 
     Raises:
-        CadtofError: maps or truth cannot be read, lack the layer or differ in size; some are range and some planar; or they
-            show other pixels.
+        CadtofError: maps or truth cannot be read, lack the layer or differ in size; some maps hold range and some planar depth;
+            or they show different parts of the recorded frames.
     """
     runs = [read_run(path) for path in maps]
     if len({run.depth_kind for run in runs}) > 1:
@@ -118,7 +118,7 @@ def read_profile(
         found.append(Curve(name, along, *beside))
     rows, columns = settings.pixels(size[0], size[1])
     known = None if truth is None else _truth(truth, runs[0], files[0], settings, size)[rows, columns]
-    # a folder of one map is named in the legend
+    # the legend names the folder, which is enough if it holds only one map
     of_frame = f" of {runs[0].name(files[0])}" if len(runs[0].files) > 1 else ""
     axis = "row" if settings.column is not None else "along the line" if settings.row is None else "column"
     return Profile(
@@ -142,7 +142,7 @@ def _chosen(run: Run, settings: ProfileSettings) -> Path:
 
 
 def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
-    """Return the names of the curves: those of the folders, and of the maps too where folders' names are the same."""
+    """Return different names for the curves: those of the folders, else folders with maps, else numbers with files."""
     for names in (
         [run.folder.absolute().name for run in runs],
         [f"{run.folder.absolute().name}/{run.name(file)}" for run, file in zip(runs, files, strict=True)],
@@ -153,7 +153,7 @@ def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
 
 
 def _truth(truth: Path, run: Run, file: Path, settings: ProfileSettings, size: tuple[int, ...]) -> Float:
-    """Return the true depth, (Y, X), of the kind that the maps hold: range, or planar depth."""
+    """Return the truth of the layer, (Y, X). Depths are of the kind that the maps hold: radial range, or planar depth."""
     whole = layer_of(read_layers(truth), settings.layer, truth).astype(np.float64)
     if run.depth_kind == "z" and settings.layer.endswith(".depth"):
         whole = whole * planar_per_range(run.optics(file), (whole.shape[0], whole.shape[1]))
@@ -163,7 +163,7 @@ def _truth(truth: Path, run: Run, file: Path, settings: ProfileSettings, size: t
 
 
 def profile_table(profile: Profile, /) -> str:
-    """Return the profile as CSV: a line for each pixel, nothing between the commas where there is no value."""
+    """Return the profile as CSV: a line for each pixel. Between two commas there is nothing if there is no value."""
     columns: dict[str, NDArray[np.number]] = {"x": profile.columns, "y": profile.rows}
     if profile.truth is not None:
         columns["truth"] = profile.truth
@@ -175,10 +175,10 @@ def profile_table(profile: Profile, /) -> str:
 
 
 def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
-    """Write the profile as a table or a picture, by how the file's name ends.
+    """Write the profile as a table or a picture, as the suffix of `out` says.
 
     Raises:
-        OutputError: it ends otherwise, is there already, or cannot be written.
+        OutputError: the suffix is another one, the file is there already, or it cannot be written.
     """
     if out.suffix.lower() == TABLE:
         require_new(out, overwrite=overwrite)

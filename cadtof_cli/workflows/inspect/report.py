@@ -34,7 +34,7 @@ _PER_FRAME = 1_500
 
 @dataclass(frozen=True, kw_only=True)
 class ReportSettings(GivenOptics):
-    """What a user can choose, besides the optics."""
+    """What a user can choose about a page, besides the optics."""
 
     truth: Path | None = setting(
         None,
@@ -60,10 +60,10 @@ class ReportSettings(GivenOptics):
 def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress: Progress) -> None:
     """Write the page of a run's folder, or of one of its maps.
 
-    A map that cannot be read is told on the page, and does not keep the others from it.
+    If a map cannot be read, the page says so and shows the other maps.
 
     Raises:
-        CadtofError: there is neither a map that can be read nor a record, the truth cannot be read or is of another size, or the
+        CadtofError: there is neither a map that can be read nor a record, the truth cannot be read or has another size, or the
             page cannot be written.
     """
     if out.suffix.lower() not in SUFFIXES:
@@ -93,7 +93,7 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
 
 @dataclass(frozen=True)
 class _Frame:
-    """A frame of a run: its map, and what is true of it, where that is known."""
+    """A frame of a run: the planes of its map and, if it is known, the truth."""
 
     file: Path
     planes: Planes
@@ -103,7 +103,7 @@ class _Frame:
 
 @dataclass(frozen=True)
 class _Reader:
-    """How the planes of a frame are read: its maps, and beside them the depth of the first phasor."""
+    """Reads the frames of a run: the layers of their maps, the depth of the first phasor, and the truth."""
 
     run: Run
     settings: ReportSettings
@@ -111,13 +111,13 @@ class _Reader:
     recorded: FirstPhasors
 
     def frame(self, file: Path, planes: Planes, /) -> _Frame:
-        """Return the frame of a map with what is true of it; raises CadtofError where the truth does not fit."""
+        """Return the frame of a map with its truth; raises CadtofError if the truth does not fit."""
         if self.truth is None:
             return _Frame(file, planes, None, None)
         return _Frame(file, planes, self.truth.file(file), self.truth.depth(file, planes[DIRECT_DEPTH]))
 
     def planes(self, file: Path, /) -> Planes:
-        """Return a map's layers, and the first phasor's depth where the recorded frame is there and can be compared."""
+        """Return a map's layers, and the first phasor's depth if the recorded frame is there and can be compared."""
         layers = {name: plane for name, plane in read_layers(file).items() if plane.ndim == 2}
         first = self.recorded.depth(file, layer_of(layers, DIRECT_DEPTH, file))
         status = {STATUS: layers.pop(STATUS)} if STATUS in layers else {}
@@ -126,7 +126,7 @@ class _Reader:
 
 @dataclass
 class _Gathered:
-    """What the page needs of all maps of a run; truths by their file and step."""
+    """What the page needs of all maps of a run. `truths` holds each truth by its file and step."""
 
     shown: list[ShownFrame] = field(default_factory=list)
     truths: dict[tuple[Path, int], EmbeddedFrame] = field(default_factory=dict)
@@ -136,7 +136,7 @@ class _Gathered:
     against_truth: EvaluationTally = field(default_factory=EvaluationTally)
 
     def errors(self) -> Mapping[str, DepthErrors]:
-        """Return the errors against truth by what they are of; the first phasor's only where every map has one."""
+        """Return the errors against truth of the direct path, and of the first phasor if every map has one, by these names."""
         found = self.against_truth.summary()
         errors = {"first phasor": found.first_phasor, "direct path": found.direct} if found.frames else {}
         return {name: one for name, one in errors.items() if one is not None}
@@ -154,7 +154,7 @@ class _Gathered:
                 self.limits.add(layer, plane)
 
     def _add_truth(self, frame: _Frame, step: int) -> int | None:
-        """Add what is true of a frame; return its place among the truths, which frames of a capture share."""
+        """Add the truth of a frame; return its place among the truths, because frames of a capture share one."""
         planes, truth_m = frame.planes, frame.truth_m
         if frame.truth_file is None or truth_m is None:
             return None
@@ -178,7 +178,7 @@ def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
     room = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS - _PER_FRAME * len(files)
     planes = [one.planes for one in samples]
     if len({one.truth_file for one in samples}) > 1:
-        # only truths that differ take room for each frame
+        # the frames share one truth, unless there are several: then each frame needs room for its own
         planes = [one.planes if one.truth_m is None else {**one.planes, TRUTH: one.truth_m} for one in samples]
     shares = planned_shares(planes, len(files), limit_bytes=max(room, 0.0), whole=reader.settings.full_frames)
     del samples, planes
@@ -189,7 +189,7 @@ def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
 
 
 def _read(reader: _Reader, files: Sequence[Path], gathered: _Gathered) -> Iterator[_Frame]:
-    """Yield the frames whose maps can be read; of the others the reason is kept."""
+    """Yield the frames with maps that can be read; for the others, keep the reason in `gathered`."""
     for file in files:
         try:
             planes = reader.planes(file)

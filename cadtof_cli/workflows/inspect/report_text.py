@@ -20,7 +20,7 @@ _PIXELS = {
     "diffuse": "diffuse MPI",
     "invalid": "no answer",
 }
-"""What pixels are counted by in a frame's line, in words."""
+"""The counts of pixels in a frame's line, in words."""
 
 
 def page_text(
@@ -35,11 +35,11 @@ def page_text(
     """Return the texts on the page of a run.
 
     Args:
-        run: whose page it is.
-        maps: small maps of the depths of those that the page shows, in the order of the viewer.
-        depth_limits_m: least and largest depth of the colours of their thumbnails.
-        problems: why the others cannot be read.
-        errors: against truth, by what they are of.
+        run: the run.
+        maps: a small map of depths for each map that the page shows, in the order of the viewer.
+        depth_limits_m: least and largest depth in the colours of the thumbnails.
+        problems: why the other maps cannot be read.
+        errors: errors against truth, by what has them: the direct path, the first phasor.
     """
     reports: Sequence[FrameReport] = run.reports()
     if run.maps.is_file():
@@ -73,7 +73,7 @@ def page_text(
 def _lines(
     run: Run, reports: Sequence[FrameReport], shown: Mapping[Path, FrameLine], problems: Mapping[Path, str]
 ) -> Iterator[FrameLine]:
-    """Yield a line for each frame of the record in its order, then those of maps that the record does not name."""
+    """Yield a line for each frame of the record in its order, then a line for each map that the record does not name."""
     recorded = [(report, run.map_of(report)) for report in reports]
     named = {file for _, file in recorded}
     for report, file in (*recorded, *((None, file) for file in run.files if file not in named)):
@@ -135,7 +135,7 @@ def _settings(record: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[s
     for number, capture in enumerate(record.get("captures", []), start=1):
         origins = _table(capture, "origins")
         known = {"root": capture.get("root"), "files": capture.get("files")} | _flat(_table(capture, "metadata"))
-        # keys that nobody has set say nothing
+        # a key without a value tells nothing
         rows = [(name, _plain(value), str(origins.get(name, ""))) for name, value in known.items() if value is not None]
         yield f"Capture {number}: {capture.get('root')}", rows
     calibration = _table(record, "calibration")
@@ -144,13 +144,13 @@ def _settings(record: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[s
 
 
 def _table(record: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Return a table of the record; an empty one where it holds something else, for it may come from anywhere."""
+    """Return a table of the record. If there is something else in its place, return an empty one: it may come from anywhere."""
     found = record.get(name)
     return found if isinstance(found, Mapping) else {}
 
 
 def _flat(tables: Mapping[str, Any], /, *, above: str = "") -> dict[str, Any]:
-    """Return tables within tables as one, by dotted names."""
+    """Return tables within tables as one table with dotted names."""
     found: dict[str, Any] = {}
     for name, value in tables.items():
         found |= (

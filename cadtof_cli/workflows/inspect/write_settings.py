@@ -1,4 +1,4 @@
-"""A `capture.toml` to be completed by hand: what is known of a capture, and what its files suggest."""
+"""A `capture.toml` to be completed by hand, with the values that are known of a capture and those that its files suggest."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -28,13 +28,13 @@ _EXAMPLES: Mapping[str, Any] = {
     "layout.raw_shape": (2, 2, 240, 320),
     "layout.raw_offset_bytes": 0,
 }
-"""What a key without a value may look like."""
+"""Examples of values for keys that have none."""
 
 _BITS = (8, 10, 12, 14, 16)
 
 
 def write_settings(facts: CaptureFacts, /, *, out: Path | None, overwrite: bool) -> Path:
-    """Write a commented `capture.toml` of what is known and seen, and return its path.
+    """Write a commented `capture.toml` with the values that are known or suggested by the files, and return its path.
 
     Args:
         facts: what the capture holds.
@@ -42,7 +42,7 @@ def write_settings(facts: CaptureFacts, /, *, out: Path | None, overwrite: bool)
         overwrite: whether a file there may be replaced.
 
     Raises:
-        OutputError: there is one, or it cannot be written.
+        OutputError: there is such a file and `overwrite` is not set, or it cannot be written.
     """
     path = out or Path(facts.root) / FILE_NAME
     require_new(path, overwrite=overwrite)
@@ -64,13 +64,13 @@ def _lines(facts: CaptureFacts) -> Iterator[str]:
 
 
 def _place(key: Key) -> tuple[str, str]:
-    """Return the table of a key and its name there; what raw dumps hold has a table of its own."""
+    """Return the table of a key and its name there. The keys of raw dumps have a table of their own."""
     name = key.name.removeprefix("raw_")
     return (key.table, name) if name == key.name else (f"{key.table}.raw", name)
 
 
 def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> str:
-    """Return the line of a key, in one piece that can be commented out, as it is where its value is only a guess."""
+    """Return a key and its value in a single line, which is commented out if the value is only a guess."""
     sure, why = True, ""
     if origin == DEFAULT_ORIGIN and seen is not None:
         sure, value, why = key.table == "layout", seen[0], f"; {seen[1]}"
@@ -84,7 +84,7 @@ def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> st
 
 
 def _seen(facts: CaptureFacts) -> dict[str, tuple[Any, str]]:
-    """Return values by dotted key that the files suggest, each with the reason."""
+    """Return the values that the files suggest, by dotted key, each with the reason."""
     seen: dict[str, tuple[Any, str]] = {}
     if facts.integration_length_seen is not None:
         length = float(f"{facts.integration_length_seen:.2g}")

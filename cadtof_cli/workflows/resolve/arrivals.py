@@ -1,4 +1,4 @@
-"""Frames whose paths arrive while a run goes on, such as from a program that watches the folder of a camera."""
+"""Frames whose paths arrive during a run, such as from a program that watches the folder of a camera."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,17 +18,17 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 @dataclass
 class Arrivals:
-    """The captures of a run whose frames are not all known beforehand.
+    """The captures of a run that does not know all of its frames beforehand.
 
     Attributes:
-        settings: of the run.
-        overrides: metadata by dotted key that goes before any `capture.toml`.
-        calibration: what is applied.
+        settings: settings of the run.
+        overrides: metadata by dotted key, which replace those of any `capture.toml`.
+        calibration: the calibration that is applied; None: none.
         base: folder whose tree OUT mirrors.
-        on_failure: told of what cannot be resolved; the run goes on.
-        waiting: files of frames that are not there as a whole.
-        known: captures that have been met, by their folder.
-        sources: what each map is made from, by its name.
+        on_failure: called with a report on inputs that cannot be resolved; the run continues.
+        waiting: files of frames that wait for more files.
+        known: plans of the captures that have come so far, by the folder of the capture.
+        sources: first recorded file of each map, by the name of the map.
     """
 
     settings: ResolveSettings
@@ -41,17 +41,17 @@ class Arrivals:
     sources: dict[str, Path] = field(default_factory=dict)
 
     def meet(self, plans: Iterable[CapturePlan], /) -> None:
-        """Remember captures and what their frames are called."""
+        """Remember captures and the names of their frames."""
         for one in plans:
             self.known.setdefault(one.capture.root, one)
             self.sources.update((frame.name, frame.paths[0]) for frame in one.capture.frames)
 
     def plans(self, batches: Iterable[tuple[Path, ...]], /) -> Iterator[list[CapturePlan]]:
-        """Yield what to do with each batch of paths; a frame of several files waits for all of them."""
+        """Yield the plans for each batch of paths. A frame of several files waits for all of its files."""
         for paths in batches:
             yield self._planned(paths)
         while self.waiting:
-            # nothing more will come: each fails or not, by what is there
+            # no more files will come: each frame is tried with the files that are there
             self.waiting, left = [], self.waiting
             yield self._planned(left, last=True)
 
@@ -78,16 +78,12 @@ class Arrivals:
         return found
 
     def _known(self, captures: Sequence[Capture]) -> list[CapturePlan]:
-        """Return the plans of captures, those met before as they were made then."""
+        """Return the plans of captures; a capture that has come before keeps its plan."""
         new = plan_captures([one for one in captures if one.root not in self.known], self.settings, self.calibration)
         plans = [
-            replace(
-                self.known[one.root],
-                capture=replace(self.known[one.root].capture, frames=one.frames),
-                stack_frame_bytes=None,
-            )
+            replace(known, capture=replace(known.capture, frames=one.frames), stack_frame_bytes=None)
             for one in captures
-            if one.root in self.known
+            if (known := self.known.get(one.root))
         ] + new
         for frame in (frame for one in plans for frame in one.capture.frames):
             other = self.sources.get(frame.name, frame.paths[0])
@@ -102,7 +98,7 @@ class Arrivals:
 def recorded_arrivals(
     batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any], out: Path
 ) -> Iterator[tuple[Path, ...]]:
-    """Yield the batches of paths, each added to the inputs that `run.json` will name."""
+    """Yield the batches of paths, after adding each batch to the inputs that `run.json` will name."""
     for paths in batches:
         document["arguments"]["inputs"] += map(str, paths)
         document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
@@ -114,10 +110,10 @@ def recorded_arrivals(
 def without_incomplete_frames(
     captures: Sequence[Capture], paths: Iterable[Path], settings: ResolveSettings, /
 ) -> tuple[tuple[Capture, ...], list[Path]]:
-    """Return captures without the frames that have to wait, and the files that do.
+    """Return captures without the frames that have to wait, and the files of the frames that wait.
 
-    A frame of several files waits until all of them are named, and frames that are averaged until there are enough. Captures
-    that were named as folders are whole.
+    A frame of several files waits until all of them are named. Frames that are averaged wait until there are enough of them.
+    A capture that was named as a folder is complete.
     """
     given, waiting, whole = set(map(absolute, paths)), [], []
     for capture in captures:
@@ -133,7 +129,7 @@ def without_incomplete_frames(
 
 
 def _by_folder(paths: Iterable[Path]) -> dict[Path, list[Path]]:
-    """Return paths by the folder that they lie in; a folder by itself."""
+    """Return paths by the folder that they lie in; a path that is a folder counts as lying in itself."""
     folders: dict[Path, list[Path]] = {}
     for path in dict.fromkeys(paths):
         folders.setdefault(path if is_folder(path) else path.parent, []).append(path)

@@ -33,15 +33,15 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 
 MOST_READS = 3
-"""How often a frame is read whose files change meanwhile."""
+"""How many times a frame is read when its files keep changing while they are read."""
 
 
 @dataclass(frozen=True)
 class FrameTask:
-    """A frame to resolve, or several whose mean is.
+    """A frame to be resolved, or several frames whose mean is to be resolved.
 
-    `pixels` is the (Y, X) that the capture's frames have; `resume` whether maps that are there may be kept, and `before` what an
-    earlier run recorded of them; `token` marks temporary files.
+    `pixels` is the size (Y, X) of the capture's frames; None: any size. `resume` says whether existing maps may be kept, and
+    `before` is the report of an earlier run on them. `token` marks temporary files.
     """
 
     sources: tuple[FrameSource, ...]
@@ -54,16 +54,16 @@ class FrameTask:
     token: str = ""
 
     def __reduce__(self) -> tuple[Callable[..., "FrameTask"], tuple[Any, ...]]:
-        """Return how another process makes this one: from texts, since each frame has paths, which take long to go there."""
+        """Return how another process makes this task again. Paths are sent as texts, because `Path` objects take long."""
         sources = tuple((one.name, tuple(map(str, one.paths)), one.index) for one in self.sources)
         others = (self.layout, self.plan, self.pixels, str(self.output), self.resume, self.before, self.token)
         return _task_of_texts, (sources, *others)
 
     def calibration(self) -> "Calibration | None":
-        """Return the calibration that the plan names, which each process reads once.
+        """Return the calibration that the plan names; each process reads it once. None: the plan names none.
 
         Raises:
-            MetadataError: it cannot be read, or has changed since the plan was made.
+            MetadataError: the calibration cannot be read, or has changed since the plan was made.
         """
         use = self.plan.calibration
         if use is None:
@@ -73,15 +73,13 @@ class FrameTask:
         return cached_calibration(use.folder, use.digest)
 
     def report(self, status: FrameStatus, reason: str | None, seconds: float, /, **more: Any) -> FrameReport:
-        """Return what has become of the frame."""
+        """Return the report on the frame."""
         output = str(self.output) if status == "ok" else None
         return FrameReport(str(self.sources[0]), output, status, reason, round(seconds, 6), **more)
 
     def files(self) -> tuple[SourceFile, ...] | None:
-        """Return the files that the frame lies in, as they are now; None where one of them is not there."""
-        paths = self.sources[0].paths
-        if len(self.sources) > 1:
-            paths = tuple(dict.fromkeys(path for source in self.sources for path in source.paths))
+        """Return the files that the frame lies in, as they are now; None: a file is missing."""
+        paths = dict.fromkeys(path for source in self.sources for path in source.paths)
         try:
             found = [(path.name, path.stat()) for path in paths]
         except (OSError, ValueError):
@@ -97,19 +95,19 @@ def _task_of_texts(
     output: str,
     *others: Any,
 ) -> FrameTask:
-    """Return the task that has travelled from another process."""
+    """Return the task that another process has sent as texts."""
     found = tuple(FrameSource(name, tuple(map(Path, paths)), index) for name, paths, index in sources)
     return FrameTask(found, layout, plan, pixels, Path(output), *others)
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What a frame, or the mean of several, was read from.
+    """How a frame, or the mean of several frames, was read.
 
     Attributes:
-        digest: of the stored values.
-        files: that they come from, as they were before.
-        left_out: which frames of a mean could not be read; None: all could.
+        digest: digest of the stored values.
+        files: files of the frame, as they were before they were read; None: a file was missing.
+        left_out: how many frames of a mean could not be read and why, in words; None: all were read.
     """
 
     digest: str
@@ -125,9 +123,9 @@ def content_digest(values: Stored, /) -> str:
 
 
 def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameReport]:
-    """Return work on a task that never raises: whatever is wrong with the frame becomes its report.
+    """Return a function that does the work on a task and never fails: every error becomes the report on the frame.
 
-    It is told when the work on the frame `began`, which is now where nobody says it.
+    The function hands on the time when the work on the frame `began`; if the caller does not give it, that is now.
     """
 
     @wraps(work)
@@ -141,19 +139,19 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
         except NotAFrameError as error:
             status, failed = "skipped", error
         except SettingsError as error:
-            # it is of what the settings do not fit, and knows no frame
+            # its message says what the settings do not fit, but not in which frame
             failed = SettingsError(f"{source}: {error}")
         except CadtofError as error:
             failed = error
         except MemoryError:
             failed = FrameError(f"{source}: not enough memory for a frame of this size: try fewer --jobs")
-        except Exception as error:  # noqa: BLE001  (one frame's surprise must not cost the others)
+        except Exception as error:  # noqa: BLE001  (an error that nobody expected must not stop the other frames)
             failed = FrameError(
                 f"{source}: unexpected {type(error).__name__}: {error}; please report it with the frame"
             )
         note = None
         if task.resume and isinstance(failed, FrameError) and task.output.is_file():
-            # they are of a frame that there is no longer
+            # the maps there are of an earlier content of the frame
             task.output.unlink()
             note = f"{task.output}: removed, as the frame that it was made from cannot be resolved any more"
         seconds = time.monotonic() - began
@@ -166,7 +164,7 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
 
 @reported
 def resolve_file(task: FrameTask, /, *, began: float) -> FrameReport | Later[FrameReport]:
-    """Read, resolve and write one frame; that its maps are on the disk is waited for later."""
+    """Read, resolve and write one frame. The steps that wait for the disk are left for later."""
     keep_freed_memory()
     if task.resume and (kept := kept_maps(task, began=began)):
         return kept
@@ -176,10 +174,10 @@ def resolve_file(task: FrameTask, /, *, began: float) -> FrameReport | Later[Fra
 
 
 def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *, began: float) -> Later[FrameReport]:
-    """Write a frame's maps; the report on it comes when they are kept.
+    """Prepare the file of a frame's maps. The report on the frame comes later, when the file is on the disk.
 
     Raises:
-        FrameError: no pixel has an answer; nothing is written then.
+        FrameError: no pixel has an answer; then nothing is written.
         OutputError: see `stage_maps`.
     """
     maps, counts = answered_maps(resolved, task.plan, source=task.sources[0])
@@ -201,11 +199,11 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         "output_digest": output_digest,
         "note": note,
     }
-    return Later(partial(_kept, task, file, "; ".join(reasons) or None, known, began=began))
+    return Later(partial(_committed, task, file, "; ".join(reasons) or None, known, began=began))
 
 
 @reported
-def _kept(
+def _committed(
     task: FrameTask,
     file: PartialFile,
     reason: str | None,
@@ -215,13 +213,13 @@ def _kept(
     *,
     began: float,
 ) -> FrameReport:
-    """Wait for a frame's maps to be on the disk; say when they are no longer held in memory."""
+    """Wait until a frame's maps are on the disk, and return the report. `let_go` is called when no memory holds the maps."""
     size = file.commit(let_go)
     return task.report("ok", reason, time.monotonic() - began, output_bytes=size, **known)
 
 
 def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object) -> tuple[DepthMaps, StatusCounts]:
-    """Return the maps of a frame, of the pixels that are asked for, and how these ended; messages name its source.
+    """Return the maps of a frame, cropped to the pixels of `--roi`, and their status counts. Messages name the `source`.
 
     Raises:
         FrameError: no pixel has an answer.
@@ -235,10 +233,10 @@ def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object
 
 
 def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
-    """Return the report on maps of an earlier run that are what they were, of a frame that is what it was; None: do it again.
+    """Return the report on the maps of an earlier run if neither maps nor frame have changed; None: resolve the frame.
 
-    A frame's values are read only where the size or the time of one of its files tells nothing: a time can be set back, but
-    not the time of that change.
+    The frame's values are read and compared only if its files may have changed: if a size or modification time differs, or if a
+    file was touched after the maps were written (ctime). A modification time can be set back, ctime cannot.
 
     Raises:
         FrameError: the frame cannot be read any more.
@@ -258,7 +256,7 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
 
 
 def _why_again(task: FrameTask) -> str | None:
-    """Return why maps that are there are made again; None where there are none, as after a frame that failed."""
+    """Return a note on why existing maps are made again; None: there are no maps, for example because the frame failed."""
     if task.before is None:
         told = "has no line in frames.jsonl, as where a run was stopped" if task.output.exists() else None
     elif _maps_changed(task.output, task.before):
@@ -281,12 +279,12 @@ def _touched_since(task: FrameTask) -> bool:
 
 
 def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
-    """Read a task's frame, or the mean of those of its frames that can be read, and what that was read from.
+    """Return a task's frame, or the mean of all its frames that can be read, and how it was read.
 
-    Files that change meanwhile are read again, so that no frame is half of what was there and half of what came.
+    Files that change while they are read are read again, so that no frame is half old and half new.
 
     Raises:
-        FrameError: none of them can be read, or has the size of most; or they change and change.
+        FrameError: no frame can be read, or none has the size of most frames of the capture; or the files keep changing.
     """
     frame: Stored | FrameMean
     source, before = task.sources[0], None
@@ -298,7 +296,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
             frame = read_stored(source, task.layout, size=task.pixels)
             require_plausible(frame, task.plan.metadata, of=source)
             recording = Recording(content_digest(frame), files)
-        # a stack that grows has the same frames all the same
+        # the file of a stack that grows changes, but this frame of it does not
         if task.files() == files or recording.digest == before:
             return frame, recording
         before = recording.digest
@@ -306,7 +304,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
 
 
 def _read_mean(task: FrameTask, files: tuple[SourceFile, ...] | None) -> tuple[FrameMean, Recording]:
-    """Read the frames of a task that can be read; return their mean, and what that was read from."""
+    """Return the mean of a task's frames that can be read, and how it was read."""
     metadata = task.plan.metadata
     digests, errors = list[str](), list[FrameError]()
 

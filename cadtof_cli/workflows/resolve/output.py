@@ -1,7 +1,7 @@
-"""The folder that a run writes into: one run at a time holds it, nothing in it is lost, and an earlier run in it is the same."""
+"""The folder that a run writes into: only one run at a time may use it, no file in it gets lost, and a run can be resumed in it
+only with the same inputs and settings."""
 
 import contextlib
-import itertools
 import json
 import math
 import os
@@ -28,7 +28,7 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 LOCK_FILE = ".cadtof.lock"
 
 _HELD: set[tuple[int, int]] = set()
-"""Folders that this process holds: the system's locks are between processes."""
+"""Folders that this process has locked: the system's locks work between processes only."""
 
 _PLACE_IN_STACK = r"_\d{4,}$"
 
@@ -45,7 +45,7 @@ _CHANGES_NO_MAP = frozenset(
         "frames",
     }
 )
-"""Arguments that may differ when a run is resumed: what they lead to is compared, not how they were typed."""
+"""Arguments that may differ when a run is resumed. What they lead to is compared instead, such as the metadata of captures."""
 
 _INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
 
@@ -54,11 +54,11 @@ _INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
 def locked(folder: Path, /) -> Iterator[None]:
     """Lock a folder against other runs.
 
-    A file in it carries the lock and says whose it is. The lock is the process's own, so that neither its end, however
-    sudden, nor a worker that outlives it leaves the folder locked. Where the file system has no locks there is none.
+    A file in the folder carries the lock and names its owner. The lock belongs to this process alone: the folder is free when
+    the process ends, even if the process is killed or a worker outlives it. On a file system without locks nothing is locked.
 
     Raises:
-        OutputError: somebody else holds it, who is named; or the file cannot be made.
+        OutputError: another run holds the lock, and the message names its process; or the file cannot be made.
     """
     place = folder.stat()
     held = (place.st_dev, place.st_ino)
@@ -112,36 +112,36 @@ def _owner(descriptor: int) -> str:
 
 
 def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
-    """Make sure that every frame has a place for its maps.
+    """Make sure that every frame has an output file of its own.
 
     Raises:
-        OutputError: the output folder is a capture's own; or two frames would be written to one file.
+        OutputError: the output folder is the folder of a capture; or two frames would be written to one file.
     """
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
-    names = set[str]()
-    # the names in one capture differ
-    for name in (frame.name for one in captures for frame in one.frames) if len(captures) > 1 else ():
-        if name in names:
-            frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
-            first, second = (frame.paths[0] for frame in itertools.islice(frames, 2))
+    if len(captures) == 1:
+        # the names within a capture differ
+        return
+    named: dict[str, Path] = {}
+    for frame in (frame for capture in captures for frame in capture.frames):
+        if frame.name in named:
             raise OutputError(
-                f"{first} and {second} would both be written as {out}/{name}; "
+                f"{named[frame.name]} and {frame.paths[0]} would both be written as {out}/{frame.name}; "
                 "resolve them into folders of their own, one command each"
             )
-        names.add(name)
+        named[frame.name] = frame.paths[0]
 
 
 def continues_earlier_run(
     captures: Sequence[Capture], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
 ) -> bool:
-    """Return whether a run goes on with an earlier one in its folder, after making sure that it loses no files; changes nothing.
+    """Return whether a run continues an earlier run in its folder, after checking that no files get lost. Nothing is changed.
 
-    With inputs still `arriving`, only those that are there can be compared.
+    If inputs are still `arriving`, the inputs are not compared, and metadata only of the captures that both runs know.
 
     Raises:
-        OutputError: the folder holds files of a run, and neither `overwrite` nor `resume` is set; or the run to be resumed was
-            another one.
+        OutputError: the folder holds files of a run, and neither `overwrite` nor `resume` is set; or the run to be resumed had
+            other inputs or settings.
     """
     out = settings.out
     there = [] if settings.overwrite else _existing_outputs(out, captures)
@@ -160,19 +160,22 @@ def _existing_outputs(out: Path, captures: Sequence[Capture]) -> list[str]:
     names = frame_names(captures)
     folders = {out / folder for folder in {name.rpartition("/")[0] for name in names}} | {out}
     paths = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
-    there = sorted(path.relative_to(out).as_posix() for path in paths)
-    maps = {file: file.rpartition(".")[0] for file in there if file.rpartition(".")[2] in MAP_FORMATS}
-    replaced = {file for file, stem in maps.items() if names.intersection({stem, re.sub(_PLACE_IN_STACK, "", stem)})}
-    return [file for file in there if file in replaced or file in {RUN_FILE, FRAMES_FILE}]
+    replaced: list[str] = []
+    for file in sorted(path.relative_to(out).as_posix() for path in paths):
+        stem, _, suffix = file.rpartition(".")
+        is_map = suffix in MAP_FORMATS and not names.isdisjoint({stem, re.sub(_PLACE_IN_STACK, "", stem)})
+        if is_map or file in {RUN_FILE, FRAMES_FILE}:
+            replaced.append(file)
+    return replaced
 
 
 def remove_run(out: Path, /) -> None:
-    """Remove the maps of an earlier run and its `frames.jsonl`: what the next run does not make anew would be taken for its own.
+    """Remove the maps of an earlier run and its `frames.jsonl`. Maps that stayed would be taken for maps of the next run.
 
-    Only files in the folder that are as their lines say are removed; what nothing is recorded of stays.
+    A map is removed only if it lies in the folder and has the size that its line records. Files without a line stay.
 
     Raises:
-        OutputError: something cannot be removed.
+        OutputError: a file cannot be removed.
     """
     path, called = out / FRAMES_FILE, out
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -188,7 +191,7 @@ def remove_run(out: Path, /) -> None:
 
 
 def _remove_map(out: Path, place: Path, report: FrameReport) -> None:
-    """Remove the map that a line speaks of, if that is what lies there, and no link leads out of the folder."""
+    """Remove the map of a line if the file there is a map of the recorded size, and no link leads out of the folder."""
     with contextlib.suppress(FileNotFoundError, NotADirectoryError, ValueError):
         found = place.lstat()
         inside = Path(real_path(place.parent)).is_relative_to(real_path(out))
@@ -207,14 +210,14 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
     try:
         earlier = read_record(out)
         before = _what_decides_maps(earlier)
-        # lines of frames are found by it
+        # needed to find the lines of frames
         Path(earlier["arguments"]["out"])
         frames, frames_now = (_range_of_frames(one["arguments"].get("frames")) for one in (earlier, document))
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
-    # the lines of others would be lost, while their maps stay
+    # the lines of frames that are left out would be lost, while their maps would stay
     if frames_now[0] > frames[0] or frames_now[1] < frames[1]:
         raise OutputError(
             f"{path}: cannot resume: --frames leaves out some that the earlier run took; give the same or more, or --overwrite"
@@ -232,13 +235,13 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
 
 
 def _range_of_frames(chosen: Sequence[int | None] | None) -> tuple[float, float]:
-    """Return the first and the end of the frames that `--frames` takes; None: all."""
+    """Return where a range of `--frames` begins and ends; None: all frames."""
     first, end = chosen or (None, None)
     return float(first or 0), math.inf if end is None else float(end)
 
 
 def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all that decides the maps of a run, by names that a user knows: inputs, options, metadata, calibration."""
+    """Return everything that decides the maps of a run (inputs, options, metadata, calibration), by names that a user knows."""
     captures = document["captures"]
     deciding: dict[str, Any] = {"version of cadtof": document["cadtof"]}
     deciding[_FOLDERS] = [capture.get("resolved_root") for capture in captures]

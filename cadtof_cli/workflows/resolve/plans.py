@@ -1,5 +1,5 @@
-"""What a run does with each capture, the calibration that it applies, and what `run.json` says of both: planned before anything
-is written."""
+"""The plans of a run, made before anything is written: what is done with each capture, which calibration is applied, and what
+`run.json` says about both."""
 
 import itertools
 import os
@@ -36,7 +36,7 @@ _SLOW_RUN_S = 10.0
 
 @dataclass(frozen=True)
 class AppliedCalibration:
-    """What workers are handed, what `run.json` says, and notes for the user."""
+    """A calibration that a run applies: `use` is for the workers, `parts` for `run.json`, `notes` for the user."""
 
     use: CalibrationUse
     parts: Mapping[str, Mapping[str, Any]]
@@ -49,11 +49,11 @@ class CapturePlan:
 
     Attributes:
         capture: folder, metadata and frames.
-        plan: what decides its maps.
-        pixels: (Y, X) of most of the frames; None where no file can be opened.
-        stack_frame_bytes: bytes that a frame takes in a stack; None where files hold one each.
-        lossy_compression: what its files are compressed by, where that changes values.
-        doubts: what its values or planes are likely to be in place of what they are taken for.
+        plan: everything that decides its maps.
+        pixels: size (Y, X) of most frames; None if no file can be opened.
+        stack_frame_bytes: bytes per frame of a stack; None if each file holds one frame.
+        lossy_compression: name of the files' compression if it changes values; else None.
+        doubts: what is likely wrong with its values or planes, in words.
     """
 
     capture: Capture
@@ -64,11 +64,11 @@ class CapturePlan:
     doubts: tuple[str, ...] = ()
 
     def expected_maps(self, settings: ResolveSettings, /) -> int:
-        """Return how many maps there will be, as far as it can be told from one file and the sizes of the others."""
-        frames, of_one = len(self.capture.frames), self.stack_frame_bytes
-        if of_one is not None:
+        """Return the expected number of maps. In stacks, frames are estimated from one file and the sizes of all files."""
+        frames, frame_bytes = len(self.capture.frames), self.stack_frame_bytes
+        if frame_bytes is not None:
             sizes = (file_size(source.paths[0]) for source in self.capture.frames)
-            frames = sum(max(round(size / of_one), 1) for size in sizes)
+            frames = sum(max(round(size / frame_bytes), 1) for size in sizes)
         if settings.frames is not None:
             frames = len(range(*settings.frames.indices(frames)))
         return -(-frames // self.plan.settings.average)
@@ -82,12 +82,12 @@ class CapturePlan:
         before: Callable[[Path], FrameReport | None] = lambda _: None,
         token: str = "",
     ) -> Iterator[FrameTask]:
-        """Yield a task for each file of maps that is to be made, of a stack's frames one by one (see `single_frames`).
+        """Yield a task for each map file that is to be made. Each frame of a stack counts as a frame (see `single_frames`).
 
         Args:
-            settings: of the run.
-            taken: names that no frame of a stack may get.
-            before: returns what an earlier run recorded of the maps that lie at a place.
+            settings: settings of the run.
+            taken: returns the names that no frame of a stack may get.
+            before: returns the report of an earlier run on the maps at a path; None: there is none.
             token: marks temporary files.
         """
         chosen, layout = settings.frames or slice(None), self.capture.layout
@@ -99,21 +99,21 @@ class CapturePlan:
             yield FrameTask(sources, layout, self.plan, self.pixels, output, settings.resume, earlier, token)
 
     def load_map_files(self, settings: ResolveSettings, /) -> None:
-        """Load the module that writes the maps of most frames, before any is to be written."""
+        """Load the module that writes the maps of most frames, before there are maps to be written."""
         for source in self.capture.frames[:1]:
             layers = map_format(settings.map_format, source.paths[0]).layers
             assert layers is not None
             layers()
 
     def pooling_seconds(self) -> float:
-        """Return about how long the pooling of one frame takes."""
+        """Return about how many seconds the pooling of one frame takes."""
         from cadtof_cli.phasors.pooling import pooling_seconds
 
         noise = noise_model(self.plan.metadata, integration_length=1e5, quantised=False)
         return pooling_seconds(self.pixels or (0, 0), noise, window=self.plan.settings.pool)
 
     def notes(self) -> Iterator[str]:
-        """Yield notes on what is assumed about the capture."""
+        """Yield notes on what is assumed about the capture, and warnings of what is likely wrong with it."""
         source, root = self.capture.source, self.capture.root
         if source.file is not None and source.file.parent != root:
             yield f"{root}: settings of {source.file}"
@@ -137,12 +137,12 @@ class CapturePlan:
 def plan_captures(
     captures: Sequence[Capture], settings: ResolveSettings, calibration: AppliedCalibration | None, /
 ) -> list[CapturePlan]:
-    """Return what to do with each capture.
+    """Return a plan for each capture.
 
     Raises:
-        CaptureError: its files are planes, and nothing says which is which.
-        SettingsError: its settings do not allow it; or its values are integers and the volts per count are unknown.
-        FrameError: its values cannot be voltages.
+        CaptureError: the files of a capture are planes, and nothing says which plane is which.
+        SettingsError: the settings do not fit a capture; or its values are integers, and the volts per count are unknown.
+        FrameError: the values of a capture cannot be voltages.
     """
     use = calibration.use if calibration else None
     plans: list[CapturePlan] = []
@@ -156,23 +156,23 @@ def plan_captures(
                 raise CaptureError(hint)
             plans.append(CapturePlan(capture, plan, None))
             continue
-        of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
+        frame_bytes = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
-        # the planes of a calibrated camera are known to be read rightly
+        # the calibration of a camera shows that its planes are read in the right order
         doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
-        plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy, doubtful))
+        plans.append(CapturePlan(capture, plan, typical.pixels, frame_bytes, lossy, doubtful))
     return plans
 
 
 def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
-    """Return a frame whose stored values can be voltages: the typical one, or else the first, middle or last; None: none is read.
+    """Return a frame whose stored values can be voltages: the typical one, else the first, middle or last; None: none is read.
 
     Raises:
-        SettingsError: they are integers, and nothing says how many volts a count is.
-        FrameError: in none of them they can be voltages, so it is not the frame that is wrong.
+        SettingsError: the values are integers, and nothing says how many volts a count is.
+        FrameError: in all of these frames that are read, the values cannot be voltages: the capture is at fault, not one frame.
     """
     wrong: list[str] = []
     for source in dict.fromkeys((typical, *(capture.frames[place] for place in (0, len(capture.frames) // 2, -1)))):
@@ -199,7 +199,7 @@ def run_document(
     plans: Sequence[CapturePlan],
     calibration: AppliedCalibration | None,
 ) -> dict[str, Any]:
-    """Return what `run.json` says of a run that begins; its arguments have the names of the options."""
+    """Return the content of `run.json` when a run begins. The arguments in it have the names of the options."""
     maps, applied = settings.maps, None
     if calibration is not None:
         folder = calibration.use.folder
@@ -244,7 +244,7 @@ def run_document(
 
 
 def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -> None:
-    """Add captures, or their further files, to those that `run.json` names."""
+    """Add captures to the content of `run.json`; of a capture that is there already, only the number of files grows."""
     for one in plans:
         capture = one.capture
         known = next((entry for entry in document["captures"] if entry["root"] == str(capture.root)), None)
@@ -262,7 +262,7 @@ def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -
 
 
 def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:
-    """Yield a note on how long a run will take, where pooling makes it long: the progress bar shows nothing for a while."""
+    """Yield a note on how long a run will take, if pooling makes it so long that the progress bar shows nothing for a while."""
     pooling = sum(one.expected_maps(settings) * one.pooling_seconds() for one in plans)
     maps = sum(one.expected_maps(settings) for one in plans)
     seconds = pooling / max(min(settings.workers.jobs, maps), 1)
@@ -275,8 +275,8 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
     """Read a calibration folder and make sure that it belongs to the captures.
 
     Raises:
-        MetadataError: it cannot be read, or is damaged.
-        SettingsError: size of the array, periods or waveform differ from a capture's.
+        MetadataError: the calibration cannot be read, or is damaged.
+        SettingsError: its array size, periods or waveform differ from those of a capture.
     """
     from cadtof_cli.calibration.store import load_calibration
 

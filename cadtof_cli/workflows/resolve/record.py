@@ -1,6 +1,6 @@
-"""The record of a run: `run.json`, and `frames.jsonl` with a line per frame, written while the run goes on.
+"""The record of a run: `run.json`, and `frames.jsonl` with a line per frame. Both are written during the run.
 
-Whatever ends a run, what was finished is on disk, and another run can go on from there.
+However a run ends, the record of all finished frames is on the disk, and another run can continue from there.
 """
 
 import json
@@ -23,14 +23,14 @@ RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
 
 ALREADY_THERE = "exists already"
-"""How the reason ends of a frame that is skipped since its maps are there."""
+"""End of the reason of a frame that is skipped because its maps are there."""
 
 FrameStatus = Literal["ok", "failed", "skipped"]
 
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file that a frame was read from, as it was then."""
+    """A file that a frame was read from, with its size and modification time when it was read."""
 
     name: str
     bytes: int
@@ -39,22 +39,23 @@ class SourceFile:
 
 @dataclass(frozen=True)
 class FrameReport:
-    """A line of `frames.jsonl`; the fields are its keys, `more_paths` only where pixels may have more than two.
+    """The report on a frame: a line of `frames.jsonl`. All fields but the last three are keys of the line.
 
     Attributes:
-        source: where the frame lies.
-        output: its maps; None where there are none.
-        status: what has become of it.
-        reason: why, or what there is to know besides.
-        seconds: that it took.
-        one_path, two_paths, more_paths, diffuse, invalid: pixels.
-        files: that it was read from; None where one of them is missing.
-        digest: of the values that were read, see `content_digest`.
-        output_bytes: size of its maps' file.
-        output_digest: digest of that file's bytes.
-        line: the frame's line, where that is not this report: of maps that an earlier run made and this one kept.
-        note: what the user should know, and the record should not.
-        stops: whether the next frame could not be written either.
+        source: file of the frame, with the position in a stack.
+        output: file of its maps; None if there is none.
+        status: resolved (`ok`), failed or skipped.
+        reason: why it failed or was skipped, or a remark on how it was resolved.
+        seconds: time that it took.
+        one_path, two_paths, diffuse, invalid: number of pixels with this outcome.
+        more_paths: the same; a key only if pixels may have more than two paths.
+        files: files that it was read from; None if one of them is missing.
+        digest: digest of the values that were read, see `content_digest`.
+        output_bytes: size of the map file.
+        output_digest: digest of the bytes of the map file.
+        line: report that goes into `frames.jsonl` in place of this one: that of the earlier run whose maps are kept.
+        note: a message for the user that is not recorded.
+        stops: whether the run must stop, because the next maps could not be written either.
     """
 
     source: str
@@ -77,7 +78,7 @@ class FrameReport:
 
     @property
     def is_valid(self) -> bool:
-        """Whether the fields hold what they should: a line may come from anywhere."""
+        """Whether the fields hold values of the right kinds. A line may come from anywhere."""
         texts = (self.output, self.reason, self.digest, self.output_digest)
         counts = (self.one_path, self.two_paths, self.more_paths, self.diffuse, self.invalid, self.output_bytes)
         return (
@@ -91,7 +92,7 @@ class FrameReport:
 
     @property
     def is_already_there(self) -> bool:
-        """Whether an earlier run has made the maps."""
+        """Whether the frame was skipped because an earlier run has made its maps."""
         return self.status == "skipped" and str(self.reason).endswith(ALREADY_THERE)
 
     def as_json(self) -> dict[str, Any]:
@@ -107,7 +108,7 @@ _JSON_FIELDS = frozenset(one.name for one in fields(FrameReport)) - {"line", "no
 
 
 def report_of(line: bytes, /) -> FrameReport | None:
-    """Return the report that a line of `frames.jsonl` holds; None where it holds none."""
+    """Return the report that a line of `frames.jsonl` holds; None if it holds no valid report."""
     try:
         values = json.loads(line)
         files = values.get("files")
@@ -120,9 +121,10 @@ def report_of(line: bytes, /) -> FrameReport | None:
 
 @dataclass
 class RunTotals:
-    """What has become of the frames so far.
+    """Counts of frames and pixels by their outcome.
 
-    `diffuse_frames` are those whose MPI was taken for diffuse, `already_there` those that were skipped since their maps are.
+    `diffuse_frames` counts the frames whose MPI was taken for diffuse. `already_there` counts the frames that were skipped
+    because their maps were there.
     """
 
     frames: int = 0
@@ -150,10 +152,10 @@ class RunTotals:
 
 
 def read_record(folder: Path, /) -> dict[str, Any]:
-    """Return what the `run.json` of a folder holds.
+    """Return the content of the `run.json` of a folder.
 
     Raises:
-        OSError, ValueError, TypeError: there is none, or it is no JSON object.
+        OSError, ValueError, TypeError: there is no such file, or it is not a JSON object.
     """
     try:
         return dict(json.loads(read_text(folder / RUN_FILE, most_bytes=None)))
@@ -167,15 +169,15 @@ def read_record(folder: Path, /) -> dict[str, Any]:
 class RunRecorder:
     """Writes `run.json` and `frames.jsonl`.
 
-    A line is appended to `frames.jsonl` as soon as its frame is finished. A run that continues an earlier one appends too; at its
-    end the lines are sorted into the order of the frames, one for each, as if nothing had been interrupted.
+    A line is appended to `frames.jsonl` as soon as its frame is finished. A run that continues an earlier one appends too. When
+    such a run ends, the lines are put into the order of the frames, one line per frame, as if there had been no interruption.
 
     Attributes:
-        path: of `frames.jsonl`.
-        document: what `run.json` says.
-        lines: the file at `path`, open; not buffered, so that nothing is left to be written, and to fail, on closing.
+        path: path of `frames.jsonl`.
+        document: content of `run.json`.
+        lines: the open file at `path`. It is not buffered, so that closing it has nothing to write and cannot fail.
         resumed: whether the run continues an earlier one.
-        say: told of what the user should know.
+        say: called with messages for the user.
     """
 
     path: Path
@@ -188,15 +190,15 @@ class RunRecorder:
     _places: "array[int]" = field(default_factory=lambda: array("q"))
 
     def before(self, output: Path, /) -> FrameReport | None:
-        """Return what an earlier run recorded of a frame whose maps it wrote; None where it did not."""
+        """Return the report of an earlier run on the frame whose maps it wrote into `output`; None: there is none."""
         place = self._known_place(str(output))
         return None if place is None else report_of(self._line_at(place))
 
     def add(self, report: FrameReport, /) -> None:
-        """Append a frame's line; a frame whose maps were kept has it already, if nothing in it has changed.
+        """Append a frame's line. If the maps were kept, the line may be there already; then nothing is written.
 
         Raises:
-            OutputError: it cannot be written; PlaceError: no other could be either.
+            OutputError: the line cannot be written; PlaceError: no other line could be written either.
         """
         line = report.line or report
         self._totals.add(line)
@@ -210,7 +212,7 @@ class RunRecorder:
                     while written < len(text):
                         written += self.lines.write(text[written:])
                 except OSError:
-                    # a full disk may have taken a part of it
+                    # a full disk may have taken a part of the line
                     self.lines.truncate(place)
                     raise
         except OSError as error:
@@ -219,28 +221,28 @@ class RunRecorder:
             self._places.append(place)
 
     def _known_place(self, output: str | None) -> int | None:
-        """Return where the earlier run's line about a frame begins, by the place of its maps; None where there is none."""
+        """Return where the earlier run's line about the maps in `output` begins, in bytes; None: there is no such line."""
         return self._before.get(place_in(self.path.parent, Path(output or "")))
 
     def finish(self, seconds: float, /) -> None:
-        """Complete both files; the totals are those of all frames, whichever run resolved them."""
+        """Complete both files. The totals count all frames, whichever run resolved them."""
         with writing(self.path):
             self._require_there()
             os.fsync(self.lines.fileno())
         if self.resumed:
             with atomic_write(self.path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, self._places))
-        totals = asdict(replace(self._totals, seconds=round(seconds, 3)))
-        del totals["already_there"]  # a line of frames.jsonl is that of a frame that was resolved, whichever run did it
+        totals = asdict(replace(self._totals, seconds=seconds))
+        del totals["already_there"]  # always 0: kept maps count by the line of the run that made them
         write_json(self.path.with_name(RUN_FILE), {**self.document, "finished": True, "totals": totals})
 
     def find_lines(self, out: Path, /) -> None:
-        """Find the lines of frames that have maps; cut off a last line that a killed run did not complete.
+        """Find the lines of frames that have maps. Cut off a last line that is incomplete because the run was killed.
 
-        `out` is what the earlier run called its folder.
+        `out` is the path that the earlier run had for its folder.
 
         Raises:
-            OutputError: there are other lines than those of a run.
+            OutputError: a line is not a report on a frame.
         """
         end = 0
         with writing(self.path), self.path.open("rb") as lines:
@@ -256,7 +258,7 @@ class RunRecorder:
             self.lines.truncate(end)
 
     def _line_at(self, place: int) -> bytes:
-        """Return the line that begins at a place of the file."""
+        """Return the line that begins at a place of the file, given in bytes."""
         line, size = b"", 1024
         while not line.endswith(b"\n"):
             piece = read_at(self.lines.fileno(), size, place + len(line))
@@ -266,7 +268,7 @@ class RunRecorder:
         return line
 
     def _require_there(self) -> None:
-        """Write `frames.jsonl` anew from the open file, where somebody has removed or replaced it meanwhile."""
+        """Write `frames.jsonl` anew from the open file, if somebody has removed or replaced it during the run."""
         try:
             if os.path.samestat(os.lstat(self.path), os.fstat(self.lines.fileno())):
                 return
@@ -283,7 +285,7 @@ class RunRecorder:
 
 
 def place_in(out: Path, output: Path, /) -> str:
-    """Return where maps lie in a run's folder, whatever that was called."""
+    """Return the path of a map file from the run's folder `out`; if it does not lie below `out`, only its name."""
     return str(output.relative_to(out)) if output.is_relative_to(out) else output.name
 
 
@@ -291,14 +293,14 @@ def place_in(out: Path, output: Path, /) -> str:
 def recorded_run(
     out: Path, document: Mapping[str, Any], /, *, resume: bool, say: Callable[[str], None]
 ) -> Iterator[RunRecorder]:
-    """Write a run's `run.json`, and hold its `frames.jsonl` open for the reports on its frames.
+    """Write a run's `run.json`, and yield a recorder that holds its `frames.jsonl` open for the reports on its frames.
 
     Raises:
-        OutputError: one of them cannot be written; or the run to be resumed is none.
+        OutputError: one of the two cannot be written; or the `frames.jsonl` to be resumed holds other lines than reports.
     """
     path, run = out / FRAMES_FILE, out / RUN_FILE
     if not resume:
-        # the settings first: without them, the lines would be taken for the next run's
+        # the settings come first: without them, the lines would be taken for lines of the next run
         write_json(run, document)
     with writing(path):
         if not resume:
@@ -315,7 +317,7 @@ def recorded_run(
             yield recorder
         except BaseException:
             with suppress(OutputError):
-                # what arrived while the run went on is recorded too
+                # inputs that arrived during the run are recorded too
                 write_json(run, document)
             raise
     finally:

@@ -49,13 +49,13 @@ Outcomes = Generator[Outcome[FrameTask, FrameReport], None, None]
 WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
 
 WORTH_SPLITTING_S = 0.5
-"""Expected seconds per frame above which its parts are worth a process each: their pixels go there and back."""
+"""Expected seconds per frame above which each part of a frame is worth a process: its pixels have to go there and back."""
 
 MOST_PIXELS = 2**22
-"""Pixels of a frame above which it is resolved by one process all the same: its parts would be in memory three times."""
+"""Pixels per frame above which one process resolves the whole frame all the same: parts would be in memory three times."""
 
 _NOTES_OF_A_KIND = 3
-"""Frames that are named with the same note; the others are counted."""
+"""How many frames are named with the same note; further frames are only counted."""
 
 
 def resolve_captures(
@@ -68,15 +68,15 @@ def resolve_captures(
     progress: Progress = NO_PROGRESS,
     on_frame: Callable[[FrameReport], None] = lambda _: None,
 ) -> RunTotals:
-    """Resolve every frame of the inputs into a file of maps in `settings.out`; frames fail alone.
+    """Resolve every frame of the inputs into a file of maps in `settings.out`. A frame that fails does not stop the others.
 
     Args:
         inputs: folders of frames, and single files.
-        settings: what to do.
+        settings: settings of the run.
         overrides: values by dotted key that replace those of `capture.toml`.
-        arriving: more inputs, in batches that come while the run goes on.
+        arriving: more inputs, in batches that come during the run.
         progress: a step is a file of maps.
-        on_frame: called with every report, in the order of the inputs whatever the number of processes.
+        on_frame: called with every report, in the order of the inputs for any number of processes.
 
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
@@ -86,7 +86,7 @@ def resolve_captures(
     )
     waiting: list[Path] = []
     if arriving is not None:
-        # as few modules as a run needs: each takes a third of a millisecond
+        # imported only when it is needed: each module takes a third of a millisecond
         from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
 
         captures, waiting = without_incomplete_frames(captures, inputs, settings)
@@ -112,7 +112,7 @@ def resolve_captures(
         token = os.urandom(8).hex()
         try:
             run = _Run(settings, progress, on_frame, token)
-            # a cluster that does not answer is found before anything is written
+            # if a cluster does not answer, this fails before anything is written
             first = run.outcomes(plans, partial(frame_names, captures))
             if settings.overwrite:
                 remove_run(settings.out)
@@ -133,7 +133,7 @@ def _dry_run(
     captures: Sequence[Capture],
     on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
-    """Tell of every file that would be written, after the checks of a run; nothing is."""
+    """Report every file that a run would write, after the checks of a run. Nothing is written."""
     totals = RunTotals()
     for one in plans:
         for task in one.tasks(settings, taken=partial(frame_names, captures)):
@@ -147,7 +147,7 @@ def _dry_run(
 
 @dataclass
 class _Run:
-    """A run that goes on: what it is told, and what has become of its frames, of which so many are `expected`."""
+    """A run in progress, and the outcomes of its frames so far. `expected` is how many maps there will be in all."""
 
     settings: ResolveSettings
     progress: Progress
@@ -160,24 +160,25 @@ class _Run:
     began: float = field(default_factory=time.monotonic)
 
     def outcomes(self, plans: Sequence[CapturePlan], taken: Callable[[], Collection[str]]) -> Outcomes:
-        """Return a generator of what becomes of the frames of some captures; a cluster that is meant to do it is connected to."""
+        """Return a generator of the outcomes of some captures' frames. If a cluster is to do the work, connect to it."""
         expected, workers = [one.expected_maps(self.settings) for one in plans], self.settings.workers
         tasks = self._tasks(plans, expected, taken)
         if sum(expected) < workers.jobs and _are_worth_splitting(plans, self.settings):
             from cadtof_cli.workflows.resolve.split_frames import resolve_split
 
             return resolve_split(tasks, workers=workers)
-        # no process is started for which there is no frame
+        # no process is started that would have no frame
         workers = replace(workers, jobs=min(workers.jobs, max(sum(expected), 1)))
-        for one in plans if workers.jobs > 1 else ():
-            # a process that is forked has it then
-            one.load_map_files(self.settings)
+        if workers.jobs > 1:
+            # a forked process has the modules already
+            for one in plans:
+                one.load_map_files(self.settings)
         probe = None if workers.scheduler == LOCAL else self._probe()
         shared = [part for one in plans for part in (one.plan, one.capture.layout)]
         return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self.progress.say)
 
     def _probe(self) -> Path:
-        """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
+        """Make a file in the run's folder that workers of a cluster must see. It is removed with the half-written files."""
         probe = self.settings.out / f".cluster.{self.token}{PARTIAL_SUFFIX}"
         probe.write_text(self.token)
         return probe
@@ -185,7 +186,7 @@ class _Run:
     def arriving(
         self, arrivals: "Arrivals", paths: Iterable[tuple[Path, ...]], document: Mapping[str, Any]
     ) -> Iterator[Outcomes]:
-        """Yield what becomes of the frames that arrive, batch by batch."""
+        """Yield the outcomes of the frames that arrive, batch by batch."""
         from cadtof_cli.workflows.resolve.arrivals import recorded_arrivals
 
         for plans in arrivals.plans(recorded_arrivals(paths, document, self.settings.out)):
@@ -193,11 +194,11 @@ class _Run:
             yield self.outcomes(plans, lambda: arrivals.sources)
 
     def report_all(self, batches: Iterable[Outcomes]) -> RunTotals:
-        """Record, count and show what becomes of frames, to the last; return what has become of them in this run.
+        """Record, count and show the outcomes of all frames; return the totals of this run.
 
         Raises:
             RunStoppedError: the output folder takes no more maps.
-            KeyboardInterrupt: says how to go on after it.
+            KeyboardInterrupt: the message says how to continue the run.
         """
         settings, totals = self.settings, self.totals
         try:
@@ -222,7 +223,7 @@ class _Run:
         return totals
 
     def report(self, report: FrameReport) -> None:
-        """Record, count and show what has become of a frame.
+        """Record, count and show the report on a frame.
 
         Raises:
             RunStoppedError: the output folder takes no more maps.
@@ -245,14 +246,18 @@ class _Run:
     def _tasks(
         self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
     ) -> Iterator[FrameTask]:
-        """Yield tasks, so many of each plan as far as is known; they are drawn as places for them come free."""
+        """Yield the tasks of all plans. A task is drawn when a worker has room for it.
+
+        `expected` is the expected number of tasks of each plan; the total is corrected when a plan has more or fewer.
+        """
         self.expected += sum(expected)
         self.progress.advance(0, total=self.expected)
         for one, count in zip(plans, expected, strict=True):
             number = 0
             tasks = one.tasks(self.settings, taken=taken, before=self.record.before, token=self.token)
             for number, task in enumerate(tasks, start=1):
-                self.expected += number > count
+                if number > count:
+                    self.expected += 1
                 if "/" in task.sources[0].name:
                     with writing(task.output.parent):
                         task.output.parent.mkdir(parents=True, exist_ok=True)
@@ -262,14 +267,14 @@ class _Run:
 
 
 def _lost(worker: WorkerDied) -> str:
-    """Return why a frame has no maps whose worker was lost twice."""
+    """Return the reason why a frame has no maps if its worker was lost twice."""
     if worker.after_s is None:
         return WORKER_DIED
     return f"not done in the {worker.after_s:g} s of --frame-timeout, twice: does the place that it lies in answer?"
 
 
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
-    """Whether a few frames are so slow that their pixels should be spread over the processes."""
+    """Return whether frames are so slow that the pixels of each should be spread over the processes."""
     if settings.workers.scheduler != LOCAL:
         return False
     pixels = [math.prod(one.pixels or (0,)) for one in plans]

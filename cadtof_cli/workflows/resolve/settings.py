@@ -1,4 +1,4 @@
-"""What a user can choose about a run of `cadtof resolve`. Its options are made from it, so nothing heavy is imported here."""
+"""The settings of a run of `cadtof resolve`. The command's options are made from them, so nothing heavy is imported here."""
 
 from dataclasses import MISSING, field
 from pathlib import Path
@@ -14,9 +14,9 @@ FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 
 @dataclass(frozen=True, kw_only=True)
 class ResolveSettings:
-    """Everything that a user can choose about a run, besides the inputs and what overrides `capture.toml`.
+    """Everything that a user can choose about a run, besides the inputs and the values that override `capture.toml`.
 
-    `settings_file` is a `capture.toml` that holds for every capture, in place of any other.
+    `settings_file` is a `capture.toml` that is used for every capture, in place of any other.
     """
 
     out: Path = setting(MISSING, "Folder for the maps.", option="-o --out")

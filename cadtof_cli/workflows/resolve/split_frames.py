@@ -1,4 +1,4 @@
-"""A slow frame's pixels, spread over processes: it is read, prepared and written here, its parts are resolved by workers."""
+"""Slow frames in parts: this process reads, prepares and writes each frame, and workers resolve the parts of its pixels."""
 
 import itertools
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -18,7 +18,7 @@ from cadtof_cli.workflows.resolve.record import FrameReport
 
 @dataclass(frozen=True)
 class FramePart:
-    """A part of a frame's pixels, or a report of why the frame has none; and what it was read from."""
+    """A part of a frame's pixels, or the report on a frame that is not resolved; and how the frame was read."""
 
     task: FrameTask
     pixels: FramePixels | FrameReport
@@ -26,7 +26,7 @@ class FramePart:
 
 
 def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:
-    """Resolve a part of a frame's pixels. Whatever is wrong with it becomes a report, never an exception."""
+    """Resolve a part of a frame's pixels. Every error becomes a report."""
     keep_freed_memory()
     return part.pixels if isinstance(part.pixels, FrameReport) else _resolved(part.task, part.pixels)
 
@@ -39,24 +39,24 @@ def _resolved(task: FrameTask, pixels: FramePixels, *, began: float) -> DepthMap
 def resolve_split(
     tasks: Iterable[FrameTask], /, *, workers: Workers
 ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
-    """Resolve and write every frame, in the order of the tasks, each by as many parts as there are jobs."""
+    """Resolve and write every frame, in the order of the tasks. Each frame has as many parts as there are jobs."""
     parts = (part for task in tasks for part in _parts(task, workers.jobs))
     resolved: Generator[Outcome[FramePart, DepthMaps | FrameReport], None, None]
     resolved = run_ordered(resolve_part, parts, workers=workers)
     with closing(resolved) as outcomes:
         while frame := list(itertools.islice(outcomes, workers.jobs)):
-            yield _whole(frame)
+            yield _joined(frame)
 
 
 def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
-    """Yield the parts of a frame, or as many times why it has none."""
+    """Yield the parts of a frame; if it has no parts, yield the report on it as many times."""
     parts = _prepared(task, count)
     yield from [FramePart(task, parts, None)] * count if isinstance(parts, FrameReport) else parts
 
 
 @reported
 def _prepared(task: FrameTask, count: int, *, began: float) -> FrameReport | list[FramePart]:
-    """Return the parts of a frame after all that couples its pixels has been done, once."""
+    """Return the parts of a frame, after the stages that couple its pixels were done once for the whole frame."""
     if task.resume and (kept := kept_maps(task, began=began)):
         return kept
     frame, recording = read_frame(task)
@@ -64,8 +64,8 @@ def _prepared(task: FrameTask, count: int, *, began: float) -> FrameReport | lis
     return [FramePart(task, part, recording) for part in pixels.parts(count)]
 
 
-def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[FrameTask, FrameReport]:
-    """Write the maps that a frame's parts make up, or report what went wrong with the first that has none."""
+def _joined(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[FrameTask, FrameReport]:
+    """Write the maps that a frame's parts make up; if parts failed, return the report of the first of these."""
     task = frame[0].task.task
     found: list[DepthMaps] = []
     for outcome in frame:
@@ -77,7 +77,7 @@ def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[
 
 @reported
 def _written(task: FrameTask, first: FramePart, found: Sequence[DepthMaps], *, began: float) -> FrameReport:
-    """Write the maps that a frame's parts make up, of which the first knows what all were read from."""
+    """Write the maps that a frame's parts make up. The first part says how the frame was read."""
     assert isinstance(first.pixels, FramePixels)
     assert first.recording is not None
     resolved = joined_parts(first.pixels, found)

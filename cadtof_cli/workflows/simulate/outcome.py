@@ -16,7 +16,7 @@ SUCCESS_NS = 1.0
 
 @dataclass(frozen=True)
 class PathSummary:
-    """How well the time of one path was found: in ns, and the share of runs within ±1 ns. NaN where there is no such path."""
+    """How well the time of one path was found: times in ns, and the share of runs within ±1 ns. NaN: there is no such path."""
 
     true_ns: float
     mean_ns: float
@@ -31,11 +31,11 @@ class TrialsSummary:
     """Statistics of all runs of a condition.
 
     Attributes:
-        paths: two or more: the direct path, then those of the MPI in falling strength.
+        paths: two or more: the direct path, then the paths of the MPI, the strongest first.
         confidence_v: mean magnitude of the first phasor's voltages.
-        confidence_model_v: the same by the analytical model.
+        confidence_model_v: the same magnitude by the analytical model.
         phase_std_rad: standard deviation of the first phasor's phase.
-        phase_bias_rad: mean of the first phasor's phase, less that of the direct path.
+        phase_bias_rad: mean of the first phasor's phase minus the phase of the direct path.
         impossible: share of runs whose amplitudes exceed what the modulation can record.
         steps: mean steps of the paper's search from one start; NaN with any other solver.
     """
@@ -83,14 +83,14 @@ def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
 
 
 def true_times_ns(condition: Condition, /) -> list[tuple[int, float]]:
-    """Return which path of the condition comes in each row of an answer, and its arrival: NaN where it has no light."""
+    """Return, for each row of an answer, the path of the condition and when it arrives; NaN: the path has no light."""
     ratios, times = condition.ratios, condition.times_ns
     rows = [0, *sorted(range(1, len(ratios)), key=lambda path: -ratios[path])]
     return [(path, times[path] if ratios[path] > 0 else math.nan) for path in rows]
 
 
 def _path_summary(trials: Trials, times_ns: Float, true_ns: float, bound_ns: float) -> PathSummary:
-    """Sum up times as differences from the truth; runs without an answer count as failures only."""
+    """Sum up times as errors against the truth. Runs without an answer count in `within_1ns` only, as failures."""
     found = times_ns[np.isfinite(times_ns)]
     if math.isnan(true_ns) or len(found) < 2:
         return PathSummary(true_ns, math.nan, math.nan, math.nan, bound_ns, math.nan if math.isnan(true_ns) else 0.0)
@@ -102,5 +102,5 @@ def _path_summary(trials: Trials, times_ns: Float, true_ns: float, bound_ns: flo
 
 
 def _within(times_ns: Float | float, period_ns: float) -> Float:
-    """Return times less the whole periods that bring them to ± half a period."""
+    """Return times wrapped to ± half a period."""
     return np.asarray(np.mod(times_ns + period_ns / 2.0, period_ns) - period_ns / 2.0)

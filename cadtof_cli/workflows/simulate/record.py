@@ -1,4 +1,4 @@
-"""Record a simulated scene as a capture: bands of rows in parallel, then frame after frame to disk, and the truth beside them."""
+"""Record a simulated scene as a capture: bands of rows in parallel, then frame after frame to disk, with the truth beside."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 
 @dataclass(frozen=True, kw_only=True)
 class RecordSettings:
-    """A capture to be made of an exposure: scene, camera, metadata and seed. TIFF holds counts, EXR volts."""
+    """A capture to be recorded. `exposure` holds scene, camera, metadata and seed. TIFF files hold counts, EXR files volts."""
 
     exposure: Exposure
     frames: int = setting(1, "Number of frames of the capture.")
@@ -44,7 +44,8 @@ class RecordSettings:
 
 @dataclass(frozen=True)
 class RecordReport:
-    """What was recorded: where, and the truth's median MPI/direct ratio and range of direct depths in metres."""
+    """A recorded capture: its folder, its number of frames, and of its truth the median MPI/direct ratio and the least and
+    largest direct depth in m."""
 
     folder: Path
     frames: int
@@ -64,7 +65,7 @@ def scene_exposure(
     seed: int,
     motion: Motion = AT_REST,
 ) -> Exposure:
-    """Return a scene as it is to be recorded, with the metadata that its `capture.toml` gets; `counts`: not volts."""
+    """Return the exposure of a scene, with the metadata for its `capture.toml`. `counts`: whether the frames hold counts."""
     metadata = CaptureMetadata(
         modulation=modulation,
         pixel=Pixel(integration_length=integration_length),
@@ -77,7 +78,7 @@ def scene_exposure(
 
 
 def _optics(scene: Scene, camera: Camera) -> Optics:
-    """Return the camera's optics, with the scene's lamp where that is not at the camera."""
+    """Return the camera's optics, with the position of the scene's lamp if the lamp is not at the camera."""
     offset = getattr(scene, "lamp_offset_m", (0.0, 0.0, 0.0))
     return replace(camera.optics, lamp_offset_m=offset) if any(offset) else camera.optics
 
@@ -85,12 +86,12 @@ def _optics(scene: Scene, camera: Camera) -> Optics:
 def record_scene(
     settings: RecordSettings, out: Path, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS
 ) -> RecordReport:
-    """Write the capture to `out`, which must not exist; the files are the same for any number of jobs.
+    """Write the capture to `out`, which must be absent or an empty folder. The files are the same for any number of jobs.
 
-    A step is a band of rows, and then a frame.
+    The steps of the progress are the bands of rows, then the frames.
 
     Raises:
-        OutputError: `out` exists or cannot be written.
+        OutputError: `out` holds something or cannot be written.
         SettingsError: the scene cannot be recorded.
     """
     exposure = settings.exposure
@@ -111,14 +112,14 @@ def record_scene(
 
 
 def expose(exposure: Exposure, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> Band:
-    """Return the voltages and truth of a whole frame, its bands shared among processes."""
+    """Return the voltages and truth of a whole frame. The processes share its bands of rows."""
     rows = band_rows(exposure.camera.height)
     bands = results(partial(expose_band, exposure), rows, workers=workers, progress=progress)
     return joined(list(bands))
 
 
 def frames_of(settings: RecordSettings, whole: Band, /, *, progress: Progress = NO_PROGRESS) -> Iterator[Float]:
-    """Yield the frames of a capture, voltages in V (H, 2, Y, X) each, from the distribution of a whole frame's."""
+    """Yield the frames of a capture, voltages in V (H, 2, Y, X) each, drawn from the distribution of a frame's voltages."""
     exposure = settings.exposure
     camera, harmonics = exposure.camera, len(exposure.metadata.modulation.harmonics)
     offsets = camera.dark_offsets_v(exposure.seed, harmonics) if camera.dark_offset_v > 0 else None
@@ -151,10 +152,10 @@ def write_capture(
 
     Args:
         folder: where to write.
-        frames: one after the other.
-        settings: of the capture.
-        truth: (Y, X) layers by name, NaN where there is no answer.
-        comments: lines on top of `capture.toml`.
+        frames: the frames, one after the other.
+        settings: settings of the capture.
+        truth: layers by name, (Y, X) each, NaN where the truth is unknown.
+        comments: lines at the top of `capture.toml`.
     """
     exposure, kind = settings.exposure, format_by_name(settings.frame_format)
     assert kind.recording is not None

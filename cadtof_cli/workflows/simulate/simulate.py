@@ -20,7 +20,7 @@ from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Recordings, Tria
 def simulate_trials(
     every: Sequence[Trials], /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS
 ) -> list[TrialsSummary]:
-    """Run all trials, the blocks of all of them in parallel, and sum each up; a step is a block."""
+    """Return a summary of each of the trials. All blocks of runs are done in parallel; each is a step of the progress."""
     work = [(trials, block) for trials in every for block in trials.blocks]
     progress.advance(0, total=len(work))
     made = results(_run, work, workers=workers, progress=progress)
@@ -32,7 +32,7 @@ def _run(task: tuple[Trials, range]) -> Recordings:
 
 
 def json_report(trials: Trials, outcome: TrialsSummary, /) -> dict[str, Any]:
-    """Return the object that `cadtof simulate --json` prints; what does not exist is null."""
+    """Return the object that `cadtof simulate --json` prints. A value that does not exist is null."""
     report: dict[str, Any] = plain(
         {
             "settings": settings(trials),
@@ -54,7 +54,7 @@ def named_paths(outcome: TrialsSummary, /) -> dict[str, PathSummary]:
 
 
 def settings(trials: Trials, /) -> dict[str, Any]:
-    """Return all settings of the trials, flat."""
+    """Return all settings of the trials in one flat table."""
     model, resolver = trials.model, asdict(trials.resolver)
     of_modulation = ("periods_ns", "waveform", "amplitude_v")
     of_trials = ("runs", "seed", "photon_by_photon")
@@ -77,11 +77,11 @@ def settings(trials: Trials, /) -> dict[str, Any]:
 
 
 def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> None:
-    """Write one recording as histogram, voltages and phase, CSV and PNG each, with the report, to a new folder.
+    """Write histogram, voltages and phase of one recording to a new folder, as CSV and PNG each, and the report.
 
     Raises:
-        OutputError: `out` exists or cannot be written.
-        SettingsError: the stages are switched, whose evolution is not followed.
+        OutputError: `out` holds something or cannot be written.
+        SettingsError: the stages are switched; the evolution of switched stages is not followed.
     """
     from cadtof_cli.figures.pixel_evolution import draw_evolution
 

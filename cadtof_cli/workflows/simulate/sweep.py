@@ -23,8 +23,8 @@ class SweepSettings:
     """A grid of conditions.
 
     Attributes:
-        base: everything that is the same in all cells.
-        asrs, mpi_ratios, integration_lengths: the axes.
+        base: trials with everything that is the same in all cells.
+        asrs, mpi_ratios, integration_lengths: values along the axes of the grid.
     """
 
     base: Trials
@@ -41,7 +41,7 @@ class SweepSettings:
             pass
 
     def cells(self) -> Iterator[Trials]:
-        """Return the trials of every cell; MPI ratio is the slowest axis, integration length the fastest."""
+        """Yield the trials of every cell. The MPI ratio is the slowest axis, the integration length the fastest."""
         axes = itertools.product(self.mpi_ratios, self.asrs, self.integration_lengths)
         for stream, (ratio, asr, length) in enumerate(axes):
             condition = replace(self.base.condition, asr=asr, mpi_ratio=ratio)
@@ -58,14 +58,14 @@ class SweepCell:
 
 
 def sweep(settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> list[SweepCell]:
-    """Simulate every cell; blocks of runs of all cells are shared among processes."""
+    """Simulate every cell. The processes share the blocks of runs of all cells."""
     cells = list(settings.cells())
     outcomes = simulate_trials(cells, workers=workers, progress=progress)
     return [SweepCell(trials, outcome) for trials, outcome in zip(cells, outcomes, strict=True)]
 
 
 def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
-    """Yield the rows of the table, each by column: a row is a condition, and what does not exist is NaN."""
+    """Yield the rows of the table, one per condition, as values by column. A value that does not exist is NaN."""
     for cell in cells:
         trials, outcome = cell.trials, cell.outcome
         length = trials.model.averaging.integration_length
@@ -92,13 +92,13 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
 
 
 def table_text(cells: list[SweepCell], /) -> str:
-    """Return the table as CSV, seven digits each."""
+    """Return the table as CSV; each number has seven digits."""
     table = list(rows(cells))
     return csv_text(table[0], (row.values() for row in table), digits=7)
 
 
 def write_table_file(cells: list[SweepCell], path: Path, /) -> None:
-    """Write the table to a new file; raises OutputError where one is, or where it cannot be written."""
+    """Write the table to a new file; raises OutputError if there is a file already, or if it cannot be written."""
     require_absent(path)
     write_text(path, table_text(cells))
 

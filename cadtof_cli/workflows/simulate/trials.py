@@ -24,31 +24,32 @@ from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, draw_voltages, voltage_statistics
 
 PHOTON_RUNS, STATISTICS_RUNS = 10, 1000
-"""Runs that are drawn together; fixed, so that results never depend on how many processes share the blocks."""
+"""How many runs are drawn together in a block. This is fixed, so that results never depend on the number of processes."""
 
 MOST_RUNS = 10**9
 
 _STATISTICS_KEY, _PHOTONS_KEY, EVOLUTION_KEY = 4, 5, 6
-"""Branches of the seed, after those of `camera`: voltages of a block of runs, photons of one run, and of a drawn one."""
+"""Branches of the seed, besides those of `camera`: the voltages of a block of runs, the photons of one run, and the photons of
+the recording that `write_evolution` draws."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trials:
-    """A condition with how it is recorded and resolved.
+    """A condition, and how it is recorded and resolved.
 
     Attributes:
         condition: the light.
         model: the pixel.
-        resolver: how voltages become path times; its seed is that of these trials.
+        resolver: how voltages become path times. Its seed is replaced by the seed of these trials.
         pulse_correction: divide phasors by the pulse's response r_h; False leaves it in, as the paper's Eq. (3) does.
-        stream: number of these trials among others of the same seed.
+        stream: number of these trials among others of the same seed; each number gives other random numbers.
     """
 
     condition: Condition
     model: PixelModel
     resolver: ResolverSettings = field(default_factory=ResolverSettings)
     runs: int = setting(400, "Number of recordings per condition.")
-    # what the paper does with its answers, and cadtof does not; with `--solver lm --order 2` its method as published
+    # the next two do what the paper does and cadtof does not; with `--solver lm --order 2` they give the published method
     pulse_correction: bool = setting(
         True,
         "Whether to correct the phasors for the length of the pulse; the paper does not.  [default: correct]",
@@ -94,8 +95,8 @@ class Recordings:
 
     Attributes:
         voltages_v: (runs, H, 2), harmonics and channels.
-        times_ns: (K, runs), K ≥ 2, the direct path first, the others in falling strength; NaN where the resolver has none.
-        impossible: (runs,), amplitudes beyond what the modulation can record: no answer.
+        times_ns: (K, runs), K ≥ 2, the direct path first, then the others, the strongest first; NaN if the resolver has none.
+        impossible: (runs,), whether amplitudes exceed what the modulation can record; then there is no answer.
         steps: (S, runs), steps of the paper's search from each start; S is 0 with any other solver.
     """
 
@@ -116,7 +117,7 @@ class Recordings:
 
 
 def recordings(trials: Trials, runs: range, /) -> Recordings:
-    """Return one of the blocks of runs, recorded and resolved."""
+    """Return a block of runs, recorded and resolved."""
     return resolved(trials, block_voltages(trials, runs), first=runs.start)
 
 
@@ -126,7 +127,7 @@ def _weights(model: PixelModel) -> Float32:
 
 
 def block_voltages(trials: Trials, runs: range, /) -> Float:
-    """Return the voltages of one of the blocks of runs, (runs of the block, H, 2), in V."""
+    """Return the voltages of a block of runs, (runs of the block, H, 2), in V."""
     model, mix = trials.model, trials.condition.mix(trials.period_ns)
     if trials.photon_by_photon:
         return np.stack([record_pixel(model, mix, _weights(model), _generators(trials, run)) for run in runs])
@@ -153,7 +154,7 @@ def _generators(trials: Trials, run: int) -> list[np.random.Generator]:
 
 
 def _gains(model: PixelModel) -> tuple[float, float]:
-    """Return Σ w_i and Σ w_i²: of the settled average of Eq. (1), or of what a switched cascade has taken up."""
+    """Return Σ w_i and Σ w_i² of the samples' weights w_i, in the settled average of Eq. (1) or in a switched cascade."""
     if model.averaging.stages.drive == "dc":
         return 1.0, averaging_gain(model.averaging.integration_length)
     weights = _weights(model)[0].astype(np.float64)
@@ -161,14 +162,17 @@ def _gains(model: PixelModel) -> tuple[float, float]:
 
 
 def noise_length(model: PixelModel, /) -> float:
-    """Return the integration length that stands for the pixel's noise, whatever its stages."""
+    """Return the integration length that describes the noise of the pixel, also if its stages are switched."""
     if model.averaging.stages.drive == "dc":
         return model.averaging.integration_length
     return effective_length(_weights(model)[0].astype(np.float64))
 
 
 def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
-    """Resolve the voltages of runs, (runs, H, 2), of which the first has the number `first`: for sines, whatever they are of."""
+    """Resolve the voltages of runs, (runs, H, 2), as those of a sine, whatever the waveform is.
+
+    `first` is the number of the first run.
+    """
     model, settings = trials.model, replace(trials.resolver, seed=trials.seed)
     length = noise_length(model)
     metadata = CaptureMetadata(
