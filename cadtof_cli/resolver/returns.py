@@ -6,16 +6,18 @@ from cadtof_cli.resolver.paths import FULL_TURN, Paths
 from cadtof_cli.resolver.settings import ResolverSettings
 
 ECHO_RATIO = 0.5
-"""A path below this share of the other's amplitude, and over half a turn ahead of it, is its echo, wrapped round the range."""
+"""A path is an echo that wraps round the unambiguous range if its amplitude is below this share of the other path's
+amplitude and it seems to arrive more than half a turn before the other path."""
 
 
 def direct_first(paths: Paths, settings: ResolverSettings, /) -> Paths:
-    """Return the direct path in row 0, then the others in falling amplitude; NaN in the last rows stays there.
+    """Return the direct path in row 0, then the other paths in falling amplitude; NaN in the last rows stays there.
 
-    Direct is the first or last that is strong enough, or the strongest. Phases repeat after a full turn, so a late echo of a
-    far wall shows up ahead of it. Light that took the long way is the weaker: a path of less than half the strongest's
-    amplitude that seems to come over half a turn before it is therefore put behind it, and its phase as another path's than
-    the direct one goes on beyond 2π.
+    The direct path is the first or the last path that is strong enough, or the strongest path, as the settings say.
+    Phases repeat after a full turn, so a late echo of a far wall can seem to arrive before the wall itself. But light
+    on a longer way is weaker. So a path is put behind the strongest path if its amplitude is less than half the
+    strongest amplitude and it seems to arrive more than half a turn before the strongest path. If such a path is not
+    the direct path, its phase lies beyond 2π.
     """
     if len(paths) == 1:
         return paths
@@ -23,7 +25,7 @@ def direct_first(paths: Paths, settings: ResolverSettings, /) -> Paths:
 
 
 def _pair(paths: Paths, settings: ResolverSettings) -> Paths:
-    """Arrange two paths: the same as `_several`, in a few operations."""
+    """Arrange two paths as `_several` does, but in fewer operations."""
     x, y = paths.amplitude
     lead = paths.phase_rad[1] - paths.phase_rad[0]
     x_wraps = (lead > 0.5 * FULL_TURN) & (x < ECHO_RATIO * y)
