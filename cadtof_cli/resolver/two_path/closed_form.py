@@ -45,6 +45,12 @@ class FundamentalFrame:
     cos: Float
     sin: Float
 
+    @cached_property
+    def d2(self) -> Float:
+        """|d|² with d = u − p2·conj(ρ)², which is 0 for the phasors of one path."""
+        dr = self.u - self.pr
+        return dr * dr + self.pi * self.pi
+
     @property
     def powers(self) -> tuple[Float, Float]:
         """|p1|² and |p2|²."""
@@ -130,12 +136,7 @@ def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
 
 def is_single(frame: FundamentalFrame, /) -> Bool:
     """Return True where the two phasors are those of one path to within rounding, (n,)."""
-    dr = frame.u - frame.pr
-    return _is_single(frame.u, dr * dr + frame.pi * frame.pi)
-
-
-def _is_single(u: Float, d2: Float) -> Bool:
-    single: Bool = d2 <= ROUNDING_SQUARE * (u * u) + SMALLEST_SQUARE
+    single: Bool = frame.d2 <= ROUNDING_SQUARE * (frame.u * frame.u) + SMALLEST_SQUARE
     return single
 
 
@@ -150,10 +151,8 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
     NaN in gives NaN out. The caller silences warnings about divisions by zero, which come from the pixels in `single`.
     """
     u, pi = frame.u, frame.pi
-    dr = u - frame.pr
-    d2 = dr * dr + pi * pi
-    single = _is_single(u, d2)
-    h = np.where(single, 0.0, _excess(u, dr, d2))
+    dr, single = u - frame.pr, is_single(frame)
+    h = np.where(single, 0.0, _excess(u, dr, frame.d2))
     p0 = u + h
     product = (p0 + u) * h
     re = p0 * dr - u * h

@@ -75,6 +75,5 @@ def may_be_one_path(frame: FundamentalFrame, limit: Float | float, /, *, noise: 
     is at most (1+π)|n1| + |n2|, because n1 turns ρ by no more than π|n1|/2a. And the noise along and across a phasor
     has at most twice the dark variance.
     """
-    difference = frame.u - frame.pr
-    may: Bool = difference * difference + frame.pi * frame.pi <= 2.0 * limit * misfit_spread(noise.each)
+    may: Bool = frame.d2 <= 2.0 * limit * misfit_spread(noise.each)
     return may
