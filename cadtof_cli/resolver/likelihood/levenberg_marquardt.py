@@ -45,10 +45,10 @@ class Problem(Protocol):
 
 
 class Compilable(Problem, Protocol):
-    """Problems that the compiled search may be able to solve."""
+    """Problems that the compiled search can solve too."""
 
-    def planes(self, points: Float, /) -> Planes | None:
-        """Return the problems at points, (P, n), in the form of the compiled search; None if it cannot solve them."""
+    def planes(self, points: Float, /) -> Planes:
+        """Return the problems at points, (P, n), in the form of the compiled search."""
 
 
 @dataclass(frozen=True)
@@ -165,10 +165,9 @@ class LevenbergMarquardt(Descent):
         recording (None: 1). `kernel`: one of `available_kernels` (None: the chosen one); all give the same bits.
         """
         kernel = kernel or chosen_kernel()
-        planes = problem.planes(starts) if kernel != NUMPY else None
-        if planes is not None:
+        if kernel != NUMPY:
             ends = compiled_ends(
-                planes,
+                problem.planes(starts),
                 starts,
                 worth=self.worth(starts.shape[1], samples),
                 most_steps=self.max_steps,
