@@ -108,9 +108,9 @@ INLINE void fetch(const Frame *restrict frame, int64_t start) {
  * reach. */
 INLINE int32_t whole(double limit) { return limit > -1e9 ? limit < 1e9 ? (int32_t)floor(limit) : 1000000000 : -1000000000; }
 
-/* Return 0 from is_sound if any stored value of a full group lies below BELOW or above ABOVE, and 1 if none does. If no
- * value of TYPE lies between the two limits, return 0 at once. */
-#define IS_BEYOND(TYPE, LEAST, MOST, BELOW, ABOVE) \
+/* Return 1 from is_sound if every stored value of a full group lies from BELOW to ABOVE, and 0 if any does not. If
+ * no value of TYPE, which goes from LEAST to MOST, lies there, return 0 at once. */
+#define RETURN_IS_WITHIN(TYPE, LEAST, MOST, BELOW, ABOVE) \
     { \
         const TYPE *stored = (const TYPE *)frame->stored + start; \
         if (BELOW > MOST || ABOVE < LEAST) return 0; \
@@ -139,8 +139,8 @@ INLINE int is_sound(const Frame *restrict frame, int64_t start) {
     if (frame->bits >= 0) known = (uint32_t)frame->bits;
     else EACH_PIXEL known |= frame->status[start + i];
     if (known & (SATURATED | NOT_FINITE | HOT_PIXEL)) return 0;
-    if (frame->type == UINT16) IS_BEYOND(uint16_t, 0, UINT16_MAX, below, above)
-    if (frame->type == INT16) IS_BEYOND(int16_t, INT16_MIN, INT16_MAX, below, above)
+    if (frame->type == UINT16) RETURN_IS_WITHIN(uint16_t, 0, UINT16_MAX, below, above)
+    if (frame->type == INT16) RETURN_IS_WITHIN(int16_t, INT16_MIN, INT16_MAX, below, above)
     if (frame->type != FLOAT32) return 0;
     const float *stored = (const float *)frame->stored + start;
     int32_t beyond = 0;
