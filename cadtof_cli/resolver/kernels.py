@@ -6,7 +6,7 @@ operations.
 """
 
 import os
-from functools import cache, lru_cache
+from functools import cache
 from types import ModuleType
 
 from cadtof_cli.errors import SettingsError
@@ -39,7 +39,7 @@ def available_kernels() -> tuple[str, ...]:
         return (NUMPY,)
 
 
-@lru_cache(maxsize=1)
+@cache
 def chosen_kernel() -> str:
     """Return the name of the kernel that runs in this process.
 

@@ -50,8 +50,8 @@ def resolve_paths(
     make_solver = solver_for(settings, noise.harmonics, sine=response is None)
     # The tail answers first, because it leaves only few pixels to the solver. But a net is found in phasors of a pure
     # sine: with a response, these follow from the solver's paths, so there the solver runs first.
-    early = tail is None or response is None or tail.model.through is None
-    before, after = (tail, None) if early else (None, tail)
+    tail_first = tail is None or response is None or tail.model.through is None
+    before, after = (tail, None) if tail_first else (None, tail)
     with np.errstate(all="ignore"):
         free, through = _freed(phasors, before, kernel)
         start = partial(make_solver, free, noise=noise, settings=settings, response=response, first=first)

@@ -166,10 +166,11 @@ def _acceptable(measured: Measured, count: int, noise: NoiseModel) -> Float | fl
     return misfit if noise.samples is None else misfit / noise.samples
 
 
-def _improve(white: WhiteFit, starts: Mixture, of: Index, points: Float, cost: Float, noise: NoiseModel) -> None:
-    other = _solver(white, len(starts.amplitude)).solve(white[of], starts.points, samples=noise[of].samples)
-    better = other.cost < cost[of]
-    points[:, of[better]], cost[of[better]] = other.points[:, better], other.cost[better]
+def _improve(white: WhiteFit, starts: Mixture, pixels: Index, points: Float, cost: Float, noise: NoiseModel) -> None:
+    """Search some pixels again from other starts, and overwrite their points and cost where the cost is lower."""
+    end = _solver(white, len(starts.amplitude)).solve(white[pixels], starts.points, samples=noise[pixels].samples)
+    better = end.cost < cost[pixels]
+    points[:, pixels[better]], cost[pixels[better]] = end.points[:, better], end.cost[better]
 
 
 def _doubt(paths: Mixture, sigma: Float) -> Float:

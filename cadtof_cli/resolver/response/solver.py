@@ -47,13 +47,14 @@ class FullResponse:
             chosen = np.flatnonzero(pixels)
             return chosen, self._alone.fit()[chosen]
         single = is_single(self._frame) & self._always_two
+        in_two = pixels & ~single
         two, converged = two_paths_of_response(
-            self._alone, self._phasors, pixels & ~single, response=self._response, noise=self._noise
+            self._alone, self._phasors, in_two, response=self._response, noise=self._noise
         )
-        fit = fit_of_two(self._with_sigmas(two, np.flatnonzero(pixels & ~single)), two.sin_half, converged)
+        fit = fit_of_two(self._with_sigmas(two, np.flatnonzero(in_two)), two.sin_half, converged)
         if single.any():
-            at = np.flatnonzero(single)
-            fit[at] = self._alone.fit()[at]
+            in_one = np.flatnonzero(single)
+            fit[in_one] = self._alone.fit()[in_one]
         return slice(None), fit
 
     def _with_sigmas(self, two: TwoPaths, pixels: Index) -> Paths:
