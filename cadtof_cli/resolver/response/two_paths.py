@@ -34,7 +34,7 @@ _EVERYWHERE = slice(None)
 def two_paths_of_response(
     alone: OnePath, phasors: Complex, chosen: Bool, /, *, response: ResponseBlock, noise: NoiseModel
 ) -> tuple[TwoPaths, Bool]:
-    """Return two paths of phasors, complex128 (2, n), that meet the four exact equations in the chosen pixels, and where they do.
+    """Return two paths of phasors, complex128 (2, n), and where they meet the four exact equations in the chosen pixels.
 
     The other pixels get the answer for a sine. The search starts from the closed form, after the higher terms of the
     best single path, `alone`, have been subtracted. A step that does not lower the misfit of a pixel is halved. A pixel

@@ -1,5 +1,4 @@
-/* The equations of the kernel. The comment of each function names the Python function whose twin it is; see
- * _kernel_frame.h. */
+/* The equations of the kernel. The comment of each function names its Python twin; see _kernel_frame.h. */
 #include "_kernel_frame.h"
 
 /* roots.py */
