@@ -50,15 +50,15 @@ def _several(paths: Paths, settings: ResolverSettings) -> Paths:
     most = np.take_along_axis(amplitude, strongest, axis=0)
     lead = paths.phase_rad - np.take_along_axis(paths.phase_rad, strongest, axis=0)
     wraps = (lead < -0.5 * FULL_TURN) & (amplitude < ECHO_RATIO * most)
-    behind = np.where(wraps, FULL_TURN, 0.0)
+    added_rad = np.where(wraps, FULL_TURN, 0.0)
     direct = strongest
     if settings.returns != "strongest":
         strong = (amplitude >= settings.min_return_ratio * most) & (amplitude > 0.0)
         sign = 1.0 if settings.returns == "first" else -1.0
-        direct = np.where(strong, sign * (lead + behind), np.inf).argmin(axis=0)[np.newaxis]
+        direct = np.where(strong, sign * (lead + added_rad), np.inf).argmin(axis=0)[np.newaxis]
     np.put_along_axis(amplitude, direct, np.inf, axis=0)
-    np.put_along_axis(behind, direct, 0.0, axis=0)
+    np.put_along_axis(added_rad, direct, 0.0, axis=0)
     order = np.argsort(-amplitude, axis=0, kind="stable")
-    parts = (paths.amplitude, paths.phase_rad + behind, paths.sigma_rad)
+    parts = (paths.amplitude, paths.phase_rad + added_rad, paths.sigma_rad)
     amplitude, phase_rad, sigma_rad = (np.asarray(np.take_along_axis(part, order, axis=0)) for part in parts)
     return Paths(amplitude, phase_rad, sigma_rad)

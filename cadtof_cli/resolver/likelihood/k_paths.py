@@ -149,8 +149,8 @@ def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
 
 def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise: NoiseModel) -> LikelyPaths:
     """Return paths that another solver found, with standard deviations and misfit from the likelihood."""
-    at = ON_THE_SPOT.solve(WeightedFit.around(measured, paths, noise=noise), paths.points)
-    return LikelyPaths(paths, _sigma(paths, at.matrix), at.cost, converged)
+    end = ON_THE_SPOT.solve(WeightedFit.around(measured, paths, noise=noise), paths.points)
+    return LikelyPaths(paths, _sigma(paths, end.matrix), end.cost, converged)
 
 
 def _sigma(paths: Mixture, matrix: Float) -> Float:

@@ -36,14 +36,14 @@ def without_own_phases(phasors: Complex, paths: Paths, /, *, response: ResponseB
     there = np.isfinite(paths.amplitude)
     amplitude = np.where(there, paths.amplitude, 0.0)
     phase = np.where(there, paths.phase_rad, 0.0).astype(np.float32)
-    plain, alike = response.without_phases, phasors.copy()
-    for row, phasor in enumerate(alike):
+    without, result = response.without_phases, phasors.copy()
+    for row, phasor in enumerate(result):
         for strength, x in zip(amplitude, phase, strict=True):
-            own, other = (one.at(row, x, slice(None)) for one in (response, plain))
+            own, common = (block.at(row, x, slice(None)) for block in (response, without))
             own_re, own_im = response.turned_back(row, own.re, own.im)
-            phasor.real -= strength * (own_re - other.re)
-            phasor.imag -= strength * (own_im - other.im)
-    return alike
+            phasor.real -= strength * (own_re - common.re)
+            phasor.imag -= strength * (own_im - common.im)
+    return result
 
 
 def single_path(phasor: Complex, /, *, response: ResponseBlock) -> Paths:

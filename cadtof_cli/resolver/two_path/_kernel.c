@@ -122,10 +122,10 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
         return PyErr_Format(PyExc_ValueError, "found order %d and returns %d, expected 0, 1 or 2 each", asked->order, asked->returns);
     if (asked->bits < -1) return PyErr_Format(PyExc_ValueError, "found bits %d, expected -1 or more", asked->bits);
     if (!are_pixels(pixels) || !fit_frame(view, pixels)) return NULL;
-    const int through = has_tail(&view[OF_TAIL]);
+    const int with_tail = has_tail(&view[OF_TAIL]);
     Tail tail;
-    if (through && !make_tail(&tail, &view[OF_TAIL])) return NULL;
-    if (through && (tail.sizes->harmonics != 2 || tail.number[1] != 2)) return fails("harmonics"), NULL;
+    if (with_tail && !make_tail(&tail, &view[OF_TAIL])) return NULL;
+    if (with_tail && (tail.sizes->harmonics != 2 || tail.number[1] != 2)) return fails("harmonics"), NULL;
     const Frame frame = {
         .stored = view[STORED].buf,
         .constants = view[CONSTANT_VALUES].buf,
@@ -135,7 +135,7 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
         .samples = view[SAMPLES].buf,
         .metres = view[METRES].buf,
         .shift = view[SHIFT].buf,
-        .tail = through ? &tail : NULL,
+        .tail = with_tail ? &tail : NULL,
         .layers = view[MAP_LAYERS].buf,
         .status = view[STATUS].buf,
         .pixels = pixels,

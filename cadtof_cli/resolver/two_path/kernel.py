@@ -102,8 +102,8 @@ class FrameKernel:
         ]
         limits = scales.saturated_counts if scales.phasor_map is not None else None
         metres = scales.metres if isinstance(scales.metres, float) else math.nan
-        light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
-        self._constants = _constants(settings, noise.each, scales.phasor_map, limits, source_type, light)
+        shared = (metres, scales.volts, scales.most_volts, scales.noise_volts)
+        self._constants = _constants(settings, noise.each, scales.phasor_map, limits, source_type, shared)
 
     def fill(self, stored: Stored, /, *, layers: Float32, status: Status, bits: int | None = None) -> None:
         """Fill `layers` and `status` of the pixels from their stored values.
@@ -182,7 +182,7 @@ def _constants(
     phasor_map: PhasorMap | None,
     saturated_counts: tuple[float, float] | None,
     stored_type: np.dtype[np.generic],
-    light: tuple[float, ...],
+    shared: tuple[float, ...],
 ) -> Float:
     """Return the constants of all pixels of a frame, in the order of `CONSTANTS`.
 
@@ -197,7 +197,7 @@ def _constants(
         **shared_constants(settings, each),
         "saturated_low": low,
         "saturated_high": high,
-        **dict(zip(("metres", "volts", "most_volts", "noise_volts"), light, strict=True)),
+        **dict(zip(("metres", "volts", "most_volts", "noise_volts"), shared, strict=True)),
         **{f"gain{part}": gain for part, gain in enumerate(gains, start=1)},
         **{f"offset{part}": offset for part, offset in enumerate(offsets, start=1)},
     }
