@@ -1,8 +1,9 @@
-/* Buffers of the buffer protocol, checked: what does not fit is a TypeError or ValueError, and nothing of it is read. */
+/* Checked access to arrays from Python (buffer protocol). An array that does not fit raises TypeError or ValueError
+ * before any of its values is read. */
 typedef struct {
     const char *name;
-    const char *formats; /* of the struct module, with a space after each */
-    int itemsize;        /* 0: whatever the format has */
+    const char *formats; /* allowed formats of the struct module, each with a space after it */
+    int itemsize;        /* in bytes; 0: the size of the format */
     int optional, writable;
 } Wanted;
 
@@ -13,7 +14,7 @@ static int has_format(const char *formats, const char *format) {
     return 0;
 }
 
-/* Fill `view`, whose obj stays NULL for None, or set an error and return 0. */
+/* Fill `view`; its obj stays NULL for None. Otherwise set an error and return 0. */
 static int get_buffer(const Wanted *wanted, PyObject *object, Py_buffer *view) {
     if (object == Py_None && wanted->optional) return 1;
     if (PyObject_GetBuffer(object, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (wanted->writable ? PyBUF_WRITABLE : 0)) < 0) return 0;
@@ -30,7 +31,7 @@ static int get_buffer(const Wanted *wanted, PyObject *object, Py_buffer *view) {
     return 1;
 }
 
-/* Fill views, all zero before, from as many objects. */
+/* Fill `count` views from `count` objects; the views must be zero before. */
 static int get_buffers(const Wanted *wanted, int count, PyObject *const *object, Py_buffer *view) {
     int got = 1;
     for (int which = 0; got && which < count; which++) got = get_buffer(&wanted[which], object[which], &view[which]);
@@ -42,7 +43,7 @@ static void release_buffers(Py_buffer *view, int count) {
         if (view[which].obj) PyBuffer_Release(&view[which]);
 }
 
-/* How many values a buffer holds: 0 of what is not there. */
+/* Number of values in a buffer; 0 for a buffer that was not given. */
 static Py_ssize_t values_in(const Py_buffer *view) { return view->obj ? view->len / view->itemsize : 0; }
 
 static int has_values(const char *name, const Py_buffer *view, int64_t count) {
@@ -56,7 +57,7 @@ static int overlap(const Py_buffer *a, const Py_buffer *b) {
     return a->obj && b->obj && first < second + (uintptr_t)b->len && second < first + (uintptr_t)a->len;
 }
 
-/* Whether no buffer of `of` lies in the memory of a buffer that is written, itself aside; or set an error. */
+/* Return 1 if no other buffer of `of` shares memory with `written`; otherwise set an error and return 0. */
 static int lies_apart(const Py_buffer *written, const Wanted *wanted, const Py_buffer *of, int count) {
     for (int which = 0; which < count; which++)
         if (&of[which] != written && overlap(written, &of[which])) {

@@ -1,10 +1,11 @@
-/* What a call from Python goes through: level, options and buffers are got, checked and released in one place. After _module.h and
- * _buffers.h. */
+/* Every call from Python passes through here: level, options and buffers are fetched, checked and released in one
+ * place. Include after _module.h and _buffers.h. */
 #include <stdarg.h>
 
 #define MOST_BUFFERS 24
 
-/* Whether buffers have so many values each, and those that are written lie apart from all others; or set an error. */
+/* Return 1 if every buffer has the expected number of values, and every written buffer lies apart from all others;
+ * otherwise set an error and return 0. */
 static int fit_call(const Wanted *wanted, const Py_buffer *view, int count, const int64_t *expected) {
     for (int which = 0; which < count; which++)
         if (!has_values(wanted[which].name, &view[which], expected[which])) return 0;
@@ -13,8 +14,8 @@ static int fit_call(const Wanted *wanted, const Py_buffer *view, int count, cons
     return 1;
 }
 
-/* Fill options, as many as `format` has letters, and objects, None where there are fewer of them than `count`, from what comes after
- * the level; or set an error and return 0. */
+/* Read the arguments after the level: first one option per letter of `format`, then up to `count` objects; missing
+ * objects become None. On failure set an error and return 0. */
 static int get_arguments(PyObject *arguments, const char *format, va_list options, int count, PyObject **object) {
     const Py_ssize_t first = 1 + (Py_ssize_t)strlen(format), given = PyTuple_Size(arguments);
     if (given < first || given > first + count) {
@@ -28,12 +29,12 @@ static int get_arguments(PyObject *arguments, const char *format, va_list option
     return got;
 }
 
-/* What is done with buffers of the right formats: it checks options and sizes, and returns what Python gets; or sets an error and
- * returns NULL. */
+/* A function that works on buffers of the right formats. It checks the options and the sizes, and returns the result
+ * for Python; or it sets an error and returns NULL. */
 typedef PyObject *(*Checked)(const Level *level, const void *options, const Py_buffer *view);
 
-/* Do it with what Python hands over: the name of a level, options, of which each has a letter in `format` and an address after it, and
- * buffers, which are released afterwards. */
+/* Call `checked` with the arguments from Python: the name of a level, the options, and the buffers, which are released
+ * afterwards. Each option has a letter in `format` and an address after `format`. */
 static PyObject *with_buffers(PyObject *arguments, const Wanted *wanted, int count, Checked checked, const void *options,
                               const char *format, ...) {
     const char *name;

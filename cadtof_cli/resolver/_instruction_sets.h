@@ -1,4 +1,5 @@
-/* One function compiled for every instruction set of a kind of processor, and which of them this processor has. */
+/* Each function is compiled once per instruction set of a kind of processor; here is the list of the sets, and which of
+ * them this processor has. */
 #if defined(__GNUC__) || defined(__clang__)
 #define KERNEL_INLINE __attribute__((always_inline))
 #define FETCH(place) __builtin_prefetch(place)
@@ -16,8 +17,8 @@
 #endif
 
 #if defined(__GNUC__) && !defined(__clang__)
-/* Where two choices of a loop hang on one comparison, GCC would work out all that lies between them twice, once for either outcome,
- * before it makes vector instructions of the loop: a twentieth of the time, and in bad luck a quarter. */
+/* If two choices in a loop depend on one comparison, GCC duplicates all code between them, once per outcome, before it
+ * vectorises the loop. That costs a twentieth of the time, and a quarter in unlucky cases. */
 #pragma GCC optimize("no-thread-jumps")
 #endif
 
@@ -31,7 +32,7 @@ static int always(void) { return 1; }
 #define WIDE ",prefer-vector-width=512"
 #endif
 
-/* Asked of the processor itself: not every compiler's runtime library answers __builtin_cpu_supports. */
+/* Ask the processor itself, because not every compiler's runtime library provides __builtin_cpu_supports. */
 static int has(unsigned saved_state, unsigned features) {
     unsigned eax, ebx, ecx, edx, low, high;
     if (!__get_cpuid(1, &eax, &ebx, &ecx, &edx) || !(ecx & bit_OSXSAVE)) return 0;
@@ -40,7 +41,7 @@ static int has(unsigned saved_state, unsigned features) {
     return (ebx & features) == features;
 }
 
-/* Asked once: a virtual machine takes as long to answer as some thousand pixels take. */
+/* Ask only once: on a virtual machine the answer takes as long as some thousand pixels. */
 #define ONCE(question) \
     static int answer; \
     if (!answer) answer = 1 + (question); \

@@ -1,7 +1,8 @@
-/* What every compiled module asks and tells of its instruction sets, and how it is loaded. After LEVELS, a table of Level. */
+/* Parts that every compiled module has: look-up and list of its instruction sets, and its slots. Include after LEVELS,
+ * a table of Level. */
 #define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
 
-/* The level of a name that this processor has; or set an error and return NULL. */
+/* Return the level with this name if this processor has it; otherwise set an error and return NULL. */
 static const Level *find_level(const char *name) {
     for (size_t i = 0; i < LEVEL_COUNT; i++)
         if (!strcmp(LEVELS[i].name, name) && LEVELS[i].supported()) return &LEVELS[i];

@@ -1,11 +1,12 @@
-"""Which kernels can run here: the compiled one, a function for each kind of processor, and numpy. All give the same bits.
+"""Which kernels can run on this machine: numpy, and the compiled kernel, which holds one version per instruction set.
 
-The extension module holds the compiled twins of `two_path/`, `response/` and `diffuse/`. It is built where a C compiler is at
-hand when cadtof is installed. Where none is, numpy does the same operations.
+All kernels give the same bits. The extension module holds the compiled twins of `two_path/`, `response/` and
+`diffuse/`. It is built when cadtof is installed, if a C compiler is available. Without it, numpy does the same
+operations.
 """
 
 import os
-from functools import cache, lru_cache
+from functools import cache
 from types import ModuleType
 
 from cadtof_cli.errors import SettingsError
@@ -13,7 +14,7 @@ from cadtof_cli.errors import SettingsError
 NUMPY = "numpy"
 
 CHOICE = "CADTOF_KERNEL"
-"""Environment variable that names what runs, of `available_kernels`; without it the first of them does."""
+"""Environment variable: the name of the kernel to run, one of `available_kernels`. Not set: the first of them runs."""
 
 
 @cache
@@ -31,19 +32,19 @@ def extension() -> ModuleType:
 
 
 def available_kernels() -> tuple[str, ...]:
-    """Return the names of what can run here, the fastest first: instruction sets of the compiled kernel, then `numpy`."""
+    """Return the names of the kernels that can run here, the fastest first: compiled instruction sets, then `numpy`."""
     try:
         return (*extension().levels(), NUMPY)
     except ValueError:
         return (NUMPY,)
 
 
-@lru_cache(maxsize=1)
+@cache
 def chosen_kernel() -> str:
-    """Return the name of what runs here.
+    """Return the name of the kernel that runs in this process.
 
     Raises:
-        SettingsError: the environment asks for what this machine has not.
+        SettingsError: the environment variable names a kernel that cannot run on this machine.
     """
     available, asked = available_kernels(), os.environ.get(CHOICE)
     if asked and asked not in available:
@@ -52,6 +53,6 @@ def chosen_kernel() -> str:
 
 
 def numpy_note() -> str:
-    """Return what a user should know where numpy runs: that it is slower than need be, and why it does."""
+    """Return the note for a user when numpy runs: it is slower than the compiled kernel, and the reason why it runs."""
     why = f"{CHOICE} asks for it" if len(available_kernels()) > 1 else "cadtof was installed without a C compiler"
     return f"two paths are resolved by numpy, not by the compiled kernel: the same maps, but slower ({why})"

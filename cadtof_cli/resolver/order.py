@@ -1,4 +1,4 @@
-"""How many paths a pixel has: the fewest that leave no more than noise does."""
+"""How many paths a pixel has: the smallest number whose misfit noise alone can explain."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,33 +13,35 @@ from cadtof_cli.resolver.returns import direct_first
 from cadtof_cli.resolver.settings import ResolverSettings
 
 LEAST_PATHS = 2
-"""Rows of the result at least, whatever was asked: the direct path, and that of the MPI."""
+"""Smallest number of rows of the result, even if the settings allow one path only: the direct path and the MPI path."""
 
 
 class Solver(Protocol):
-    """What a room of the resolver offers by its module `solver`, for the phasors of a block of n pixels."""
+    """Fits paths to the phasors of a block of n pixels; each room of the resolver makes one in its module `solver`."""
 
     @property
     def modulus(self) -> Float:
-        """|p| of the first harmonic, (n,)."""
+        """|p_1|, the modulus of the first harmonic's phasor, (n,)."""
 
     @property
     def powers(self) -> Sequence[Float]:
-        """|p|² of every harmonic, (n,) each."""
+        """|p_h|² of every harmonic, (n,) each."""
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[SomePixels, Fit]:
-        """Fit `count` paths to the pixels, bool (n,), and return the indices of those that were fitted, rising.
+        """Fit `count` paths to the pixels, bool (n,), and return the indices of the fitted pixels, in rising order.
 
-        A solver may fit the whole block where that is faster, and then returns a slice. It may leave out pixels whose χ² is
-        certainly above `limit`, a number or (n,); None: no pixel may get more paths than these.
+        A solver may fit the whole block if that is faster; it then returns a slice. It may leave out pixels whose χ² is
+        certainly above `limit`, a number or (n,). `limit` is None if `count` is the largest number of paths that is
+        allowed.
         """
 
 
 def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSettings, noise: NoiseModel) -> Fit:
-    """Return the paths of n pixels, the direct one first: the fewest, up to `settings.max_paths`, that leave only noise.
+    """Return the paths of n pixels, the direct path first.
 
-    A pixel gets no further path that is not worth it (`worth_another`). Where the order is given, it is that many. Pixels that
-    are not `answered` may hold anything.
+    A pixel gets the smallest number of paths, up to `settings.max_paths`, whose misfit is within noise. It gets one
+    path more only if that path is worth its scatter (`worth_another`). If the settings fix the order, every pixel gets
+    that number. The result of pixels that are not `answered` has no meaning.
     """
     rows, unresolved = max(settings.paths, LEAST_PATHS), answered.copy()
     if not unresolved.any():
@@ -47,7 +49,7 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
     first = 1 if settings.order == "auto" else settings.max_paths
     fewer: tuple[Index, Fit] | None = None
     for count in range(first, settings.max_paths):
-        # what noise alone leaves
+        # χ² that noise alone exceeds with probability `false_alarm`
         threshold = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each) - count)
         limit = threshold if noise.samples is None else threshold / noise.samples
         pixels, fit = solver.fit(count, unresolved, limit=limit)
@@ -69,12 +71,14 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
 
 
 def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
-    """Return where another path moves the direct one by more than the scatter that it costs; `fewer` is that without it.
+    """Return True where another path moves the direct path by more than the scatter that the other path adds.
 
-    One path is biased by δ, two scatter more: E(difference²) = δ² + σ2² − σ1², so the mean squared error of the direct phase is
-    the smaller with two where difference² > 2(σ2² − σ1²): the focused information criterion (Claeskens and Hjort 2003,
-    doi:10.1198/016214503000000819) for that phase. It stops splits of one path into two all but coinciding ones, a hundredth of
-    all pixels by the misfit alone, from doubling the error of all.
+    `direct` is the direct path with the other path, `fewer` the direct path without it. The answer with fewer paths has
+    a bias δ; the answer with more paths has more scatter. E(difference²) = δ² + σ2² − σ1². So the mean squared error of
+    the direct phase is smaller with the other path if difference² > 2(σ2² − σ1²). This is the focused information
+    criterion (Claeskens and Hjort 2003, doi:10.1198/016214503000000819) for the direct phase. By the misfit alone, one
+    pixel in a hundred would be split into two paths that nearly coincide, and these pixels would double the error over
+    all pixels.
     """
     difference = np.abs(direct.phase_rad - fewer.phase_rad)
     difference = np.minimum(difference, FULL_TURN - difference)
@@ -84,7 +88,7 @@ def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
 
 
 def with_direct_first(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: SomePixels) -> Fit:
-    """Return a fit with the direct path first, and with the noise of means, where the phasors are means of several pixels."""
+    """Return a fit with the direct path first, and with the noise of means if phasors are means of several pixels."""
     paths = direct_first(fit.paths, settings)
     if noise.samples is None:
         return replace(fit, paths=paths)
@@ -95,7 +99,7 @@ def with_direct_first(fit: Fit, settings: ResolverSettings, noise: NoiseModel, p
 
 
 def _of_all_pixels(fit: Fit, pixels: SomePixels, count: int, rows: int) -> Fit:
-    """Return a fit of some pixels as one of all, with room for as many paths; NaN elsewhere."""
+    """Return the fit of `pixels` as a fit of all `count` pixels with `rows` paths; other pixels and paths are NaN."""
     if isinstance(pixels, slice) and len(fit.paths) == rows:
         return fit
     whole = Fit.none(rows, count)
@@ -104,7 +108,10 @@ def _of_all_pixels(fit: Fit, pixels: SomePixels, count: int, rows: int) -> Fit:
 
 
 def _fewer_where_enough(whole: Fit, pixels: SomePixels, fewer: tuple[Index, Fit], unresolved: Bool) -> Fit:
-    """Write the fit of fewer paths over that of more, which is in `pixels`, where fewer do or another is not worth it."""
+    """Overwrite the fit with more paths by that with fewer, where fewer are enough or another path is not worth it.
+
+    `whole` holds more paths in `pixels` only. In pixels that are not `unresolved`, fewer paths are enough.
+    """
     known, fit = fewer
     fitted = np.zeros(unresolved.size, np.bool_)
     fitted[pixels] = True

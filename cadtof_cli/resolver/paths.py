@@ -1,4 +1,4 @@
-"""The records of the resolver: the paths of a block of pixels, a fit of them, and what is resolved."""
+"""The records of the resolver: the paths of a block of pixels, a solver's fit, and the answer for each pixel."""
 
 from collections.abc import Iterator
 from types import EllipsisType
@@ -11,7 +11,7 @@ from cadtof_cli.records import dataclass
 
 Some: TypeAlias = int | slice | Index | Bool | EllipsisType
 Where: TypeAlias = Some | tuple[Some, ...]
-"""What an array of shape (K, n) may be indexed by."""
+"""Allowed indices of an array of shape (K, n)."""
 
 FULL_TURN = 2.0 * np.pi
 
@@ -20,9 +20,9 @@ FULL_TURN = 2.0 * np.pi
 class Paths:
     """K paths of n pixels, (K, n) each: amplitude in units of the phasors, phase in rad, its standard deviation in rad.
 
-    `paths[0]` is the first path, `paths[..., pixels]` are all paths of some pixels. NaN stands where a pixel has fewer
-    paths, in the last rows. Phases lie in [0, 2π), but that of an MPI path that is known to lie behind the direct one may go
-    on to 4π.
+    `paths[0]` is the first path, `paths[..., pixels]` are all paths of some pixels. If a pixel has fewer than K paths,
+    its last rows are NaN. Phases lie in [0, 2π). Only the phase of an MPI path that is known to arrive after the direct
+    path may reach 4π.
     """
 
     amplitude: Float
@@ -31,7 +31,7 @@ class Paths:
 
     @classmethod
     def none(cls, shape: tuple[int, ...], /) -> "Paths":
-        """Return paths of which nothing is known: NaN."""
+        """Return paths whose values are all NaN."""
         return cls(np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan))
 
     def __getitem__(self, where: Where, /) -> "Paths":
@@ -50,20 +50,21 @@ class Paths:
 
 
 NO_PATH = Paths.none((1,))
-"""What stands where a pixel has fewer paths than there is room for."""
+"""A path of NaN, for the rows that a pixel with fewer paths does not use."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What a solver returns: the K paths that fit n pixels, before anything is decided about them.
+    """What a solver returns: the K paths that fit n pixels, before the order test and the choice of the direct path.
 
     Attributes:
-        paths: in any order, with the standard deviations that one recorded pixel's noise gives.
-        chi_squared: (n,), what they leave over the noise of one recorded pixel.
-        converged: (n,), not set where the solver gave up. Such paths are NaN where the attempt is worth nothing.
-        doubt: (n,), above 1 where the answer is doubtful and the standard deviations are only a lower bound. Of two paths or
-            more: the largest standard deviation over a quarter of the distance of two (by the sine of half of it). Of one
-            path: by how much its harmonics fall off, as they do where another path is close by (`doubt_of_one`).
+        paths: in any order, with the standard deviations for the noise of one recorded pixel.
+        chi_squared: (n,), misfit of the paths in units of the noise of one recorded pixel.
+        converged: (n,), False where the solver gave up. If its last attempt is of no use, the paths are NaN there.
+        doubt: (n,). If it is above 1, the answer is doubtful and the standard deviations are only a lower bound. With
+            two paths or more it is the largest standard deviation over a quarter of the distance of two paths (the sine
+            of half the distance is used). With one path it is how much the harmonics fall off with frequency, because a
+            second path close by makes them fall off (`doubt_of_one`).
     """
 
     paths: Paths
@@ -73,7 +74,7 @@ class Fit:
 
     @classmethod
     def none(cls, paths: int, pixels: int, /) -> "Fit":
-        """Return a fit of nothing, to be filled in: NaN."""
+        """Return a fit to be filled in: all paths are NaN."""
         return cls(Paths.none((paths, pixels)), np.full(pixels, np.nan), np.ones(pixels, np.bool_), np.zeros(pixels))
 
     def __getitem__(self, pixels: Index, /) -> "Fit":
@@ -86,7 +87,7 @@ class Fit:
         return Fit(paths, self.chi_squared[pixels], self.converged[pixels], self.doubt[pixels])
 
     def __setitem__(self, pixels: SomePixels, other: "Fit", /) -> None:
-        """Write over the fit of some pixels; it may have fewer paths."""
+        """Overwrite the fit of some pixels. `other` may have fewer paths; the remaining rows become NaN."""
         for row, path in enumerate(self.paths):
             path[pixels] = other.paths[row] if row < len(other.paths) else NO_PATH
         self.chi_squared[pixels], self.doubt[pixels] = other.chi_squared, other.doubt
@@ -94,20 +95,21 @@ class Fit:
 
 
 CLOSE_ENOUGH = 0.5
-"""Standard deviations over half the distance of two paths from which on their errors are often larger: from a half on one in
-twenty-five is beyond three standard deviations, and what the order test lets pass is the farther apart the worse it is."""
+"""Threshold on the standard deviation over half the distance of two paths. Above it, errors are often larger than
+predicted: from one half on, one pixel in twenty-five is off by more than three standard deviations. Among the pairs of
+paths that the order test accepts, the pairs with the larger errors lie farther apart."""
 
 PER_FALL_OFF = 1.0 / 1.2815515655446004**2
-"""One over the square of what a normal deviate exceeds once in ten times."""
+"""1/q², where q is the value that a standard normal deviate exceeds with probability 1/10."""
 
 
 def doubt_of_one(fall_off: Float, /) -> Float:
-    """Return the doubt of one path from how much more its harmonics fall off than noise lets them, (n,).
+    """Return the doubt of one path, (n,), from how much more its harmonics fall off with frequency than noise explains.
 
-    `fall_off` is the square of a deviate of unit variance without MPI, with its sign: positive where higher harmonics are the
-    shorter. Paths close together (D rad apart, with shares a and b of their light) leave |p_h| = (a+b)·(1 − h²·D²·ab/2(a+b)²) and
-    next to nothing in the phases, so this sees them where χ², which looks in all directions, does not. One pixel in ten without
-    MPI is in doubt.
+    `fall_off` is z·|z|, where z has unit variance without MPI; it is positive if the higher harmonics are the shorter
+    ones. Two paths close together (D rad apart, with amplitudes a and b) give |p_h| = (a+b)·(1 − h²·D²·ab/2(a+b)²) and
+    change the phases by next to nothing. So `fall_off` shows such paths where χ², which looks in all directions, does
+    not. Without MPI, one pixel in ten is in doubt.
     """
     return fall_off * PER_FALL_OFF
 
@@ -117,10 +119,12 @@ class ResolvedPaths:
     """The answer for n pixels.
 
     Attributes:
-        paths: 2 or more; row 0 is the direct path, row 1 that of the MPI, the others follow in falling amplitude.
-        confidence: magnitude of the first phasor, (n,), NaN where it is not sound.
+        paths: 2 rows or more: row 0 is the direct path, row 1 the MPI path, and the other paths follow in falling
+            amplitude.
+        confidence: magnitude of the first phasor, (n,); NaN if the pixel's values are unusable (saturated, hot, not
+            finite).
         status: bits of `StatusBit`, (n,).
-        chi_squared: what the paths leave over the noise, (n,), NaN without an answer.
+        chi_squared: misfit of the paths in units of the noise, (n,); NaN without an answer.
     """
 
     paths: Paths

@@ -1,4 +1,4 @@
-"""Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`, and the one driver in it."""
+"""Phasors of a block of pixels → the paths of every pixel: the driver of the stage between `phasors/` and `maps/`."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -35,20 +35,23 @@ def resolve_paths(
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
 
-    A pixel gets NaN and a status bit where it is not finite or has no signal, and NaN where it comes with a bit in `status`,
-    (n,): saturated or hot. Every pixel is computed alone, by the same operations wherever it stands, so that blocks of any
-    size give the same bits. Where the channel pairs answer with more than a sine, `response` says how. Where the frame's MPI is
-    diffuse, `tail` predicts it for all pixels but those of patches with separate paths. `first` is the place of the first of the
-    n neighbours in the frame, a flat index, which the seed of a random search goes with. `kernel`, of `available_kernels`, is
-    what answers pixels through the tail: all give the same bits.
+    A pixel that is not finite or has no signal gets NaN and a status bit. A pixel that already has a bit in `status`,
+    (n,), because it is saturated or hot, gets NaN. Every pixel is computed alone, by the same operations at any
+    position in the block, so that blocks of any size give the same bits.
+
+    `response` is the response of the channel pairs if it is no pure sine. `tail` is the model of the frame's diffuse
+    MPI: it answers all pixels except those of patches with separate paths. `first` is the flat index in the frame of
+    the first of the n pixels; the starts of a random search depend on it and on the seed. `kernel`, one of
+    `available_kernels`, answers the pixels with a tail; all kernels give the same bits.
 
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
     """
     make_solver = solver_for(settings, noise.harmonics, sine=response is None)
-    # the tail comes first, and a solver is for the few pixels that it leaves; but what shows a net is light as a sine has it
-    early = tail is None or response is None or tail.model.through is None
-    before, after = (tail, None) if early else (None, tail)
+    # The tail answers first, because it leaves only few pixels to the solver. But a net is found in phasors of a pure
+    # sine: with a response, these follow from the solver's paths, so there the solver runs first.
+    tail_first = tail is None or response is None or tail.model.through is None
+    before, after = (tail, None) if tail_first else (None, tail)
     with np.errstate(all="ignore"):
         free, through = _freed(phasors, before, kernel)
         start = partial(make_solver, free, noise=noise, settings=settings, response=response, first=first)
@@ -95,7 +98,7 @@ def _predicted(
     response: "ResponseBlock | None",
     kernel: str,
 ) -> "DiffusePixels":
-    """Return the answers of the usable pixels through the tail."""
+    """Return the answers that the tail's model gives for the usable pixels."""
     from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels, pixels_of_sine
 
     samples = noise.samples
@@ -105,14 +108,21 @@ def _predicted(
 
 
 def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sine: bool) -> Callable[..., Solver]:
-    """Return what makes a solver, of the room that the settings ask for; raises SettingsError, see `ResolverSettings.room`."""
+    """Return the function that makes a solver, from the room that the settings choose.
+
+    Raises:
+        SettingsError: see `ResolverSettings.room`.
+    """
     made: Callable[..., Solver]
     made = import_module(f"cadtof_cli.resolver.{settings.room(harmonics, sine=sine)}.solver").solver
     return made
 
 
 def _freed(phasors: Complex, tail: "DiffuseBlock | None", kernel: str) -> "tuple[Complex, ThroughPixels | None]":
-    """Return phasors freed of tails where pixels see through something, and where; those that were given without a tail."""
+    """Return the phasors with the tails subtracted in pixels that look through a net, and the record of these pixels.
+
+    Without a tail, or without a net in the frame, return the given phasors and None.
+    """
     if tail is None:
         return phasors, None
     from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
@@ -121,7 +131,7 @@ def _freed(phasors: Complex, tail: "DiffuseBlock | None", kernel: str) -> "tuple
 
 
 def _resolved(fit: Fit, confidence: Float, bits: Status, noise: NoiseModel) -> ResolvedPaths:
-    """Return what was found, with the bit of pixels that are means."""
+    """Return the answer as a record; pixels that are means of several pixels get the bit `POOLED`."""
     if noise.samples is not None:
         np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
     return ResolvedPaths(fit.paths, confidence, bits, fit.chi_squared)
@@ -130,7 +140,7 @@ def _resolved(fit: Fit, confidence: Float, bits: Status, noise: NoiseModel) -> R
 def screened(
     modulus: Float, powers: Sequence[Float], status: Status, /, *, settings: ResolverSettings, noise: NoiseModel
 ) -> tuple[Status, Float]:
-    """Return the status of pixels that get no answer, 0 for the others, and the confidence of all, (n,) each."""
+    """Return the status, 0 for pixels that get an answer, and the confidence of all pixels, (n,) each."""
     power = powers[0] * (1.0 / noise.each[0].dark_variance)
     for square, harmonic in zip(powers[1:], noise.each[1:], strict=True):
         power += square * (1.0 / harmonic.dark_variance)
@@ -149,7 +159,7 @@ def screened(
 
 
 def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings, noise: NoiseModel) -> None:
-    """Write two paths from phasors that are those of a sine, free of tails, where they are wanted."""
+    """Overwrite the fit in the pixels `where` by two paths, from phasors `free` of a pure sine without tails."""
     chosen = np.flatnonzero(where)
     if chosen.size:
         from cadtof_cli.resolver.two_path.solver import solver
@@ -160,7 +170,7 @@ def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings,
 
 
 def _of_tail(predicted: "DiffusePixels") -> Fit:
-    """Return direct and MPI light as two paths where a tail was predicted, and nothing elsewhere."""
+    """Return the direct light and the MPI light of pixels with a predicted tail as two paths; other pixels are NaN."""
     rows = zip(predicted.direct, predicted.mpi, strict=True)
     amplitude, phase_rad, sigma_rad = (np.array(pair, np.float64) for pair in rows)
     count = predicted.answered.size
@@ -169,7 +179,11 @@ def _of_tail(predicted: "DiffusePixels") -> Fit:
 
 
 def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | None") -> None:
-    """Write direct and MPI light as two paths where a tail was predicted; elsewhere the room's is still there, or was freed."""
+    """Write the direct light and the MPI light into `fit` as two paths, in pixels with a predicted tail.
+
+    The other pixels get the variance that the tail still adds to the phases of their separate paths: the room's tail,
+    or what is left of it in pixels that look through a net.
+    """
     where, paths = predicted.answered, fit.paths
     left = predicted.separate_variance
     paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + (left if through is None else through.variance(left)))
@@ -181,7 +195,7 @@ def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | No
 
 
 def _bits(fit: Fit) -> Status:
-    """Return the bits that say how many paths each pixel has, and what is to be known about them."""
+    """Return the bits of each pixel: the number of paths, whether they are in doubt, whether the search converged."""
     one, two, *more = np.isfinite(fit.paths.amplitude)
     bits: Status = np.where(two, np.uint32(StatusBit.TWO_PATHS), one * np.uint32(StatusBit.ONE_PATH))
     for another in more:

@@ -6,16 +6,18 @@ from cadtof_cli.resolver.paths import FULL_TURN, Paths
 from cadtof_cli.resolver.settings import ResolverSettings
 
 ECHO_RATIO = 0.5
-"""A path below this share of the other's amplitude, and over half a turn ahead of it, is its echo, wrapped round the range."""
+"""A path is an echo that wraps round the unambiguous range if its amplitude is below this share of the other path's
+amplitude and it seems to arrive more than half a turn before the other path."""
 
 
 def direct_first(paths: Paths, settings: ResolverSettings, /) -> Paths:
-    """Return the direct path in row 0, then the others in falling amplitude; NaN in the last rows stays there.
+    """Return the direct path in row 0, then the other paths in falling amplitude; NaN in the last rows stays there.
 
-    Direct is the first or last that is strong enough, or the strongest. Phases repeat after a full turn, so a late echo of a
-    far wall shows up ahead of it. Light that took the long way is the weaker: a path of less than half the strongest's
-    amplitude that seems to come over half a turn before it is therefore put behind it, and its phase as another path's than
-    the direct one goes on beyond 2π.
+    The direct path is the first or the last path that is strong enough, or the strongest path, as the settings say.
+    Phases repeat after a full turn, so a late echo of a far wall can seem to arrive before the wall itself. But light
+    on a longer way is weaker. So a path is put behind the strongest path if its amplitude is less than half the
+    strongest amplitude and it seems to arrive more than half a turn before the strongest path. If such a path is not
+    the direct path, its phase lies beyond 2π.
     """
     if len(paths) == 1:
         return paths
@@ -23,7 +25,7 @@ def direct_first(paths: Paths, settings: ResolverSettings, /) -> Paths:
 
 
 def _pair(paths: Paths, settings: ResolverSettings) -> Paths:
-    """Arrange two paths: the same as `_several`, in a few operations."""
+    """Arrange two paths as `_several` does, but in fewer operations."""
     x, y = paths.amplitude
     lead = paths.phase_rad[1] - paths.phase_rad[0]
     x_wraps = (lead > 0.5 * FULL_TURN) & (x < ECHO_RATIO * y)
@@ -48,15 +50,15 @@ def _several(paths: Paths, settings: ResolverSettings) -> Paths:
     most = np.take_along_axis(amplitude, strongest, axis=0)
     lead = paths.phase_rad - np.take_along_axis(paths.phase_rad, strongest, axis=0)
     wraps = (lead < -0.5 * FULL_TURN) & (amplitude < ECHO_RATIO * most)
-    behind = np.where(wraps, FULL_TURN, 0.0)
+    added_rad = np.where(wraps, FULL_TURN, 0.0)
     direct = strongest
     if settings.returns != "strongest":
         strong = (amplitude >= settings.min_return_ratio * most) & (amplitude > 0.0)
         sign = 1.0 if settings.returns == "first" else -1.0
-        direct = np.where(strong, sign * (lead + behind), np.inf).argmin(axis=0)[np.newaxis]
+        direct = np.where(strong, sign * (lead + added_rad), np.inf).argmin(axis=0)[np.newaxis]
     np.put_along_axis(amplitude, direct, np.inf, axis=0)
-    np.put_along_axis(behind, direct, 0.0, axis=0)
+    np.put_along_axis(added_rad, direct, 0.0, axis=0)
     order = np.argsort(-amplitude, axis=0, kind="stable")
-    parts = (paths.amplitude, paths.phase_rad + behind, paths.sigma_rad)
+    parts = (paths.amplitude, paths.phase_rad + added_rad, paths.sigma_rad)
     amplitude, phase_rad, sigma_rad = (np.asarray(np.take_along_axis(part, order, axis=0)) for part in parts)
     return Paths(amplitude, phase_rad, sigma_rad)

@@ -1,4 +1,4 @@
-"""What a user can choose about resolving; one frozen record that checks itself."""
+"""The settings of the resolver that a user can choose: one frozen record that checks itself."""
 
 from typing import Literal, get_args
 
@@ -12,28 +12,28 @@ MpiModel = Literal["auto", "discrete", "diffuse"]
 
 SOLVERS: tuple[SolverName, ...] = get_args(SolverName)
 ORDERS: tuple[str, ...] = ("auto", "1", "2")
-"""What `order` may be with two paths; with more, numbers up to theirs."""
+"""Allowed values of `order` with two paths. With more paths, all numbers up to the number of paths are allowed."""
 
 RETURNS: tuple[Return, ...] = get_args(Return)
 MPI_MODELS: tuple[MpiModel, ...] = get_args(MpiModel)
 
 MOST_PATHS, MOST_STARTS = 100, 10**9
-"""Far beyond what is of use: so many paths need as many periods, and so many starts take days."""
+"""Upper limits, far beyond useful values: 100 paths need 100 periods, and 10⁹ starts take days."""
 
 SECONDS_IN_CLOSED_FORM = 2e-7
 SECONDS_BY_LIKELIHOOD = 4e-6
 SECONDS_BY_MANY_PATHS = 4e-5
 SECONDS_BY_LM = 3e-5
-"""What a pixel costs: enough to decide whether a frame is worth more than one process, and no more than that."""
+"""Rough time per pixel, in s. It only serves to decide whether a frame is worth more than one process."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResolverSettings:
     """How phasors become paths.
 
-    `false_alarm` is an upper limit for the share of pixels without MPI that get a second path, which must be worth its scatter
-    besides. Pixels whose first phasor is below `min_confidence`, in units of the phasors, have no answer; None: those with no
-    signal above the noise.
+    `false_alarm` is an upper limit for the share of pixels without MPI that get a second path, because a second path
+    must also be worth its scatter. Pixels whose first phasor is shorter than `min_confidence`, in units of the phasors,
+    get no answer. If it is None, pixels without a signal above the noise get no answer.
     """
 
     mpi_model: MpiModel = setting(
@@ -103,25 +103,26 @@ class ResolverSettings:
 
     @property
     def max_paths(self) -> int:
-        """The most paths that a pixel may get."""
+        """Largest number of paths that a pixel may get."""
         if self.order != "auto":
             return int(self.order)
         return 1 if self.solver == "one-path" else self.paths
 
     def may_be_diffuse(self, harmonics: tuple[int, ...], /) -> bool:
-        """Whether a frame's MPI may be taken for diffuse: not where another solver, order or return is asked for.
+        """Whether a frame's MPI may be taken for diffuse: default solver, paths and order, and not the last return.
 
-        A tail is predicted from harmonics 1 and 2, and more of them where there are.
+        A tail is predicted from harmonics 1 and 2, and from higher harmonics if there are any.
         """
         free = (self.solver, self.paths, self.order) == ("two-path", 2, "auto") and self.returns != "last"
         return free and self.mpi_model != "discrete" and harmonics[:2] == (1, 2)
 
     def room(self, harmonics: tuple[int, ...], /, *, sine: bool) -> str:
-        """Return the room of the resolver whose module `solver` answers; `sine`: whether the channel pairs answer with one.
+        """Return the room of the resolver whose module `solver` fits the paths; `sine`: the response is a pure sine.
 
         Raises:
-            SettingsError: there are fewer harmonics than paths; or two that are not 1 and 2, which two paths fit in several ways;
-                or others than 1 and 2, or `lm`, where the channel pairs answer with more than a sine.
+            SettingsError: there are fewer harmonics than paths; or there are two harmonics that are not 1 and 2, to
+                which several pairs of paths fit; or the response is no pure sine, and the harmonics are not 1 and 2,
+                the solver is `lm` or there are more than two paths.
         """
         found = f"found harmonics {', '.join(map(str, harmonics))}"
         if self.max_paths > len(harmonics):
@@ -147,7 +148,7 @@ class ResolverSettings:
         return "response"
 
     def seconds_per_pixel(self, harmonics: int, /) -> float:
-        """Return about how long a core takes for a pixel, by what `scripts/benchmark_solvers.py` measures."""
+        """Return roughly how long one core takes for a pixel, in s, as measured by `scripts/benchmark_solvers.py`."""
         if self.solver == "lm" and self.max_paths == 2:
             return SECONDS_BY_LM
         if self.max_paths > 2:

@@ -1,4 +1,4 @@
-"""The registry of status bits: code, decoder and documentation all read this one list."""
+"""The registry of status bits: the code, the decoder and the documentation all use this one list."""
 
 from enum import IntFlag
 
@@ -9,9 +9,9 @@ from cadtof_cli.records import dataclass
 
 
 class StatusBit(IntFlag):
-    """What became of a pixel.
+    """How a pixel was resolved, or why it has no answer.
 
-    Without `ONE_PATH`, `TWO_PATHS`, `MORE_PATHS` or `DIFFUSE_MPI` it has no answer: NaN in every depth layer.
+    A pixel without `ONE_PATH`, `TWO_PATHS`, `MORE_PATHS` and `DIFFUSE_MPI` has no answer: NaN in every depth layer.
     """
 
     SATURATED = 1
@@ -56,7 +56,7 @@ def has_answer(status: Status, /) -> Bool:
 
 @dataclass(frozen=True)
 class StatusCounts:
-    """How many pixels of a frame ended how."""
+    """Numbers of pixels of a frame with one path, two paths, more paths, diffuse MPI, and without an answer."""
 
     one_path: int
     two_paths: int
@@ -66,16 +66,16 @@ class StatusCounts:
 
 
 def count_status(status: Status, /) -> StatusCounts:
-    """Count the pixels of a status map of any shape that have one path, two paths, more, diffuse MPI, and no answer."""
+    """Count the pixels of a status map of any shape by how they were resolved."""
     bits = map(int, (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.DIFFUSE_MPI))
-    # most frames have no pixel of some kinds
+    # most frames lack some kinds of pixels: bits that no pixel has are not counted
     there = int(np.bitwise_or.reduce(status, axis=None))
     one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) if there & bit else 0 for bit in bits)
     return StatusCounts(one, two, more, diffuse, status.size - one - two - more - diffuse)
 
 
 def why_no_answer(status: Status, /) -> str:
-    """Return why no pixel of a status map has an answer: the bits that are set, with their share of the pixels."""
+    """Return why no pixel of a status map has an answer: the bits that are set, with their shares of the pixels."""
     bits = (
         StatusBit.SATURATED,
         StatusBit.NOT_FINITE,

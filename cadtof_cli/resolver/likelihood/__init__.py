@@ -1,1 +1,1 @@
-"""Maximum likelihood for more harmonics and more paths."""
+"""Maximum likelihood for more than two harmonics or more than two paths."""

@@ -1,18 +1,19 @@
-/* The scans over a coarse grid of delays of starts.py, LANES pixels at a time: the same operations in the same order. */
+/* The scans over a coarse grid of delays, LANES pixels at a time: the same operations as in starts.py, in the same
+ * order. */
 enum { MOST_PLACES = 8 * MOST_HARMONIC };
 
-/* What is scanned; arrays of planes of `count` numbers. */
+/* Input and output of a scan. Arrays consist of planes of `count` numbers. */
 typedef struct {
     int rows, places, pairs;
     int64_t count;
-    const double *factors; /* of each place and row: weight·cos and weight·sin */
-    const double *lags;    /* of each lag from 1 on: ρ, −2ρ and 1/(1 − ρ²) */
+    const double *factors; /* weight·cos and weight·sin for each place and row */
+    const double *lags;    /* ρ, −2ρ and 1/(1 − ρ²) for each lag from 1 on */
     const double *re, *im;
-    int64_t *first, *lag; /* places of the best path, and how far behind it the other of the best pair lies */
-    double *peak, *other; /* the matched sums there */
+    int64_t *first, *lag; /* place of the best path; in the best pair, the other path lies `lag` places later */
+    double *peak, *other; /* matched sums of the best path and of the other path */
 } Scan;
 
-/* The place of the largest sum, or of the first NaN. */
+/* Find the place of the largest sum, or of the first NaN. */
 static KERNEL_INLINE inline void highest(const Row *matched, int places, Row *best) {
     Row most = matched[0];
     *best = ALL(0.0);
@@ -23,7 +24,8 @@ static KERNEL_INLINE inline void highest(const Row *matched, int places, Row *be
     }
 }
 
-/* The place of the first path of the best pair, times MOST_PLACES, and the lag of the other; the first of equals, place by place. */
+/* Find the best pair: the place of its first path times MOST_PLACES, plus the lag of the other path. Of equal pairs,
+ * the first in the order of places wins. */
 static KERNEL_INLINE inline void best_pair(const Row *matched, int places, const double *lags, Row *best) {
     Row most = ALL(-INFINITY);
     *best = ALL(1.0);

@@ -1,8 +1,9 @@
-/* The compiled twins of the search (levenberg_marquardt.py), of the scans for its starts (starts.py) and of the search of Eq. (9) as a
- * Python module: buffers in, buffers filled, nothing kept.
+/* The compiled twins of the search (levenberg_marquardt.py), of the scans for its starts (starts.py) and of the search
+ * of Eq. (9) (paper/search.py) as a Python module. Each function reads buffers and fills buffers; the module keeps no
+ * state.
  *
- * compiled.py is its front. What comes here is checked again all the same: a buffer of the wrong type, size, alignment or layout
- * is a ValueError or TypeError, never a crash.
+ * compiled.py and paper/search.py are its Python fronts. The buffers are checked here again: a buffer of the wrong
+ * type, size, alignment or layout raises ValueError or TypeError and never crashes.
  */
 #ifndef Py_GIL_DISABLED
 #define Py_LIMITED_API 0x030b0000 /* one build for every Python from 3.11 on */
@@ -45,7 +46,7 @@ static const Wanted WANTED[BUFFERS] = {
     {"matrix", "d ", 8, 0, 1},      {"converged", "? ", 1, 0, 1}, {"steps", "q l ", 8, 0, 1},
 };
 
-/* Whether kind, paths and harmonics are what there is room for; or set an error. */
+/* Return 1 if kind, paths, steps and harmonics are within the limits; otherwise set an error and return 0. */
 static int is_known(int kind, int paths, int most_steps, const Py_buffer *harmonics) {
     const Py_ssize_t rows = values_in(harmonics);
     if (kind < WHITE || kind > WEIGHTED || paths < 1 || paths > MOST_PATHS || most_steps < 0 || rows < 1 ||
@@ -62,7 +63,7 @@ static int is_known(int kind, int paths, int most_steps, const Py_buffer *harmon
     return 1;
 }
 
-/* Whether there is room for what is made of so many values; or set an error. */
+/* Return 1 if the number of pixels is small enough for the arrays; otherwise set an error and return 0. */
 static int are_few(int64_t count) {
     if (count <= PY_SSIZE_T_MAX / 4096) return 1;
     PyErr_Format(PyExc_ValueError, "found %lld pixels, expected fewer", (long long)count);

@@ -1,8 +1,9 @@
-/* Levenberg–Marquardt for many small least-squares problems, LANES of them at a time: the same operations in the same order as
- * levenberg_marquardt.py, mixture.py and normal_equations.py, so that every bit is theirs.
+/* Levenberg–Marquardt for many small least-squares problems, LANES problems at a time: the same operations in the same
+ * order as levenberg_marquardt.py, mixture.py and normal_equations.py, so that all bits are the same.
  *
- * A lane holds a problem. When it stops, its answer is written and the next problem takes its lane; what it begins with is linearised
- * together with the others' next points. Nothing is looked at across lanes.
+ * A lane holds one problem. When the problem stops, its answer is written and the next problem takes the lane. The
+ * start of the new problem is linearised together with the next points of the other lanes. No operation mixes values of
+ * different lanes.
  */
 #include <math.h>
 #include <stdint.h>
@@ -49,13 +50,13 @@ enum {
 #define TINY 2.2250738585072014e-308
 #define MOST_DAMPING 1e12
 
-/* What is solved, and where the answers go; arrays of planes of `count` numbers. */
+/* The problems, and the arrays for the answers. Arrays consist of planes of `count` numbers. */
 typedef struct {
-    int kind, paths, rows, most_steps; /* kind: of enum kind; rows: harmonics */
+    int kind, paths, rows, most_steps; /* kind: of enum kind; rows: number of harmonics */
     int64_t count;
     const int64_t *harmonics;
     double relative, first_damping;
-    const double *re, *im;             /* of what was measured */
+    const double *re, *im;             /* parts of the measured phasors */
     const double *weights;             /* WHITE: one per row; WEIGHTED: re_re, re_im, im_im, a plane per row each */
     const double *starts, *worth;
     double *points, *cost, *matrix;
@@ -73,7 +74,7 @@ typedef struct {
     Linear now, there;
     Row damping, growth, worth, promised, steps;
     Mask done, fresh, busy;
-    int64_t problem[LANES]; /* which one a lane holds */
+    int64_t problem[LANES]; /* index of the problem that a lane holds */
 } Lanes;
 
 #define ENTRY(i, j) ((i) * ((i) + 1) / 2 + (j))
@@ -115,7 +116,7 @@ static KERNEL_INLINE inline void powers(const Search *search, const Row *cos, co
     for (int64_t h = 2; h <= most; h++) multiply(power[h / 2], power[h - h / 2], power[h]);
 }
 
-/* What the paths leave of a row's phasor. */
+/* The phasor of a row minus the phasors of the paths. */
 static KERNEL_INLINE inline void rest_of(const Lanes *lanes, const Row *amplitude, Row (*rotor)[MOST_HARMONIC + 1][2], int paths,
                                          int row, int64_t h, Row *re, Row *im) {
     Row sum_re = amplitude[0] * rotor[0][h][0], sum_im = amplitude[0] * rotor[0][h][1];
@@ -191,7 +192,7 @@ static KERNEL_INLINE inline void solve(const Linear *at, const Row *damping, int
         Row pivot = diagonal;
         for (int k = 0; k < j; k++) pivot -= lower[ENTRY(j, k)] * lower[ENTRY(j, k)];
         const Row least = LEAST_PIVOT * diagonal + TINY;
-        pivot = SELECT(BELOW(pivot, least), least, pivot); /* NaN stays, as in numpy's maximum */
+        pivot = SELECT(BELOW(pivot, least), least, pivot); /* NaN stays NaN, as in numpy.maximum */
         roots(&pivot);
         lower[ENTRY(j, j)] = 1.0 / pivot;
         for (int i = j + 1; i < size; i++) {
@@ -211,7 +212,7 @@ static KERNEL_INLINE inline void solve(const Linear *at, const Row *damping, int
     }
 }
 
-/* The next points of all lanes that are not fresh, and what is promised of them. */
+/* Compute the next points of all lanes, except fresh ones, and the decrease of the cost that the steps promise. */
 static KERNEL_INLINE inline void step(Lanes *lanes, double relative, int k) {
     const int size = 2 * k;
     Row x[MOST_STEPS], trial[MOST_POINTS];
@@ -230,7 +231,7 @@ static KERNEL_INLINE inline void step(Lanes *lanes, double relative, int k) {
     for (int i = 0; i < 3 * k; i++) lanes->trial[i] = SELECT(lanes->fresh, lanes->trial[i], trial[i]);
 }
 
-/* levenberg_marquardt.py: the rest of _stepped, and which lanes have stopped. */
+/* levenberg_marquardt.py: the second part of _stepped. Sets which lanes have stopped. */
 static KERNEL_INLINE inline void judge(Lanes *lanes, double first_damping, int entries, int size, int points, Mask *stopped) {
     const Linear *now = &lanes->now, *there = &lanes->there;
     const Row gain = (now->cost - there->cost) / lanes->promised;
@@ -272,11 +273,12 @@ static inline void store(const Search *search, Lanes *lanes, int lane, int stopp
     for (int i = 0; i < entries; i++) search->matrix[i * n + problem] = LANE(lanes->now.matrix[i], lane);
     search->cost[problem] = LANE(lanes->now.cost, lane);
     search->converged[problem] = stopped && FLAG(lanes->done, lane);
-    /* a step after which a problem has stopped does not count */
+    /* the step with which a problem stops does not count */
     search->steps[problem] = (int64_t)LANE(lanes->steps, lane) - stopped;
 }
 
-/* Write the answers of lanes whose problem has ended, and give them the next ones; returns how many are then without any. */
+/* Write the answers of lanes whose problem has ended, and load the next problems into these lanes. Return the number of
+ * lanes that are left without a problem. */
 static inline int64_t exchange(const Search *search, Lanes *lanes, const Mask *ends, const Mask *stopped, int64_t *next, int entries,
                                int points) {
     int64_t idle = 0;
@@ -290,7 +292,8 @@ static inline int64_t exchange(const Search *search, Lanes *lanes, const Mask *e
     return idle;
 }
 
-/* Solve the problems of one kind with k paths. While one group waits for a root or a quotient, the other goes on. */
+/* Solve the problems of one kind with k paths. There are two groups of lanes: while one waits for a root or a quotient,
+ * the processor works on the other. */
 static KERNEL_INLINE inline void search_kind(const Search *search, enum kind kind, int k) {
     const int size = 2 * k, entries = ENTRY(size, 0), points = 3 * k;
     const Row most_steps = ALL((double)search->most_steps);
@@ -322,17 +325,17 @@ static KERNEL_INLINE inline void search_kind(const Search *search, enum kind kin
     }
 }
 
-/* The noise of the light of some paths, as weights; arrays of planes of `count` numbers. */
+/* The weights that follow from the noise of the light of given paths. Arrays consist of planes of `count` numbers. */
 typedef struct {
     int paths, rows;
     int64_t count;
     const int64_t *harmonics;
-    const double *noise; /* of each row: level, double and averaging of HarmonicNoise.covariance */
+    const double *noise; /* level, double and averaging of HarmonicNoise.covariance, for each row */
     const double *points;
     double *weights; /* re_re, re_im, im_im, a plane per row each */
 } Weigh;
 
-/* mixture.py: Mixture.phasors of one harmonic. */
+/* mixture.py: Mixture.phasors, for one harmonic. */
 static KERNEL_INLINE inline void light_of(const Row *amplitude, Row (*rotor)[2 * MOST_HARMONIC + 1][2], int paths, int64_t h, Row *re,
                                           Row *im) {
     *re = amplitude[0] * rotor[0][h][0];

@@ -1,1 +1,1 @@
-"""Compiled from _search.c, whose METHODS say what each function takes; called through `compiled.compiled_search`."""
+"""Compiled from _search.c, whose METHODS list the arguments of each function; see `compiled.compiled_search`."""

@@ -1,4 +1,4 @@
-"""The front of the compiled search and scans: what `levenberg_marquardt` and `starts` do, with the same bits."""
+"""The Python front of the compiled search and scans, which give the same bits as `levenberg_marquardt` and `starts`."""
 
 from types import ModuleType
 
@@ -8,22 +8,22 @@ from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.records import dataclass
 
 WHITE, WEIGHTED = range(2)
-"""Kinds of problems, in the order of `enum kind` in `_search.h`."""
+"""Kinds of problems, numbered as in `enum kind` of `_search.h`."""
 
 MOST_PATHS, MOST_ROWS, MOST_HARMONIC = 4, 8, 16
-"""What there is room for there; numpy solves what is larger."""
+"""Largest sizes that the compiled search has room for; numpy solves larger problems."""
 
 
 @dataclass(frozen=True)
 class Planes:
-    """n problems as the compiled search takes them.
+    """n problems in the form that the compiled search takes.
 
     Attributes:
-        kind: of which kind they are.
-        paths: K.
-        harmonics: N numbers of harmonics.
-        re, im: what was measured, (N, n).
-        weights: of `WHITE` (N,), of `WEIGHTED` (3, N, n).
+        kind: `WHITE` or `WEIGHTED`.
+        paths: number of paths, K.
+        harmonics: numbers of the N harmonics.
+        re, im: parts of the measured phasors, (N, n).
+        weights: (N,) for `WHITE`, (3, N, n) for `WEIGHTED`.
     """
 
     kind: int
@@ -36,7 +36,7 @@ class Planes:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where n problems ended: points (P, n), cost (n,), JᵀWJ by its triangle, which converged, and after how many steps."""
+    """Ends of n searches: points (P, n), cost (n,), triangle of JᵀWJ, whether they converged, numbers of steps."""
 
     points: Float
     cost: Float
@@ -46,7 +46,7 @@ class Minimum:
 
 
 def compiled_search(harmonics: tuple[int, ...], /, *, paths: int) -> ModuleType | None:
-    """Return the extension module; None where it was not built, or has no room for so many paths of these harmonics."""
+    """Return the extension module; None if it was not built or has no room for these paths and harmonics."""
     if not (0 < len(harmonics) <= MOST_ROWS and max(harmonics) <= MOST_HARMONIC and 0 < paths <= MOST_PATHS):
         return None
     try:
@@ -67,7 +67,7 @@ def compiled_ends(
     first_damping: float,
     kernel: str,
 ) -> Minimum | None:
-    """Minimise n problems from their starts, (P, n); None where numpy has to. See `LevenbergMarquardt` for the options."""
+    """Minimise n problems from their starts, (P, n); None if numpy must do it. Options: see `LevenbergMarquardt`."""
     compiled = compiled_search(planes.harmonics, paths=planes.paths)
     if compiled is None:
         return None
@@ -99,9 +99,10 @@ def compiled_ends(
 
 
 def compiled_weights(points: Float, /, *, harmonics: tuple[int, ...], noise: Float, kernel: str) -> Float | None:
-    """Return the inverse covariances' entries of n pixels, (3, N, n), for the light of points (3·K, n); None where numpy has to.
+    """Return the entries of the inverse covariances of n pixels, (3, N, n), for light of the paths in points (3·K, n).
 
-    `noise`, (N, 3), is level, double and averaging of each harmonic (`HarmonicNoise.covariance_terms`).
+    Return None if numpy must do it. `noise`, (N, 3), holds level, double and averaging of each harmonic
+    (`HarmonicNoise.covariance_terms`).
     """
     paths = len(points) // 3
     compiled = compiled_search(harmonics, paths=paths)
@@ -114,10 +115,10 @@ def compiled_weights(points: Float, /, *, harmonics: tuple[int, ...], noise: Flo
 
 @dataclass(frozen=True)
 class Scanned:
-    """The best of a grid's delays for n pixels, (n,) each.
+    """The best delays of a grid for n pixels, (n,) each.
 
-    `first` is the place of a path in the grid, `peak` its matched sum; of a pair `lag` is how many places behind the other one
-    lies, with the matched sum `other`.
+    `first` is the place of the path in the grid, `peak` its matched sum. For a pair, the other path lies `lag` places
+    later, and `other` is its matched sum.
     """
 
     first: Index
@@ -127,17 +128,17 @@ class Scanned:
 
     @classmethod
     def empty(cls, count: int, /) -> "Scanned":
-        """Return room for so many pixels."""
+        """Return uninitialised arrays for `count` pixels."""
         return cls(np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count), np.empty(count))
 
 
 def compiled_scan(
     factors: Float, lags: Float, re: Float, im: Float, /, *, harmonics: tuple[int, ...], pairs: bool, kernel: str
 ) -> Scanned | None:
-    """Scan a grid for phasors in parts, (N, n); None where numpy has to.
+    """Scan a grid of delays for phasors in real and imaginary parts, (N, n) each; None if numpy must do it.
 
-    `factors`, (places, N, 2), are a harmonic's weight times cosine and sine at each delay; `lags`, (places/2, 3), are
-    ρ, −2ρ and 1/(1 − ρ²) of each lag from 1 on.
+    `factors`, (places, N, 2), are the weight of a harmonic times cosine and sine at each delay. `lags`, (places/2, 3),
+    are ρ, −2ρ and 1/(1 − ρ²) of each lag from 1 on.
     """
     compiled, (places, rows) = compiled_search(harmonics, paths=1 + pairs), factors.shape[:2]
     if compiled is None:

@@ -1,4 +1,4 @@
-"""Maximum likelihood for K paths on N harmonics whose noise is known, and its Fisher information."""
+"""Maximum likelihood for K paths on N harmonics with known noise, and its Fisher information."""
 
 from dataclasses import dataclass
 
@@ -16,37 +16,38 @@ from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths, doubt_of_one
 from cadtof_cli.resolver.two_path.arcsine import phase_of
 
 SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
-"""From a start to a minimum, with white noise: to a third of a standard deviation of the phasors, and a step further."""
+"""Search for a minimum with white noise: to a third of a standard deviation of the phasors, then one step more."""
 
 CLOSE_SEARCH = LevenbergMarquardt(max_steps=40, absolute=1e-3)
-"""From a start to a minimum for more than two paths, which lie in long valleys: they need a step or two more."""
+"""Search for more than two paths, whose minima lie in long valleys: it takes a step or two more."""
 
 EXACT_SEARCH = LevenbergMarquardt(max_steps=40, absolute=1e-12)
-"""From a start to a minimum for as many paths as harmonics: they leave nothing at all."""
+"""Search for as many paths as harmonics, which fit exactly."""
 
 POLISH = LevenbergMarquardt(max_steps=40, absolute=0.1, first_damping=1e-6)
-"""From the minimum that was found to the maximum of the likelihood with the noise that this light has, as closely."""
+"""Search from the minimum with white noise to the maximum of the likelihood with the noise of this light, as closely as
+`SEARCH`."""
 
 ON_THE_SPOT = LevenbergMarquardt(max_steps=0)
-"""No step: cost and matrix where others have ended."""
+"""No step: only the cost and the matrix at paths that another solver found."""
 
 SUSPECT = 0.01
-"""Probability of the misfit below which a minimum is taken for a local one, and other starts are tried too."""
+"""Other starts are tried if noise alone exceeds the misfit with less probability than this: the minimum may be local."""
 
 NO_AMPLITUDE = 1e-9
-"""Share of the strongest path below which a path is none: where the most likely amplitude is 0 it comes out as rounding."""
+"""A path below this share of the strongest one counts as no path, because an amplitude of 0 comes out as rounding."""
 
 EXACT_MISFIT = 1e-2
-"""Most misfit of as many paths as harmonics: there is always an answer that leaves none."""
+"""Largest acceptable misfit of as many paths as harmonics, for which an exact answer always exists."""
 
 
 @dataclass(frozen=True)
 class LikelyPaths:
     """The most likely K paths of n pixels.
 
-    `sigma_rad`, (K, n), comes from the Fisher information; `chi_squared`, (n,), has 2·(N − K) degrees of freedom where there
-    are no more than K paths; `converged` is not set where the maximum was not reached. `fall_off`, (n,), is for one path how much
-    its harmonics fall off (`doubt_of_one`), None for more.
+    `sigma_rad`, (K, n), comes from the Fisher information. `chi_squared`, (n,), has 2·(N − K) degrees of freedom if the
+    light has at most K paths. `converged` is False where the maximum was not reached. `fall_off`, (n,), is how much the
+    harmonics of one path fall off (`doubt_of_one`); None for more than one path.
     """
 
     paths: Mixture
@@ -56,7 +57,7 @@ class LikelyPaths:
     fall_off: Float | None = None
 
     def fit(self) -> Fit:
-        """Return the paths as the fit that a solver gives: those without an amplitude, or that did not converge, are NaN."""
+        """Return the paths as a `Fit`; paths without an amplitude, or that did not converge, become NaN and come last."""
         amplitude, sigma = self.paths.amplitude, self.sigma_rad
         none = ~(amplitude > NO_AMPLITUDE * amplitude.max(axis=0)) | ~self.converged
         phase = phase_of(self.paths.cos, self.paths.sin)
@@ -70,11 +71,11 @@ class LikelyPaths:
 
 
 def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tuple[Mixture, Float]:
-    """Return the `count` paths that fit best with white noise, and the misfit that they leave, (n,).
+    """Return the `count` paths that fit best with white noise, and their misfit, (n,).
 
-    Where the first search ends in a misfit that noise seldom has, there are other starts: one path fewer, found as carefully,
-    with the one that explains most of what those leave; before it, for more than two paths, the exact answer of the first
-    harmonics; after it, for two, the best pair of a grid.
+    If the first search ends with a misfit that noise seldom gives, other starts are tried, in this order. For more than
+    two paths: the exact answer of the first harmonics. For any number: one path fewer, found by this function, plus the
+    path that explains most of the rest. For two paths: the best pair of a grid.
     """
     white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.each))
     end = _first_end(white, count, noise)
@@ -96,15 +97,16 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
 
 
 def _with_another(white: WhiteFit, fewer: Mixture) -> Mixture:
-    """Return paths and the one that explains most of what they leave."""
+    """Return the given paths plus the path that explains most of the rest."""
     return fewer.joined(strongest_path(white.measured.without(fewer), weights=white.weights))
 
 
 def _first_end(white: WhiteFit, count: int, noise: NoiseModel) -> Minimum:
-    """Return where the search ends that is tried first.
+    """Return the end of the first search.
 
-    Two paths start from the exact answer of harmonics 1 and 2; a single one from a grid's; others from one path fewer, found in
-    this way, with the one that explains most of what those leave.
+    Two paths start from the exact answer of harmonics 1 and 2, if both were recorded. One path starts from the best
+    delay of a grid. All other searches start from one path fewer, found by this function, plus the path that explains
+    most of the rest.
     """
     measured, exact = white.measured, exact_start(white.measured, paths=2) if count == 2 else None
     if exact:
@@ -123,7 +125,7 @@ def _solver(white: WhiteFit, count: int) -> LevenbergMarquardt:
 
 
 def most_likely(measured: Measured, found: Mixture, /, *, noise: NoiseModel) -> LikelyPaths:
-    """Return the maximum of the likelihood next to what was found, with the noise that such light has."""
+    """Return the maximum of the likelihood next to the paths `found`, with the noise of the light of these paths."""
     weighted = WeightedFit.around(measured, found, noise=noise)
     best = POLISH.solve(weighted, found.points, samples=noise.samples)
     paths = Mixture.of_points(best.points)
@@ -132,7 +134,7 @@ def most_likely(measured: Measured, found: Mixture, /, *, noise: NoiseModel) -> 
 
 
 def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
-    """Return by how much the phasors fall off along one path with h², over what noise leaves there, squared, with its sign."""
+    """Return z·|z|: z is how much the phasors fall off with h² along one path, in standard deviations of the noise."""
     (amplitude,), (rotor,) = path.amplitude, zip(path.cos, path.sin, strict=True)
     rotors = powers(rotor, measured.harmonics)
     weights = [1.0 / one.one_path_variances(amplitude)[0] for one in noise.each]
@@ -146,9 +148,9 @@ def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
 
 
 def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise: NoiseModel) -> LikelyPaths:
-    """Return paths that another solver found with the likelihood's standard deviations and misfit."""
-    at = ON_THE_SPOT.solve(WeightedFit.around(measured, paths, noise=noise), paths.points)
-    return LikelyPaths(paths, _sigma(paths, at.matrix), at.cost, converged)
+    """Return paths that another solver found, with standard deviations and misfit from the likelihood."""
+    end = ON_THE_SPOT.solve(WeightedFit.around(measured, paths, noise=noise), paths.points)
+    return LikelyPaths(paths, _sigma(paths, end.matrix), end.cost, converged)
 
 
 def _sigma(paths: Mixture, matrix: Float) -> Float:
@@ -164,14 +166,15 @@ def _acceptable(measured: Measured, count: int, noise: NoiseModel) -> Float | fl
     return misfit if noise.samples is None else misfit / noise.samples
 
 
-def _improve(white: WhiteFit, starts: Mixture, of: Index, points: Float, cost: Float, noise: NoiseModel) -> None:
-    other = _solver(white, len(starts.amplitude)).solve(white[of], starts.points, samples=noise[of].samples)
-    better = other.cost < cost[of]
-    points[:, of[better]], cost[of[better]] = other.points[:, better], other.cost[better]
+def _improve(white: WhiteFit, starts: Mixture, pixels: Index, points: Float, cost: Float, noise: NoiseModel) -> None:
+    """Search some pixels again from other starts, and overwrite their points and cost where the cost is lower."""
+    end = _solver(white, len(starts.amplitude)).solve(white[pixels], starts.points, samples=noise[pixels].samples)
+    better = end.cost < cost[pixels]
+    points[:, pixels[better]], cost[pixels[better]] = end.points[:, better], end.cost[better]
 
 
 def _doubt(paths: Mixture, sigma: Float) -> Float:
-    """Return the largest standard deviation over a quarter of the distance of two paths (by the sine of half of it)."""
+    """Return the largest standard deviation over a quarter of the distance of two paths (the sine of half of it)."""
     doubt = np.zeros(sigma.shape[1])
     for i in range(len(sigma)):
         for j in range(i):

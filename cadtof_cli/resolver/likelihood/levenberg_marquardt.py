@@ -1,7 +1,7 @@
-"""Levenberg–Marquardt for a block of small least-squares problems: own damping and own stopping for each.
+"""Levenberg–Marquardt for a block of small least-squares problems; each has its own damping and stops on its own.
 
-Settings are frozen, the state is explicit, one loop owns the limit of steps, and a problem that does not converge says so in
-its result. What is solved comes as a `Problem`; problems that have stopped are dropped from the block as the loop goes on.
+Settings are frozen, the state is explicit, one loop holds the limit of steps, and the result says which problems did
+not converge. The caller passes a `Problem`. The loop drops problems that have stopped from the block.
 """
 
 from abc import ABC, abstractmethod
@@ -16,15 +16,15 @@ from cadtof_cli.resolver.likelihood.compiled import Minimum, Planes, compiled_en
 from cadtof_cli.resolver.likelihood.normal_equations import Triangle, cholesky, entry, solve
 
 SHRINK_BELOW = 0.75
-"""Share of a block still at work below which the others are dropped: copying costs as much as a fifth of a step."""
+"""Stopped problems are dropped when the share still at work falls below this: copying costs a fifth of a step."""
 
 MOST_DAMPING = 1e12
-"""Damping at which a problem stops: its steps have shrunk to nothing."""
+"""Damping at which a problem stops, because its steps have shrunk to nothing."""
 
 
 @dataclass(frozen=True)
 class Linearised:
-    """A problem around its points: `matrix` JᵀWJ by its triangle, `gradient` JᵀW·residual, (M, n), `cost` rᵀWr, (n,)."""
+    """A problem at its points: `matrix` JᵀWJ as a triangle, `gradient` JᵀW·residual, (M, n), `cost` rᵀWr, (n,)."""
 
     matrix: Triangle
     gradient: Float
@@ -32,31 +32,31 @@ class Linearised:
 
 
 class Problem(Protocol):
-    """n least-squares problems with points of P numbers, (P, n), and M degrees of freedom."""
+    """n least-squares problems, whose points have P numbers, (P, n), and whose steps have M numbers, (M, n)."""
 
     def linearised(self, points: Float, /) -> Linearised:
         """Return the normal equations at the points."""
 
     def moved(self, points: Float, steps: Float, /) -> Float:
-        """Return the points after steps of (M, n)."""
+        """Return the points after steps, (M, n)."""
 
     def __getitem__(self, chosen: Index, /) -> Self:
         """Return the problems of the given indices."""
 
 
 class Compilable(Problem, Protocol):
-    """Problems that the compiled search may know."""
+    """Problems that the compiled search can solve too."""
 
-    def planes(self, points: Float, /) -> Planes | None:
-        """Return the problems as the compiled search takes them, from points, (P, n); None: it knows no such problems."""
+    def planes(self, points: Float, /) -> Planes:
+        """Return the problems at points, (P, n), in the form of the compiled search."""
 
 
 @dataclass(frozen=True)
 class State:
-    """n problems on their way, the last axis of all arrays.
+    """State of the search for n problems, which are the last axis of all arrays.
 
-    `worth` is what a step must promise to lower their cost by, besides a share of it; `damping`, (D, n), is all that the method
-    keeps of how carefully it goes on, in its own units, the damping itself in row 0.
+    A problem goes on while a step promises to lower its cost by more than `worth` plus a share of the cost. `damping`,
+    (D, n), is all that the method remembers about its damping, in its own units; row 0 is the damping itself.
     """
 
     points: Float
@@ -72,7 +72,7 @@ class State:
         return State(*(part[..., chosen] for part in vars(self).values()))
 
     def put(self, at: Index, other: "State") -> None:
-        """Write over the problems of the given indices."""
+        """Overwrite the problems of the given indices."""
         some = slice(None) if at.size == self.cost.size else at  # a slice is copied four times as fast
         for part, new in zip(vars(self).values(), vars(other).values(), strict=True):
             part[..., some] = new
@@ -80,15 +80,15 @@ class State:
 
 @dataclass(frozen=True, kw_only=True)
 class Descent(ABC):
-    """When to stop, and how carefully to begin; what a step is, and what becomes of the damping, is the method's.
+    """The loop, its stopping rule and the first damping; a subclass defines a step and how the damping changes.
 
-    A problem has converged once a step promises to lower its cost by no more than `relative`·cost + `absolute`/samples.
+    A problem has converged when a step promises to lower its cost by no more than `relative`·cost + `absolute`/samples.
 
     Attributes:
-        max_steps: steps after which a problem that has not converged is given up.
-        relative: share of the cost that is not worth a step.
-        absolute: cost that is not worth a step.
-        first_damping: damping of the first step, in the method's units.
+        max_steps: number of steps after which the search gives up.
+        relative: share of the cost; a smaller decrease is not worth a step.
+        absolute: cost; a smaller decrease is not worth a step.
+        first_damping: damping of the first step, in the units of the method.
     """
 
     max_steps: int
@@ -97,7 +97,7 @@ class Descent(ABC):
     first_damping: float = 1e-3
 
     def descended(self, problem: Problem, starts: Float, /, *, samples: Float | None = None) -> tuple[State, Index]:
-        """Return where every problem ends from its start, (P, n), and after how many steps; NaN does not converge."""
+        """Return the end of every problem from its start, (P, n), and its number of steps; NaN does not converge."""
         count = starts.shape[1]
         at, none, worth = problem.linearised(starts), np.zeros(count, np.bool_), self.worth(count, samples)
         state = State(starts, at.matrix, at.gradient, at.cost, worth, self.begin(count), none, none)
@@ -116,7 +116,7 @@ class Descent(ABC):
         return ends, steps
 
     def _stepped(self, problem: Problem, now: State) -> State:
-        """Try one step of every problem; one that has stopped, or whose step leads up, stays where it is."""
+        """Try one step of every problem. A problem that has stopped, or whose step raises the cost, does not move."""
         step, promised = self.step(now)
         done = promised <= self.relative * now.cost + now.worth
         points = problem.moved(now.points, step)
@@ -137,20 +137,20 @@ class Descent(ABC):
         )
 
     def worth(self, count: int, samples: Float | None, /) -> Float:
-        """Return the cost that is not worth a step, (n,), of problems that are means of so many recordings (None: 1)."""
+        """Return the decrease that is not worth a step, (n,), of problems that are means of `samples` recordings."""
         return np.full(count, self.absolute if samples is None else self.absolute / samples)
 
     def begin(self, count: int, /) -> Float:
-        """Return the damping, (D, n), of the first step."""
+        """Return the damping of the first step, (D, n)."""
         return np.full((1, count), self.first_damping)
 
     @abstractmethod
     def step(self, now: State, /) -> tuple[Float, Float]:
-        """Return the damped step, (M, n), and by how much it promises to lower the cost, (n,)."""
+        """Return the damped step, (M, n), and the decrease of the cost that it promises, (n,)."""
 
     @abstractmethod
     def next_damping(self, damping: Float, drop: Float, promised: Float, /) -> Float:
-        """Return the damping, (D, n), after a step that lowered the cost by `drop`, (n,), and not by what was promised."""
+        """Return the damping, (D, n), after a step that lowered the cost by `drop`, (n,), and had promised `promised`."""
 
 
 class LevenbergMarquardt(Descent):
@@ -161,14 +161,13 @@ class LevenbergMarquardt(Descent):
     ) -> Minimum:
         """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge.
 
-        `samples`, (n,): what is solved are means of so many recordings, the cost is in units of one's noise (None: 1).
-        `kernel`: what runs, of `available_kernels` (None: the chosen); all give the same bits.
+        `samples`, (n,): each problem is the mean of so many recordings, and the cost is in units of the noise of one
+        recording (None: 1). `kernel`: one of `available_kernels` (None: the chosen one); all give the same bits.
         """
         kernel = kernel or chosen_kernel()
-        planes = problem.planes(starts) if kernel != NUMPY else None
-        if planes is not None:
+        if kernel != NUMPY:
             ends = compiled_ends(
-                planes,
+                problem.planes(starts),
                 starts,
                 worth=self.worth(starts.shape[1], samples),
                 most_steps=self.max_steps,
@@ -182,11 +181,11 @@ class LevenbergMarquardt(Descent):
         return Minimum(end.points, end.cost, end.matrix, end.converged, steps)
 
     def begin(self, count: int, /) -> Float:
-        """Return damping, and the factor by which the next step that leads up raises it."""
+        """Return the damping, and the factor by which the next step that raises the cost multiplies it."""
         return np.array([np.full(count, self.first_damping), np.full(count, 2.0)])
 
     def step(self, now: State, /) -> tuple[Float, Float]:
-        """Return the step by Cholesky's factors, and what it promises."""
+        """Return the step, solved by Cholesky factors, and the decrease that it promises."""
         damping = now.damping[0]
         step = solve(cholesky(now.matrix, len(now.gradient), damping=damping), now.gradient)
         promised = np.zeros_like(now.cost)
@@ -195,7 +194,10 @@ class LevenbergMarquardt(Descent):
         return step, promised
 
     def next_damping(self, damping: Float, drop: Float, promised: Float, /) -> Float:
-        """Return damping and factor: eased by what a step gains of its promise, raised the more, the more of them lead up."""
+        """Return damping and factor. The larger the share of the promise that a step gains, the smaller the damping.
+
+        Every step in a row that raises the cost raises the damping by twice the factor of the step before.
+        """
         own, growth = damping
         twice = 2.0 * (drop / promised) - 1.0
         eased = own * np.maximum(1.0 - twice * twice * twice, 0.1)

@@ -1,7 +1,7 @@
 """K paths on N harmonics as a least-squares problem: p_h = Σ_k a_k·exp(i h x_k) with known noise, for Levenberg–Marquardt.
 
-A path's step is taken along its direction and across it, (da, a·dx), in which no derivative vanishes as a → 0; an amplitude
-that would go below zero comes out positive half a turn away, so that a ≥ 0 needs no bounds.
+The step of a path has a part along its direction and a part across it, (da, a·dx); in these, no derivative vanishes as
+a → 0. An amplitude that would fall below zero becomes positive half a turn away, so that a ≥ 0 needs no bounds.
 """
 
 from dataclasses import dataclass
@@ -28,17 +28,17 @@ class Mixture:
 
     @classmethod
     def of_points(cls, points: Float, /) -> "Mixture":
-        """Return the paths that points (3·K, n) of the solver stand for."""
+        """Return the paths from the solver's points (3·K, n)."""
         amplitude, cos, sin = np.split(points, 3)
         return cls(amplitude, cos, sin)
 
     @property
     def points(self) -> Float:
-        """The paths as points (3·K, n) of the solver."""
+        """The paths as the solver's points (3·K, n)."""
         return np.concatenate((self.amplitude, self.cos, self.sin))
 
     def joined(self, other: "Mixture", /) -> "Mixture":
-        """Return the paths of both."""
+        """Return these paths and the other ones."""
         return Mixture(
             np.concatenate((self.amplitude, other.amplitude)),
             np.concatenate((self.cos, other.cos)),
@@ -58,7 +58,7 @@ class Mixture:
 
 @dataclass(frozen=True)
 class Measured:
-    """Phasors of n pixels in real and imaginary parts, float64 (N, n) each, and the harmonics they belong to."""
+    """Phasors of n pixels in real and imaginary parts, float64 (N, n) each, and the numbers of their harmonics."""
 
     harmonics: tuple[int, ...]
     re: Float
@@ -66,25 +66,25 @@ class Measured:
 
     @classmethod
     def of_phasors(cls, phasors: Complex, /, *, harmonics: tuple[int, ...]) -> "Measured":
-        """Return the parts of phasors, complex128 (N, n)."""
+        """Return the real and imaginary parts of phasors, complex128 (N, n)."""
         return cls(harmonics, np.ascontiguousarray(phasors.real), np.ascontiguousarray(phasors.imag))
 
     def __getitem__(self, chosen: Index, /) -> "Measured":
         return Measured(self.harmonics, self.re[:, chosen], self.im[:, chosen])
 
     def rest(self, row: int, amplitude: Float, rotor: Rotor, /) -> Rotor:
-        """Return what is left of the phasor in a row, (n,) each, without paths of these amplitudes and rotors at its harmonic."""
+        """Return the phasor of a row minus paths with these amplitudes and rotors at its harmonic, (n,) each part."""
         cos, sin = rotor
         return self.re[row] - _summed(amplitude * cos), self.im[row] - _summed(amplitude * sin)
 
     def without(self, paths: Mixture, /) -> "Measured":
-        """Return what paths leave of the phasors."""
+        """Return the phasors minus the phasors of the paths."""
         re, im = paths.phasors(self.harmonics)
         return Measured(self.harmonics, self.re - re, self.im - im)
 
 
 def moved_paths(points: Float, steps: Float, /) -> Float:
-    """Return points (3·K, n) after steps (2·K, n), amplitudes along the paths first, then across them."""
+    """Return points (3·K, n) after steps (2·K, n): first the parts along the K paths, then the parts across them."""
     paths = Mixture.of_points(points)
     along, across = np.split(steps, 2)
     amplitude, turn = unit_rotor(paths.amplitude + along, across)
@@ -93,13 +93,13 @@ def moved_paths(points: Float, steps: Float, /) -> Float:
 
 @dataclass(frozen=True)
 class WhiteFit:
-    """The fit with the noise of ambient light alone: one weight per harmonic, the same in every direction."""
+    """The fit with the noise of ambient light alone, which has one weight per harmonic, equal in all directions."""
 
     measured: Measured
     weights: tuple[float, ...]
 
     def linearised(self, points: Float, /) -> Linearised:
-        """Return the normal equations: between two paths they depend on the difference of the phases alone."""
+        """Return the normal equations; their entries between two paths depend only on the difference of the phases."""
         paths = Mixture.of_points(points)
         k, count = paths.amplitude.shape
         matrix, gradient, cost = np.zeros((entry(2 * k, 0), count)), np.zeros((2 * k, count)), np.zeros(count)
@@ -134,7 +134,10 @@ class WhiteFit:
 
 @dataclass(frozen=True)
 class WeightedFit:
-    """The fit with the full noise of each harmonic: the inverse covariances' entries re·re, re·im and im·im, (3, N, n)."""
+    """The fit with the full noise of each harmonic.
+
+    `weights`, (3, N, n), are the entries re·re, re·im and im·im of the inverse covariances.
+    """
 
     measured: Measured
     weights: Float
@@ -143,7 +146,7 @@ class WeightedFit:
     def around(
         cls, measured: Measured, paths: Mixture, /, *, noise: NoiseModel, kernel: str | None = None
     ) -> "WeightedFit":
-        """Return the fit with the noise that the light of the given paths would have; any `kernel` gives the same bits."""
+        """Return the fit with the noise that light of the given paths has; every `kernel` gives the same bits."""
         harmonics, kernel = measured.harmonics, kernel or chosen_kernel()
         if kernel != NUMPY:
             terms = np.array([one.covariance_terms for one in noise.each])
@@ -192,7 +195,7 @@ class WeightedFit:
 
 
 def _summed(parts: Float) -> Float:
-    """Return the sum over paths in their order; numpy's own order depends on the shape."""
+    """Return the sum over paths, added in their order, because the order of numpy's sum depends on the shape."""
     total: Float = parts[0].copy()
     for part in parts[1:]:
         total += part

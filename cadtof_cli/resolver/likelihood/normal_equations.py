@@ -1,7 +1,7 @@
 """Small symmetric systems, one per pixel, solved for a whole block at once.
 
-Everything is elementwise over the last axis, so that a pixel's answer does not depend on its neighbours; LAPACK would cost a
-microsecond per matrix.
+All operations are elementwise over the last axis, so that the answer of a pixel does not depend on its neighbours.
+LAPACK would take a microsecond per matrix.
 """
 
 import numpy as np
@@ -12,18 +12,18 @@ Triangle = Float
 """Lower triangles of symmetric matrices, (M·(M + 1)/2, n), row by row: entry (i, j ≤ i) is at i·(i + 1)/2 + j."""
 
 LEAST_PIVOT = 1e-14
-"""Least pivot of a factorisation, as a share of the diagonal: a singular system gives a long step, not NaN."""
+"""Floor for the pivots of a factorisation, as a share of the diagonal: a singular system gives a long step, not NaN."""
 
 
 def entry(i: int, j: int, /) -> int:
-    """Return where entry (i, j), j ≤ i, of a matrix stands in its triangle."""
+    """Return the place of entry (i, j), j ≤ i, of a matrix in its triangle."""
     return i * (i + 1) // 2 + j
 
 
 def cholesky(matrix: Triangle, size: int, /, *, damping: Float | float = 0.0) -> Triangle:
     """Return the factors L of positive definite matrices L·Lᵀ of `size` rows; the diagonal holds 1/L_ii.
 
-    Each entry of the diagonal is raised by its `damping`-fold, (n,), first.
+    First, every diagonal entry is multiplied by 1 + `damping`, (n,).
     """
     lower = np.empty_like(matrix)
     raised = 1.0 + damping
@@ -58,7 +58,7 @@ def solve(lower: Triangle, right: Float, /) -> Float:
 
 
 def inverse_diagonal(lower: Triangle, size: int, /) -> Float:
-    """Return the diagonal, (M, n), of the inverse of L·Lᵀ: the column sums of squares of 1/L."""
+    """Return the diagonal, (M, n), of the inverse of L·Lᵀ: the sums of squares of the columns of L⁻¹."""
     diagonal: Float = np.empty((size, lower.shape[1]))
     for j in range(size):
         column: list[Float] = [lower[entry(j, j)]]

@@ -1,8 +1,9 @@
 """N paths from harmonics 1 … N: Carathéodory's decomposition, by eigenvalues and roots.
 
-Phasors p_1 … p_N of any light are those of N paths with amplitudes ≥ 0 (Carathéodory; Pisarenko 1973,
-doi:10.1111/j.1365-246X.1973.tb03424.x). The Hermitian Toeplitz matrix of p_0 = 0, p_1 … p_N has as its least eigenvalue minus the
-sum of the amplitudes; the eigenvector to it is the polynomial whose roots, on the unit circle, are exp(i x_k).
+For phasors p_1 … p_N of any light there are N paths with amplitudes ≥ 0 that have these phasors (Carathéodory;
+Pisarenko 1973, doi:10.1111/j.1365-246X.1973.tb03424.x). Take the Hermitian Toeplitz matrix of p_0 … p_N with p_0 = 0.
+Its smallest eigenvalue is minus the sum of the amplitudes. The eigenvector of this eigenvalue holds the coefficients of
+a polynomial whose roots, on the unit circle, are exp(i x_k).
 """
 
 import numpy as np
@@ -13,14 +14,15 @@ from cadtof_cli.resolver.likelihood.mixture import Mixture
 from cadtof_cli.resolver.likelihood.normal_equations import cholesky, entry, solve
 
 LEAST_LEADING = 1e-12
-"""Least leading coefficient of a polynomial of norm 1; fewer paths than harmonics leave it free, and it may come out 0."""
+"""Floor for the leading coefficient of a polynomial of norm 1: fewer paths than harmonics leave it free, even at 0."""
 
 
 def pisarenko(phasors: Complex, /) -> Mixture:
     """Return the N paths of phasors, complex128 (N, n), at harmonics 1 … N.
 
-    Exact where there are N different paths; where there are fewer the rest have amplitude 0 up to rounding. NaN in gives paths
-    of amplitude 0. Each pixel is a LAPACK call of its own, so blocks of any size give the same bits.
+    The result is exact if there are N different paths. If there are fewer, the remaining paths have amplitude 0 except
+    for rounding. NaN in gives paths of amplitude 0. LAPACK is called once per pixel, so blocks of any size give the
+    same bits.
     """
     count = phasors.shape[0]
     finite = np.isfinite(phasors).all(axis=0)
@@ -38,13 +40,16 @@ def pisarenko(phasors: Complex, /) -> Mixture:
 
 
 def strongest_of(paths: Mixture, count: int, /) -> Mixture:
-    """Return the `count` strongest paths, in falling amplitude."""
+    """Return the `count` strongest paths, in order of falling amplitude."""
     order = np.argsort(-paths.amplitude, axis=0, kind="stable")[:count]
     return Mixture(*(np.take_along_axis(part, order, 0) for part in (paths.amplitude, paths.cos, paths.sin)))
 
 
 def _toeplitz(phasors: Complex) -> Complex:
-    """Return the Hermitian matrices with p_{j−i} above the diagonal and 0 on it, (n, N + 1, N + 1), by their lower triangles."""
+    """Return Hermitian matrices, (n, N + 1, N + 1), with p_{j−i} above the diagonal and 0 on it.
+
+    Only their lower triangles are filled.
+    """
     size = phasors.shape[0] + 1
     matrix = np.zeros((phasors.shape[1], size, size), np.complex128)
     for i in range(size):
@@ -54,7 +59,7 @@ def _toeplitz(phasors: Complex) -> Complex:
 
 
 def _amplitudes(phasors: Complex, total: Float, rotor: Rotor) -> Float:
-    """Return the amplitudes ≥ 0 that fit the phasors and their own sum, harmonic 0, with least squares."""
+    """Return the amplitudes ≥ 0 that fit the phasors and, as harmonic 0, their own sum `total`, by least squares."""
     count = len(rotor[0])
     matrix, right = np.ones((entry(count, 0), total.size)), np.repeat(total[np.newaxis], count, axis=0)
     for phasor, (cos_h, sin_h) in zip(phasors, powers(rotor, range(1, count + 1)), strict=True):

@@ -1,4 +1,4 @@
-"""Any number of paths from any harmonics of a sine: maximum likelihood, by a search."""
+"""Any number of paths from any harmonics of a sine: a search for the maximum of the likelihood."""
 
 from dataclasses import replace
 
@@ -14,12 +14,13 @@ from cadtof_cli.resolver.two_path.closed_form import fundamental_frame
 from cadtof_cli.resolver.two_path.one_path import one_path
 
 SURELY_MORE = 2.0
-"""Misfit with white noise, over the threshold, that settles the order: no light has more than twice the noise of ambient
-light in any direction, so that the best fit with the noise of the light that was found cannot come below the threshold."""
+"""If the misfit with white noise exceeds the threshold by this factor, the pixel surely has more paths. In any
+direction, the noise variance of any light is at most twice that of ambient light. So the best fit with the noise of the
+light that was found cannot fall below the threshold."""
 
 
 class Likelihood:
-    """Maximum likelihood as a solver. Only the pixels asked for are searched: gathering them costs less than a step."""
+    """Maximum likelihood as a solver. It gathers the pixels to be fitted, because that costs less than one step."""
 
     def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
         self.measured, self.noise = Measured.of_phasors(phasors, harmonics=noise.harmonics), noise
@@ -49,10 +50,10 @@ def solver(
 
 
 def surely_more_paths(measured: Measured, count: int, /, *, most: Float, noise: NoiseModel) -> Bool:
-    """Return where one path leaves more than `most` of the first two harmonics alone, (n,), without a search.
+    """Return True where one path leaves a misfit above `most`, (n,), in the first two harmonics alone; without a search.
 
-    What all harmonics leave is no less than what two do. The fit is that of `one_path` without a step, exact to first order in
-    the noise, for which `SURELY_MORE` leaves room.
+    The misfit of all harmonics is at least that of the first two. The fit is `one_path` without a step. It is exact to
+    first order in the noise, and the factor `SURELY_MORE` covers the rest.
     """
     if count > 1 or measured.harmonics[:2] != (1, 2):
         return np.zeros(most.size, np.bool_)

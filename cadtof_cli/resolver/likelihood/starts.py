@@ -1,4 +1,4 @@
-"""Where the search for paths begins: what the first harmonics say in closed form, and scans over a coarse grid of delays."""
+"""Starts of the search for paths: the exact answer of the first harmonics, and scans over a coarse grid of delays."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -13,20 +13,20 @@ from cadtof_cli.resolver.likelihood.pisarenko import pisarenko, strongest_of
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 
 DELAYS_PER_HARMONIC = 8
-"""Grid delays in a period of the highest harmonic: an eighth of it is well within where the fit converges."""
+"""Delays of the grid per period of the highest harmonic. From an eighth of a period away, the fit converges safely."""
 
 ALIKE = 1.0 - 1e-9
-"""ρ of two paths from which on the phasors do not tell them apart."""
+"""If ρ of two paths is at least this, the phasors cannot tell the paths apart."""
 
 SCANNED_PIXELS = 512
-"""Pixels at a time in a scan by numpy, over hundreds of pairs."""
+"""Pixels per block of a scan by numpy, which goes over hundreds of pairs."""
 
 
 def exact_start(measured: Measured, /, *, paths: int) -> Mixture | None:
-    """Return the paths that the first harmonics have exactly; None where these are not 1, 2, … without a gap.
+    """Return paths that have exactly the phasors of the first harmonics; None unless these are 1, 2, … without a gap.
 
-    For two paths it is the closed form of harmonics 1 and 2. For more, Carathéodory's decomposition of as many harmonics as
-    follow each other has a path for each, of which the strongest are taken.
+    Two paths come from the closed form of harmonics 1 and 2. For more paths, Carathéodory's decomposition takes all
+    harmonics up to the first gap and gives one path for each of them; the strongest of these are returned.
     """
     run = next((i for i, h in enumerate(measured.harmonics) if h != i + 1), len(measured.harmonics))
     if run < paths:
@@ -39,7 +39,7 @@ def exact_start(measured: Measured, /, *, paths: int) -> Mixture | None:
 
 
 def strongest_path(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
-    """Return the grid's path that explains most of the phasors: the peak of Σ_h w_h·Re(p_h·exp(−i h x))."""
+    """Return the path of the grid that explains most of the phasors: the maximum of Σ_h w_h·Re(p_h·exp(−i h x))."""
     grid = _grid(measured.harmonics)
     found = scanned(measured, weights=weights, pairs=False)
     amplitude = np.maximum(found.peak, 0.0) / sum(weights)
@@ -47,10 +47,11 @@ def strongest_path(measured: Measured, /, *, weights: Sequence[float]) -> Mixtur
 
 
 def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
-    """Return the grid's pair of paths that explains most of the phasors, each with an amplitude above 0.
+    """Return the pair of paths of the grid that explains most of the phasors; both amplitudes are above 0.
 
-    For delays x and y the best amplitudes solve S·[[1, ρ], [ρ, 1]]·(a, b) = (B(x), B(y)), with B the matched sum of
-    `strongest_path`, S = Σ w_h and ρ = Σ w_h·cos h(x − y)/S; they explain a·B(x) + b·B(y). All pairs a lag apart have one ρ.
+    For delays x and y the best amplitudes solve S·[[1, ρ], [ρ, 1]]·(a, b) = (B(x), B(y)). Here B is the matched sum
+    that `strongest_path` maximises, S = Σ w_h and ρ = Σ w_h·cos h(x − y)/S. The pair explains a·B(x) + b·B(y). All
+    pairs with the same lag have the same ρ.
     """
     grid = _grid(measured.harmonics)
     found = scanned(measured, weights=weights, pairs=True)
@@ -62,7 +63,7 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
 
 
 def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool, kernel: str | None = None) -> Scanned:
-    """Return the path, or the pair, of the grid that explains most; whatever `kernel` runs gives the same bits."""
+    """Return the path, or the pair, of the grid that explains most; every `kernel` gives the same bits."""
     harmonics = measured.harmonics
     factors, lags = _factors(harmonics, tuple(weights)), _lags(harmonics, tuple(weights))
     kernel = kernel or chosen_kernel()
@@ -84,9 +85,9 @@ def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool, ker
 
 
 def _best_lags(matched: Float, lags: Float) -> tuple[Index, Index]:
-    """Return the place of the first path of the best pair, and how far behind it the other one lies, (n,) each."""
+    """Return the place of the first path of the best pair, and how many places later the other path lies, (n,) each."""
     count = len(matched)
-    # the grid goes round: the second path of a pair lies `lag` places behind the first
+    # the grid is periodic: the second path of a pair lies `lag` places after the first
     around = np.concatenate((matched, matched))
     squares = around * around
     most, best = np.full(matched.shape, -np.inf), np.ones(matched.shape, np.intp)
@@ -113,7 +114,7 @@ def _grid(harmonics: Sequence[int]) -> Float:
 
 @lru_cache(maxsize=8)
 def _factors(harmonics: tuple[int, ...], weights: tuple[float, ...]) -> Float:
-    """Return the weights times cosine and sine of every harmonic at the grid's delays, (places, N, 2)."""
+    """Return the weight of every harmonic times cosine and sine at the delays of the grid, (places, N, 2)."""
     pairs = list(zip(harmonics, weights, strict=True))
     return np.array([[(w * np.cos(h * x), w * np.sin(h * x)) for h, w in pairs] for x in _grid(harmonics)])
 
@@ -122,7 +123,8 @@ def _factors(harmonics: tuple[int, ...], weights: tuple[float, ...]) -> Float:
 def _lags(harmonics: tuple[int, ...], weights: tuple[float, ...]) -> Float:
     """Return ρ, −2ρ and 1/(1 − ρ²) of two paths one, two, … places apart, up to half the grid.
 
-    The last is 0 where two paths are as good as one: half a turn apart where all harmonics are odd.
+    The last value is 0 if the phasors cannot tell the two paths apart, such as two paths half a turn apart if all
+    harmonics are odd.
     """
     grid = _grid(harmonics)
     lags = grid[1 : len(grid) // 2 + 1]

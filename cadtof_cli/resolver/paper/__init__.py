@@ -1,1 +1,1 @@
-"""Eq. (9), the paper's own method."""
+"""Eq. (9), the method of the paper."""

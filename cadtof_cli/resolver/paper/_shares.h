@@ -1,7 +1,9 @@
-/* The search of Eq. (9), SHARE_LANES pixels at a time: the same operations in the same order as search.py, equation_9.py and starts.py.
+/* The search of Eq. (9), SHARE_LANES pixels at a time: the same operations in the same order as search.py,
+ * equation_9.py and starts.py.
  *
- * A lane holds a pixel and one of its starts. When the start has ended, the pixel's next one takes the lane, or, where no start can
- * better what was found, the next pixel. Short loops over the lanes, one row of numbers each, are what compilers vectorise.
+ * A lane holds a pixel and one of its starts. When this search has ended, the next start of the pixel takes the lane.
+ * If no start is left, or none can be better than the best end so far, the next pixel takes the lane. The loops over
+ * the lanes are short and work on one row of numbers each, so that compilers vectorise them.
  */
 enum { SHARE_LANES = 32 };
 
@@ -14,11 +16,11 @@ enum { SHARE_LANES = 32 };
 #define GOLDEN UINT64_C(0x9E3779B97F4A7C15)
 #define ROW_SHIFT 40
 
-/* What is solved, and where the answers go; arrays of planes of `count` numbers. */
+/* The equations, and the arrays for the answers. Arrays consist of planes of `count` numbers. */
 typedef struct {
-    int rows, most_steps, first_start, last_start; /* rows: harmonics beyond the first */
+    int rows, most_steps, first_start, last_start; /* rows: number of harmonics beyond the first */
     int64_t count;
-    unsigned long long key; /* of the starts */
+    unsigned long long key; /* starts.py: RandomStarts.key */
     double relative, absolute, first_damping;
     const int64_t *harmonics, *places;
     const double *re, *im;
@@ -36,10 +38,11 @@ typedef struct {
 typedef struct {
     ShareRow re[MOST_ROWS], im[MOST_ROWS];
     ShareRow z_re, z_im, trial_re, trial_im, damping, added, promised, worth;
-    ShareRow power[2][MOST_HARMONIC + 1][2], radius[2]; /* of z and of 1 − z: cosine and sine of j times the angle; modulus */
+    ShareRow power[2][MOST_HARMONIC + 1][2], radius[2]; /* z and 1 − z: cosine and sine of j times the angle; modulus */
     ShareLinear now, there;
-    ShareRow fresh, done, stopped, moves, ends, steps; /* flags are 1 or 0: not every processor compares integers as wide */
-    /* which pixel, which of its starts, and the best end so far */
+    ShareRow fresh, done, stopped, moves, ends, steps; /* flags: 1.0 or 0.0, because some processors lack vector compares
+                                                          of 64-bit integers */
+    /* index of the pixel, number of the start, steps so far, and the best end so far */
     int64_t pixel[SHARE_LANES], start[SHARE_LANES], taken[SHARE_LANES], converged[SHARE_LANES];
     ShareRow best_re, best_im, best_cost;
 } Shares;
@@ -53,7 +56,7 @@ static KERNEL_INLINE inline void share_move(const double *moves, double *here, c
     }
 }
 
-/* search.py: MisfitDamped.step; z of lanes that are fresh stays. */
+/* search.py: MisfitDamped.step. In fresh lanes z does not change. */
 static KERNEL_INLINE inline void share_step(const ShareSearch *search, Shares *at) {
     const ShareLinear *now = &at->now;
     const double relative = search->relative, absolute = search->absolute;
@@ -62,7 +65,7 @@ static KERNEL_INLINE inline void share_step(const ShareSearch *search, Shares *a
         const double cost = now->cost[lane], damping = at->added[lane];
         const double a = now->matrix[0][lane] + damping, b = now->matrix[1][lane], d = now->matrix[2][lane] + damping;
         const double product = a * d, least = LEAST_PIVOT * product + TINY, exact = product - b * b;
-        const double scale = 1.0 / (exact < least ? least : exact); /* NaN stays, as in numpy's maximum */
+        const double scale = 1.0 / (exact < least ? least : exact); /* NaN stays NaN, as in numpy.maximum */
         const double first = now->gradient[0][lane], second = now->gradient[1][lane];
         const double x = (d * first - b * second) * scale, y = (a * second - b * first) * scale;
         const double promised = x * (first + damping * x) + y * (second + damping * y);
@@ -136,7 +139,8 @@ static KERNEL_INLINE inline void share_linearise(const ShareSearch *search, Shar
     }
 }
 
-/* likelihood/levenberg_marquardt.py: the rest of _stepped, and which lanes have stopped. */
+/* likelihood/levenberg_marquardt.py: the second part of _stepped; search.py: next_damping. Sets which lanes have
+ * stopped. */
 static KERNEL_INLINE inline void share_judge(const ShareSearch *search, Shares *at) {
     ShareLinear *now = &at->now;
     const ShareLinear *there = &at->there;
@@ -194,7 +198,8 @@ static inline void share_load(const ShareSearch *search, Shares *at, int lane, i
     share_begin(search, at, lane);
 }
 
-/* Keep the end of a lane's start where it is the best; returns whether the pixel needs no more starts, its answer written. */
+/* Keep the end of a search if it is the best of its pixel. If the pixel needs no more starts, write its answer and
+ * return 1; otherwise begin the next start and return 0. */
 static inline int share_end(const ShareSearch *search, Shares *at, int lane) {
     if (at->now.cost[lane] < at->best_cost[lane]) {
         at->best_re[lane] = at->z_re[lane];
@@ -202,7 +207,7 @@ static inline int share_end(const ShareSearch *search, Shares *at, int lane) {
         at->best_cost[lane] = at->now.cost[lane];
         at->converged[lane] = at->stopped[lane] != 0.0 && at->done[lane] != 0.0;
     }
-    /* a step after which a start has stopped does not count */
+    /* the step with which a search stops does not count */
     at->taken[lane] += (int64_t)(at->steps[lane] - at->stopped[lane]);
     at->start[lane]++;
     if (!(at->best_cost[lane] <= search->absolute) && at->start[lane] < search->last_start) {

@@ -1,8 +1,9 @@
 """The paper's solver: two paths reduced to one complex unknown z, Eq. (9), by Levenberg–Marquardt from random starts.
 
-With z the share of the first phasor that one path makes up, and 1 − z that of the other, every higher harmonic gives an
-equation q_j = z^j/|z|^(j−1) + (1−z)^j/|1−z|^(j−1), where q_j = p_j·|p_1|^(j−1)/p_1^j. The first phasor is taken to be free of
-noise, and the others to have the same; so for more than two harmonics this is not the most likely answer (`likelihood`).
+Let z be the share of one path in the first phasor, and 1 − z the share of the other path. Then every higher harmonic
+gives an equation q_j = z^j/|z|^(j−1) + (1−z)^j/|1−z|^(j−1), where q_j = p_j·|p_1|^(j−1)/p_1^j. The method assumes that
+the first phasor has no noise and that all other phasors have equal noise. So for more than two harmonics, its answer is
+not the most likely one (see `likelihood`).
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from cadtof_cli.resolver.likelihood.normal_equations import entry
 class EliminatedPath:
     """Eq. (9) for n pixels.
 
-    `harmonics` are the j of the equations, `right` the real and imaginary parts of their q_j, (n,) each.
+    `harmonics` are the j of the equations. `right` holds the real and imaginary parts of their q_j, (n,) each.
     """
 
     harmonics: tuple[int, ...]
@@ -28,7 +29,7 @@ class EliminatedPath:
 
     @classmethod
     def of_phasors(cls, phasors: Complex, /, *, harmonics: tuple[int, ...]) -> Self:
-        """Return the equations of phasors, complex128 (N, n); NaN where the first one is 0."""
+        """Return the equations of phasors, complex128 (N, n); NaN where the first phasor is 0."""
         modulus, rotor = first_rotor(phasors)
         scale = 1.0 / modulus
         right = []
@@ -38,7 +39,7 @@ class EliminatedPath:
         return cls(harmonics[1:], tuple(right))
 
     def linearised(self, z: Float, /) -> Linearised:
-        """Return the normal equations of Eq. (9) at z: Re z and Im z, (2, n)."""
+        """Return the normal equations of Eq. (9) at z, given as Re z and Im z, (2, n)."""
         re, im = z
         (radius, rotor), (other_radius, other_rotor) = rotors_of(re, im)
         first, second = powers(rotor, self.harmonics), powers(other_rotor, self.harmonics)
@@ -70,12 +71,12 @@ class EliminatedPath:
 
 
 def first_rotor(phasors: Complex, /) -> tuple[Float, Rotor]:
-    """Return modulus and direction of the first of phasors, complex128 (N, n)."""
+    """Return modulus and direction of the first phasor of phasors, complex128 (N, n)."""
     return unit_rotor(np.ascontiguousarray(phasors[0].real), np.ascontiguousarray(phasors[0].imag))
 
 
 def rotors_of(re: Float, im: Float, /) -> tuple[tuple[Float, Rotor], tuple[Float, Rotor]]:
-    """Return modulus and direction of z and of 1 − z, as `unit_rotor` does, by a single division."""
+    """Return modulus and direction of z and of 1 − z as `unit_rotor` does, but with a single division."""
     other = 1.0 - re
     radius, other_radius = np.sqrt(re * re + im * im), np.sqrt(other * other + im * im)
     none, other_none = radius == 0.0, other_radius == 0.0

@@ -1,9 +1,10 @@
-"""Levenberg–Marquardt for Eq. (9): two unknowns per pixel, from one start after the other until none can better what was found.
+"""Levenberg–Marquardt for Eq. (9): two unknowns per pixel, one start after the other until no start can be better.
 
-The damping is a multiple of the misfit √cost (Fan and Yuan 2005, doi:10.1007/s00607-004-0083-1). The Jacobian vanishes on all
-real z in (0, 1), in proportion to the distance from there, and the misfit of light that one path nearly explains is of the order
-of that distance squared: √cost has the size of JᵀJ. Damping in units of the diagonal of JᵀJ, as is usual, throws steps far away
-there, or cuts them to nothing. `_shares.h` is the compiled twin of all of it.
+The damping is a multiple of the misfit √cost (Fan and Yuan 2005, doi:10.1007/s00607-004-0083-1), for this reason. The
+Jacobian vanishes on all real z in (0, 1), in proportion to the distance from this line. If one path nearly explains the
+light, the misfit is of the order of the distance squared, so √cost has the size of JᵀJ. The usual damping, in units of
+the diagonal of JᵀJ, gives steps near this line that are far too long or nearly 0. `_shares.h` is the compiled twin of
+this module.
 """
 
 from dataclasses import dataclass
@@ -19,18 +20,18 @@ from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.starts import RandomStarts
 
 EASED, MORE, FURTHER = 0.3, 2.0, 4.0
-"""What becomes of the damping where a step lowers the cost as promised, by much less, and not at all."""
+"""Factors of the damping after a step that lowers the cost as promised, by much less than promised, and not at all."""
 
 AS_PROMISED, LESS_THAN_PROMISED = 0.9, 0.25
-"""Shares of what was promised."""
+"""A step counts as promised above the first share of the promised decrease, and as much less below the second share."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MisfitDamped(Descent):
     """The method with damping in units of the misfit.
 
-    A start on its way to the answer lowers its cost by a share of it with every step; one that does not is in a false minimum.
-    What is left below `absolute` is worth no other start either.
+    A search that approaches the answer lowers its cost by a share with every step; a search that does not is in a false
+    minimum. If the cost falls below `absolute`, no other start is tried either.
     """
 
     max_steps: int = 100
@@ -39,7 +40,7 @@ class MisfitDamped(Descent):
     first_damping: float = 0.5
 
     def step(self, now: State, /) -> tuple[Float, Float]:
-        """Return the step by Cramer's rule, and what it promises."""
+        """Return the step, by Cramer's rule, and the decrease that it promises."""
         damping = now.damping[0] * np.sqrt(now.cost)
         a, b, d = now.matrix
         a, d = a + damping, d + damping
@@ -50,7 +51,7 @@ class MisfitDamped(Descent):
         return np.stack([x, y]), x * (first + damping * x) + y * (second + damping * y)
 
     def next_damping(self, damping: Float, drop: Float, promised: Float, /) -> Float:
-        """Return the damping by what a step gained of its promise."""
+        """Return the damping, which depends on the share of the promise that the step gained."""
         eased = np.where(drop < LESS_THAN_PROMISED * promised, MORE * damping, damping)
         eased = np.where(drop > AS_PROMISED * promised, EASED * damping, eased)
         return np.where(drop > 0.0, eased, FURTHER * damping)
@@ -61,13 +62,13 @@ DAMPED = MisfitDamped()
 
 @dataclass(frozen=True)
 class Ends:
-    """Where the searches of n pixels ended.
+    """The best end of the searches of n pixels.
 
     Attributes:
-        z: real and imaginary part, (2, n).
-        cost: at z, (n,).
-        converged: whether a search ended at a minimum, (n,).
-        steps: how many a search took, (n,).
+        z: real and imaginary part of the best end, (2, n).
+        cost: cost at z, (n,).
+        converged: whether the best search ended at a minimum, (n,).
+        steps: number of steps of all searches, (n,).
     """
 
     z: Float
@@ -86,9 +87,10 @@ def best_ends(
     stopping: MisfitDamped = DAMPED,
     kernel: str | None = None,
 ) -> Ends:
-    """Return the best end of n pixels at their places in the frame, (n,): of all starts, or of those of the numbers alone.
+    """Return the best end of n pixels over all starts, or only over the starts with the given numbers.
 
-    NaN has none: its cost is infinite. `kernel`: what runs, of `available_kernels` (None: the chosen); all give the same bits.
+    `places` are the flat indices of the pixels in the frame, (n,). Pixels of NaN have no end, and their cost is
+    infinite. `kernel`: one of `available_kernels` (None: the chosen one); all give the same bits.
     """
     kernel, numbers = kernel or chosen_kernel(), range(starts.count) if numbers is None else numbers
     if kernel != NUMPY:
@@ -122,7 +124,7 @@ def compiled_best_ends(
     stopping: MisfitDamped,
     kernel: str,
 ) -> Ends | None:
-    """Return what `best_ends` does, or None where numpy has to."""
+    """Return the result of `best_ends` from the compiled kernel, or None if numpy must do it."""
     compiled = compiled_search(equations.harmonics, paths=2)
     if compiled is None or not numbers:
         return None

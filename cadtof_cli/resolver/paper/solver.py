@@ -1,4 +1,4 @@
-"""Two paths the paper's way, by Eq. (9); one path, which Eq. (9) cannot tell, by maximum likelihood."""
+"""Two paths by Eq. (9), the method of the paper; one path by maximum likelihood, because Eq. (9) cannot give it."""
 
 from dataclasses import dataclass
 
@@ -51,9 +51,9 @@ def solver(
 
 @dataclass(frozen=True)
 class TwoShares:
-    """Two paths of n pixels, and what Eq. (9) leaves, (n,): 0 where it is met.
+    """Two paths of n pixels, and the residual cost of Eq. (9), (n,): 0 where the equation is met.
 
-    `converged` is not set where the best start ran out of steps.
+    `converged` is False where the best search ran out of steps.
     """
 
     paths: Mixture
@@ -62,17 +62,18 @@ class TwoShares:
 
 
 def two_shares(phasors: Complex, /, *, harmonics: tuple[int, ...], places: Index, starts: RandomStarts) -> TwoShares:
-    """Solve Eq. (9) for every pixel of phasors, complex128 (N, n), at its place in the frame, (n,), and keep the best end.
+    """Solve Eq. (9) for every pixel of phasors, complex128 (N, n), and keep the best end.
 
-    A pixel whose first phasor is 0 has no q_j: it gets NaN, and is not converged. One start is tried after the other: a pixel
-    that has met its equations to rounding error, which no start can better, tries no more.
+    `places` are the flat indices of the pixels in the frame, (n,). A pixel whose first phasor is 0 has no q_j: it gets
+    NaN, and `converged` is False. The starts are tried one after the other. A pixel that meets its equations to
+    rounding error tries no more, because no start can be better.
     """
     found = best_ends(EliminatedPath.of_phasors(phasors, harmonics=harmonics), places, starts)
     return TwoShares(_paths(found.z, *first_rotor(phasors)), found.cost, found.converged)
 
 
 def steps_of_starts(phasors: Complex, /, *, harmonics: tuple[int, ...], places: Index, starts: RandomStarts) -> Index:
-    """Return after how many steps each start of every pixel ends, (S, n): all of them, as the paper runs all ten."""
+    """Return the number of steps of each start of every pixel, (S, n). All starts run, as all ten do in the paper."""
     equations = EliminatedPath.of_phasors(phasors, harmonics=harmonics)
     each = (best_ends(equations, places, starts, numbers=range(one, one + 1)) for one in range(starts.count))
     return np.stack([found.steps for found in each])

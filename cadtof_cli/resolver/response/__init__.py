@@ -1,1 +1,1 @@
-"""Paths of channel pairs that answer with more than a sine."""
+"""Paths for channel pairs whose response is no pure sine."""

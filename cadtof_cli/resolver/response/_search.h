@@ -1,20 +1,21 @@
 /* The search for two paths under any response: the operations of newton.py, in their order.
  *
- * Every pixel goes its own way from its start to where it is done, so a column of a group takes the next pixel as soon as its last is
- * done; no column waits for another.
+ * Pixels need different numbers of steps. So when the pixel of a column is done, the column takes the next pixel at
+ * once; no column waits for another.
  */
 #include "../two_path/_kernel_group.h"
 
-#define ENTRIES (1 << 14) /* of a table, a turn */
+#define ENTRIES (1 << 14) /* entries of a table per turn */
 #define MOST_STEPS 1000
 
-/* What all pixels share: of each harmonic its number and 2 pi / ENTRIES over it; ENTRIES / 2 pi; 1 / variance of each. */
+/* Constants that all pixels share: number h of each harmonic, 2 pi / ENTRIES / h of each, ENTRIES / 2 pi, 1 / variance
+ * of each. */
 enum { NUMBER_1, NUMBER_2, BACK_1, BACK_2, PER_STEP, WEIGHT_1, WEIGHT_2, SEARCH_CONSTANTS };
 
 typedef struct {
     const float *constants;
-    const float *table[2];    /* ENTRIES times re, im and their slopes, of each harmonic */
-    const float *phase_rad;   /* what a pixel adds to phases, 2 x pixels; NULL: nothing */
+    const float *table[2];    /* for each harmonic: ENTRIES times re, im and their slopes */
+    const float *phase_rad;   /* own phases of the pixels, 2 x pixels; NULL: none */
     const float *observed;    /* 4 x pixels: re, im of harmonic 1, then of 2 */
     const float *enough;      /* misfit at which a pixel is done */
     const float *start;       /* 4 x pixels: a, x, b, y */
@@ -24,12 +25,12 @@ typedef struct {
     int steps;
 } Search;
 
-/* What one harmonic's paths answer, and what they leave. */
+/* The answers of one harmonic to the two paths, and the residual of its phasor. */
 typedef struct {
     FloatRow re[2], im[2], slope_re[2], slope_im[2], left_re, left_im;
 } Side;
 
-/* One pixel per column; `pixel` is -1 in those that have none. */
+/* One pixel per column; `pixel` is -1 in columns without a pixel. */
 typedef struct {
     Side side[2];
     FloatRow observed[4], phase_rad[2], enough, trial[4], values[4], step[4], misfit, left, closer;
@@ -97,7 +98,7 @@ INLINE Minors minors(const Side *restrict s, int i) {
     return m;
 }
 
-/* newton.py: newton_step, and what `search` makes of it where the trial came no closer */
+/* newton.py: newton_step, and in `search` the halving of a step that did not lower the misfit */
 INLINE void take_step(SearchGroup *restrict g) {
     EACH_PIXEL {
         const Minors m = minors(&g->side[0], i), n = minors(&g->side[1], i);
@@ -115,7 +116,7 @@ INLINE void take_step(SearchGroup *restrict g) {
     }
 }
 
-/* newton.py: one turn of the loop in `search` */
+/* newton.py: one round of the loop in `search` */
 INLINE void go_on(SearchGroup *restrict g, const Search *restrict search) {
     const float first = search->constants[WEIGHT_1], second = search->constants[WEIGHT_2];
     evaluate(g, search, 0);
@@ -135,7 +136,7 @@ INLINE void go_on(SearchGroup *restrict g, const Search *restrict search) {
     for (int v = 0; v < 4; v += 2) EACH_PIXEL g->trial[v][i] = larger(g->trial[v][i], 0.1f * g->values[v][i]);
 }
 
-/* Put a pixel into a column. */
+/* Load a pixel into a column. */
 INLINE void begin(SearchGroup *restrict g, const Search *restrict search, int i, int64_t pixel) {
     g->pixel[i] = pixel;
     g->count[i] = 0;
@@ -150,7 +151,8 @@ INLINE void begin(SearchGroup *restrict g, const Search *restrict search, int i,
         for (int row = 0; row < 2; row++) g->phase_rad[row][i] = search->phase_rad[row * search->pixels + pixel];
 }
 
-/* Write what a column has found: of a pixel that is done the step after, unseen, if there is one: not where paths coincide. */
+/* Write the answer of a column. A pixel that is done takes one more step, which is not evaluated, unless the step is
+ * not finite because the paths coincide. */
 INLINE void end(const SearchGroup *restrict g, const Search *restrict search, int i, int done) {
     const int64_t pixel = g->pixel[i];
     int stepped = done;

@@ -1,4 +1,4 @@
-/* The search as Python calls it: buffers in, buffers filled; a part of _kernel.c, see newton.py. */
+/* The call of the search from Python: checks the buffers and fills them. A part of _kernel.c, see newton.py. */
 enum { SEARCH_SHARED, TABLE_1, TABLE_2, OWN_PHASES, OBSERVED, ENOUGH, START, VALUES, MISFIT, DONE, SEARCH_BUFFERS };
 static const Wanted SEARCH_BUFFER[SEARCH_BUFFERS] = {
     {"search constants", "f ", 0, 0, 0}, {"first table", "f ", 0, 0, 0}, {"second table", "f ", 0, 0, 0},

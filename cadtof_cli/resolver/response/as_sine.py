@@ -1,7 +1,8 @@
-"""What a pure sine would have recorded: the phase of a single path, and phasors freed of the other terms of their response.
+"""Phasors as a pure sine would have recorded them, without other terms of the response; the phase of a single path.
 
-The other terms depend on when light arrives, in another way than a sine's does. They are small, and those of paths that fit the
-phasors are nearly those of the light: near enough to begin with where it is a tail, whose prediction then says more.
+The other terms depend on the delay of the light in another way than the sine does. They are small. Paths that fit the
+phasors have nearly the same other terms as the light itself. If the light is a tail, this is a good enough start, and
+the prediction of the tail then gives more exact terms.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ from cadtof_cli.resolver.response.table import ENTRIES, ResponseBlock
 
 
 def phasors_of_sine(phasors: Complex, paths: Paths, /, *, response: ResponseBlock) -> Complex:
-    """Return phasors (H, n) minus what the response makes of their paths beyond a sine. NaN without a path is no light."""
+    """Return phasors (H, n) minus the terms of their paths beyond a sine. A path of NaN counts as no light."""
     there = np.isfinite(paths.amplitude)
     amplitude = np.where(there, paths.amplitude, 0.0).astype(np.float32)
     phase = np.where(there, paths.phase_rad, 0.0).astype(np.float32)
@@ -27,25 +28,26 @@ def phasors_of_sine(phasors: Complex, paths: Paths, /, *, response: ResponseBloc
 
 
 def without_own_phases(phasors: Complex, paths: Paths, /, *, response: ResponseBlock) -> Complex:
-    """Return phasors (H, n) as pixels would have recorded their paths that add nothing to phases. NaN without a path is no light.
+    """Return phasors (H, n) as pixels without own phases would have recorded their paths.
 
-    Those of a sine are so already: a pixel's own phase stands in the other terms alone.
+    Phasors of a pure sine do not change, because the own phase of a pixel shows only in the other terms. A path of NaN
+    counts as no light.
     """
     there = np.isfinite(paths.amplitude)
     amplitude = np.where(there, paths.amplitude, 0.0)
     phase = np.where(there, paths.phase_rad, 0.0).astype(np.float32)
-    plain, alike = response.without_phases, phasors.copy()
-    for row, phasor in enumerate(alike):
+    without, result = response.without_phases, phasors.copy()
+    for row, phasor in enumerate(result):
         for strength, x in zip(amplitude, phase, strict=True):
-            own, other = (one.at(row, x, slice(None)) for one in (response, plain))
+            own, common = (block.at(row, x, slice(None)) for block in (response, without))
             own_re, own_im = response.turned_back(row, own.re, own.im)
-            phasor.real -= strength * (own_re - other.re)
-            phasor.imag -= strength * (own_im - other.im)
-    return alike
+            phasor.real -= strength * (own_re - common.re)
+            phasor.imag -= strength * (own_im - common.im)
+    return result
 
 
 def single_path(phasor: Complex, /, *, response: ResponseBlock) -> Paths:
-    """Return the path, (1, n), that alone explains the fundamental's phasor, complex128 (n,); NaN stays NaN."""
+    """Return the single path, (1, n), that explains the phasor of the fundamental, complex128 (n,); NaN stays NaN."""
     phase = first_phase(phasor, response=response)
     answer = response.at(0, phase.astype(np.float32), slice(None))
     strength = np.abs(phasor) / np.hypot(answer.re, answer.im)
@@ -53,16 +55,17 @@ def single_path(phasor: Complex, /, *, response: ResponseBlock) -> Paths:
 
 
 def _beyond_sine(phase: Float32, row: int, response: ResponseBlock) -> tuple[Float32, Float32]:
-    """Return f(θ) − exp(iθ) of one harmonic for paths of fundamental phase x."""
+    """Return f(θ) − exp(iθ) of one harmonic for paths with fundamental phase x."""
     answer = response.at(row, phase, slice(None))
     theta = response.theta(row, phase, slice(None))
     return answer.re - np.cos(theta), answer.im - np.sin(theta)
 
 
 def first_phase(phasor: Complex, /, *, response: ResponseBlock | None) -> Float:
-    """Return the phase in [0, 2π) of a single path, float64 (n,), from the fundamental's phasor, complex128 (n,); NaN stays NaN.
+    """Return the phase in [0, 2π) of a single path, float64 (n,), from the phasor of the fundamental, complex128 (n,).
 
-    Without a response of the same pixels, it is that of a sine, and the phase the phasor's own.
+    NaN stays NaN. `response` is that of the same pixels. Without it, the response is a pure sine, and the result is the
+    phase of the phasor.
     """
     with np.errstate(invalid="ignore"):
         if response is None:
@@ -70,6 +73,6 @@ def first_phase(phasor: Complex, /, *, response: ResponseBlock | None) -> Float:
         answered, theta = response.stages[-1][0].phases, FULL_TURN / ENTRIES * np.arange(ENTRIES + 1)
         own = 0.0 if response.phase_rad is None else response.phase_rad[0].astype(np.float64)
         seen = np.angle(phasor) + own
-        # a turn of θ is a turn of the answer, which begins anywhere
+        # over one turn of θ the phase of the answer also makes one turn, but it does not start at 0
         turned = answered[0] + np.mod(seen - answered[0], FULL_TURN)
         return np.asarray(np.mod(np.interp(turned, answered, theta) - own, FULL_TURN))

@@ -1,8 +1,8 @@
 """Newton's method on the four real equations of two paths under any response, for many pixels at once.
 
-The unknowns are amplitude and fundamental phase of either path: p_h = a·f_h(x) + b·f_h(y), h = 1, 2, with f_h tabulated.
-Single precision throughout: its rounding is far below the noise of any frame, and it halves the time. `_search.h` is the compiled
-twin of `search`, and `searched` its front.
+The unknowns are amplitude and fundamental phase of both paths: p_h = a·f_h(x) + b·f_h(y), h = 1, 2, with f_h tabulated.
+All numbers have single precision: the rounding is far below the noise of any frame, and it halves the time. `_search.h`
+is the compiled twin of `search`; `searched` calls it.
 """
 
 from dataclasses import dataclass, replace
@@ -15,24 +15,24 @@ from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.response.table import STEP, Answer, ResponseBlock
 
 LARGEST_TURN = 0.4
-"""Most that one step may turn a path, in rad: a third of the way between neighbouring extremes of a triangle's slope."""
+"""Largest turn of a path in one step, rad: a third of the way between neighbouring extremes of a triangle's slope."""
 
 LARGEST_LOSS = 0.1
-"""Least share of its amplitude that one step leaves to a path, so that no path vanishes by overshooting."""
+"""Smallest share of its amplitude that a path keeps in one step, so that no path vanishes when a step overshoots."""
 
 TOLERANCE = 0.3
-"""A pixel has converged when what is left of its equations before the last step is this share of its phasors' noise …"""
+"""A pixel has converged when the residual before its last step is at most this share of the noise of its phasors …"""
 
 ROUNDING = 2e-6
-"""… or, for noise-free frames, this share of its phasors: the rounding of single precision."""
+"""… or, in frames without noise, this share of its phasors: the rounding of single precision."""
 
 STILL_WORTH = 0.8
-"""Share of pixels still going on below which the others are left behind."""
+"""Pixels that are done are dropped when the share of pixels still in work falls below this."""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchState:
-    """Amplitudes and phases of two paths: rows a, x, b, y of `values`, float32 (4, m); their misfit; whether it is done."""
+    """State of the search for m pixels: rows a, x, b, y of `values`, float32 (4, m); misfit; which pixels are done."""
 
     values: Float32
     misfit: Float32
@@ -40,20 +40,21 @@ class SearchState:
 
     @staticmethod
     def of(values: Float32) -> "SearchState":
-        """Return a state of which nothing is known yet."""
+        """Return the state before the first step: the misfit is infinite, and no pixel is done."""
         count = values.shape[1]
         return SearchState(values.copy(), np.full(count, np.inf, np.float32), np.zeros(count, np.bool_))
 
     def put(self, some: Index, other: "SearchState") -> None:
-        """Write over the entries with these indices."""
+        """Overwrite the pixels with these indices."""
         self.values[:, some], self.misfit[some], self.done[some] = other.values, other.misfit, other.done
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """What the paths of m pixels must meet: the response there, their phasors, and the misfit at which they are done.
+    """The equations of m pixels: the response there, the phasors, and the misfit at which a pixel is done.
 
-    `observed` is float32 (4, m): real and imaginary part of the first phasor, then of the second.
+    `observed` is float32 (4, m): real and imaginary part of the first phasor, then of the second. `enough`, (m,), is
+    that misfit.
     """
 
     response: ResponseBlock
@@ -64,7 +65,7 @@ class Equations:
 
     @staticmethod
     def of(response: ResponseBlock, phasors: Complex, pixels: Index, noise: NoiseModel) -> "Equations":
-        """Return the equations of some of the pixels of phasors (2, n)."""
+        """Return the equations of some pixels of phasors (2, n)."""
         observed = [(re[pixels], im[pixels]) for re, im in response.observed(phasors)]
         weights = tuple(np.float32(1.0 / harmonic.dark_variance) for harmonic in noise.each)
         power = sum(weight * (re**2 + im**2) for weight, (re, im) in zip(weights, observed, strict=True))
@@ -76,7 +77,7 @@ class Equations:
         return replace(self, pixels=self.pixels[some], observed=self.observed[:, some], enough=self.enough[some])
 
     def fields(self, values: Float32, row: int, stage: int) -> "Fields":
-        """Return one harmonic's side of the equations at paths `values`, (4, m)."""
+        """Return the answers and residuals of one harmonic for paths `values`, (4, m)."""
         a, x, b, y = values
         fx = self.response.at(row, x, self.pixels, stage=stage)
         fy = self.response.at(row, y, self.pixels, stage=stage)
@@ -89,7 +90,7 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """One harmonic's answer to either path, and what the paths leave of its phasor: float32 (m,)."""
+    """The answers of one harmonic to the two paths, and the residual of its phasor: float32 (m,)."""
 
     x: Answer
     y: Answer
@@ -98,15 +99,16 @@ class Fields:
 
     @property
     def left2(self) -> Float32:
-        """Squared modulus of what is left."""
+        """Squared modulus of the residual."""
         return self.left_re * self.left_re + self.left_im * self.left_im
 
 
 def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = -1) -> SearchState:
-    """Return the state after at most so many steps from the start, values (4, m).
+    """Return the state after at most `steps` steps from the start, values (4, m).
 
-    A step that does not bring a pixel closer is halved. Pixels that are done take one step more, unseen: what that leaves is
-    of second order in next to nothing. They are carried along until it pays to go on without them.
+    A step that does not lower the misfit is halved. A pixel that is done takes one more step, which is not evaluated:
+    it starts from a tiny residual, and Newton's steps leave second-order errors. Pixels that are done stay in the
+    arrays until dropping them pays off.
     """
     found = SearchState.of(start)
     where, going = np.arange(start.shape[1]), np.ones(start.shape[1], np.bool_)
@@ -120,7 +122,7 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
         trial = stepped(values, step)
         done = going & (left <= equations.enough)
         if done.any():
-            # where paths coincide there is no step to take
+            # if the two paths coincide, there is no finite step
             unseen = np.where(np.isfinite(trial).all(axis=0), trial, values)
             found.put(where[done], SearchState(unseen[:, done], misfit[done], done[done]))
             going = going & ~done
@@ -136,7 +138,7 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
 
 
 def stepped(values: Float32, step: Float32, /) -> Float32:
-    """Return values + step, (4, m), with amplitudes kept above 0."""
+    """Return values + step, (4, m); amplitudes stay above 0."""
     after = values + step
     np.maximum(after[::2], np.float32(LARGEST_LOSS) * values[::2], out=after[::2])
     return after
@@ -145,8 +147,8 @@ def stepped(values: Float32, step: Float32, /) -> Float32:
 def newton_step(first: Fields, second: Fields, values: Float32, /) -> Float32:
     """Solve the four real equations for the changes of a, x, b, y, (4, m).
 
-    By Cramer's rule, with determinants by Laplace's expansion: det(A, B, C, D) is the sum over pairs of columns of a
-    minor in the first harmonic times the complementary minor in the second, with alternating signs.
+    This is Cramer's rule with Laplace's expansion of the determinants: det(A, B, C, D) is a sum over pairs of columns.
+    Each term is a minor of the first harmonic times the complementary minor of the second, with alternating signs.
     """
     ab1, ac1, ad1, bc1, bd1, cd1, ra1, rb1, rc1, rd1 = _minors(first)
     ab2, ac2, ad2, bc2, bd2, cd2, ra2, rb2, rc2, rd2 = _minors(second)
@@ -163,7 +165,7 @@ def newton_step(first: Fields, second: Fields, values: Float32, /) -> Float32:
 def _minors(fields: Fields) -> tuple[Float32, ...]:
     """Return the determinants of pairs of columns of one harmonic: ab, ac, ad, bc, bd, cd, then ra, rb, rc, rd.
 
-    The columns are the real and imaginary parts of A = f(x), B = f'(x), C = f(y), D = f'(y), and R, what is left.
+    The columns are the real and imaginary parts of A = f(x), B = f'(x), C = f(y), D = f'(y) and the residual R.
     """
     x, y = fields.x, fields.y
     a, b, c, d = (x.re, x.im), (x.slope_re, x.slope_im), (y.re, y.im), (y.slope_re, y.slope_im)
@@ -173,7 +175,7 @@ def _minors(fields: Fields) -> tuple[Float32, ...]:
 
 
 def searched(equations: Equations, start: Float32, /, *, steps: int, stage: int = -1) -> SearchState:
-    """Return what `search` does, by the kernel of the response's block: all give the same bits."""
+    """Return the result of `search`, computed by the kernel of the response's block; all kernels give the same bits."""
     response = equations.response
     if response.kernel == NUMPY:
         return search(equations, start, steps=steps, stage=stage)

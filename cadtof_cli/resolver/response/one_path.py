@@ -1,4 +1,4 @@
-"""One path under a response that is no pure sine: Gauss–Newton on the exact equations, from the sine's answer."""
+"""One path under a response that is no pure sine: Gauss–Newton on the exact equations, from the answer for a sine."""
 
 from dataclasses import dataclass
 
@@ -14,11 +14,11 @@ from cadtof_cli.resolver.two_path.one_path import OnePath
 def one_path_of_response(
     start: OnePath, phasors: Complex, /, *, response: ResponseBlock, noise: NoiseModel, steps: int
 ) -> OnePath:
-    """Return the best single path of phasors, complex128 (2, n), under the full response, from the sine's; NaN stays NaN.
+    """Return the best single path of phasors, complex128 (2, n), under the full response; NaN stays NaN.
 
-    Least squares of p_h − a·f_h(x) with the noise along and across each phasor as weights, by one Gauss–Newton step or more. The
-    last step's normal equations give the standard deviation, and χ² at the minimum, with 2 degrees of freedom, without evaluating
-    again.
+    `start` is the best path for a pure sine. The fit minimises the squares of p_h − a·f_h(x), weighted by the noise
+    along and across each phasor, by one Gauss–Newton step or more. The normal equations of the last step give the
+    standard deviation and χ² at the minimum, with 2 degrees of freedom, so that the misfit needs no further evaluation.
     """
     observed = response.observed(phasors)
     amplitude, phase = start.amplitude.astype(np.float32), angle_of(start.cos, start.sin)
@@ -41,8 +41,11 @@ def one_path_of_response(
 
 @dataclass(frozen=True, eq=False)
 class _OnePathStep:
-    """Changes of amplitude and of amplitude × phase, the latter's standard deviation, χ² after the step, and `OnePath.fall_off`
-    before it: (n,) each."""
+    """One Gauss–Newton step of n pixels, (n,) each.
+
+    `growth` is the change of the amplitude, `turn` the change of amplitude × phase, `spread` the standard deviation of
+    that product. `chi_squared` is χ² after the step, `fall_off` is `OnePath.fall_off` before it.
+    """
 
     growth: Float32
     turn: Float32
@@ -58,7 +61,7 @@ def _one_path_step(
     response: ResponseBlock,
     noise: NoiseModel,
 ) -> _OnePathStep:
-    """Return one Gauss–Newton step; each harmonic's equations are turned so that its answer is real."""
+    """Return one Gauss–Newton step. The equations of each harmonic are turned so that its answer is real."""
     n11, n12, n22, g1, g2, chi, shorter, variance = (np.zeros_like(amplitude) for _ in range(8))
     for row, harmonic in enumerate(noise.each):
         f = response.at(row, phase, slice(None))

@@ -1,4 +1,4 @@
-"""One or two paths of channel pairs that answer with more than a sine: by the exact equations of the response."""
+"""One or two paths for channel pairs whose response is no pure sine, by the exact equations of the response."""
 
 import numpy as np
 
@@ -15,16 +15,17 @@ from cadtof_cli.resolver.two_path.one_path import OnePath, one_path
 from cadtof_cli.resolver.two_path.solver import fit_of_two
 
 ORDER_TEST_STEPS = 2
-"""Gauss–Newton steps of the one-path fit where the order test or two paths follow."""
+"""Gauss–Newton steps of the one-path fit if the order test or two paths follow."""
 
 ONE_PATH_STEPS = 6
-"""Gauss–Newton steps of the one-path fit where one path is all that is asked for."""
+"""Gauss–Newton steps of the one-path fit if the settings allow one path only."""
 
 
 class FullResponse:
-    """The response as a solver: the answers of the closed form are where its iterations start.
+    """The solver for a response; its iterations start from the answers of the closed form.
 
-    The order test compares fits of the full response: to a sine, a triangle's third harmonic looks like a second path.
+    The order test compares fits with the full response, because with a pure sine, a triangle's third harmonic looks
+    like a second path.
     """
 
     def __init__(
@@ -46,17 +47,18 @@ class FullResponse:
             chosen = np.flatnonzero(pixels)
             return chosen, self._alone.fit()[chosen]
         single = is_single(self._frame) & self._always_two
+        in_two = pixels & ~single
         two, converged = two_paths_of_response(
-            self._alone, self._phasors, pixels & ~single, response=self._response, noise=self._noise
+            self._alone, self._phasors, in_two, response=self._response, noise=self._noise
         )
-        fit = fit_of_two(self._with_sigmas(two, np.flatnonzero(pixels & ~single)), two.sin_half, converged)
+        fit = fit_of_two(self._with_sigmas(two, np.flatnonzero(in_two)), two.sin_half, converged)
         if single.any():
-            at = np.flatnonzero(single)
-            fit[at] = self._alone.fit()[at]
+            in_one = np.flatnonzero(single)
+            fit[in_one] = self._alone.fit()[in_one]
         return slice(None), fit
 
     def _with_sigmas(self, two: TwoPaths, pixels: Index) -> Paths:
-        """Return two paths with the standard deviations of some pixels; infinite in the others."""
+        """Return two paths, with standard deviations in some pixels; infinite in all other pixels."""
         phase_rad, sigma_rad = two.phases(), np.full(two.amplitude.shape, np.inf)
         sigma_rad[:, pixels] = response_sigmas(
             two.amplitude[:, pixels],
@@ -70,6 +72,6 @@ class FullResponse:
 def solver(
     phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: ResponseBlock, first: int
 ) -> FullResponse:
-    """Return the solver for a block of phasors, complex128 (2, n), of the same pixels as the response."""
+    """Return the solver for a block of phasors, complex128 (2, n); `response` is for the same pixels."""
     del first
     return FullResponse(phasors, noise, response, settings)

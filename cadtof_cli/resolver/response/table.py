@@ -1,4 +1,4 @@
-"""The response of the channel pairs as tables, so that evaluating it costs the same for any number of terms."""
+"""The response of the channel pairs as tables, so that its evaluation costs the same for any number of terms."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,19 +12,19 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY
 
 ENTRIES = 1 << 14
-"""Entries per turn. Linear interpolation is then wrong by less than 1e-7 of the amplitude for a triangle."""
+"""Entries per turn. For a triangle, the error of linear interpolation is then less than 1e-7 of the amplitude."""
 
 STAGES = (0.5, 0.7, 0.87, 1.0)
-"""Shares of the higher terms on the way from a sine to the response, for pixels that do not converge at once: closer towards
-the end, where paths that lie near each other move fastest."""
+"""Shares of the higher terms on the way from a sine to the full response, for pixels that do not converge at once. The
+stages are closer together towards the end, because there, paths that lie near each other move fastest."""
 
 STEP = 2.0 * np.pi / ENTRIES
-"""Phase from one entry of a table to the next, rad."""
+"""Phase between neighbouring entries of a table, rad."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """f and df/dx of a path in n pixels, real and imaginary parts, float32 (n,) each."""
+    """The answers f and their derivatives df/dx for a path in n pixels: real and imaginary parts, float32 (n,) each."""
 
     re: Float32
     im: Float32
@@ -34,10 +34,10 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class ResponseTable:
-    """f(h·x), to which a path of amplitude 1 and phase x is mapped once the linear part of the response is inverted.
+    """f(h·x): the answer to a path of amplitude 1 and phase x, after the linear part of the response has been inverted.
 
-    `planes` is float32 (4, ENTRIES): real and imaginary part of f and of df/dx at h·x = 0, 2π/ENTRIES, …; a sine with
-    nothing but gain and imbalance has f = exp(ihx). Single precision is 1/10,000 of the noise at n_av = 1e5.
+    `planes` is float32 (4, ENTRIES): real and imaginary part of f and of df/dx at h·x = 0, 2π/ENTRIES, …. A sine with
+    only gain and imbalance has f = exp(ihx). The rounding of single precision is 1/10,000 of the noise at n_av = 1e5.
     """
 
     harmonic: int
@@ -45,13 +45,13 @@ class ResponseTable:
 
     @cached_property
     def entries(self) -> Float32:
-        """The planes by entries, (ENTRIES, 4): what a look-up needs lies together."""
+        """The planes transposed, (ENTRIES, 4), so that the four values of a look-up lie together in memory."""
         return np.ascontiguousarray(self.planes.T)
 
     @cached_property
     def other_terms(self) -> dict[int, complex]:
-        """c_k of f(θ) = exp(iθ) + Σ_k c_k·exp(ikθ) by order k, those that are not negligible."""
-        # rounded: the last bits of a transform are not the same on every machine
+        """The coefficients c_k of f(θ) = exp(iθ) + Σ_k c_k·exp(ikθ) by order k, without negligible ones."""
+        # rounded, because the last bits of a Fourier transform differ between machines
         series = np.round(np.fft.fft(self.planes[0].astype(np.float64) + 1j * self.planes[1]) / ENTRIES, 6)
         orders = np.flatnonzero(np.abs(series) > NEGLIGIBLE_TERM)
         signed = np.where(orders < ENTRIES // 2, orders, orders - ENTRIES)
@@ -59,7 +59,7 @@ class ResponseTable:
 
     @cached_property
     def phases(self) -> Float:
-        """The phase of f at every entry and after a turn, without jumps, float64 (ENTRIES + 1,)."""
+        """The unwrapped phase of f at every entry and after a full turn, float64 (ENTRIES + 1,)."""
         phases = np.angle(self.planes[0].astype(np.float64) + 1j * self.planes[1])
         return sealed(np.unwrap(np.append(phases, phases[0])))
 
@@ -80,9 +80,10 @@ class ResponseTable:
 
 @dataclass(frozen=True, eq=False)
 class ResponseBlock:
-    """A response for n pixels: tables at every stage, and what a pixel adds to phases, (H, n), or None.
+    """A response for n pixels.
 
-    `kernel`, of `available_kernels`, is what searches for paths there.
+    `stages` are the tables of every stage, `phase_rad` is the own phase that each pixel adds, (H, n), or None, and
+    `rotors` are its rotors. `kernel`, one of `available_kernels`, searches for paths.
     """
 
     stages: tuple[tuple[ResponseTable, ...], ...]
@@ -92,25 +93,26 @@ class ResponseBlock:
 
     @cached_property
     def longest(self) -> float:
-        """Length of the longest first phasor that a path of amplitude 1 gives."""
+        """Largest modulus of the first phasor of a path of amplitude 1."""
         re, im, _, _ = self.stages[-1][0].planes
         return float(np.hypot(re, im).max())
 
     @property
     def without_phases(self) -> "ResponseBlock":
-        """The response of pixels that add nothing to phases."""
+        """The same response for pixels without own phases."""
         return ResponseBlock(self.stages, None, None, self.kernel)
 
     def block(self, pixels: SomePixels, /, *, kernel: str = NUMPY) -> "ResponseBlock":
-        """Return the response for some of the pixels, and what is to search there."""
+        """Return the response for some of the pixels, with `kernel` as the kernel that searches."""
         if self.phase_rad is None or self.rotors is None:
             return replace(self, kernel=kernel)
         return ResponseBlock(self.stages, self.phase_rad[:, pixels], self.rotors[:, pixels], kernel)
 
     def observed(self, phasors: Complex, /) -> tuple[tuple[Float32, Float32], ...]:
-        """Return phasors, (H, n), as the pixel saw them before they were turned by its own phase: re and im, (n,) each.
+        """Return phasors, (H, n), as the pixels recorded them, before they were turned by the pixels' own phases.
 
-        In real numbers, as numpy's complex products round differently at the end of an array than within it.
+        The result is re and im of each harmonic, (n,) each. The products are real, because numpy rounds complex
+        products differently at the end of an array than within it.
         """
         if self.rotors is None:
             return tuple((plane.real.astype(np.float32), plane.imag.astype(np.float32)) for plane in phasors)
@@ -123,18 +125,18 @@ class ResponseBlock:
         )
 
     def turned_back(self, row: int, re: Float32, im: Float32, /) -> tuple[Float, Float]:
-        """Return what a pixel of one harmonic saw as `observed` phasors have it, turned by its own phase: float64 (n,)."""
+        """Return phasors of one harmonic turned by the pixels' own phases, the inverse of `observed`: float64 (n,)."""
         if self.rotors is None:
             return re.astype(np.float64), im.astype(np.float64)
         rotor = self.rotors[row]
         return re * rotor.real + im * rotor.imag, im * rotor.real - re * rotor.imag
 
     def at(self, row: int, phase: Float32, pixels: SomePixels, /, *, stage: int = -1) -> Answer:
-        """Return the answer of one harmonic to paths of fundamental phase x in some of the pixels."""
+        """Return the answer of one harmonic to paths with fundamental phase x, in some of the pixels."""
         return self.stages[stage][row].at(self.theta(row, phase, pixels))
 
     def theta(self, row: int, phase: Float32, pixels: SomePixels, /) -> Float32:
-        """Return the phases θ = h·x plus the pixels' own, of paths of fundamental phase x."""
+        """Return θ = h·x plus the own phases of the pixels, for paths with fundamental phase x."""
         theta = phase * np.float32(self.stages[0][row].harmonic)
         if self.phase_rad is not None:
             theta += self.phase_rad[row][pixels]
@@ -142,7 +144,7 @@ class ResponseBlock:
 
 
 def response_block(responses: Sequence[HarmonicResponse], phase_rad: Float | None, /) -> ResponseBlock:
-    """Return the responses, tabulated, for all pixels of a frame, which add `phase_rad`, (H, n), to every path."""
+    """Return the responses as tables, for all pixels of a frame; these add `phase_rad`, (H, n), to every path."""
     stages = tuple(tuple(_table(response, share) for response in responses) for share in STAGES)
     if phase_rad is None:
         return ResponseBlock(stages, None, None)
@@ -150,7 +152,7 @@ def response_block(responses: Sequence[HarmonicResponse], phase_rad: Float | Non
 
 
 def _table(response: HarmonicResponse, share: float) -> ResponseTable:
-    """Return exp(iθ) + share·(f − exp(iθ)), and its derivative by x."""
+    """Return the table of exp(iθ) + share·(f − exp(iθ)) and of its derivative by x."""
     theta = STEP * np.arange(ENTRIES, dtype=np.float64)
     sine = np.exp(1j * theta)
     value = sine + share * (response.without_mirror(response.at(theta)) - sine)

@@ -1,8 +1,8 @@
-"""Two paths under a response that is no pure sine: Gauss–Newton on the exact equations, from the sine's answer.
+"""Two paths under a response that is no pure sine: Newton's method on the exact equations, from the answer for a sine.
 
-p_h = Σ_paths a·f_h(x), with f_h tabulated. Subtracting the higher terms again and again does not converge for triangles
-(their third harmonic changes four times as fast as the phase it disturbs, by a ninth of the amplitude); Newton's steps do.
-They are searched for in `newton.search` or its compiled twin, which is handed its starts from here.
+p_h = Σ_paths a·f_h(x), with f_h tabulated. Subtracting the higher terms again and again does not converge for
+triangles: their third harmonic changes four times as fast as the phase that it disturbs, by a ninth of the amplitude.
+Newton's steps converge. The search itself is `newton.search` or its compiled twin; this module gives it the starts.
 """
 
 from dataclasses import replace
@@ -20,13 +20,13 @@ from cadtof_cli.resolver.two_path.decomposition import decomposed
 from cadtof_cli.resolver.two_path.one_path import OnePath
 
 MOST_STEPS = 6
-"""Most steps a pixel gets from one start, halvings among them; two or three are what it takes."""
+"""Largest number of steps of a pixel from one start, including halvings; two or three are enough for most pixels."""
 
 STAGE_STEPS = 8
-"""Most steps at each stage on the way from a sine to the response."""
+"""Largest number of steps at each stage on the way from a sine to the full response."""
 
 STAGE_TOLERANCE = 10.0
-"""How much more may be left of the equations where the next stage moves the paths anyway."""
+"""Factor on the allowed residual at all stages but the last, because the next stage moves the paths anyway."""
 
 _EVERYWHERE = slice(None)
 
@@ -34,12 +34,13 @@ _EVERYWHERE = slice(None)
 def two_paths_of_response(
     alone: OnePath, phasors: Complex, chosen: Bool, /, *, response: ResponseBlock, noise: NoiseModel
 ) -> tuple[TwoPaths, Bool]:
-    """Return two paths of phasors, complex128 (2, n), that meet the four exact equations in the chosen pixels, and where they do.
+    """Return two paths of phasors, complex128 (2, n), and where they meet the four exact equations in the chosen pixels.
 
-    In the others they are the sine's. The search starts from the closed form after the higher terms of the best single path,
-    `alone`, have been subtracted. A step that does not bring a pixel closer is halved; a pixel is done, and costs nothing more,
-    when what is left of its equations is well below the noise. Those that are not done are led from the sine's answer to the
-    response's in `STAGES`. What still is not done keeps its best and is marked.
+    The other pixels get the answer for a sine. The search starts from the closed form, after the higher terms of the
+    best single path, `alone`, have been subtracted. A step that does not lower the misfit of a pixel is halved. A pixel
+    is done, and takes no more time, when the residual of its equations is well below the noise. Pixels that are not
+    done are led in `STAGES` from the answer for a sine to that for the response. Pixels that are still not done keep
+    their best attempt, and the result says so.
     """
     start = decomposed(*_sine_part(alone, phasors, response), kernel=response.kernel)
     pixels = np.flatnonzero(chosen & ~start.single)
@@ -58,7 +59,7 @@ def two_paths_of_response(
 
 
 def _led_by_stages(equations: Equations, phasors: Complex) -> SearchState:
-    """Return the state at the end of the stages, from the sine's answer."""
+    """Return the state at the end of the stages, which start from the answer for a sine."""
     values = _values(decomposed(*phasors, kernel=equations.response.kernel), _EVERYWHERE)
     coarse = replace(equations, enough=equations.enough * np.float32(STAGE_TOLERANCE**2))
     for stage in range(len(STAGES) - 1):
@@ -73,7 +74,7 @@ def _values(paths: TwoPaths, pixels: SomePixels) -> Float32:
 
 
 def _with(paths: TwoPaths, pixels: Index, values: Float32) -> TwoPaths:
-    """Return the paths with a, x, b, y of some pixels replaced."""
+    """Return the paths with a, x, b, y replaced in some pixels."""
     a, x, b, y = values.astype(np.float64)
     half = 0.5 * ((x - y) % FULL_TURN)
     planes = np.stack([*paths.amplitude, paths.cos_mean, paths.sin_mean, paths.cos_half, paths.sin_half])
@@ -83,7 +84,7 @@ def _with(paths: TwoPaths, pixels: Index, values: Float32) -> TwoPaths:
 
 
 def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Complex:
-    """Return what phasors, (2, n), would be with k = 1 alone, if all light came by the best single path."""
+    """Return phasors, (2, n), minus the terms other than k = 1, as if all light came on the best single path."""
     phase = angle_of(alone.cos, alone.sin)
     cleaned = np.empty_like(phasors)
     cos, sin = alone.cos, alone.sin

@@ -10,7 +10,7 @@ from cadtof_cli.phasors.rotors import powers
 from cadtof_cli.resolver.response.table import Answer, ResponseBlock
 
 Array = Any
-"""float32 (n,): numpy's stubs take such an array times a Python number for float64, which it is not."""
+"""float32 (n,); `Any`, because numpy's stubs take such an array times a Python number for float64, which it is not."""
 
 Vector = tuple[Array, Array]
 """Real and imaginary part."""
@@ -23,9 +23,9 @@ def response_sigmas(amplitude: Float, phase_rad: Float, /, *, response: Response
 
         Σ_h |q_h w_h| / (a·Σ_h |B_h w_h|),   w_h = C_h|A D| − A_h|C D| − D_h|A C|,
 
-    where |p q| = Re p·Im q − Im p·Re q, and |A D|, |C D| and |A C| are those of the other harmonic. The covariance of q_h is what
-    the averaging leaves for light of these paths. For y, the paths change places. Of a sine, this is `two_path_sigmas`. Infinite
-    where an amplitude or x − y is 0.
+    where |p q| = Re p·Im q − Im p·Re q, and |A D|, |C D| and |A C| are those of the other harmonic. The covariance of
+    q_h is the one that the averaging gives for light of these paths. For y, exchange the paths. For a pure sine the
+    result equals `two_path_sigmas`. It is infinite where an amplitude or x − y is 0.
     """
     strengths: Array = amplitude.astype(np.float32)
     phases: Array = phase_rad.astype(np.float32)
@@ -45,7 +45,7 @@ def response_sigmas(amplitude: Float, phase_rad: Float, /, *, response: Response
 
 
 def _covariances(strengths: Array, phases: Array, noise: NoiseModel) -> list[tuple[Array, Array, Array]]:
-    """Return the covariance's entries of each harmonic for light of two paths."""
+    """Return the entries of the covariance of each harmonic for light of two paths."""
     rotors = powers((np.cos(phases), np.sin(phases)), (1, 2, 4))
     a, b = strengths
     light = [(a * cos[0] + b * cos[1], a * sin[0] + b * sin[1]) for cos, sin in rotors]
@@ -53,7 +53,7 @@ def _covariances(strengths: Array, phases: Array, noise: NoiseModel) -> list[tup
 
 
 def _lever(own: list[Answer], other: list[Answer], row: int) -> Vector:
-    """Return w of a harmonic."""
+    """Return w_h of a harmonic, see `response_sigmas`."""
     a, c, d = _value(own[row]), _value(other[row]), _slope(other[row])
     a_there, c_there, d_there = _value(own[1 - row]), _value(other[1 - row]), _slope(other[1 - row])
     ad, cd, ac = _minor(a_there, d_there), _minor(c_there, d_there), _minor(a_there, c_there)

@@ -1,4 +1,5 @@
-/* Two paths of phasors that are known, as Python calls it: buffers in, buffers filled; a part of _kernel.c, see decomposition.py. */
+/* The call from Python that decomposes given phasors into two paths: checks the buffers and fills them. A part of
+ * _kernel.c, see decomposition.py. */
 enum { FIRST_PHASOR, SECOND_PHASOR, DECOMPOSITION, DECOMPOSED_BUFFERS };
 static const Wanted DECOMPOSED_BUFFER[DECOMPOSED_BUFFERS] = {
     {"first phasors", "Zd ", 0, 0, 0}, {"second phasors", "Zd ", 0, 0, 0}, {"paths", "d ", 0, 0, 1}};

@@ -1,9 +1,10 @@
-/* The compiled twins of two_path/, response/ and diffuse/ as one Python module: buffers in, buffers filled, nothing kept.
+/* The compiled twins of two_path/, response/ and diffuse/ as one Python module. Each function reads buffers and fills
+ * buffers; the module keeps no state.
  *
- * kernel.py is the front of the two-path solver; the headers *_call.h and _decomposition.h name the fronts of the others. What comes
- * here is checked again all the same: a buffer of the wrong type, size, alignment or layout is a ValueError or TypeError, never a
- * crash. The equations are in the other headers, compiled once for every instruction set in LEVELS; which of them this processor has
- * is asked when the module is loaded.
+ * kernel.py is the Python front of the two-path solver; the headers *_call.h and _decomposition.h name the other
+ * fronts. The buffers are checked here again: a buffer of the wrong type, size, alignment or layout raises ValueError
+ * or TypeError and never crashes. The equations are in the other headers. They are compiled once for every instruction
+ * set in LEVELS. find_level and levels() ask which of the sets this processor has.
  */
 #ifndef Py_GIL_DISABLED
 #define Py_LIMITED_API 0x030b0000 /* one build for every Python from 3.11 on */
@@ -71,21 +72,21 @@ static const Wanted BUFFER[BUFFERS] = {
     {"layers", "f ", 0, 0, 1},    {"status", "I L ", 4, 0, 1},        TAIL_WANTED(1),
 };
 
-/* Whether there may be so many pixels; or set an error. */
+/* Return 1 if the number of pixels is small enough; otherwise set an error and return 0. */
 static int are_pixels(int64_t pixels) {
     if (pixels <= PY_SSIZE_T_MAX / 128) return 1;
     PyErr_SetString(PyExc_ValueError, "found too many pixels, expected fewer");
     return 0;
 }
 
-/* Whether there is a tail: any buffer of one. */
+/* Return 1 if any buffer of a tail was given. */
 static int has_tail(const Py_buffer *view) {
     for (int which = 0; which < TAIL_BUFFERS; which++)
         if (view[which].obj) return 1;
     return 0;
 }
 
-/* Whether all buffers fit a frame of so many pixels; or set an error. */
+/* Return 1 if the sizes of all buffers fit a frame of this many pixels; otherwise set an error and return 0. */
 static int fit_frame(const Py_buffer *view, int64_t pixels) {
     const int64_t complex = view[STORED].format && view[STORED].format[0] == 'Z', four = 4 * pixels;
     int64_t expected[BUFFERS] = {sizeof(Constants) / sizeof(double), complex ? 2 * pixels : four, four, four, four, pixels, pixels, pixels,
@@ -121,10 +122,10 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
         return PyErr_Format(PyExc_ValueError, "found order %d and returns %d, expected 0, 1 or 2 each", asked->order, asked->returns);
     if (asked->bits < -1) return PyErr_Format(PyExc_ValueError, "found bits %d, expected -1 or more", asked->bits);
     if (!are_pixels(pixels) || !fit_frame(view, pixels)) return NULL;
-    const int through = has_tail(&view[OF_TAIL]);
+    const int with_tail = has_tail(&view[OF_TAIL]);
     Tail tail;
-    if (through && !make_tail(&tail, &view[OF_TAIL])) return NULL;
-    if (through && (tail.sizes->harmonics != 2 || tail.number[1] != 2)) return fails("harmonics"), NULL;
+    if (with_tail && !make_tail(&tail, &view[OF_TAIL])) return NULL;
+    if (with_tail && (tail.sizes->harmonics != 2 || tail.number[1] != 2)) return fails("harmonics"), NULL;
     const Frame frame = {
         .stored = view[STORED].buf,
         .constants = view[CONSTANT_VALUES].buf,
@@ -134,7 +135,7 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
         .samples = view[SAMPLES].buf,
         .metres = view[METRES].buf,
         .shift = view[SHIFT].buf,
-        .tail = through ? &tail : NULL,
+        .tail = with_tail ? &tail : NULL,
         .layers = view[MAP_LAYERS].buf,
         .status = view[STATUS].buf,
         .pixels = pixels,

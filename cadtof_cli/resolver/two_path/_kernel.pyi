@@ -1,1 +1,1 @@
-"""Compiled from _kernel.c, whose METHODS say what each function takes; called through `kernel.extension`."""
+"""Compiled from _kernel.c, whose METHODS list the arguments of each function; called through `kernels.extension`."""

@@ -1,10 +1,12 @@
-/* From one path and two to a pixel's answer, and all of it in its order; see _kernel_frame.h. */
+/* From the fits of one path and of two paths to the answer of a pixel, and the loop over all pixels of a frame; see
+ * _kernel_frame.h. */
 #include "_kernel_paths.h"
 
-/* Bits of one path, in doubt where its harmonics fall off by more than noise lets them. */
+/* Status bits of a pixel with one path. It is in doubt if its harmonics fall off more than noise explains. */
 INLINE double bits_of_one(double fall_off) { return fall_off > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH; }
 
-/* returns.py: _pair; order.py: worth_another, _fewer_where_enough; resolve.py: _bits. Where `ones` is 0, no pixel of the group may have one path. */
+/* returns.py: _pair; order.py: worth_another, _fewer_where_enough; resolve.py: _bits. If `ones` is 0, no pixel of the
+ * group may have one path. If `first` is 1, every pixel gets two paths, and the first return is asked for. */
 INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const int ones, const int first) {
     const int strongest = !first && frame->returns == RETURN_STRONGEST, last = !first && frame->returns == RETURN_LAST;
     const double ratio = strongest ? 1.0 : frame->constants->return_ratio;
@@ -42,7 +44,7 @@ INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const
     }
 }
 
-/* |d|^2 above which one path leaves a misfit beyond the limit for certain, where |d| <= |p1|/8; see is_rivalled. */
+/* |d|^2 above which one path certainly leaves a misfit beyond the threshold, if |d| <= |p1|/8; see is_rivalled. */
 INLINE double certain_misfit(const Frame *restrict frame) {
     const Constants *k = frame->constants;
     const double more1 = fabs(k->doubled1), more2 = fabs(k->doubled2), most = 4.0 * (k->dark1 + more1) + k->dark2 + more2;
@@ -51,13 +53,15 @@ INLINE double certain_misfit(const Frame *restrict frame) {
     return k->dark1 > more1 && k->dark2 > more2 ? 1.2 * k->misfit_limit * variance : INFINITY;
 }
 
-/* Whether any pixel of a group that has two paths may have one instead; where it is plain that one path leaves too much, and that
- * both of two lie farther from it than they scatter, order.py has no use for the one.
+/* Return 1 if one path may replace the two paths in any pixel of a group. In a pixel, order.py certainly keeps two
+ * paths if one path leaves too much misfit and both of the two paths lie farther from the one path than they scatter;
+ * both can be told without the fit.
  *
- * Let |p1| = u and arg p1 = 0, p2 = pr + i pi with phase f, and |d| = |u - p2| <= u/8, so that |f| < 0.144. one_path.py: _start
- * takes a phase t between 0 and f/2. Its misfits along and across, A and P, are the parts of d exp(-2it) up to 0.07 |d|, so
- * chi^2 >= 0.86 |d|^2 over the larger variance. And tan t is within 0.01 of side/top, side = 2w pi and top = u + 4w pr, so a path at x
- * is farther from it than sqrt(2) sigma where |sin x - cos x side/top| - 0.012 |side/top| > 1.43 sigma. */
+ * Let |p1| = u and arg p1 = 0, p2 = pr + i pi with phase f, and |d| = |u - p2| <= u/8, so that |f| < 0.144.
+ * one_path.py: _start takes a phase t between 0 and f/2. Its misfits along and across, A and P, differ from the parts
+ * of d exp(-2it) by at most 0.07 |d|, so chi^2 >= 0.86 |d|^2 over the larger variance. And tan t is within 0.01 of
+ * side/top, where side = 2w pi and top = u + 4w pr. So a path at x is farther from it than sqrt(2) sigma if
+ * |sin x - cos x side/top| - 0.012 |side/top| > 1.43 sigma. */
 INLINE int is_rivalled(const Group *restrict g, const Frame *restrict frame, double certain) {
     const double weight = frame->constants->weight;
     int64_t found = 0;
@@ -72,7 +76,7 @@ INLINE int is_rivalled(const Group *restrict g, const Frame *restrict frame, dou
     return found != 0;
 }
 
-/* The same where no pixel of a group needs two paths: those with an answer have one, ... */
+/* choose_answers if no pixel of a group needs two paths: pixels with an answer have one path, ... */
 INLINE void answer_one(Group *restrict g) {
     EACH_PIXEL {
         double amplitude = g->one_amplitude[i];
@@ -85,19 +89,20 @@ INLINE void answer_one(Group *restrict g) {
     }
 }
 
-/* ... and where no pixel has an answer. */
+/* ... and if no pixel of a group has an answer. */
 INLINE void answer_none(Group *restrict g) {
     EACH_PIXEL g->amplitude[0][i] = g->phase[0][i] = g->sigma[0][i] = g->amplitude[1][i] = NAN;
 }
 
-/* Whether a pixel has no answer and no reason for that; one whose confidence is NaN had a reason before. */
+/* Return 1 if a pixel has no answer and no bit says why. A pixel whose confidence is NaN has such a bit already. */
 INLINE int is_unexplained(double amplitude, double confidence, double bits) {
     return (amplitude != amplitude) & (confidence == confidence) & (bits <= 0.0);
 }
 
-/* depth.py: clear_impossible. What is compared is what is written, in float; few groups hold a pixel that may be beyond, or that has
- * no answer, whose NaN is not below anything either. Where all have two paths, t1 still holds p0 of two_paths: their sum, and not less
- * than the confidence. */
+/* depth.py: clear_impossible. It compares the values as they are written, in float. A quick test in double comes first,
+ * because few groups hold a pixel that may be impossible. A pixel without an answer does not pass it either, because
+ * NaN is not below any limit. If all pixels have two paths, t1 still holds p0 of two_paths: the sum of the amplitudes,
+ * which is not less than the confidence. */
 INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame, const int all_pairs) {
     const Constants *k = frame->constants;
     const double volts = k->volts, nearly = k->most_volts / volts * (1.0 - 1e-6);
@@ -127,7 +132,8 @@ INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame, con
     g->cleared = any(g->impossible);
 }
 
-/* resolve.py: diffuse_pixels, for the pixels that have an answer; those that get one there need no other. */
+/* diffuse/pixels.py: diffuse_pixels, for the pixels that can have an answer. Pixels that get their answer there leave
+ * `answered`, because they need no other one. */
 INLINE void predict(Group *restrict g, const Frame *restrict frame, int64_t start, int m) {
     TailGroup *restrict t = &g->tail;
     EACH_PIXEL {
@@ -167,13 +173,13 @@ INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
     EACH_PIXEL g->refusal[i] = g->predicted[i] > 0.0 ? (double)DIFFUSE_MPI : g->refusal[i];
 }
 
-/* Every pixel of a frame. */
+/* Resolve all pixels of a frame, group by group. */
 INLINE void resolve_pixels(const Frame *restrict frame) {
     const int64_t stop = frame->pixels;
     Group group, *g = &group;
     const int plain = !frame->samples && !frame->own, one_scale = !frame->metres && !frame->shift;
     const double least = least_answered(frame), certain = certain_misfit(frame);
-    int64_t ahead = -1; /* where the group begins whose phasors are loaded before its turn */
+    int64_t ahead = -1; /* first pixel of the next group if its phasors are loaded already; -1: they are not */
     memset(g, 0, sizeof group);
     int m;
     for (int64_t start = 0; start < stop; start += m) {
@@ -203,7 +209,7 @@ INLINE void resolve_pixels(const Frame *restrict frame) {
             if (frame->tail && any(g->answered)) fundamental_frame(g);
             choose_pixels(g, frame);
         }
-        /* most pixels that are known to have two paths need no look at one */
+        /* two paths first: if every pixel has an answer, most pixels with two paths need no fit of one path */
         const int pairs_first = answered && g->pairs;
         enum { ONES, PAIRS, DONE } next = pairs_first ? PAIRS : ONES;
         while (next != DONE) {
@@ -232,9 +238,9 @@ INLINE void resolve_pixels(const Frame *restrict frame) {
     }
 }
 
-/* status.py: count_status. How many pixels have each of four bits. */
+/* status.py: count_status. The number of pixels with each of four bits. */
 INLINE void count_pixels(const uint32_t *restrict status, int64_t pixels, int64_t counts[4]) {
-    enum { AT_ONCE = 4096 }; /* few enough that their sums need no wide integers */
+    enum { AT_ONCE = 4096 }; /* sums over so few pixels fit into 32 bits */
     for (int64_t start = 0; start < pixels; start += AT_ONCE) {
         const int64_t stop = pixels - start < AT_ONCE ? pixels : start + AT_ONCE;
         uint32_t one = 0, two = 0, more = 0, diffuse = 0;
@@ -253,7 +259,8 @@ INLINE void count_pixels(const uint32_t *restrict status, int64_t pixels, int64_
 
 #define DECOMPOSED_PLANES 9
 
-/* decomposition.py: decomposed. Amplitudes, rotors of mean and half, whether there is one path, and both phases, planes of n each. */
+/* decomposition.py: decomposed. Fills planes of n values: both amplitudes, the rotors of mean and half, 1 if there is
+ * one path, and both phases. */
 INLINE void decompose_pixels(const double *restrict first, const double *restrict second, double *restrict to, int64_t n) {
     Group group, *g = &group;
     for (int64_t start = 0; start < n; start += GROUP) {

@@ -1,4 +1,5 @@
-/* Stored values -> maps of harmonics 1 and 2, pixel by pixel: the operations of the modules named below, in their order.
+/* Stored values -> maps for harmonics 1 and 2, pixel by pixel. The kernel does the operations of these modules, in
+ * their order:
  *
  *   phasors/voltages.py                    stored values -> phasors
  *   resolver/resolve.py, order.py          the driver: which pixels get an answer, and how many paths
@@ -6,43 +7,44 @@
  *   resolver/two_path/closed_form.py       two paths            arcsine.py      their phases
  *   resolver/two_path/one_path.py          one path             uncertainty.py  standard deviations
  *   resolver/two_path/roots.py             inverse square roots
- *   maps/depth.py, layers.py               paths -> maps, and what no light gives
- *   resolver/diffuse/                      the tail where MPI is diffuse: _tail.h
+ *   maps/depth.py, layers.py               paths -> maps, and amplitudes that no light can have
+ *   resolver/diffuse/                      the tail of diffuse MPI: _tail.h
  *
- * Those are written to be read; this is written to be fast. Both use nothing but +, -, *, / and square roots, which IEEE 754
- * rounds in one way only, and the bits of a number, so both give the same bits, whatever the compiler and the machine;
- * tests/resolver/two_path/test_kernel.py compares them. That needs a compiler that neither contracts a*b + c nor reorders:
- * -ffp-contract=off, no -ffast-math.
+ * The Python modules are written to be read; the kernel is written to be fast. Both use only +, -, *, / and square
+ * roots, which IEEE 754 rounds in exactly one way, and the bits of a number. So both give the same bits, with any
+ * compiler on any machine; tests/resolver/two_path/test_kernel.py compares them. This needs a compiler that neither
+ * contracts a*b + c nor reorders: -ffp-contract=off, no -ffast-math.
  *
- * GROUP neighbours stand in short rows that stay in the first-level cache. Each loop holds a few operations for every pixel of
- * a group, so compilers make vector instructions of it; what no pixel of a group needs is left out for the whole group. Most
- * groups hold nothing but pixels that get an answer: for those a look at their values takes the place of what refuses one.
+ * GROUP neighbouring pixels stand in short rows, which stay in the first-level cache. Each loop does a few operations
+ * for every pixel of a group, so compilers vectorise it. Work that no pixel of a group needs is skipped for the whole
+ * group. In most groups every pixel gets an answer: a quick test of their values finds these groups, which then skip
+ * the screening of pixels.
  */
 #include "../diffuse/_tail.h"
 
 #define LAYERS 7
 
-/* Bits of resolver/status.py that are read or set here; the others go through as they came. */
+/* Bits of resolver/status.py that are read or set here; other bits are passed through unchanged. */
 enum { SATURATED = 1, NOT_FINITE = 2, LOW_CONFIDENCE = 4, ONE_PATH = 8, TWO_PATHS = 16, ILL_CONDITIONED = 32, HOT_PIXEL = 256 };
 enum { CALIBRATED = 64, MORE_PATHS = 512, POOLED = 1024, DIFFUSE_MPI = 2048, IMPOSSIBLE = 4096 };
 enum order { ORDER_AUTO, ORDER_ONE, ORDER_TWO };
 enum returns { RETURN_FIRST, RETURN_STRONGEST, RETURN_LAST };
 enum type { UINT16, INT16, FLOAT32, FLOAT64, PHASORS };
 
-/* What all pixels of a frame share, by the names that kernel.py gives them. */
+/* Constants that all pixels of a frame share, by the names that kernel.py gives them. */
 #define CONSTANTS(X) \
-    X(gain1) X(gain2) X(gain3) X(gain4)            /* parts of phasors, re1, im1, re2, im2, from stored values ... */ \
-    X(offset1) X(offset2) X(offset3) X(offset4)    /* ... where no pixel has a map of its own */ \
-    X(saturated_low) X(saturated_high)             /* stored values at or beyond them are saturated; NaN: none are */ \
+    X(gain1) X(gain2) X(gain3) X(gain4)            /* from stored values to the parts re1, im1, re2, im2 of phasors ... */ \
+    X(offset1) X(offset2) X(offset3) X(offset4)    /* ... if all pixels share one map */ \
+    X(saturated_low) X(saturated_high)             /* stored values at or beyond them are saturated; NaN: no limit */ \
     X(per_variance1) X(per_variance2)              /* 1 / dark variance of harmonic h */ \
-    X(least_power) X(least_modulus)                /* at and below, and below which there is no signal */ \
+    X(least_power) X(least_modulus)                /* no signal if power <= least_power or |p1| < least_modulus */ \
     X(misfit_limit) X(misfit_spread)               /* chi^2 above which there are two paths; see may_be_one_path */ \
     X(weight)                                      /* dark variance of harmonic 1 over that of 2 */ \
     X(dark1) X(dark2) X(doubled1) X(doubled2)      /* variance along and across a phasor: dark +- doubled * amplitude ... */ \
     X(averaging1) X(averaging2) X(least1) X(least2)/* ... - averaging * amplitude^2 along it, and at least least */ \
     X(alone0) X(alone1) X(alone2) X(own0) X(own1) X(own2) X(own3) X(own4) X(other0) X(other1) X(other2) X(signal) \
-    X(return_ratio)                                /* least amplitude of a direct path over the strongest's */ \
-    X(metres) X(volts)                             /* of a radian, of an amplitude of 1 */ \
+    X(return_ratio)                                /* smallest amplitude of a direct path over the strongest amplitude */ \
+    X(metres) X(volts)                             /* metres per radian, volts per amplitude of 1 */ \
     X(most_volts) X(noise_volts)                   /* paths beyond most_volts + noise_volts / sqrt(samples) are impossible */
 
 #define MEMBER(name) double name;
@@ -50,20 +52,20 @@ typedef struct {
     CONSTANTS(MEMBER)
 } Constants;
 
-/* A frame of `pixels` pixels. Pointers to what pixels have of their own are NULL where they have not. */
+/* A frame of `pixels` pixels. A pointer to values per pixel is NULL if the pixels have no values of their own. */
 typedef struct {
     const void *stored;      /* 4 planes of `type`; or 2 of complex phasors */
     const Constants *constants;
-    const double *own;       /* 4 planes: parts of phasors from the stored values of their own channel, ... */
-    const double *other;     /* ... from those of the harmonic's other channel, ... */
-    const double *constant;  /* ... and from nothing */
-    const double *samples;   /* recorded pixels that a phasor is a mean of */
-    const double *metres;    /* of a radian */
-    const double *shift;     /* radians to take from every phase */
-    const Tail *tail;        /* the frame's diffuse MPI; NULL: there is none */
+    const double *own;       /* 4 planes: factor of the stored value of a part's own channel, ... */
+    const double *other;     /* ... factor of the value of the harmonic's other channel, ... */
+    const double *constant;  /* ... and offset */
+    const double *samples;   /* number of recorded pixels that a phasor is a mean of */
+    const double *metres;    /* metres per radian */
+    const double *shift;     /* radians to subtract from every phase */
+    const Tail *tail;        /* model of the frame's diffuse MPI; NULL: none */
     float *layers;           /* LAYERS planes */
-    uint32_t *status;        /* in, where `bits` are none: bits known before; out: all */
-    int32_t bits;            /* known before, of every pixel; -1: none are */
+    uint32_t *status;        /* in: bits known before, if `bits` is -1; out: all bits */
+    int32_t bits;            /* bits known before, the same for every pixel; -1: they are in `status` */
     int64_t pixels;
     enum type type;
     enum order order;
@@ -71,25 +73,26 @@ typedef struct {
 } Frame;
 
 typedef struct {
-    _Alignas(64) Row re1;                                /* rows start where lines of the cache do: none is read as two halves */
-    Row im1, re2, im2, unsound, samples, root;           /* phasors; 1 where there must be no answer; samples, their root */
-    Row power, inverse;                                  /* |p1|^2 and 1/|p1|, of the next group while this one is worked on */
-    Row u, pr, pi, cos, sin, d2;                             /* FundamentalFrame */
-    Row confidence, refusal, answered, single, may;      /* bits that refuse an answer; is, may be one path */
-    Row one_amplitude, one_phase, one_sigma, fall_off;   /* OnePath; its doubt */
-    Row amplitudes, phases;                              /* by which its harmonics disagree */
-    Row misfit;                                          /* 1 where it leaves more than noise does */
+    _Alignas(64) Row re1;                                /* rows begin at cache lines, so that no vector crosses two lines */
+    Row im1, re2, im2, unsound, samples, root;           /* phasors; 1: must get no answer; samples and their root */
+    Row power, inverse;                                  /* |p1|^2 and 1/|p1|; of the next group while this one is in work */
+    Row u, pr, pi, cos, sin, d2;                         /* FundamentalFrame, and |d|^2 */
+    Row confidence, refusal, answered, single, may;      /* refusal: status bits; single, may: is one path, may be one path */
+    Row one_amplitude, one_phase, one_sigma, fall_off;   /* OnePath; fall_off: its doubt */
+    Row amplitudes, phases;                              /* disagreement of the harmonics of one path */
+    Row misfit;                                          /* 1: one path leaves more misfit than noise explains */
     Row a, b, cos_m, sin_m, cos_half, sin_half;          /* TwoPaths */
     Row x, y, sigma_x, sigma_y, doubtful;
-    Row amplitude[2], phase[2], sigma[2];                /* direct and MPI path */
-    Row impossible;                                      /* 1 where they hold more light than there can be */
-    Row t1, t2, t3, t4, t5;                              /* between the loops of a function */
-    int singles, ones, pairs, cleared;                   /* whether any is single, may have one path, has two, is impossible */
-    Row predicted;                                       /* 1 where the MPI is a tail, ... */
+    Row amplitude[2], phase[2], sigma[2];                /* direct path and MPI path */
+    Row impossible;                                      /* 1: the amplitudes exceed the modulation amplitude */
+    Row t1, t2, t3, t4, t5;                              /* temporary values between the loops of a function */
+    int singles, ones, pairs, cleared;                   /* 1 if any pixel is single, may have one path, has two, is impossible */
+    Row predicted;                                       /* 1: the answer comes from the tail, ... */
     TailGroup tail;                                      /* ... which is here */
 } Group;
 
-/* Ask for the memory of a whole group that comes soon: the planes of a frame are too many for processors to see it coming. */
+/* Prefetch the memory of a full group that comes soon: a frame has too many planes for a processor to predict the
+ * access. */
 INLINE void fetch(const Frame *restrict frame, int64_t start) {
     static const int BYTES[] = {[UINT16] = 2, [INT16] = 2, [FLOAT32] = 4, [FLOAT64] = 8, [PHASORS] = 8};
     const int64_t n = frame->pixels;
@@ -101,11 +104,13 @@ INLINE void fetch(const Frame *restrict frame, int64_t start) {
     }
 }
 
-/* A limit of saturation for whole numbers; NaN, which is none, becomes one that no 16 bits reach. */
+/* A limit of saturation rounded down to an integer. NaN, which means no limit, becomes a number that 16 bits never
+ * reach. */
 INLINE int32_t whole(double limit) { return limit > -1e9 ? limit < 1e9 ? (int32_t)floor(limit) : 1000000000 : -1000000000; }
 
-/* Whether a pixel of a whole group lies below `below` or above `above`, which any pixel does where no TYPE reaches them. */
-#define IS_BEYOND(TYPE, LEAST, MOST, BELOW, ABOVE) \
+/* Return 1 from is_sound if every stored value of a full group lies from BELOW to ABOVE, and 0 if any does not. If
+ * no value of TYPE, which goes from LEAST to MOST, lies there, return 0 at once. */
+#define RETURN_IS_WITHIN(TYPE, LEAST, MOST, BELOW, ABOVE) \
     { \
         const TYPE *stored = (const TYPE *)frame->stored + start; \
         if (BELOW > MOST || ABOVE < LEAST) return 0; \
@@ -123,7 +128,8 @@ INLINE int32_t whole(double limit) { return limit > -1e9 ? limit < 1e9 ? (int32_
         return !beyond; \
     }
 
-/* Whether none of a whole group's pixels is saturated, or has a bit that refuses an answer. */
+/* Return 1 if every pixel of this full group can be resolved: none is saturated, and no status bit known before forbids
+ * an answer. */
 INLINE int is_sound(const Frame *restrict frame, int64_t start) {
     const double low = frame->constants->saturated_low, high = frame->constants->saturated_high;
     const float low_f = (float)low, high_f = (float)high;
@@ -133,8 +139,8 @@ INLINE int is_sound(const Frame *restrict frame, int64_t start) {
     if (frame->bits >= 0) known = (uint32_t)frame->bits;
     else EACH_PIXEL known |= frame->status[start + i];
     if (known & (SATURATED | NOT_FINITE | HOT_PIXEL)) return 0;
-    if (frame->type == UINT16) IS_BEYOND(uint16_t, 0, UINT16_MAX, below, above)
-    if (frame->type == INT16) IS_BEYOND(int16_t, INT16_MIN, INT16_MAX, below, above)
+    if (frame->type == UINT16) RETURN_IS_WITHIN(uint16_t, 0, UINT16_MAX, below, above)
+    if (frame->type == INT16) RETURN_IS_WITHIN(int16_t, INT16_MIN, INT16_MAX, below, above)
     if (frame->type != FLOAT32) return 0;
     const float *stored = (const float *)frame->stored + start;
     int32_t beyond = 0;
@@ -150,7 +156,7 @@ INLINE int is_sound(const Frame *restrict frame, int64_t start) {
     return !beyond;
 }
 
-/* voltages.py: saturated_pixels, phasors_from_stored, of a group that `is_sound`, and where no pixel has a map of its own. */
+/* voltages.py: saturated_pixels, phasors_from_stored, for a group that `is_sound`, if all pixels share one map. */
 #define LOAD_SOUND(TYPE) \
     { \
         const TYPE *stored = (const TYPE *)frame->stored + start; \
@@ -169,7 +175,7 @@ INLINE void load_sound(Group *restrict g, const Frame *restrict frame, int64_t s
     else LOAD_SOUND(float)
 }
 
-/* The same of any group. Columns from m on repeat the first. */
+/* The same for any group of m pixels. Columns from m on repeat the first column. */
 #define LOAD(TYPE, VALUE) \
     { \
         const TYPE *stored = frame->stored; \
@@ -225,7 +231,8 @@ INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, 
     }
 }
 
-/* depth.py: write_block. NaN is written as the one quiet NaN without a sign, which `finite` values are already where they are none. */
+/* depth.py: write_block. Every NaN is written as the same quiet NaN without a sign. With `finite`, values are finite or
+ * that NaN already. */
 INLINE float written(double value, double scale, int finite) {
     const float out = (float)(value * scale);
     return finite || out == out ? out : NAN;
@@ -242,8 +249,8 @@ INLINE void store_none(float *restrict to, int m) {
     else for (int i = 0; i < m; i++) to[i] = NAN;
 }
 
-/* `finite`: whether all answers of a whole group are, where they are not NAN itself, and so are their scales. `loaded`: by load, or
- * by load_sound, which leaves status alone. */
+/* Write the layers and the status of m pixels. `finite`: every value of this full group is finite or NAN itself, and
+ * the scales are finite. `loaded`: `load` has filled status already; load_sound leaves status alone. */
 INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start, int m, int finite, int loaded) {
     const double volts = frame->constants->volts;
     const int64_t n = frame->pixels;

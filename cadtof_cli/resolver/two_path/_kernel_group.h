@@ -1,4 +1,5 @@
-/* What all of the kernel stands on: pixels in groups, and arithmetic that gives the same bits everywhere; see _kernel_frame.h. */
+/* The basis of the whole kernel: groups of pixels, and arithmetic that gives the same bits on every machine; see
+ * _kernel_frame.h. */
 #ifndef KERNEL_GROUP_H
 #define KERNEL_GROUP_H
 #include <float.h>
@@ -21,7 +22,7 @@
 #define PI 3.141592653589793
 #define FULL_TURN 6.283185307179586
 
-/* One pixel per column. */
+/* One value per pixel of a group. */
 typedef double Row[GROUP];
 typedef float FloatRow[GROUP];
 

@@ -1,4 +1,4 @@
-/* The equations of the kernel, each function named after the one that it is the twin of; see _kernel_frame.h. */
+/* The equations of the kernel. The comment of each function names its Python twin; see _kernel_frame.h. */
 #include "_kernel_frame.h"
 
 /* roots.py */
@@ -21,7 +21,7 @@ INLINE double inverse_root(double x) { return nearer_inverse_root(x, rough_inver
 
 INLINE double inverse_root_or_none(double x) { return x < DBL_MIN ? 0.0 : inverse_root(x); }
 
-/* arcsine.py: phase_of, where sin is not negative */
+/* arcsine.py: phase_of, for sines that are not negative */
 INLINE double phase_above(double cos, double y) {
     double x = fabs(cos);
     double low = y > x ? x : y, high = y > x ? y : x;
@@ -82,14 +82,14 @@ INLINE double power_of(double u, double pr, double pi, const Constants *restrict
 
 INLINE int is_single(double u, double d2) { return d2 <= 0x1p-100 * (u * u) + 1e-100; }
 
-/* |d|^2 up to which a pixel may be one path's: solver.py: may_be_one_path */
+/* |d|^2 up to which a pixel may have one path; see solver.py: may_be_one_path */
 INLINE double one_path_limit(const Frame *restrict frame) {
     const Constants *k = frame->constants;
     const double limit = 2.0 * k->misfit_limit * k->misfit_spread;
     return frame->order == ORDER_ONE ? INFINITY : frame->order == ORDER_TWO ? -1.0 : limit;
 }
 
-/* closed_form.py: fundamental_frame; |p1|^2 and 1/|p1|, the latter in two steps. */
+/* closed_form.py: fundamental_frame. |p1|^2, and 1/|p1| in two steps. */
 INLINE void begin_inverse(Group *restrict g, int i) {
     double re1 = g->re1[i], im1 = g->im1[i];
     g->power[i] = re1 * re1 + im1 * im1;
@@ -98,9 +98,10 @@ INLINE void begin_inverse(Group *restrict g, int i) {
 
 INLINE void end_inverse(Group *restrict g, int i) { g->inverse[i] = nearer_inverse_root(g->power[i], g->inverse[i]); }
 
-/* All of fundamental_frame, screen and choose_pixels where it is plain that every pixel of a group gets an answer and none is
- * single: whether it is. `least` is |p1|^2 from which one is an answer's, whatever p2; with |p1|^2 up to 16, |d| is far from
- * rounding, and both so small leave all that follows finite. |p1|^2 and its inverse root are known already. */
+/* Do fundamental_frame, screen and choose_pixels in one loop, for a group in which every pixel certainly gets an answer
+ * and no pixel is single. Return 1 if the group is such a group; otherwise its rows must be computed again. A pixel
+ * gets an answer if |p1|^2 >= `least`, for any p2. With |p1|^2 + |d|^2 <= 16, the limit 2^-95 on |d|^2 is above
+ * rounding, and all later values are finite. |p1|^2 and its inverse root are known already. */
 INLINE int all_answered(Group *restrict g, const Frame *restrict frame, double least) {
     const double limit = one_path_limit(frame);
     int64_t ones = 0, doubtful = 0;
@@ -127,7 +128,8 @@ INLINE double least_answered(const Frame *restrict frame) {
     return (1.0 + 1e-9) * at_least(at_least(of_power, of_modulus), 1e-200);
 }
 
-/* resolve.py: screened. `refusal` comes in with SATURATED. Where most pixels have a tail, the few others are turned later. */
+/* resolve.py: screened. On entry `refusal` holds SATURATED or 0. If the frame has a tail, few pixels need
+ * fundamental_frame, so it runs later, and u is computed here. */
 INLINE void screen(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     if (frame->tail) EACH_PIXEL {
@@ -148,7 +150,8 @@ INLINE void screen(Group *restrict g, const Frame *restrict frame) {
     }
 }
 
-/* solver.py: may_be_one_path; closed_form.py: is_single. Who gets no answer goes on with NaN for u, and so in all that follows. */
+/* solver.py: may_be_one_path; closed_form.py: is_single. A pixel without an answer gets u = NaN, so that all its later
+ * values are NaN. */
 INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     const double limit = one_path_limit(frame);
@@ -169,7 +172,7 @@ INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
     g->pairs = pairs != 0;
 }
 
-/* one_path.py: _start. The rotor in t1, t2; the largest curvature there can be in t3. */
+/* one_path.py: _start. The result is the rotor in t1, t2 and the largest possible curvature in t3. */
 INLINE void one_path_start(Group *restrict g, double weight) {
     const double from_second = 4.0 * weight;
     EACH_PIXEL {
@@ -257,7 +260,7 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
     g->pairs |= any(g->misfit);
 }
 
-/* closed_form.py: _excess, one of its steps. H in t3. */
+/* closed_form.py: one step of _excess. H is in t3. */
 INLINE void excess_step(Group *restrict g, const int ahead) {
     EACH_PIXEL {
         if (ahead) end_inverse(g, i);
@@ -269,8 +272,8 @@ INLINE void excess_step(Group *restrict g, const int ahead) {
     }
 }
 
-/* closed_form.py: _excess. H in t3. Three quotients, one after the other, keep a processor waiting: it works on 1/|p1| meanwhile, where
- * the phasors of the next group are there already (`ahead`). */
+/* closed_form.py: _excess. The result H is in t3. The processor waits for three quotients, one after the other. If the
+ * phasors of the next group are loaded already (`ahead`), it computes their 1/|p1| meanwhile. */
 INLINE void excess(Group *restrict g, const int ahead) {
     EACH_PIXEL {
         if (ahead) begin_inverse(g, i);
@@ -279,7 +282,7 @@ INLINE void excess(Group *restrict g, const int ahead) {
         g->t2[i] = 2.0 * (u * dr) - d2;
         g->t3[i] = (modulus + 2.17 * u) * d2 / ((4.06 * modulus + 2.06 * dr) * u + d2);
     }
-    /* not a loop: compilers would turn it inside out */
+    /* not a loop over the steps: compilers would turn the loops inside out */
     excess_step(g, ahead);
     excess_step(g, 0);
 }
@@ -327,7 +330,7 @@ INLINE void two_paths(Group *restrict g, const int ahead) {
     }
 }
 
-/* closed_form.py: TwoPaths.phases, one pixel's */
+/* closed_form.py: TwoPaths.phases, of one pixel */
 INLINE void put_phases(Group *restrict g, int i) {
     double mean = phase_of(g->cos_m[i], g->sin_m[i]), half = phase_above(g->cos_half[i], g->sin_half[i]);
     double x = mean + half, y = mean - half;
@@ -338,7 +341,7 @@ INLINE void put_phases(Group *restrict g, int i) {
 
 INLINE void phases(Group *restrict g) { EACH_PIXEL put_phases(g, i); }
 
-/* uncertainty.py: two_path_sigmas, in float as there */
+/* uncertainty.py: two_path_sigmas, in single precision too */
 typedef struct {
     float cos, alone, own, other, signal, scale;
 } VarianceTerms;
@@ -350,7 +353,7 @@ INLINE double sigma(float strength, float rival, VarianceTerms t) {
     return (double)(sqrtf(variance) / (strength * t.scale));
 }
 
-/* Phases, too: roots and quotients keep a processor waiting, which works on those meanwhile. */
+/* The phases are computed in the same loop, because the processor works on them while it waits for roots and quotients. */
 INLINE void phases_and_sigmas(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     const float alone0 = (float)k->alone0, alone1 = (float)k->alone1, alone2 = (float)k->alone2;
@@ -372,7 +375,7 @@ INLINE void phases_and_sigmas(Group *restrict g, const Frame *restrict frame) {
         put_phases(g, i);
     }
     EACH_PIXEL {
-        /* doubt, the larger over 0.5 * sin_half, is above 1 just where this is, in floating point too */
+        /* doubt is larger / (0.5 * sin_half); it is above 1 exactly if larger > most, in floating point too */
         double x = g->sigma_x[i], y = g->sigma_y[i], larger = x > y ? x : y, most = 0.5 * g->sin_half[i];
         g->doubtful[i] = (larger > most) & (x == x) ? (double)ILL_CONDITIONED : 0.0;
     }

@@ -1,8 +1,8 @@
-"""The phase of a rotor, by a polynomial of our own: the same bits from numpy here and from the kernel in C, on any machine.
+"""The phase of a rotor, by a polynomial: numpy here and the kernel in C give the same bits, on any machine.
 
-Arctangents of C libraries and of numpy's vectorised loops differ in their last bits. Sums and products of IEEE 754 do not, so
-phases come from those alone; a rotor needs no division, its parts are the sine and cosine. `_kernel_paths.h` holds the same
-operations in the same order.
+Arctangents of C libraries and of numpy's vectorised loops differ in their last bits. Sums and products of IEEE 754 do
+not differ, so phases are computed from sums and products alone. A division is not needed, because the parts of a rotor
+are its cosine and sine. `_kernel_paths.h` has the same operations in the same order.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.paths import FULL_TURN
 
 SIN_TWELFTH = 0.25881904510252074
-"""sin(π/12): farther rotors are turned back by π/6, so that the polynomial is needed from −π/12 to π/12 only."""
+"""sin(π/12). Rotors with a larger sine are turned back by π/6, so that the polynomial covers only −π/12 to π/12."""
 
 COS_SIXTH = 0.8660254037844386
 """cos(π/6); sin(π/6) is ½."""
@@ -26,14 +26,14 @@ COEFFICIENTS = (
     0.013621509253689112,
     0.01456748213483585,
 )
-"""arcsin s = s + s·z·Σ_k COEFFICIENTS[k]·z^k with z = s², |s| ≤ sin(π/12), to 1.1e-17 of its value: the polynomial through
-(arcsin(√z)/√z − 1)/z at Chebyshev's 8 nodes between 0 and sin²(π/12)."""
+"""arcsin s = s + s·z·Σ_k COEFFICIENTS[k]·z^k with z = s², |s| ≤ sin(π/12), with a relative error of 1.1e-17. The
+polynomial interpolates (arcsin(√z)/√z − 1)/z at the 8 Chebyshev nodes between 0 and sin²(π/12)."""
 
 
 def phase_of(cos: Float, sin: Float, /) -> Float:
-    """Return the phase of the rotor cos + i·sin, (n,) each and of any length but 0, in [0, 2π) rad; NaN in gives NaN out.
+    """Return the phase in [0, 2π) rad of the unit rotor cos + i·sin, (n,) each; NaN in gives NaN out.
 
-    A rotor's length is 1; where rounding makes it 1 + ε, its phase is off by less than ε.
+    If rounding makes the length of the rotor 1 + ε instead of 1, the phase is off by less than ε.
     """
     x, y = np.abs(cos), np.abs(sin)
     steep = y > x

@@ -1,9 +1,10 @@
 """Two paths from two harmonics in closed form: exact, unique, and the same work for every pixel.
 
 By Carathéodory's theorem any pair of phasors (p1, p2) has exactly one decomposition p_h = a·exp(i h x) + b·exp(i h y)
-with a, b ≥ 0 (Pisarenko's; Peters et al. 2015, doi:10.1145/2816795.2818103, use it for transient imaging). With p0 = a + b
-the Toeplitz matrix of (p0, p1, p2) is singular, which makes p0 the root of a cubic and exp(ix), exp(iy) the roots of a
-quadratic. The evaluation below keeps its digits where b → 0, x → y and p1 → 0; derivation and notation follow docs/physics.md.
+with a, b ≥ 0 (Pisarenko's; Peters et al. 2015, doi:10.1145/2816795.2818103, use it for transient imaging). Let p0 be
+a + b; then the Toeplitz matrix of (p0, p1, p2) is singular. So p0 is the root of a cubic, and exp(ix), exp(iy) are the
+roots of a quadratic. The evaluation below loses no digits as b → 0, x → y or p1 → 0. Derivation and notation follow
+docs/physics.md.
 """
 
 from functools import cached_property
@@ -17,25 +18,25 @@ from cadtof_cli.resolver.two_path.arcsine import phase_of
 from cadtof_cli.resolver.two_path.roots import LEAST, inverse_root, inverse_root_or_none, rough_inverse_root
 
 EXCESS_STEPS = 2
-"""Each quadruples the correct digits: the start's 8.5 % become 8e-5, then 4e-17."""
+"""Each step quadruples the number of correct digits: the start's error of 8.5 % becomes 8e-5, then 4e-17."""
 
 ROUNDING_SQUARE = 2.0**-100
-"""(|d|/|p1|)² up to which a pixel has one path: two phasors that differ from one path's by rounding alone, |d| ≤ 4 ulp."""
+"""(|d|/|p1|)² up to which a pixel has one path: its phasors are those of one path except for rounding, |d| ≤ 4 ulp."""
 
 SMALLEST_SQUARE = 1e-100
-"""|d|² up to which a pixel has one path even where p1 is 0: the sixth power of |d| must not underflow."""
+"""|d|² up to which a pixel has one path even if p1 is 0, because the sixth power of |d| must not underflow."""
 
 SMALLEST_SINE = 1e-300
-"""Least sin²γ: keeps paths that coincide to the last digit from dividing zero by zero; how they share their sum is no matter."""
+"""Floor for sin²γ. It avoids 0/0 if paths coincide to the last digit; how they share their sum does not matter then."""
 
 
 @dataclass(frozen=True)
 class FundamentalFrame:
     """Two phasors of n pixels, turned so that the first is real: p1 = u·ρ and p2 = (pr + i·pi)·ρ².
 
-    `u` ≥ 0, `pr`, `pi` and the unit rotor `cos`, `sin` of ρ are float64 of shape (n,). ρ = 1 and u = 0 where |p1| < 1.5e-154,
-    whose square is no normal number. They are planes of real numbers because numpy's complex products round differently at the
-    end of an array than within it.
+    `u` ≥ 0, `pr`, `pi` and the unit rotor `cos`, `sin` of ρ are float64 of shape (n,). If |p1| < 1.5e-154, its square
+    is no normal number, and then ρ = 1 and u = 0. The fields are real arrays, because numpy rounds complex products
+    differently at the end of an array than within it.
     """
 
     u: Float
@@ -43,6 +44,12 @@ class FundamentalFrame:
     pi: Float
     cos: Float
     sin: Float
+
+    @cached_property
+    def d2(self) -> Float:
+        """|d|² with d = u − p2·conj(ρ)², which is 0 for the phasors of one path."""
+        dr = self.u - self.pr
+        return dr * dr + self.pi * self.pi
 
     @property
     def powers(self) -> tuple[Float, Float]:
@@ -57,8 +64,8 @@ class FundamentalFrame:
 class TwoPaths:
     """Two paths of n pixels, float64: amplitudes a and b, (2, n), and phases x, y = mean ± half.
 
-    The mean phase is kept as the unit rotor `cos_mean`, `sin_mean`, half the difference, between 0 and π, as `cos_half` and
-    `sin_half`. Where `single` is set there is one path: `b` is 0, and so is half the difference.
+    The mean phase is stored as the unit rotor `cos_mean`, `sin_mean`. Half the difference, between 0 and π, is stored
+    as `cos_half` and `sin_half`. Where `single` is True there is one path: `b` and half the difference are 0.
     """
 
     amplitude: Float
@@ -70,12 +77,12 @@ class TwoPaths:
 
     @property
     def a(self) -> Float:
-        """Amplitude of the path at x."""
+        """Amplitude of the path with phase x."""
         return np.asarray(self.amplitude[0])
 
     @property
     def b(self) -> Float:
-        """Amplitude of the path at y."""
+        """Amplitude of the path with phase y."""
         return np.asarray(self.amplitude[1])
 
     @cached_property
@@ -117,7 +124,7 @@ class TwoPaths:
 
 
 def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
-    """Turn two phasors, complex128 (n,), into the frame in which the first is real. NaN in gives NaN out."""
+    """Turn two phasors, complex128 (n,), so that the first one is real. NaN in gives NaN out."""
     re1, im1, re2, im2 = p1.real, p1.imag, p2.real, p2.imag
     power = re1 * re1 + im1 * im1
     inverse = inverse_root_or_none(power)
@@ -128,31 +135,24 @@ def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
 
 
 def is_single(frame: FundamentalFrame, /) -> Bool:
-    """Return where two phasors are those of one path to within rounding, (n,)."""
-    dr = frame.u - frame.pr
-    return _is_single(frame.u, dr * dr + frame.pi * frame.pi)
-
-
-def _is_single(u: Float, d2: Float) -> Bool:
-    single: Bool = d2 <= ROUNDING_SQUARE * (u * u) + SMALLEST_SQUARE
+    """Return True where the two phasors are those of one path to within rounding, (n,)."""
+    single: Bool = frame.d2 <= ROUNDING_SQUARE * (frame.u * frame.u) + SMALLEST_SQUARE
     return single
 
 
 def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
-    """Return the one decomposition of every pixel into two paths; amplitudes are in units of the phasors.
+    """Return the unique decomposition of every pixel into two paths; amplitudes are in units of the phasors.
 
-    With d = u − p2·conj(ρ)² = dr − i·pi and H = p0 − u, the paths' mean phase m is half the argument of u(d − H) + Hd, half
-    their difference is γ with cos γ = u·Re((H + d)·exp(−im)) / 2M, where M = H(2u + H) is the modulus of that number, and
-    a, b = (p0 ± u·sin m / sin γ)/2. The larger of |cos m| and |sin m| is √((M + |re|)/2M), re the number's real part, and the
-    other follows from the imaginary part; m + π would swap the two paths, no more.
+    Let d = u − p2·conj(ρ)² = dr − i·pi, H = p0 − u and g = u(d − H) + Hd, whose modulus is M = H(2u + H). The mean
+    phase m of the paths is half the argument of g. Half their difference is γ with cos γ = u·Re((H + d)·exp(−im)) / 2M.
+    The amplitudes are a, b = (p0 ± u·sin m / sin γ)/2. The larger of |cos m| and |sin m| is √((M + |Re g|)/2M), and the
+    other one follows from Im g. Taking m + π instead of m would only swap the two paths.
 
-    NaN in gives NaN out. Warnings about divisions by zero are the caller's to silence: they are the pixels in `single`.
+    NaN in gives NaN out. The caller silences warnings about divisions by zero, which come from the pixels in `single`.
     """
     u, pi = frame.u, frame.pi
-    dr = u - frame.pr
-    d2 = dr * dr + pi * pi
-    single = _is_single(u, d2)
-    h = np.where(single, 0.0, _excess(u, dr, d2))
+    dr, single = u - frame.pr, is_single(frame)
+    h = np.where(single, 0.0, _excess(u, dr, frame.d2))
     p0 = u + h
     product = (p0 + u) * h
     re = p0 * dr - u * h
@@ -181,9 +181,9 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
 def _excess(u: Float, dr: Float, d2: Float) -> Float:
     """Return H = p0 − u, the positive root of f = H³ + 3uH² + (2u·Re d − |d|²)H − u|d|², by a fixed number of steps.
 
-    A step is Householder's of third order, H ← H − f·(f′² − f·f″/2) / (f′·(f′² − f·f″) + f²·f‴/6), with f‴/6 = 1. They start from
-    |d|²(|d| + αu) / (|d|² + u(β|d| + γ·Re d)), which is the root for u = 0 and, with α, β and γ chosen for that, nowhere more
-    than 8.5 % off it.
+    A step is Householder's of third order, H ← H − f·(f′² − f·f″/2) / (f′·(f′² − f·f″) + f²·f‴/6), with f‴/6 = 1. The
+    start is |d|²(|d| + αu) / (|d|² + u(β|d| + γ·Re d)). It is the root if u = 0. α, β and γ are chosen so that it is
+    never more than 8.5 % off the root.
     """
     constant, linear = u * d2, 2.0 * (u * dr) - d2
     modulus = d2 * rough_inverse_root(d2)

@@ -1,4 +1,4 @@
-"""Two paths of any phasors, by numpy or by the compiled kernel, for stages that need them besides the solver."""
+"""Two paths of any phasors, by numpy or by the compiled kernel, for stages other than the solver."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 
 PLANES = 9
-"""What the kernel tells of a pixel, `DECOMPOSED_PLANES` in `_kernel_answers.h`."""
+"""Number of values that the kernel returns per pixel, `DECOMPOSED_PLANES` in `_kernel_answers.h`."""
 
 
 @dataclass(frozen=True)
 class _Compiled(TwoPaths):
-    """Two paths whose phases x and y, (2, n), came with them."""
+    """Two paths from the kernel, which has computed their phases x and y, (2, n), too."""
 
     found: Float
 
@@ -25,7 +25,7 @@ class _Compiled(TwoPaths):
 def decomposed(p1: Complex, p2: Complex, /, *, kernel: str = NUMPY) -> TwoPaths:
     """Return the two paths of phasors, complex128 (n,) each; NaN in gives NaN out, without a warning.
 
-    `kernel` is of `available_kernels`, all of which give the same bits.
+    `kernel` is one of `available_kernels`; all of them give the same bits.
     """
     if kernel == NUMPY:
         with np.errstate(all="ignore"):

@@ -1,6 +1,6 @@
-"""The front of the compiled two-path solver: checks everything, and makes constants of settings and noise.
+"""The Python front of the compiled two-path solver: it checks arrays and turns settings and noise into constants.
 
-The solver itself is `_kernel_paths.h`. Where it was not built, numpy does the same operations, with the same bits, in
+The solver itself is `_kernel_paths.h`. If it was not built, numpy does the same operations, with the same bits, in
 `closed_form`, `one_path`, `uncertainty` and the stages before and after them.
 """
 
@@ -23,25 +23,26 @@ from cadtof_cli.resolver.status import count_status as status_counts
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms
 
 Buffers = tuple[NDArray[Any] | None, ...]
-"""Arrays as the extension takes them: neighbours in memory, each of one type."""
+"""Arrays in the form that the extension takes: contiguous in memory, each of one type."""
 
 STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
 
 _NEIGHBOURS: tuple[Literal["C", "A"], ...] = ("C", "A")
-"""What numpy makes of an array whose values are to be neighbours in memory, aligned: itself, where they are."""
+"""Requirements for `np.require`: C-contiguous and aligned. An array that meets them is not copied."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class KernelScales:
-    """All that turns the values of n pixels into maps, besides settings and noise; inputs are not changed.
+    """The numbers that turn the values of n pixels into maps, besides settings and noise; inputs are not changed.
 
     Attributes:
-        phasor_map: from stored values to phasors; None with phasors.
-        saturated_counts: stored values at or beyond these are saturated; None: none are.
-        metres: of a radian, of all pixels or of each, (n,).
-        volts: of an amplitude of 1.
-        phase_offset_rad: what to take from every phase, (n,); None: nothing.
-        tail: the frame's diffuse MPI for these pixels, of `diffuse.pixels.tail_buffers`; None: there is none.
+        phasor_map: the map from stored values to phasors; None if the input is phasors.
+        saturated_counts: stored values at or beyond these limits are saturated; None: no value is saturated.
+        metres: metres per radian, one number for all pixels or one per pixel, (n,).
+        volts: volts per amplitude of 1.
+        phase_offset_rad: phase to subtract from every phase of a pixel, (n,); None: nothing.
+        tail: model of the frame's diffuse MPI for these pixels, from `diffuse.pixels.tail_buffers`; None: no diffuse
+            MPI.
         most_volts, noise_volts: paths whose amplitudes add up to more than most_volts + noise_volts / √samples are impossible.
     """
 
@@ -56,15 +57,15 @@ class KernelScales:
 
 
 class FrameKernel:
-    """The kernel with all that it needs to know of n pixels besides their stored values: many frames may share it.
+    """The kernel with all inputs for n pixels except their stored values; many frames may share it.
 
     Args:
-        scales: what turns values into maps.
-        settings: which paths are asked for, at most two.
-        noise: of the pixels, with how many recorded ones each is a mean of.
-        count: how many pixels there are.
-        source_type: of the stored values, or phasors.
-        kernel: of `available_kernels`, but `numpy`; None: the one chosen for this process.
+        scales: the numbers that turn values into maps.
+        settings: settings that ask for at most two paths.
+        noise: noise of the pixels, and the number of recorded pixels that each is a mean of.
+        count: number of pixels, n.
+        source_type: type of the stored values or phasors.
+        kernel: one of `available_kernels` except `numpy`; None: the kernel chosen for this process.
 
     Raises:
         ValueError: an array has the wrong shape.
@@ -101,20 +102,21 @@ class FrameKernel:
         ]
         limits = scales.saturated_counts if scales.phasor_map is not None else None
         metres = scales.metres if isinstance(scales.metres, float) else math.nan
-        light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
-        self._constants = _constants(settings, noise.each, scales.phasor_map, limits, source_type, light)
+        shared = (metres, scales.volts, scales.most_volts, scales.noise_volts)
+        self._constants = _constants(settings, noise.each, scales.phasor_map, limits, source_type, shared)
 
     def fill(self, stored: Stored, /, *, layers: Float32, status: Status, bits: int | None = None) -> None:
         """Fill `layers` and `status` of the pixels from their stored values.
 
         Args:
             stored: values of harmonics 1 and 2 as a file holds them, (2, 2, n); or phasors, complex128 (2, n).
-            layers: float32 (7, n): depth, amplitude and sigma of the direct path and the MPI's each, and confidence.
-            status: (n,), with the bits that are known already: of those saturated, not finite and hot pixel mean no answer.
-            bits: those that are known of all pixels; whatever `status` holds is of no matter then.
+            layers: float32 (7, n): depth, amplitude and sigma, each of the direct path and of the MPI path, then
+                confidence.
+            status: (n,), holds the bits known before. Pixels that are saturated, not finite or hot get no answer.
+            bits: the bits known before, if they are the same for all pixels; the content of `status` is then ignored.
 
         Raises:
-            ValueError: an array has the wrong shape or layout, or there is no such kernel.
+            ValueError: an array has the wrong shape or layout, or the kernel does not exist here.
             TypeError: an array has the wrong type.
         """
         shapes = stored.shape, layers.shape, status.shape
@@ -125,7 +127,8 @@ class FrameKernel:
         values = stored if stored.dtype in STORED_TYPES else stored.astype(np.float64)
         if not (values.flags.c_contiguous and values.flags.aligned):
             values = np.require(values, requirements=_NEIGHBOURS)
-        # what is written may not be copied: the extension takes nothing but neighbours
+        # layers and status are written in place, so they are not copied: the extension refuses them unless they are
+        # contiguous
         self._compiled.resolve(
             *self._options,
             -1 if bits is None else bits,
@@ -139,7 +142,7 @@ class FrameKernel:
 
 
 def count_status(status: Status, /) -> StatusCounts:
-    """Return how the pixels of a status map of any shape ended: what `resolver.status.count_status` does, in one pass."""
+    """Count the pixels of a status map of any shape as `resolver.status.count_status` does, but in one pass."""
     if chosen_kernel() == NUMPY:
         return status_counts(status)
     one, two, more, diffuse = extension().count_status(chosen_kernel(), np.ascontiguousarray(status))
@@ -147,7 +150,7 @@ def count_status(status: Status, /) -> StatusCounts:
 
 
 def shared_constants(settings: ResolverSettings, each: tuple[HarmonicNoise, ...], /) -> dict[str, float]:
-    """Return what all frames of one run share, by the names of `CONSTANTS` in `_kernel_frame.h`."""
+    """Return the constants that all frames of one run share, by the names of `CONSTANTS` in `_kernel_frame.h`."""
     terms, least = variance_terms(each), settings.min_confidence
     misfit = chi_squared_threshold(settings.false_alarm, pairs=1)
     constants = {
@@ -179,9 +182,12 @@ def _constants(
     phasor_map: PhasorMap | None,
     saturated_counts: tuple[float, float] | None,
     stored_type: np.dtype[np.generic],
-    light: tuple[float, ...],
+    shared: tuple[float, ...],
 ) -> Float:
-    """Return what all pixels of a frame share, in the order of `CONSTANTS`; −0 as an offset changes no bit of a sum."""
+    """Return the constants of all pixels of a frame, in the order of `CONSTANTS`.
+
+    Without an offset, −0 is added, because it changes no bit of a sum.
+    """
     low, high = saturation(saturated_counts, stored_type)
     gains, offsets = [1.0] * 4, [-0.0] * 4
     if phasor_map is not None and phasor_map.own.shape[2] == 1:
@@ -191,7 +197,7 @@ def _constants(
         **shared_constants(settings, each),
         "saturated_low": low,
         "saturated_high": high,
-        **dict(zip(("metres", "volts", "most_volts", "noise_volts"), light, strict=True)),
+        **dict(zip(("metres", "volts", "most_volts", "noise_volts"), shared, strict=True)),
         **{f"gain{part}": gain for part, gain in enumerate(gains, start=1)},
         **{f"offset{part}": offset for part, offset in enumerate(offsets, start=1)},
     }
@@ -204,7 +210,7 @@ def _constants(
 def saturation(
     saturated_counts: tuple[float, float] | None, stored_type: np.dtype[np.generic], /
 ) -> tuple[float, float]:
-    """Return the limits as numpy compares stored values with them, floats in their own type; NaN where there are none."""
+    """Return the limits as numpy compares stored values with them: floats in their own type. Without limits, NaN."""
     if saturated_counts is None:
         return math.nan, math.nan
     own_type = stored_type.type if stored_type.kind == "f" else np.float64
@@ -214,12 +220,12 @@ def saturation(
 
 
 def _order(settings: ResolverSettings) -> str:
-    """Return the order asked for, which is 1 where there is room for one path only."""
+    """Return the order of the settings; it is 1 if the settings allow only one path."""
     return "1" if settings.max_paths == 1 else settings.order
 
 
 def _own_maps(phasor_map: PhasorMap | None) -> tuple[Float | None, Float | None, Float | None]:
-    """Return the affine map of every pixel, (2, 2, n) each, or nothing where they share one."""
+    """Return the affine map of every pixel, (2, 2, n) each, or None if all pixels share one map."""
     if phasor_map is None or (phasor_map.own.shape[2] == 1 and phasor_map.other is None):
         return None, None, None
     if phasor_map.other is None or phasor_map.constant is None:

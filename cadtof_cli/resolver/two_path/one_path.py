@@ -11,16 +11,18 @@ from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame
 from cadtof_cli.resolver.two_path.roots import LEAST, inverse_root, inverse_root_or_none
 
 CURVATURE_FLOOR = 0.1
-"""Least curvature that a Newton step divides by, as a share of the largest possible: keeps saddle points from throwing it."""
+"""Floor for the curvature that a Newton step divides by, as a share of the largest possible curvature. It keeps the
+steps near a saddle point short."""
 
 
 @dataclass(frozen=True)
 class OnePath:
     """The best single path of n pixels: float64 (n,) each.
 
-    `amplitude` in units of the phasors, the unit rotor of its phase, the phase's predicted standard deviation,
-    `chi_squared`, what the fit leaves over the noise: χ² with 2 degrees of freedom where there is only one path, and
-    `fall_off`, the part of it by which the second harmonic is the shorter, negative where it is the longer.
+    `amplitude` is in units of the phasors. `cos` and `sin` are the unit rotor of the phase, `sigma_rad` the predicted
+    standard deviation of the phase. `chi_squared` is the misfit in units of the noise: if there is only one path, it is
+    χ² with 2 degrees of freedom. `fall_off` is the part of `chi_squared` that comes from the moduli; it is positive if
+    the second harmonic is shorter than the first, negative if it is longer.
     """
 
     amplitude: Float
@@ -41,11 +43,12 @@ class OnePath:
 def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> OnePath:
     """Fit p1 = a·exp(ix), p2 = a·exp(2ix) to every pixel. NaN in gives NaN out.
 
-    Maximises w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), the likelihood of white noise after the best amplitude is put in.
-    The maximum lies between arg p1 and the nearer half of arg p2; their mean, weighted by what each knows, is exact to first
-    order in the noise, and `steps` Newton steps follow. Each turns by a rational rotation, so no step needs trigonometry.
-    The noise of one path is uncorrelated along and across its phasors (see `noise_model`), so the misfit has two
-    independent parts: the amplitudes' disagreement, and the phases'.
+    The fit maximises w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)). This is the likelihood for white noise with the best
+    amplitude inserted. The maximum lies between arg p1 and the nearer of the two halves of arg p2. Their mean, weighted
+    by their information, is exact to first order in the noise; it is the start, and `steps` Newton steps follow. Each
+    step turns by a rational rotation, so no step needs trigonometry. The noise of one path is uncorrelated along and
+    across its phasors (see `noise_model`), so the misfit has two independent parts: the amplitudes disagree, and the
+    phases disagree.
     """
     first, second = noise.each
     weight = first.dark_variance / second.dark_variance
@@ -72,9 +75,10 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
 
 
 def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]:
-    """Return the rotor of the weighted mean phase, and u + 4w·|p2|, the largest curvature there can be.
+    """Return the rotor of the weighted mean phase, and u + 4w·|p2|, the largest possible curvature.
 
-    |p2| times the rotor of half its phase has the parts √(½|p2|(|p2| ± pr)): the larger from the root, the other from pi.
+    |p2| times the rotor of half its phase has the parts √(½|p2|(|p2| ± pr)). The larger part is computed by the root,
+    the smaller one from pi.
     """
     square = frame.pr * frame.pr + frame.pi * frame.pi
     modulus = square * inverse_root(square)
@@ -90,7 +94,7 @@ def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]
 
 
 def _turned(frame: FundamentalFrame, cos: Float, sin: Float) -> tuple[Float, Float, Float, Float]:
-    """Return p1 along and across the path, then p2 along and across it."""
+    """Return the parts of p1 along and across the path, then the parts of p2 along and across it."""
     cos2, sin2 = cos * cos - sin * sin, 2.0 * cos * sin
     return (
         frame.u * cos,
@@ -101,7 +105,7 @@ def _turned(frame: FundamentalFrame, cos: Float, sin: Float) -> tuple[Float, Flo
 
 
 def _turn(cos: Float, sin: Float, angle: Float) -> tuple[Float, Float]:
-    """Rotate by 2·atan(angle/2), which is `angle` to second order and stays a rotation for any size of it."""
+    """Rotate by 2·atan(angle/2), which equals `angle` to second order and is a rotation for an angle of any size."""
     half = 0.5 * angle
     square = half * half
     norm = 1.0 / (1.0 + square)

@@ -11,11 +11,12 @@ from cadtof_cli.resolver.two_path.one_path import one_path
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, two_path_sigmas
 
 ORDER_TEST_STEPS = 0
-"""Newton steps of the one-path fit where the order test follows. What the test accepts deviates from one path by no more than
-noise, and to first order in the noise the fit's start is its end: a step would change the scatter by less than 0.1 %."""
+"""Newton steps of the one-path fit before the order test. Pixels that the test accepts deviate from one path by no more
+than noise, and the start of the fit is exact to first order in the noise. A step would change the scatter by less than
+0.1 %."""
 
 ONE_PATH_STEPS = 6
-"""Newton steps where one path is all that is asked for, however badly it fits."""
+"""Newton steps if the settings allow one path only, because then the path may fit badly."""
 
 
 class ClosedForm:
@@ -36,7 +37,7 @@ class ClosedForm:
         return chosen, one_path(self._frame[chosen], noise=self._noise, steps=steps).fit()
 
     def _two(self, pixels: Bool) -> tuple[SomePixels, Fit]:
-        """Fit two paths; where most pixels need them, the few others are computed along: faster than to gather."""
+        """Fit two paths. If at least half of the pixels need them, fit all, which is faster than gathering pixels."""
         everywhere = 2 * np.count_nonzero(pixels) >= pixels.size
         chosen: SomePixels = slice(None) if everywhere else np.flatnonzero(pixels)
         frame = self._frame if everywhere else self._frame[chosen]
@@ -58,20 +59,21 @@ def solver(
 
 
 def fit_of_two(paths: Paths, sin_half: Float, converged: Bool, /) -> Fit:
-    """Return two paths, which leave nothing of their phasors, as what a solver gives.
+    """Return two paths, which explain their phasors exactly, as the `Fit` of a solver.
 
-    `sin_half`, (n,), is the sine of half their distance, `converged`, (n,), where they are the answer.
+    `sin_half`, (n,), is the sine of half the distance of the two paths. `converged`, (n,), is True where the paths are
+    the answer.
     """
     doubt = np.maximum(*paths.sigma_rad) / (CLOSE_ENOUGH * sin_half)
     return Fit(paths, np.zeros(doubt.size), converged, doubt)
 
 
 def may_be_one_path(frame: FundamentalFrame, limit: Float | float, /, *, noise: NoiseModel) -> Bool:
-    """Return False where one path leaves a χ² above the limit for certain, without fitting it.
+    """Return False where one path certainly leaves a χ² above the limit; no fit is needed for this.
 
-    If the best single path leaves n1 and n2 of the two phasors, then |p1| − p2·conj(ρ)² is at most (1+π)|n1| + |n2|, because
-    n1 turns ρ by no more than π|n1|/2a; and noise along and across a phasor has at most twice its dark variance.
+    Let n1 and n2 be the residuals of the two phasors after the best single path. Then the modulus of |p1| − p2·conj(ρ)²
+    is at most (1+π)|n1| + |n2|, because n1 turns ρ by no more than π|n1|/2a. And the noise along and across a phasor
+    has at most twice the dark variance.
     """
-    difference = frame.u - frame.pr
-    may: Bool = difference * difference + frame.pi * frame.pi <= 2.0 * limit * misfit_spread(noise.each)
+    may: Bool = frame.d2 <= 2.0 * limit * misfit_spread(noise.each)
     return may
