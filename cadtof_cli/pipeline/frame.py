@@ -1,7 +1,8 @@
 """One frame through the stages: voltages → phasors → paths → maps. Pure: arrays and records in, arrays and records out.
 
-First come the stages that couple the pixels of a frame, in `prepare_frame` and nowhere else; then `resolve_pixels` resolves each
-pixel alone, block by block. A frame split over processes is prepared once, and its parts are resolved anywhere.
+First, `prepare_frame` does all that couples the pixels of a frame; no other function does. Then `resolve_pixels`
+resolves each pixel alone, block by block. If a frame is split over processes, it is prepared once, and any process can
+resolve a part of it.
 """
 
 from collections.abc import Sequence
@@ -41,19 +42,21 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 
 BLOCK_PIXELS = 38400
-"""Pixels per block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
-stays small however large the frames are."""
+"""Pixels per block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and few enough that memory
+stays small for frames of any size."""
 
 SEARCHED_BLOCK_PIXELS = 32768
-"""Pixels per block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
+"""Pixels per block if paths are searched or refined. The last steps of a search are for a few pixels, and cost the same
+for any size of block, so small blocks are slow."""
 
 
 TYPICAL_PIXELS = 256
-"""About as many pixels tell the typical light of a frame."""
+"""About how many pixels the typical light of a frame is measured with."""
 
 FREEING_ROUNDS = 3
-"""How often the tail is predicted again from phasors that the last prediction freed of the other terms of a response: rooms
-change no more after one, and a corner that fills the view by a tenth after these."""
+"""How many times the tail is predicted again, from phasors that the last prediction has freed of the other terms of a
+response. Rooms do not change after the first time; a corner that fills the view still changes by a tenth after the
+last."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +80,10 @@ def resolve_frame(
 
     Args:
         frame: stored values, or their mean.
-        plan: what to do with it.
-        calibration: the one that the plan names.
-        kernel: what resolves two paths of a sine, of `available_kernels`, all of which give the same bits; None: the chosen.
+        plan: what to do with the frame.
+        calibration: the calibration that the plan names.
+        kernel: the kernel, one of `available_kernels`, which all give the same bits; None: the one that `chosen_kernel`
+            returns.
 
     Raises:
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
@@ -99,7 +103,8 @@ def prepare_frame(
     calibration: "Calibration | None" = None,
     kernel: str | None = None,
 ) -> FramePixels:
-    """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
+    """Do all that couples the pixels of a frame: estimate its noise if that is unknown, pool neighbours, predict
+    diffuse MPI."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
     height, width = recorded.shape[2:]
     kernel = kernel or chosen_kernel()
@@ -132,8 +137,8 @@ def resolve_pixels(
 ) -> DepthMaps:
     """Return the maps, (1, n), of a prepared frame's pixels, or of a part of them, resolved block by block.
 
-    What a pixel gets does not depend on which others are resolved with it, so neither the size of the blocks nor that of the
-    part changes a bit of the answer.
+    The answer of a pixel does not depend on the pixels that are resolved with it, so neither the size of the blocks nor
+    the size of the part changes a bit of it.
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     kernel = kernel or chosen_kernel()
@@ -155,7 +160,8 @@ def resolve_pixels(
 def _fill_by_blocks(
     maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str, *, calibrated: bool
 ) -> None:
-    """Fill the maps of prepared pixels block by block, in numpy but for what `kernel` has of them."""
+    """Fill the maps of prepared pixels block by block, in numpy, with the compiled twins of single steps that `kernel`
+    has."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.response, pixels.tail
@@ -181,11 +187,11 @@ def _fill_by_blocks(
 
 
 def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
-    """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
+    """Fill the maps of prepared pixels in one call of the compiled kernel, with the bits that `_fill_by_blocks` gives."""
     status, samples = maps.status.reshape(-1), pixels.noise.samples
     common = int(StatusBit.CALIBRATED) if plan.calibration is not None else 0
     bits: int | None = common
-    # what was recorded, the kernel looks at itself
+    # the kernel itself finds saturated pixels, if it gets stored values
     if stages.correction.hot is not None or samples is not None:
         status[:] = stages.status(pixels, saturated=pixels.pooled is not None) | np.uint32(common)
         if samples is not None:
@@ -203,7 +209,8 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
 
 
 def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> ResolvedFrame:
-    """Return the resolved frame that the parts of a prepared frame make up, in their order."""
+    """Return the resolved frame whose parts, in their order, were resolved one by one; `pixels` is any part of the
+    prepared frame."""
     pages = np.concatenate([part.pages for part in parts], axis=-1).reshape(-1, *pixels.size)
     status = np.concatenate([part.status for part in parts], axis=-1).reshape(pixels.size)
     return ResolvedFrame(DepthMaps(parts[0].names, pages, status), pixels.noise, pixels.choice)
@@ -212,9 +219,10 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
 def _with_noise_of_calibration(
     pixels: FramePixels, samples: Float | None, stages: FrameStages, left: "CalibrationNoise"
 ) -> NoiseModel:
-    """Return the noise of a recorded pixel with what the calibration leaves in frames of such light.
+    """Return the noise of a recorded pixel, with the noise of the calibration added for the typical light of this frame.
 
-    An estimated noise has it: it scatters from pixel to pixel, as that of recordings does.
+    An estimated noise needs no such addition: the noise of the calibration differs from pixel to pixel, so the estimate
+    contains it.
     """
     count = pixels.stored.shape[2]
     phasors = stages.phasors(pixels, np.arange(0, count, max(1, count // TYPICAL_PIXELS)))
@@ -227,9 +235,9 @@ def _with_noise_of_calibration(
 def _with_predicted_mpi(
     pixels: FramePixels, stages: FrameStages, plan: DiffusePlan, window: int, kernel: str
 ) -> FramePixels:
-    """Choose a frame's model of MPI and, where that is diffuse, predict it from the frame's own geometry.
+    """Choose a frame's model of MPI; if it is diffuse, predict the tail from the frame's own geometry.
 
-    Its pixels are means over neighbours in a `window` of as many pixels along each side.
+    `window` is the side, in pixels, of the square of neighbours over which the pixels were pooled; 1 without pooling.
     """
     from cadtof_cli.phasors.pooling import shared_noise
     from cadtof_cli.pipeline.samples import frame_samples
@@ -264,7 +272,7 @@ def _with_predicted_mpi(
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
         return replace(pixels, choice=choice)
-    # only frames with a tail need all of it
+    # imported here because only frames with a tail need it
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
     offset = stages.depth.range_offset_m
