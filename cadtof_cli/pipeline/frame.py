@@ -19,6 +19,7 @@ from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.plausible import is_without_noise
+from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import (
@@ -118,11 +119,12 @@ def prepare_frame(
         noise = estimated_noise(
             recorded, samples, dtype=frame.dtype, metadata=plan.metadata, stages=stages, kernel=kernel
         )
-    same = is_without_noise(stored, noise)
+    same, correction = is_without_noise(stored, noise), stages.correction
+    if correction.noise is not None and not noise.estimated:
+        noise = _with_noise_of_calibration(noise, stored, samples, correction.phasor_map, correction.noise)
+    if samples is not None:
+        noise = replace(noise, samples=samples)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
-    if stages.correction.noise is not None and not noise.estimated:
-        noise = _with_noise_of_calibration(pixels, samples, stages, stages.correction.noise)
-    pixels = replace(pixels, noise=noise if samples is None else replace(noise, samples=samples))
     if plan.settings.pool > 1:
         from cadtof_cli.pipeline.neighbours import pooled_pixels
 
@@ -217,19 +219,23 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
 
 
 def _with_noise_of_calibration(
-    pixels: FramePixels, samples: Float | None, stages: FrameStages, left: "CalibrationNoise"
+    noise: NoiseModel,
+    stored: Stored,
+    samples: Float | None,
+    phasor_map: PhasorMap,
+    calibration_noise: "CalibrationNoise",
 ) -> NoiseModel:
     """Return the noise of a recorded pixel, with the noise of the calibration added for the typical light of this frame.
 
     An estimated noise needs no such addition: the noise of the calibration differs from pixel to pixel, so the estimate
     contains it.
     """
-    count = pixels.stored.shape[2]
-    phasors = stages.phasors(pixels, np.arange(0, count, max(1, count // TYPICAL_PIXELS)))
+    typical = slice(None, None, max(1, stored.shape[2] // TYPICAL_PIXELS))
+    phasors = phasors_from_stored(stored[:, :, typical], phasor_map[typical])
     with np.errstate(over="ignore", invalid="ignore"):
         powers = np.nan_to_num(median(np.abs(phasors) ** 2))
     frames = 1.0 if samples is None else float(np.median(samples))
-    return left.added_to(pixels.noise, powers=powers, frames=frames)
+    return calibration_noise.added_to(noise, powers=powers, frames=frames)
 
 
 def _with_predicted_mpi(
