@@ -149,7 +149,7 @@ def resolve_pixels(
     if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
-        _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
+        _fill_by_blocks(maps, pixels, plan, stages, kernel)
         longest = stages.response.longest if stages.response else 1.0
         clear_impossible(maps, noise=pixels.noise, amplitude_v=stages.depth.amplitude_v, longest=longest)
     if stages.depth.lamp is not None:
@@ -159,9 +159,7 @@ def resolve_pixels(
     return maps
 
 
-def _fill_by_blocks(
-    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str, *, calibrated: bool
-) -> None:
+def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
     """Fill the maps of prepared pixels block by block, in numpy, with the compiled twins of single steps that `kernel`
     has."""
     from cadtof_cli.resolver.resolve import resolve_paths
@@ -182,7 +180,7 @@ def _fill_by_blocks(
             tail=tail.block(there) if tail else None,
             kernel=kernel,
         )
-        if calibrated:
+        if plan.calibration is not None:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
         source = stages.depth.source(resolved, there, samples=block.noise.samples)
         write_block(maps, here, source, layers=stages.layers)
