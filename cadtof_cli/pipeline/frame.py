@@ -248,20 +248,20 @@ def _with_predicted_mpi(
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
-    noise, asked = pixels.noise, plan.settings
+    noise, settings = pixels.noise, plan.settings
     look_at = look_at_frames if noise.samples is None else look_at_frame
     look = look_at(stages, noise, pixels.stored.dtype, kernel) if pixels.pooled is None else None
-    looked_at: FrameSamples | None = None
+    sampled: FrameSamples | None = None
     if look is None:
-        looked_at = frame_samples(pixels, stages, plan.grid, kernel=kernel)
-        light = looked_at.light()
+        sampled = frame_samples(pixels, stages, plan.grid, kernel=kernel)
+        light = sampled.light()
     else:
         light = compiled_light(pixels.stored, look, plan.grid, kernel=kernel)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     variances = tuple(one.dark_variance for one in noise.each)
     shared = shared_noise(window, samples=samples, stride=plan.grid.stride, count=plan.grid.side // plan.grid.stride)
     means_of = partial(
-        patch_means, variance=variances[0] / samples, harmonics=asked.harmonics, shared=shared.pixels, kernel=kernel
+        patch_means, variance=variances[0] / samples, harmonics=settings.harmonics, shared=shared.pixels, kernel=kernel
     )
     means = means_of(light, light.seen)
     kinds = patch_kinds(
@@ -269,7 +269,7 @@ def _with_predicted_mpi(
         means,
         np.array(variances) / samples,
         grid=plan.grid,
-        settings=asked,
+        settings=settings,
         alike=shared.neighbours,
         kernel=kernel,
     )
@@ -280,22 +280,22 @@ def _with_predicted_mpi(
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
     offset = stages.depth.range_offset_m
-    predicted = partial(
+    predict = partial(
         diffuse_model,
         grid=plan.grid,
         variances=variances,
-        settings=asked,
+        settings=settings,
         samples=samples,
         shared=shared.pixels,
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
         kernel=kernel,
     )
-    found = predicted(light, means, kinds)
-    if looked_at is not None and looked_at.response is not None:
+    model = predict(light, means, kinds)
+    if sampled is not None and sampled.response is not None:
         for _ in range(FREEING_ROUNDS):
-            if not isinstance(found, str):
-                light = looked_at.light(found)
-                found = predicted(light, means_of(light, light.seen), kinds)
-    if isinstance(found, str):
-        return replace(pixels, choice=replace(choice, reason=found))
-    return replace(pixels, choice=found.choice, tail=found)
+            if not isinstance(model, str):
+                light = sampled.light(model)
+                model = predict(light, means_of(light, light.seen), kinds)
+    if isinstance(model, str):
+        return replace(pixels, choice=replace(choice, reason=model))
+    return replace(pixels, choice=model.choice, tail=model)
