@@ -13,7 +13,7 @@ from cadtof_cli.arrays import Bool, Float32, sealed
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import median_variance_ratio
-from cadtof_cli.phasors.plausible import spread_over
+from cadtof_cli.phasors.voltages import spread_over
 
 TYPICAL_PIXELS = 4096
 """About how many pixels the noise of each harmonic is measured with. Defective ones are among them; most pixels are sound."""

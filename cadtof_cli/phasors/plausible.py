@@ -17,10 +17,10 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of
 from cadtof_cli.phasors.noise import NoiseModel, ambient_noise_v
-from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
+from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_per_count
 
 LOOKED_AT = 4096
-"""About how many pixels a frame is judged by. They are spread evenly over it."""
+"""A larger frame is judged by at least this many pixels, spread evenly over it (`spread_over`)."""
 
 FEWEST_ALIKE = 16
 """Least number of pixels in a frame that cannot all hold the same values by accident."""
@@ -106,12 +106,6 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
         place = constant.index(True)
         return f"{names[place]} holds {rows[place, 0]:g} in every pixel, and other planes scatter: it was not recorded"
     return None
-
-
-def spread_over(stored: Stored, count: int, /) -> Stored:
-    """Return about `count` pixels, (H, 2, n), spread evenly over a frame, (H, 2, …); all of its pixels if it has no more."""
-    planes = stored.reshape(*stored.shape[:2], -1)
-    return planes[:, :, :: max(1, planes.shape[2] // count)]
 
 
 def plane_names(harmonics: tuple[int, ...], /) -> list[str]:

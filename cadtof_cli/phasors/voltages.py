@@ -1,4 +1,4 @@
-"""Stored values → volts and phasors, and which pixels are sound."""
+"""Stored values → volts and phasors; which pixels are sound; pixels spread evenly over a frame."""
 
 from collections.abc import Sequence
 
@@ -146,3 +146,12 @@ def sound_pixels(stored: Stored, saturated_counts: tuple[float, float] | None, /
     """Return the pixels, (H, 2, …) → (…), with all values finite and inside the limits."""
     planes = np.isfinite(stored).reshape(-1, *stored.shape[2:])
     return np.asarray(planes.all(axis=0) & ~saturated_pixels(stored, saturated_counts))
+
+
+def spread_over(stored: Stored, count: int, /) -> Stored:
+    """Return pixels, (H, 2, n), spread evenly over a frame, (H, 2, …): at least `count`, and fewer than twice as many.
+
+    If the frame has no more than `count` pixels, all of them are returned.
+    """
+    planes = stored.reshape(*stored.shape[:2], -1)
+    return planes[:, :, :: max(1, planes.shape[2] // count)]
