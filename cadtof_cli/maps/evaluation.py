@@ -84,11 +84,11 @@ class ErrorTally:
 
     def summary(self) -> DepthErrors:
         """Return the errors so far; figures are None if no pixel has both truth and an answer."""
-        total, size = self._answered, self._magnitudes.summary()
+        total, magnitudes = self._answered, self._magnitudes.summary()
         valid = total / self._with_truth if self._with_truth else 0.0
         return DepthErrors(
-            size.median_abs,
-            size.p90_abs,
+            magnitudes.median_abs,
+            magnitudes.p90_abs,
             float(np.sqrt(self._sum_of_squares / total)) if total else None,
             self._sum_cm / total if total else None,
             valid,
@@ -171,6 +171,6 @@ class SequenceTally:
         """Return the statistics of the maps so far."""
         count = np.where(self._count > 0, self._count, np.nan)
         free = np.where(self._count > 1, self._count - 1.0, np.nan)
-        mean, std = self._mean + 0.0 * count, np.sqrt(self._squares / free)
+        mean, std = np.where(self._count > 0, self._mean, np.nan), np.sqrt(self._squares / free)
         planes = (mean, std, np.sqrt(self._variances / count), self._count)
         return OverTime(*(plane.astype(np.float32) for plane in planes))

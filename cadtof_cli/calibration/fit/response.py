@@ -238,8 +238,7 @@ def _calibration(
     gain = np.ones((len(ideal), size), np.float32)
     nominal = np.array([abs(response.main) for response in ideal])
     responses = []
-    for row, response in enumerate(ideal):
-        rotor = _mean_rotor(own)[row]
+    for row, (response, rotor) in enumerate(zip(ideal, _mean_rotor(own), strict=True)):
         gains = np.exp(pixels.log_gain[row]) * nominal[0]
         middle = float(np.median(gains))
         phase[row, usable] = np.angle(np.exp(1j * own[row]) / rotor)

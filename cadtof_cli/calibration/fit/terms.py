@@ -48,7 +48,7 @@ class TermFit:
     Attributes:
         terms: all terms of each harmonic, the waveform's among them.
         stderr: standard errors of each harmonic's terms, in the order in which they were taken.
-        residual: root mean square of the residuals over the noise; 1 if only noise is left.
+        residual: root mean square of the residuals over the noise; 1 if only noise is left, and if there is one distance.
         findings: why each term was taken or left, in words.
         kept: the pixels to which the terms were fitted, (n,); the other pixels are outliers.
     """
@@ -69,9 +69,8 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
     terms: Terms = tuple(dict(one) for one in base)
     kept = np.ones(observed.phase.shape[1], np.bool_)
     if distances < 2:
-        pixels = fit_pixels(observed, terms)
         said = "one distance: k = 1 and the maps only; two or more distances tell further terms"
-        return TermFit(terms, tuple(() for _ in terms), 1.0, (said,), pixels.misfit >= 0.0)
+        return TermFit(terms, tuple(() for _ in terms), 1.0, (said,), kept)
     changes: Terms = tuple({} for _ in base)
     for _ in range(PASSES):
         system = _System(fit_pixels(observed[kept], terms), terms, base, observed.harmonics)
