@@ -70,18 +70,18 @@ def pooled_phasors(
     scales = np.array([1.0 / np.sqrt(harmonic.dark_variance) for harmonic in noise.each])[:, np.newaxis, np.newaxis]
     height, width = usable.shape
     margins = _Margins(height, width, window // 2)
-    given, weight = margins.around(2 * len(phasors)), margins.around(1)
-    for plane, part in zip(margins.inside(given), (*phasors.real, *phasors.imag), strict=True):
+    values, weight = margins.zeros(2 * len(phasors)), margins.zeros(1)
+    for plane, part in zip(margins.inside(values), (*phasors.real, *phasors.imag), strict=True):
         np.copyto(plane, part, where=usable)
-    inside = margins.inside(given).reshape(2, *phasors.shape)
+    inside = margins.inside(values).reshape(2, *phasors.shape)
     inside *= scales
     np.copyto(margins.inside(weight)[0], samples, where=usable)
     limit = chi_squared_threshold(LOST_NEIGHBOURS, pairs=len(phasors))
     with np.errstate(all="ignore"):
         # comparisons with NaN are false, so unusable pixels agree with no pixel
-        light = _Light(given, weight[0], np.where(weight[0] > 0.0, limit / weight[0], np.nan))
-        first = _sums_of_alike(light, given, light.most, margins)
-        sums = _sums_of_alike(light, first[:-1] / first[-1], limit / first[-1], margins, bent=BENT)
+        planes = _Planes(values, weight[0], np.where(weight[0] > 0.0, limit / weight[0], np.nan))
+        first = _sums_of_alike(planes, values, planes.limit, margins)
+        sums = _sums_of_alike(planes, first[:-1] / first[-1], limit / first[-1], margins, bent=BENT)
         mean = margins.inside(sums[:-1] / sums[-1]).reshape(2, *phasors.shape) / scales
     pooled = np.empty_like(phasors)
     pooled.real, pooled.imag = mean
@@ -143,7 +143,7 @@ class _Margins:
         """Place of the first pixel."""
         return self.reach * self.row + self.reach
 
-    def around(self, planes: int) -> Float32:
+    def zeros(self, planes: int) -> Float32:
         """Return new planes of zeros with margins, (planes, places)."""
         return np.zeros((planes, self.height * self.row + 2 * self.first), np.float32)
 
@@ -169,21 +169,21 @@ class _Margins:
 
 
 @dataclass(frozen=True)
-class _Light:
+class _Planes:
     """The pixels of a frame as flat planes with margins.
 
-    `given`, (2·H, places), holds real and imaginary parts in units of the noise of one recorded pixel; `weight`,
-    (places,), is the number of recorded pixels. `most` is the largest χ² that each pixel's noise explains. All are
+    `values`, (2·H, places), holds real and imaginary parts in units of the noise of one recorded pixel; `weight`,
+    (places,), is the number of recorded pixels. `limit` is the largest χ² that each pixel's noise explains. All are
     float32, which rounds phasors by 6e-8 of their length, far less than noise, and takes half the time of float64.
     """
 
-    given: Float32
+    values: Float32
     weight: Float32
-    most: Float32
+    limit: Float32
 
 
 def _sums_of_alike(
-    light: _Light, reference: Float32, reference_most: Float32, margins: _Margins, *, bent: float = math.inf
+    planes: _Planes, reference: Float32, reference_limit: Float32, margins: _Margins, *, bent: float = math.inf
 ) -> Float32:
     """Return the weighted sums over each pixel and all pairs that agree with it, and the sums of the weights, (2·H + 1,
     places).
@@ -193,27 +193,26 @@ def _sums_of_alike(
     `bent` of a pixel's noise. One block of rows is compared with all its neighbours before the next block, because it
     then stays in the processor's cache.
     """
-    sums = np.concatenate((light.given * light.weight, light.weight[np.newaxis]))
-    half = 0.5 * light.given
+    sums = np.concatenate((planes.values * planes.weight, planes.weight[np.newaxis]))
+    half = 0.5 * planes.values
     for here in margins.blocks():
-        total, of_reference = sums[:, here], reference[:, here]
+        # views, so that += changes `sums`
+        values, weights, of_reference = sums[:-1, here], sums[-1, here], reference[:, here]
         mean, squares = np.empty((2, *of_reference.shape), np.float32)
         # phasors of amplitude a, turned by +δ and −δ: half their difference is a·δ, and their mean is shorter by a·δ²/2
         turned = 2.0 * bent * np.sqrt((of_reference * of_reference).sum(axis=0) / (len(of_reference) // 2))
         for offset in margins.offsets():
             after, before = (slice(here.start + to, here.stop + to) for to in (offset, -offset))
-            most = 0.25 * (light.most[after] + light.most[before])
+            limit = 0.25 * (planes.limit[after] + planes.limit[before])
             np.add(half[:, after], half[:, before], out=mean)
             np.subtract(mean, of_reference, out=squares)
             np.multiply(squares, squares, out=squares)
-            alike = squares.sum(axis=0) <= reference_most[here] + most
+            alike = squares.sum(axis=0) <= reference_limit[here] + limit
             if bent < math.inf:
                 np.subtract(half[:, after], half[:, before], out=squares)
                 np.multiply(squares, squares, out=squares)
-                alike &= squares.sum(axis=0) <= most + turned
-            weight = 2.0 * np.minimum(light.weight[after], light.weight[before]) * alike
-            # views first: `total[:-1] += …` would write the sum back a second time
-            values, weights = total[:-1], total[-1]
+                alike &= squares.sum(axis=0) <= limit + turned
+            weight = 2.0 * np.minimum(planes.weight[after], planes.weight[before]) * alike
             values += np.multiply(mean, weight, out=mean)
             weights += weight
     return sums
