@@ -27,14 +27,14 @@ else:
     def _record(cls, frozen, eq, options):
         own = set(vars(cls))
         cls = dataclasses.dataclass(cls, init=False, eq=False, repr=False, **options)
-        asked = [item for item in dataclasses.fields(cls) if item.init]
-        cls._asked = tuple((item.name, item.default, item.default_factory) for item in asked)
-        cls._names = tuple(item.name for item in asked)
-        cls._placed = tuple(item.name for item in asked if not item.kw_only)
+        given_to_init = [item for item in dataclasses.fields(cls) if item.init]
+        cls._init_fields = tuple((item.name, item.default, item.default_factory) for item in given_to_init)
+        cls._names = tuple(item.name for item in given_to_init)
+        cls._positional = tuple(item.name for item in given_to_init if not item.kw_only)
         cls._checks = hasattr(cls, "__post_init__")
-        shared = {"__init__": _init, "__signature__": _Signature(), "__repr__": _told}
+        shared = {"__init__": _init, "__signature__": _Signature(), "__repr__": _repr}
         if frozen:
-            shared |= {"__setattr__": _keep, "__delattr__": _keep}
+            shared |= {"__setattr__": _refuse_change, "__delattr__": _refuse_change}
         if eq:
             names = [item.name for item in dataclasses.fields(cls) if item.compare]
             cls._compared = staticmethod(attrgetter(*names) if names else lambda _: ())
@@ -45,7 +45,7 @@ else:
 
     def _init(self, /, *values, **named):
         kind = type(self)
-        if named or not len(values) == len(kind._placed) == len(kind._names):
+        if named or not len(values) == len(kind._positional) == len(kind._names):
             values = _values(kind, values, named)
         # the common case needs no look at names: all values are given, in order
         self.__dict__.update(zip(kind._names, values, strict=True))
@@ -54,9 +54,9 @@ else:
 
     def _values(kind, values, named):
         """Return the values of a new record's fields, in the order of the fields."""
-        given = dict(zip(kind._placed, values, strict=False), **named)
+        given = dict(zip(kind._positional, values, strict=False), **named)
         found, unknown = [], len(values) + len(named)
-        for name, default, make in kind._asked:
+        for name, default, make in kind._init_fields:
             if name in given:
                 found.append(given[name])
                 unknown -= 1
@@ -66,7 +66,7 @@ else:
                 found.append(make())
             else:
                 break
-        if unknown or len(found) < len(kind._asked):
+        if unknown or len(found) < len(kind._init_fields):
             # the library's class raises the TypeError that says what is wrong
             _of_the_library(kind)(*values, **named)
         return found
@@ -81,12 +81,12 @@ else:
         def __get__(self, _one, kind):
             return inspect.signature(_of_the_library(kind))
 
-    def _keep(self, name, *_value):
+    def _refuse_change(self, name, *_value):
         raise dataclasses.FrozenInstanceError(f"cannot change field {name!r}")
 
-    def _told(self):
-        told = (f"{item.name}={getattr(self, item.name)!r}" for item in dataclasses.fields(self) if item.repr)
-        return f"{type(self).__qualname__}({', '.join(told)})"
+    def _repr(self):
+        shown = (f"{item.name}={getattr(self, item.name)!r}" for item in dataclasses.fields(self) if item.repr)
+        return f"{type(self).__qualname__}({', '.join(shown)})"
 
     def _is_equal(self, other):
         if self is other:
