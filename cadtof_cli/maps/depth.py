@@ -112,8 +112,8 @@ def beyond_light(
     The limit is the modulation amplitude with an allowance for noise. `longest` is the length of the longest first
     phasor that a path of amplitude 1 gives: 1.23 at the peaks of a triangle.
     """
-    one, volts = most_volts(noise, amplitude_v)
-    most: Float | float = one if noise.samples is None else one + volts / np.sqrt(noise.samples)
+    most_v, noise_v = most_volts(noise, amplitude_v)
+    most: Float | float = most_v if noise.samples is None else most_v + noise_v / np.sqrt(noise.samples)
     with np.errstate(invalid="ignore", over="ignore"):
         total = np.fmax(amplitudes[0], np.float32(0.0))
         for values in amplitudes[1:]:

@@ -9,6 +9,7 @@ from cadtof_cli.arrays import Complex, Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, most_integration, noise_model
+from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.stages import FrameStages
@@ -74,8 +75,6 @@ def estimated_noise(
 def pooled_pixels(pixels: FramePixels, stages: FrameStages, /, *, window: int, kernel: str) -> FramePixels:
     """Return the pixels of a frame, pooled over neighbours with the same light in a square of `window` × `window` pixels."""
     phasors, samples = _without_own_phases(stages.phasors(pixels), pixels, stages, kernel), pixels.noise.samples
-    from cadtof_cli.phasors.pooling import pooled_phasors
-
     pooled = pooled_phasors(
         phasors.reshape(-1, *pixels.size),
         usable=(np.isfinite(phasors).all(axis=0) & (stages.status(pixels) == 0)).reshape(pixels.size),

@@ -153,7 +153,7 @@ def kernel_of_frame(
     It takes stored values, or phasors if `source_type` is complex.
     """
     block = slice(first, first + count)
-    most, more = most_volts(noise, stages.depth.amplitude_v)
+    most_v, noise_v = most_volts(noise, stages.depth.amplitude_v)
     buffers = None
     if tail is not None:
         from cadtof_cli.resolver.diffuse.pixels import tail_buffers
@@ -166,8 +166,8 @@ def kernel_of_frame(
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
         tail=buffers,
-        most_volts=most,
-        noise_volts=more,
+        most_volts=most_v,
+        noise_volts=noise_v,
     )
     return FrameKernel(
         scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type, kernel=kernel
@@ -182,10 +182,12 @@ def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.ge
     """Return the `Look` with which the compiled kernel judges the light of a frame; None if only numpy can do that."""
     from cadtof_cli.resolver.diffuse.light import Look
 
-    own, saturated = stages.correction, stages.saturated_counts
-    if own.response is not None:
+    correction, saturated = stages.correction, stages.saturated_counts
+    if correction.response is not None:
         return None
-    return Look.of(stages.resolver, noise, own.phasor_map, saturated, own.hot, stored=stored, kernel=kernel)
+    return Look.of(
+        stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored, kernel=kernel
+    )
 
 
 look_at_frames = lru_cache(maxsize=4)(look_at_frame)

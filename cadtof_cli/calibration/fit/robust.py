@@ -87,7 +87,7 @@ def robust_fit(
         residual, slopes = model(parameters)
         scale, weights = _weighted(residual)
         normal = (slopes * weights[:, np.newaxis]).T @ slopes
-        inverse, condition = _inverse(normal)
+        inverse, _ = _inverse(normal)
         change = inverse @ (slopes.T @ (weights * residual))
         parameters[free] += change
         if np.all(np.abs(change) <= CONVERGED * scale * np.sqrt(np.diag(inverse))):
