@@ -166,10 +166,10 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
 
     response, tail = stages.response, pixels.tail
     step = plan.block_pixels or (BLOCK_PIXELS if stages.room == "two_path" else SEARCHED_BLOCK_PIXELS)
-    count = pixels.stored.shape[2]
-    for start in range(0, count, step):
-        here = slice(start, min(start + step, count))
-        block, there = pixels[here], slice(pixels.first + here.start, pixels.first + here.stop)
+    for start in range(0, pixels.stored.shape[2], step):
+        here = slice(start, start + step)
+        block = pixels[here]
+        there = slice(block.first, block.first + block.stored.shape[2])
         resolved = resolve_paths(
             stages.phasors(block),
             status=stages.status(block),
