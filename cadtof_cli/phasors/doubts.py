@@ -3,7 +3,7 @@ values that are cut off.
 
 Order of planes: light of one path with the phase x has the phases x, 2x, … at the harmonics 1, 2, …, and the same
 amplitude at all of them. Several paths shift phases and amplitudes, but hardly ever in nearly all pixels of a frame.
-Planes in another order do.
+Planes in another order shift them in nearly all pixels.
 
 No light: a scene makes every plane differ more over the frame than between neighbours. A channel that is not connected,
 or a harmonic that is not modulated, holds noise alone.
