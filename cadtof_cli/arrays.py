@@ -1,4 +1,4 @@
-"""Names for the array types that pass between the stages, and arrays that many share."""
+"""Names for the array types that pass between the stages, and arrays that several callers share."""
 
 from dataclasses import is_dataclass
 from typing import Any, TypeVar
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Stored = NDArray[Any]
-"""Values as a file holds them: any integer or float type, axes H C Y X (or H C n for a block of pixels)."""
+"""Values as a file holds them: any integer or float type, axes (H, C, Y, X), or (H, C, n) for a block of pixels."""
 
 Float = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -18,16 +18,17 @@ Index = NDArray[np.intp]
 Status = NDArray[np.uint32]
 
 SomePixels = slice | Index
-"""Which of n pixels: neighbours, or any."""
+"""A choice of some of n pixels: consecutive ones, or any by their indices."""
 
 T = TypeVar("T")
 
 Values = TypeVar("Values", Float, Float32)
-"""Numbers of either precision, such as float64 for patches and float32 for pixels; what is made of them keeps it."""
+"""Numbers of either precision, such as float64 for patches and float32 for pixels; results have the precision of the
+input."""
 
 
 def sealed(shared: T, /) -> T:
-    """Return an array, or a record with all arrays in it, that refuses to be changed: what a cache hands to many."""
+    """Make an array, or all arrays in a record, read-only, and return it: a cache hands it to several callers."""
     if isinstance(shared, np.ndarray):
         shared.flags.writeable = False
     elif isinstance(shared, tuple):

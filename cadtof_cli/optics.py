@@ -1,4 +1,5 @@
-"""Where pixels become rays: where these look, how far it is to a wall, what a curved field adds, and a lamp beside the camera.
+"""Rays of pixels: their directions, the range to a flat wall, the range that field curvature adds, and a lamp beside
+the camera.
 
 Sizes of arrays are (Y, X).
 """
@@ -59,7 +60,8 @@ def wall_range_m(
 
 
 def squared_field_radius(pixels: tuple[int, int], principal_point_px: tuple[float, float], /) -> Float:
-    """Return ρ² of every pixel, float64 (Y, X): ρ is the distance from the principal point over half the array's diagonal."""
+    """Return ρ² of every pixel, float64 (Y, X): ρ is the distance from the principal point, over half the array's
+    diagonal."""
     height, width = pixels
     column, row = principal_point_px
     x, y = np.arange(width)[np.newaxis, :] - column, np.arange(height)[:, np.newaxis] - row
@@ -69,7 +71,7 @@ def squared_field_radius(pixels: tuple[int, int], principal_point_px: tuple[floa
 def curvature_m(
     pixels: tuple[int, int], principal_point_px: tuple[float, float], coefficients_m: tuple[float, float], /
 ) -> Float:
-    """Return what the lens adds to every range, Δ(ρ) = k2 ρ² + k4 ρ⁴, of every pixel in m, float64 (Y, X)."""
+    """Return the length Δ(ρ) = k2 ρ² + k4 ρ⁴ that the lens adds to the range of every pixel, in m, float64 (Y, X)."""
     squared = squared_field_radius(pixels, principal_point_px)
     k2, k4 = coefficients_m
     return squared * (k2 + k4 * squared)
@@ -77,14 +79,14 @@ def curvature_m(
 
 @dataclass(frozen=True, eq=False)
 class LampBeside:
-    """Half the way of the light → range from the camera.
+    """A lamp beside the camera: half the way of the light → range from the camera.
 
-    Where the lamp stands at o, the light that returns from a point at the range d along a unit ray r has gone
-    2h = |d·r − o| + d. Squared, this is linear in d: d = (h² − |o|²/4)/(h − o·r/2).
+    The lamp stands at o, and the light returns from a point at the range d along a unit ray r. Its way is 2h = |d·r − o| + d.
+    Solved for |d·r − o| and squared, this is linear in d: d = (h² − |o|²/4)/(h − o·r/2).
 
     Attributes:
         along_m: o·r/2 of every pixel, float64 (Y·X,).
-        distance_m: |o|/2, the least h that there can be.
+        distance_m: |o|/2, the smallest possible h.
     """
 
     along_m: Float
@@ -92,10 +94,10 @@ class LampBeside:
 
     @classmethod
     def of(cls, optics: Optics, pixels: tuple[int, int], /) -> "LampBeside | None":
-        """Return the lamp that the optics name, for an array (Y, X); None where it is at the camera.
+        """Return the lamp that the optics name, for an array (Y, X); None if it is at the camera.
 
         Raises:
-            SettingsError: there is one, and the focal length is unknown.
+            SettingsError: the lamp is beside the camera, and the focal length is unknown.
         """
         offset = optics.lamp_offset_m
         if offset is None or not any(offset):
@@ -106,7 +108,7 @@ class LampBeside:
         return cls(0.5 * along.ravel(), 0.5 * float(np.linalg.norm(offset)))
 
     def range_m(self, half_way_m: Float, pixels: slice, /) -> Float:
-        """Return the ranges of a stretch of pixels, (n,), from half the ways of their light; 0 where that is too short."""
+        """Return the ranges of consecutive pixels, (n,), from half the ways of their light; 0 if the way is too short."""
         with np.errstate(divide="ignore", invalid="ignore"):
             ranges = (half_way_m * half_way_m - self.distance_m**2) / (half_way_m - self.along_m[pixels])
         return np.where(half_way_m <= self.distance_m, 0.0, ranges)

@@ -1,8 +1,8 @@
-"""Records: `dataclass` as the standard library has it, but for the time that it takes before anything is done.
+"""Records: `dataclass` as in the standard library, but quicker to import; and fields that options set.
 
-Until Python 3.13 the library compiles up to six functions for every class when its module is imported, a tenth of the time of a
-run of one frame and more. Here it compiles none: all classes share theirs. Modules that every run loads take theirs from here,
-and nobody who reads or uses a record sees a difference.
+Until Python 3.13 the library compiles up to six functions for every class when its module is imported. That is a tenth
+or more of the time of a run of one frame. The `dataclass` of this module compiles no function: all classes share the
+same ones. Modules that every run loads take it from here. Code that reads or uses a record sees no difference.
 """
 
 import sys
@@ -19,7 +19,7 @@ else:
     from operator import attrgetter
 
     def dataclass(cls=None, /, *, frozen=False, eq=True, slots=False, **options):
-        """Return a class, or what makes one, as `dataclasses.dataclass` does."""
+        """Return a class, or the decorator that makes it, as `dataclasses.dataclass` does."""
         if slots:
             return dataclasses.dataclass(cls, frozen=frozen, eq=eq, slots=True, **options)
         return (lambda one: _record(one, frozen, eq, options)) if cls is None else _record(cls, frozen, eq, options)
@@ -27,14 +27,14 @@ else:
     def _record(cls, frozen, eq, options):
         own = set(vars(cls))
         cls = dataclasses.dataclass(cls, init=False, eq=False, repr=False, **options)
-        asked = [item for item in dataclasses.fields(cls) if item.init]
-        cls._asked = tuple((item.name, item.default, item.default_factory) for item in asked)
-        cls._names = tuple(item.name for item in asked)
-        cls._placed = tuple(item.name for item in asked if not item.kw_only)
+        given_to_init = [item for item in dataclasses.fields(cls) if item.init]
+        cls._init_fields = tuple((item.name, item.default, item.default_factory) for item in given_to_init)
+        cls._names = tuple(item.name for item in given_to_init)
+        cls._positional = tuple(item.name for item in given_to_init if not item.kw_only)
         cls._checks = hasattr(cls, "__post_init__")
-        shared = {"__init__": _init, "__signature__": _Signature(), "__repr__": _told}
+        shared = {"__init__": _init, "__signature__": _Signature(), "__repr__": _repr}
         if frozen:
-            shared |= {"__setattr__": _keep, "__delattr__": _keep}
+            shared |= {"__setattr__": _refuse_change, "__delattr__": _refuse_change}
         if eq:
             names = [item.name for item in dataclasses.fields(cls) if item.compare]
             cls._compared = staticmethod(attrgetter(*names) if names else lambda _: ())
@@ -45,18 +45,18 @@ else:
 
     def _init(self, /, *values, **named):
         kind = type(self)
-        if named or not len(values) == len(kind._placed) == len(kind._names):
+        if named or not len(values) == len(kind._positional) == len(kind._names):
             values = _values(kind, values, named)
-        # most are made from all their values in order
+        # the common case needs no look at names: all values are given, in order
         self.__dict__.update(zip(kind._names, values, strict=True))
         if kind._checks:
             self.__post_init__()
 
     def _values(kind, values, named):
-        """Return what the fields of a new one hold, in their order."""
-        given = dict(zip(kind._placed, values, strict=False), **named)
+        """Return the values of a new record's fields, in the order of the fields."""
+        given = dict(zip(kind._positional, values, strict=False), **named)
         found, unknown = [], len(values) + len(named)
-        for name, default, make in kind._asked:
+        for name, default, make in kind._init_fields:
             if name in given:
                 found.append(given[name])
                 unknown -= 1
@@ -66,13 +66,14 @@ else:
                 found.append(make())
             else:
                 break
-        if unknown or len(found) < len(kind._asked):
-            # says what is wrong
+        if unknown or len(found) < len(kind._init_fields):
+            # the library's class raises the TypeError that says what is wrong
             _of_the_library(kind)(*values, **named)
         return found
 
     def _of_the_library(kind):
-        """Return a class with the same fields that the library makes: for what is seldom asked for."""
+        """Return a class of the standard library with the same fields, for what is seldom needed: signatures and error
+        messages."""
         items = [(item.name, item.type, copy(item)) for item in dataclasses.fields(kind)]
         return dataclasses.make_dataclass(kind.__qualname__, items)
 
@@ -80,12 +81,12 @@ else:
         def __get__(self, _one, kind):
             return inspect.signature(_of_the_library(kind))
 
-    def _keep(self, name, *_value):
+    def _refuse_change(self, name, *_value):
         raise dataclasses.FrozenInstanceError(f"cannot change field {name!r}")
 
-    def _told(self):
-        told = (f"{item.name}={getattr(self, item.name)!r}" for item in dataclasses.fields(self) if item.repr)
-        return f"{type(self).__qualname__}({', '.join(told)})"
+    def _repr(self):
+        shown = (f"{item.name}={getattr(self, item.name)!r}" for item in dataclasses.fields(self) if item.repr)
+        return f"{type(self).__qualname__}({', '.join(shown)})"
 
     def _is_equal(self, other):
         if self is other:
@@ -99,9 +100,9 @@ else:
 
 
 def setting(default: Any, help: str, /, **option: Any) -> Any:
-    """Declare a field of a settings record that an option sets: its default, what it does, and what else the option is made of.
+    """Declare a field of a settings record that an option sets: its default, its help text, and further parts of the option.
 
-    The last are keywords of `commands/options.py: setting_option`.
+    The further parts are keywords of `commands/options.py: setting_option`.
     """
     return field(default=default, metadata={"help": help, **option})
 

@@ -11,17 +11,17 @@ FWHM_PER_SIGMA = 2.0 * math.sqrt(2.0 * math.log(2.0))
 
 
 def counted(number: int, noun: str, /) -> str:
-    """Return how many things there are in words, such as '1 frame' and '2 frames'."""
+    """Return a number of things in words, such as '1 frame' and '2 frames'."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def size_text(pixels: Sequence[int], /) -> str:
-    """Return the size of an array, (Y, X), as people say it: columns × rows."""
+    """Return the size of an array, (Y, X), in the order that people use: columns × rows."""
     return f"{pixels[1]} × {pixels[0]}"
 
 
 def shortened(text: str, most: int, /) -> str:
-    """Return a text of at most so many signs, the middle left out where it is longer: names tell most at their ends."""
+    """Return a text of at most `most` characters. A longer text loses its middle, because names differ most at their ends."""
     if len(text) <= most:
         return text
     keep = max(most - 1, 2)
@@ -29,7 +29,7 @@ def shortened(text: str, most: int, /) -> str:
 
 
 def first_of(names: Sequence[str], most: int, /) -> str:
-    """Return so many names at most, and how many more there are."""
+    """Return a text of at most `most` names, and how many more there are."""
     more = len(names) - most
     return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 

@@ -1,3 +1,3 @@
-"""Which version of cadtof this is: what files that it writes say, as pyproject.toml has it."""
+"""The version of cadtof, the same as in pyproject.toml; the files that cadtof writes contain it."""
 
 __version__ = "0.2.0.dev0"

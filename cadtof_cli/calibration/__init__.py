@@ -1,1 +1,1 @@
-"""What is wrong with a camera, in three parts (dark, response, Petzval): measured, stored, applied to frames."""
+"""The defects of a camera, in three parts (dark, response, Petzval): measured, stored, and applied to frames."""

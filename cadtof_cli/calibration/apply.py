@@ -1,4 +1,4 @@
-"""A calibration made ready for frames of one size and type: what the pipeline applies to every block."""
+"""A calibration prepared for frames of one size and type: the correction that the pipeline applies to every block."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -20,28 +20,34 @@ if TYPE_CHECKING:
 
 
 STEPS_PER_OCTAVE = 4
-"""Powers of light that are told apart, for every factor of two: frames of about the same light share what follows from noise."""
+"""Number of steps per factor of two to which the power of light is rounded: frames with about the same light then share
+everything that is computed from their noise."""
 
 
 @dataclass(frozen=True)
 class CalibrationNoise:
-    """What the noise of a calibration's own frames leaves in a pixel's phasors, the same in all frames that it is applied to.
+    """The noise in a pixel's phasors that comes from noise of the calibration's own frames. It is the same in all
+    frames that the calibration is applied to.
 
     Attributes:
-        dark: variance per channel and harmonic by the dark frames, in units of the modulation amplitude.
-        response: by the frames of targets, over the power |p|² of the light.
+        dark: variance per channel that the dark frames cause, one per harmonic, in units of the modulation amplitude.
+        response: variance per channel that the frames of targets cause, divided by the power |p|² of the light, one per
+            harmonic.
     """
 
     dark: tuple[float, ...]
     response: tuple[float, ...]
 
     def added_to(self, noise: NoiseModel, /, *, powers: Float, frames: float) -> NoiseModel:
-        """Return the noise of a pixel recorded in so many frames with what is the same in all of them.
+        """Return the noise of a pixel with the noise of the calibration added.
+
+        The noise model describes a single recording, and the variance of a mean is that over `frames`. The
+        calibration's noise does not get smaller in a mean, so `frames` times its variance is added.
 
         Args:
-            noise: of a single recording; the mean of all has that over `frames`, in which the calibration's must be found whole.
+            noise: noise of a single recording.
             powers: typical |p|² of each harmonic, (H,).
-            frames: over which the pixel is a mean.
+            frames: number of frames that the pixel is a mean of.
         """
         steps = np.round(STEPS_PER_OCTAVE * np.log2(np.clip(powers, 1e-6, 1.0)))
         return _with_calibration(noise, self, tuple((2.0 ** (steps / STEPS_PER_OCTAVE)).tolist()), frames)
@@ -58,14 +64,14 @@ def _with_calibration(
 
 @dataclass(frozen=True, eq=False)
 class FrameCorrection:
-    """What is done to the n = Y·X pixels of a frame.
+    """The corrections of the n = Y·X pixels of a frame.
 
     Attributes:
         phasor_map: from stored values to phasors.
-        response: for resolving paths, where the channel pairs answer with more than k = ±1; None where they do not.
-        hot: (n,), pixels that get no answer; None where there are none.
-        range_offset_m: (n,), what the lens adds to every range; None where that is nothing.
-        noise: what is left of the calibration's own; None without a dark or response calibration.
+        response: the response with which paths are resolved, if a channel pair has terms besides k = ±1; else None.
+        hot: (n,), pixels that get no answer; None if there are none.
+        range_offset_m: (n,), the length that the lens adds to every range; None: 0.
+        noise: the noise of the calibration's own frames; None without a dark or response calibration.
     """
 
     phasor_map: PhasorMap
@@ -82,10 +88,10 @@ def frame_correction(
     pixels: tuple[int, int],
     /,
 ) -> FrameCorrection:
-    """Return the correction of frames of `pixels` (Y, X); without a calibration, what waveform and pulse alone require.
+    """Return the correction of frames of `pixels` (Y, X); without a calibration, it follows from waveform and pulse alone.
 
     Raises:
-        SettingsError: the calibration does not belong to the capture, or nothing says how many volts one count stands for.
+        SettingsError: the calibration does not belong to the capture; or see `volts_per_count`.
     """
     ideal = ideal_response(metadata)
     if calibration is None:
@@ -114,7 +120,7 @@ def frame_correction(
 
 
 def tabulated_responses(responses: Sequence[HarmonicResponse], phase_rad: Float | None) -> "ResponseBlock | None":
-    """Return the responses, tabulated; None where they have no terms but k = ±1, which are inverted before paths are resolved."""
+    """Return the responses as tables; None if they have no terms but k = ±1, which the phasor map inverts."""
     if all(response.linear for response in responses):
         return None
     from cadtof_cli.resolver.response.table import response_block
@@ -125,13 +131,14 @@ def tabulated_responses(responses: Sequence[HarmonicResponse], phase_rad: Float 
 def _noise(
     calibration: "Calibration", responses: Sequence[HarmonicResponse], amplitude_v: float
 ) -> CalibrationNoise | None:
-    """Return what is left of the noise of dark frames and of targets; a part whose frames do not tell theirs adds nothing."""
+    """Return the noise of dark frames and of frames of targets that is left in phasors; a part of unknown noise adds
+    nothing."""
     dark, response = calibration.dark, calibration.response
     if dark is None and response is None:
         return None
     offsets_v = dark.offset_stderr_v() if dark else (0.0,) * len(responses)
     phases = response.quality.phase_stderr_rad if response else (0.0,) * len(responses)
-    # how far a pixel's gain is known follows from the same noise as its phase
+    # the relative error of a pixel's gain is as large as the error of its phase, because both come from the same noise
     return CalibrationNoise(
         tuple((volts / amplitude_v / abs(one.main)) ** 2 for volts, one in zip(offsets_v, responses, strict=True)),
         tuple(phase**2 for phase in phases),
@@ -139,7 +146,8 @@ def _noise(
 
 
 def _range_offset_m(calibration: "Calibration", metadata: CaptureMetadata, pixels: tuple[int, int]) -> Float | None:
-    """Return the offset of the Petzval calibration, or else the curvature that was taken out of the response's phase maps."""
+    """Return the offset by the Petzval calibration; without one, the curvature that was taken out of the response's
+    phase maps."""
     if calibration.petzval is not None:
         return calibration.petzval.range_offset_m.ravel()
     if calibration.response is not None and any(calibration.response.field_curvature_m):

@@ -1,4 +1,4 @@
-"""Dark calibration: what each pixel shows without light, and the pixels that cannot be trusted."""
+"""Dark calibration: the offset and the noise of each pixel without light, and the defective pixels."""
 
 import math
 from collections.abc import Mapping
@@ -13,14 +13,14 @@ from cadtof_cli.arrays import Bool, Float32, sealed
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import median_variance_ratio
-from cadtof_cli.phasors.plausible import spread_over
+from cadtof_cli.phasors.voltages import spread_over
 
 TYPICAL_PIXELS = 4096
-"""About as many pixels tell how much noise each harmonic has, sound or not: most are."""
+"""About how many pixels the noise of each harmonic is measured with. Defective ones are among them; most pixels are sound."""
 
 
 class Defect(IntFlag):
-    """What is wrong with a pixel."""
+    """Kinds of defects of a pixel, as bits."""
 
     OFFSET = 1
     NOISE = 2
@@ -38,11 +38,13 @@ DEFECT_MEANING: dict[Defect, str] = {
 
 @dataclass(frozen=True, eq=False)
 class DarkCalibration:
-    """Offsets that are there whatever the light, in V, and noise of a single dark frame, float32 (H, 2, Y, X) each.
+    """Offsets that do not depend on the light, and the noise of a single dark frame, in V, float32 (H, 2, Y, X) each.
 
-    `defects`, uint32 (Y, X), holds bits of `Defect`; `figures` is what `quality` said when the part was made, without it they
-    follow from the maps. An offset is what electronics and stray charge add, and the mean of the
-    sampled wave, which all light adds alike because the average of Eq. (1) is one over photons of every origin.
+    `defects`, uint32 (Y, X), holds bits of `Defect`. `figures` holds the answer of `quality` from the time when the
+    part was made; if it is empty, `quality` computes its figures from the maps.
+
+    An offset has two sources: electronics and stray charge, and the mean of the sampled wave. All light adds this mean
+    alike, because the average of Eq. (1) is over photons of every origin.
     """
 
     kind: ClassVar[PartKind] = "dark"
@@ -63,15 +65,16 @@ class DarkCalibration:
 
     @property
     def hot(self) -> Bool:
-        """Pixels that `resolve` gives no answer for, (Y, X)."""
+        """Pixels with a defect, to which `resolve` gives no answer, (Y, X)."""
         return np.asarray(self.defects != 0)
 
     def defect_counts(self) -> dict[str, int]:
-        """Return how many pixels have which defect."""
+        """Return the number of pixels with each kind of defect."""
         return {str(bit.name).lower(): int(np.count_nonzero(self.defects & bit)) for bit in Defect}
 
     def quality(self) -> dict[str, float]:
-        """Return figures of the fit in V: spread of the offsets, typical noise of a frame, and what is left of it."""
+        """Return figures of the fit in V: mean and spread of the offsets, typical noise of a frame, and the offsets'
+        standard error."""
         if self.figures:
             return dict(self.figures)
         sound, frames = ~self.hot, self.origin.frames
@@ -86,7 +89,8 @@ class DarkCalibration:
         }
 
     def offset_stderr_v(self) -> tuple[float, ...]:
-        """Return how well the offsets of each harmonic are known in V, as the noise of its channels tells; 0 of one frame."""
+        """Return the standard error of the offsets of each harmonic, in V, by the noise of its channels; 0 if the noise
+        is unknown."""
         whole, noise = self.quality(), spread_over(self.noise_v, TYPICAL_PIXELS).astype(np.float64)
         typical = np.median(noise, axis=(1, 2))
         if not (whole["noise_v"] > 0.0 and typical.all()):
@@ -94,7 +98,7 @@ class DarkCalibration:
         return tuple((whole["offset_stderr_v"] * typical / np.median(noise)).tolist())
 
     def tables(self) -> dict[str, dict[str, Any]]:
-        """Return fit quality and counts of defects."""
+        """Return the quality of the fit and the counts of defects."""
         return {"quality": self.quality(), "defects": self.defect_counts()}
 
     def maps(self) -> dict[str, NDArray[Any]]:

@@ -1,4 +1,5 @@
-"""What the parts of a calibration have in common: where each comes from, and what it must share with a capture."""
+"""What all parts of a calibration have in common: their origin, the check that they belong to a capture, the names of
+their maps."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -27,17 +28,17 @@ Maps = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """What a part was made from.
+    """The origin of a part: the frames that it was made from.
 
     Attributes:
         captures: folders of the frames.
-        frames: how many there were in all.
+        frames: number of frames in all of them.
         pixels: (Y, X) of the array.
         periods_ns: modulation periods, the fundamental first.
-        waveform: of the modulation.
-        used: digests by kind of the parts that had been applied to the frames.
-        created: time in UTC.
-        version: of cadtof.
+        waveform: waveform of the modulation.
+        used: digests, by kind, of the parts that had been applied to the frames.
+        created: time of creation, in UTC.
+        version: version of cadtof that made the part.
     """
 
     captures: tuple[str, ...]
@@ -61,14 +62,14 @@ class Origin:
         return tuple(round(self.periods_ns[0] / period) for period in self.periods_ns)
 
     def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /, *, kind: str) -> None:
-        """Refuse a capture that the part does not belong to; `pixels` (Y, X) None: not known yet.
+        """Make sure that the part belongs to a capture; `pixels` is (Y, X), or None if the size is not known yet.
 
         Raises:
             SettingsError: size of the array, periods or waveform differ.
         """
         modulation = metadata.modulation
         checks: list[tuple[str, object, object]] = [("waveform", modulation.waveform, self.waveform)]
-        # of 13.33 and 13.3333 ns, both are the third of 40
+        # the harmonics are compared, not the periods: 13.33 and 13.3333 ns are both the third harmonic of 40 ns
         if (modulation.periods_ns[0], modulation.harmonics) != (self.periods_ns[0], self.harmonics):
             checks.append(("periods_ns", list(modulation.periods_ns), list(self.periods_ns)))
         if pixels is not None:
@@ -91,7 +92,7 @@ def _plane_names(what: str, harmonics: tuple[int, ...], channels: int) -> list[s
 def named_planes(
     what: str, values: NDArray[Any], harmonics: tuple[int, ...], channels: int = 0
 ) -> dict[str, NDArray[Any]]:
-    """Return the planes of values, (H, Y, X) or (H, channels, Y, X), by their names."""
+    """Return the planes of values, (H, Y, X) or (H, channels, Y, X), each under its name."""
     return dict(zip(_plane_names(what, harmonics, channels), values.reshape(-1, *values.shape[-2:]), strict=True))
 
 

@@ -1,4 +1,4 @@
-"""Petzval calibration: the range that a curved field adds, Δ(ρ) = k2 ρ² + k4 ρ⁴."""
+"""Petzval calibration: the length that field curvature adds to every range, Δ(ρ) = k2 ρ² + k4 ρ⁴."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -13,7 +13,10 @@ from cadtof_cli.optics import curvature_m
 
 @dataclass(frozen=True)
 class WallFit:
-    """One wall: its perpendicular distance along the optical axis, tilt as slopes (α, β), and residual RMS in m."""
+    """One wall: its distance along the optical axis, its tilt as slopes (α, β), and root mean squares of its residuals in m.
+
+    Its residuals are those without and with field curvature, and those that noise alone would leave.
+    """
 
     distance_m: float
     distance_stderr_m: float
@@ -30,14 +33,14 @@ class PetzvalQuality:
     """How well the coefficients were measured.
 
     Attributes:
-        k2_stderr_m, k4_stderr_m: standard errors.
-        rms_before_m: residual of the best flat walls without curvature.
-        rms_after_m: residual of the best flat walls with it.
-        noise_rms_m: what noise alone, of the frames and of the maps applied to them, would leave.
-        correlation: the largest between a coefficient and a wall's distance, tilt or the focal length, absolute.
-        focal_length_px: of the optics, or fitted where they were not known.
-        focal_length_known: which of the two.
-        walls: each wall.
+        k2_stderr_m, k4_stderr_m: standard errors of the coefficients.
+        rms_before_m: root mean square of the residuals of the best flat walls without curvature.
+        rms_after_m: the same for the best flat walls with curvature.
+        noise_rms_m: the same if there were only noise, of the frames and of the maps applied to them.
+        correlation: largest absolute correlation of a coefficient with a wall's distance, its tilt or the focal length.
+        focal_length_px: focal length of the optics, or the fitted one if the optics do not say it.
+        focal_length_known: whether the optics say it.
+        walls: the fit of each wall.
         findings: assumptions and warnings, in words.
     """
 
@@ -55,7 +58,7 @@ class PetzvalQuality:
 
 @dataclass(frozen=True, eq=False)
 class PetzvalCalibration:
-    """The coefficients, and the principal point (column, row) that ρ is counted from."""
+    """The coefficients, and the principal point (column, row) from which ρ is measured."""
 
     kind: ClassVar[PartKind] = "petzval"
 
@@ -71,11 +74,11 @@ class PetzvalCalibration:
 
     @property
     def range_offset_m(self) -> Float:
-        """Δ of every pixel, (Y, X), in m."""
+        """The length Δ that is added to the range of every pixel, (Y, X), in m."""
         return curvature_m(self.origin.pixels, self.principal_point_px, (self.k2_m, self.k4_m))
 
     def tables(self) -> dict[str, dict[str, Any]]:
-        """Return coefficients with standard errors, residuals before and after, and every wall."""
+        """Return the coefficients with standard errors, the residuals without and with curvature, and every wall."""
         quality = asdict(self.quality)
         walls, findings = quality.pop("walls"), quality.pop("findings")
         errors = {name: quality.pop(name) for name in ("k2_stderr_m", "k4_stderr_m")}

@@ -1,4 +1,4 @@
-"""Response calibration: what the channel pairs answer to a path, and what each pixel adds to phase and gain."""
+"""Response calibration: the response of the channel pairs, and each pixel's own phase and gain."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
@@ -16,11 +16,11 @@ class ResponseQuality:
     """How well a response was measured.
 
     Attributes:
-        distances_m: of the targets.
-        residual: what the model leaves over the noise, 1 where it leaves nothing but noise.
-        phase_stderr_rad, gain_stderr: of one pixel's map entry, one per harmonic.
-        term_stderr: of every term that was fitted, relative to G[h,1], one tuple per harmonic.
-        curvature_stderr_m: of the field curvature: by chance, pixels' own phases may look like some.
+        distances_m: distances of the targets.
+        residual: root mean square of the residuals over their noise; 1 if only noise is left.
+        phase_stderr_rad, gain_stderr: standard errors of one pixel's entry in the maps, one per harmonic.
+        term_stderr: standard errors of the fitted terms, relative to G[h,1], one tuple per harmonic.
+        curvature_stderr_m: standard errors of k2 and k4; pixels' own phases may look like field curvature by chance.
         findings: why each term was taken or left, and what was assumed, in words.
     """
 
@@ -35,12 +35,14 @@ class ResponseQuality:
 
 @dataclass(frozen=True, eq=False)
 class ResponseCalibration:
-    """G[h,k] of every harmonic, and what each pixel adds: v_h = A·gain_h·Σ_paths a·Σ_k G[h,k]·exp(ik(h·x + phase_h)).
+    """G[h,k] of every harmonic, and each pixel's own phase and gain: v_h = A·gain_h·Σ_paths a·Σ_k G[h,k]·exp(ik(h·x +
+    phase_h)).
 
     `phase_rad` and `gain` are float32 (H, Y, X). The phase is a delay of the modulation on its way over the array, so
-    it stands inside the series; it has mean 0, as G[h,1] carries the rest. The gain is that against the first harmonic, whose own
-    cannot be told from the target's reflectivity and is 1. `field_curvature_m` (k2, k4) is what the lens adds to the range,
-    taken out of the phase maps; `resolve` uses it where there is no Petzval calibration.
+    it stands inside the series. Its mean is 0, because G[h,1] contains the mean delay. The gain is relative to the
+    first harmonic. The gain of the first harmonic is 1, because it cannot be told from the target's reflectivity.
+    `field_curvature_m` (k2, k4) describes the length that the lens adds to the range. It was taken out of the phase
+    maps; `resolve` uses it if there is no Petzval calibration.
     """
 
     kind: ClassVar[PartKind] = "response"
@@ -68,7 +70,8 @@ class ResponseCalibration:
             raise ValueError("gain: found 0 or less, expected gains above 0")
 
     def tables(self) -> dict[str, dict[str, Any]]:
-        """Return the terms of every harmonic as [k, real, imaginary part], and how well they were measured."""
+        """Return the terms of every harmonic as [k, real part, imaginary part], the field curvature, and the quality of
+        the fit."""
         quality = asdict(self.quality)
         k2_error, k4_error = quality.pop("curvature_stderr_m")
         tables: dict[str, dict[str, Any]] = {

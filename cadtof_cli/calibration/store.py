@@ -1,4 +1,4 @@
-"""A calibration folder: one TOML file per part, readable by people, with the part's maps beside it in an EXR file."""
+"""A calibration folder: for each part a TOML file, readable by people, and an EXR file with its maps beside it."""
 
 import hashlib
 import json
@@ -26,7 +26,7 @@ from cadtof_cli.files.toml import read_toml, toml_from_tables
 DIGEST_LENGTH = 16
 
 Part = DarkCalibration | ResponseCalibration | PetzvalCalibration
-"""One part: its `tables` and `maps` hold all that it says besides its `origin`, and `from_stored` builds it from them."""
+"""One part. Its `origin`, its `tables` and its `maps` hold everything in it, and `from_stored` builds it from these."""
 
 _TYPES: Mapping[PartKind, type[Part]] = {
     part.kind: part for part in (DarkCalibration, ResponseCalibration, PetzvalCalibration)
@@ -35,7 +35,7 @@ _TYPES: Mapping[PartKind, type[Part]] = {
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The parts of a calibration folder; None where one is missing."""
+    """The parts of a calibration folder; None for a part that is missing."""
 
     dark: DarkCalibration | None = None
     response: ResponseCalibration | None = None
@@ -43,26 +43,26 @@ class Calibration:
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """The parts that are there, in the order in which they are applied."""
+        """The parts that the folder has, in the order in which they are applied."""
         return tuple(part for part in (self.dark, self.response, self.petzval) if part is not None)
 
     @property
     def digests(self) -> dict[str, str]:
-        """Digest of every part by kind."""
+        """The digest of every part, by kind."""
         return {part.kind: digest_of(part) for part in self.parts}
 
     @property
     def digest(self) -> str:
-        """Digest of them all."""
+        """A digest of all parts together."""
         return hashlib.sha256(json.dumps(self.digests).encode()).hexdigest()[:DIGEST_LENGTH]
 
     def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /) -> None:
-        """Refuse a capture that a part does not belong to (see `Origin.require_match`)."""
+        """Make sure that every part belongs to a capture (see `Origin.require_match`)."""
         for part in self.parts:
             part.origin.require_match(metadata, pixels, kind=part.kind)
 
     def stale(self) -> tuple[str, ...]:
-        """Return a sentence for each part that was measured with another version of an earlier part."""
+        """Return a sentence for each part that was measured with another version of an earlier part than the folder has."""
         digests = self.digests
         return tuple(
             f"the {part.kind} calibration was measured with another {kind} calibration: repeat `cadtof calibrate {part.kind}`"
@@ -73,7 +73,7 @@ class Calibration:
 
 
 def digest_of(part: Part, /) -> str:
-    """Return a digest of all that a part says: origin, tables and maps."""
+    """Return a digest of everything in a part: origin, tables and maps."""
     text = json.dumps(_document(part), sort_keys=True, default=np.generic.item)
     digest = hashlib.sha256(text.encode())
     for name, plane in sorted(part.maps().items()):
@@ -83,10 +83,10 @@ def digest_of(part: Part, /) -> str:
 
 
 def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[Path, ...]:
-    """Write a part into a calibration folder; the other parts stay. Return what was written.
+    """Write a part into a calibration folder, and return the files that were written; the other parts stay.
 
     Raises:
-        OutputError: the part is there already and `overwrite` is not set, or the folder cannot be written.
+        OutputError: the part exists already and `overwrite` is not set, or the folder cannot be written.
     """
     path, maps = folder / f"{part.kind}.toml", part.maps()
     require_new(path, overwrite=overwrite)
@@ -104,10 +104,10 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
 
 
 def load_calibration(folder: Path, /) -> Calibration:
-    """Read whatever parts a calibration folder holds.
+    """Read all parts that a calibration folder holds.
 
     Raises:
-        MetadataError: there is no such folder or no part in it, or a part is damaged or has been changed by hand.
+        MetadataError: there is no such folder, it holds no part, or a part is damaged or was changed by hand.
     """
     if not is_folder(folder):
         raise MetadataError(f"{folder}: no such folder; expected one that `cadtof calibrate … -o {folder}` made")
@@ -125,8 +125,8 @@ def cached_calibration(folder: Path, digest: str, /) -> Calibration:
     """Read a calibration once per process, and make sure that it has this digest.
 
     Raises:
-        MetadataError: see `load_calibration`; or the folder has changed since the run that took the digest began, whether that
-            goes on still or ended long ago.
+        MetadataError: see `load_calibration`; or the folder has changed since the start of the run that recorded the
+            digest. That run may still go on, or may have ended long ago.
     """
     calibration = load_calibration(folder)
     if calibration.digest != digest:
@@ -147,7 +147,7 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
     except FrameError as error:
         raise MetadataError(f"{path}: cannot be read: {error}") from error
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MetadataError) as error:
-        # a TypeError speaks of Python: of a key that there is not, or of a value of another kind
+        # the text of a TypeError is about Python code; the cause is an unknown key, or a value of another kind
         what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
         what = "its keys, or the kinds of their values, are others" if isinstance(error, TypeError) else what
         raise MetadataError(f"{path}: not a {kind} calibration: {what}") from error

@@ -1,1 +1,1 @@
-"""Paths → depth maps; how maps differ from truth and from each other."""
+"""Paths → depth maps, and how maps differ from truth and from each other."""

@@ -1,4 +1,4 @@
-"""What differs between two maps of the same pixels, gathered over any number of frames in bounded memory."""
+"""The differences between two maps of the same pixels, gathered over any number of frames in bounded memory."""
 
 from dataclasses import dataclass
 
@@ -9,15 +9,17 @@ from cadtof_cli.arrays import Float, Float32, Status
 from cadtof_cli.resolver.status import StatusBit
 
 EXACT_VALUES = 1 << 22
-"""Up to so many values quantiles are exact; beyond, they are those of bins as wide as 1/4096 of the value."""
+"""Largest number of values with exact quantiles. Of more values, quantiles are those of bins as wide as 1/4096 of the
+value."""
 
 _SHIFT = 11
-"""Bits of a float32 that do not count for the bin of a value."""
+"""Number of lowest bits of a float32 that are dropped to get the bin of a value."""
 
 
 @dataclass(frozen=True)
 class LayerDifference:
-    """How much a layer differs where both maps have a value: median, 90 % and largest of |A − B|; None where there are none."""
+    """How much a layer differs in the pixels that have a value in both maps: median, 90 % quantile and largest of |A −
+    B|; None if there are no such pixels."""
 
     median_abs: float | None
     p90_abs: float | None
@@ -33,14 +35,14 @@ class BitChange:
 
 
 class MagnitudeTally:
-    """Quantiles of magnitudes: of the values themselves while they are few, else of counts in bins."""
+    """Quantiles of magnitudes: of the values themselves while they are few, later of counts in bins."""
 
     def __init__(self, *, exact: int = EXACT_VALUES) -> None:
         self._exact, self._values, self._size, self._largest = exact, list[Float32](), 0, -np.inf
         self._counts: NDArray[np.int64] | None = None
 
     def add(self, values: NDArray[np.floating], /) -> None:
-        """Add values of any sign; those that are not finite, or more than a float32 can hold, do not count."""
+        """Add values of any sign; values that are not finite, or too large for a float32, do not count."""
         with np.errstate(over="ignore"):
             found = np.abs(values).astype(np.float32)
         found = found[np.isfinite(found)]
@@ -60,7 +62,7 @@ class MagnitudeTally:
         self._values.clear()
 
     def summary(self) -> LayerDifference:
-        """Return what there is to say of the values so far."""
+        """Return quantiles and the largest of the values so far."""
         if not self._size:
             return LayerDifference(None, None, None)
         return LayerDifference(self._quantile(0.5), self._quantile(0.9), self._largest)
@@ -79,7 +81,7 @@ def changed_pixels(before: Status, after: Status, /) -> int:
 
 
 def changed_bits(before: Status, after: Status, /) -> dict[StatusBit, BitChange]:
-    """Return what became of every status bit between two maps of the same shape."""
+    """Return, for every status bit, how many pixels gained and lost it between two maps of the same shape."""
     gained, lost = after & ~before, before & ~after
     return {
         bit: BitChange(*(int(np.count_nonzero(bits & np.uint32(bit))) for bits in (gained, lost))) for bit in StatusBit
@@ -87,6 +89,6 @@ def changed_bits(before: Status, after: Status, /) -> dict[StatusBit, BitChange]
 
 
 def difference(first: NDArray[np.generic], second: NDArray[np.generic], /) -> Float:
-    """Return A − B of a layer, float64; NaN where either has no value."""
+    """Return A − B of a layer, float64; NaN if A or B has no value."""
     with np.errstate(invalid="ignore"):
         return np.asarray(first.astype(np.float64) - second.astype(np.float64))

@@ -1,4 +1,4 @@
-"""Paths → depth maps: metres and volts, and no answer where the amplitudes are beyond what the modulation can record."""
+"""Paths → depth maps in metres and volts; a pixel whose amplitude exceeds the modulation amplitude gets no answer."""
 
 import math
 from collections.abc import Sequence
@@ -19,26 +19,27 @@ if TYPE_CHECKING:
 
 
 SIGMAS = 5.0
-"""Noise that an amplitude may exceed the modulation by, in the sum of the harmonics' standard deviations in the dark: far more
-than noise does where all light is the laser's (`tests/maps/test_impossible.py`)."""
+"""By how much noise may let amplitudes exceed the modulation amplitude, in units of the sum of the harmonics' standard
+deviations in the dark. Noise reaches far less when all light is the laser's (`tests/maps/test_impossible.py`)."""
 
 UNKNOWN_SHARE = 0.01
-"""Share that a camera's modulation amplitude may be off by as it is stated, with a few digits."""
+"""Relative error that the stated modulation amplitude of a camera may have: it is given with a few digits."""
 
 _BLOCK_PIXELS = 2**18
-"""Pixels whose amplitudes are added up at a time: sums over a frame of many megapixels would take as much as its maps."""
+"""Pixels in a block of sums of amplitudes: sums over a whole frame of many megapixels would take as much memory as its
+maps."""
 
 _KEPT = np.uint32(StatusBit.CALIBRATED | StatusBit.POOLED)
-"""Bits that say nothing of a pixel's answer."""
+"""Bits that say nothing about a pixel's answer."""
 
 
 @dataclass(frozen=True, eq=False)
 class DepthScale:
     """How paths become metres and volts.
 
-    `metres_per_radian` is c·T1/(4π); `planar_per_range`, float64 (Y·X,), turns range into z depth (None: range is kept);
-    `range_offset_m`, float64 (Y·X,), is what the lens adds to every range (None: nothing); `lamp` says where the light comes
-    from (None: from the camera).
+    `metres_per_radian` is c·T1/(4π). `planar_per_range`, float64 (Y·X,), is the factor from range to z depth (None:
+    depth is range). `range_offset_m`, float64 (Y·X,), is the length that the lens adds to every range (None: 0). `lamp`
+    is the lamp beside the camera (None: it is at the camera).
     """
 
     metres_per_radian: float
@@ -48,17 +49,21 @@ class DepthScale:
     lamp: "LampBeside | None" = None
 
     def metres(self, block: slice, /) -> float | Float:
-        """Return the metres that a radian stands for, of all pixels or of each of a block, (n,)."""
+        """Return the metres of depth that a radian stands for: one number for all pixels, or one for each pixel of a
+        block, (n,)."""
         if self.planar_per_range is None:
             return self.metres_per_radian
         return self.metres_per_radian * self.planar_per_range[block]
 
     def phase_offset_rad(self, block: slice, /) -> Float | None:
-        """Return what the lens adds to every phase of a block, (n,); None: nothing."""
+        """Return the phase that the lens adds in every pixel of a block, (n,); None: 0."""
         return None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
 
     def measure_from_camera(self, maps: DepthMaps, first: int, /) -> None:
-        """Turn direct depths, of pixels from a flat index on, from half the way of the light to that from the camera."""
+        """Turn the direct depths of maps, in place, from half the way of the light to the depth from the camera.
+
+        `first` is the flat index, in the frame, of the first pixel of the maps.
+        """
         assert self.lamp is not None
         depth = maps.layer(DIRECT_DEPTH).reshape(-1)
         block = slice(first, first + depth.size)
@@ -66,7 +71,7 @@ class DepthScale:
         depth[:] = self.lamp.range_m(depth.astype(np.float64) / planar, block) * planar
 
     def source(self, resolved: "ResolvedPaths", block: slice, /, *, samples: Float | None) -> LayerSource:
-        """Return what the layers of a block of the frame's pixels follow from."""
+        """Return the source of all layers of a block of the frame's pixels."""
         averaged = 1.0 if samples is None else samples
         return LayerSource(resolved, averaged, self.metres(block), self.amplitude_v, self.phase_offset_rad(block))
 
@@ -77,15 +82,16 @@ def write_block(maps: DepthMaps, block: slice, source: LayerSource, /, *, layers
         for plane, layer in zip(maps.values.reshape(len(layers), -1), layers, strict=True):
             values = plane[block]
             np.multiply(*layer.value(source), out=values, casting="same_kind")
-            # processors disagree about the sign of a NaN that they make
+            # the sign bit of a computed NaN depends on the processor
             values[np.isnan(values)] = np.nan
     maps.status.reshape(-1)[block] = source.resolved.status
 
 
 def most_volts(noise: NoiseModel, amplitude_v: float, /) -> tuple[float, float]:
-    """Return what amplitudes may add up to, in V: this much, and the noise of one recorded pixel on top.
+    """Return the largest possible sum of a pixel's amplitudes, in V, and the noise of one recorded pixel that comes on top.
 
-    Where every pixel is one recorded, both are in the first, rounded as amplitudes are that are written.
+    If no pixel is a mean over several, the first number contains the noise already, the second is 0, and the sum is
+    rounded to float32 as amplitudes are when they are written.
     """
     most = (1.0 + UNKNOWN_SHARE) * amplitude_v
     volts = float(sum(math.sqrt(one.dark_variance) for one in noise.each)) * SIGMAS * amplitude_v
@@ -101,12 +107,13 @@ def beyond_light(
     amplitude_v: float = 1.0,
     longest: float = 1.0,
 ) -> Bool:
-    """Return where paths, K of (n,), or the first phasor, (n,), hold more light than there can be.
+    """Return the pixels, (n,), in which the sum of the K amplitudes, (n,) each, or the first phasor, (n,), exceeds its limit.
 
-    `longest` is the length of the longest first phasor that a path of amplitude 1 gives: 1.23 at the peaks of a triangle.
+    The limit is the modulation amplitude with an allowance for noise. `longest` is the length of the longest first
+    phasor that a path of amplitude 1 gives: 1.23 at the peaks of a triangle.
     """
-    one, volts = most_volts(noise, amplitude_v)
-    most: Float | float = one if noise.samples is None else one + volts / np.sqrt(noise.samples)
+    most_v, noise_v = most_volts(noise, amplitude_v)
+    most: Float | float = most_v if noise.samples is None else most_v + noise_v / np.sqrt(noise.samples)
     with np.errstate(invalid="ignore", over="ignore"):
         total = np.fmax(amplitudes[0], np.float32(0.0))
         for values in amplitudes[1:]:
@@ -116,12 +123,13 @@ def beyond_light(
 
 
 def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: float, longest: float = 1.0) -> None:
-    """Set `IMPOSSIBLE`, and NaN in every layer that follows from the phasors, where the paths hold more light than there can be.
+    """Set `IMPOSSIBLE`, and NaN in every layer that follows from the phasors, in pixels whose amplitudes exceed the
+    modulation amplitude.
 
-    The paths' amplitudes are shares of all light, so their sum is at most the modulation's amplitude, and the confidence at most
-    `longest` times that (see `beyond_light`). A phasor of 1e50 has no paths in floating point: a pixel without an answer and
-    without a reason is impossible, too.
-    Every pixel is looked at alone, in the values that are written, so that whatever resolved it decides the same.
+    Amplitudes of paths are shares of all light, so their sum is at most the modulation amplitude, and the confidence is
+    at most `longest` times that (see `beyond_light`). A phasor of 1e50 has no paths in floating point, so a pixel
+    without an answer and without a status bit that explains it is impossible, too. Every pixel is judged alone, by the
+    values that are written, so the decision does not depend on the code that resolved the pixel.
     """
     amplitudes = [maps.layer(name).reshape(-1) for name in maps.names if name.endswith(".amplitude")]
     confidence, status = maps.layer(CONFIDENCE).reshape(-1), maps.status.reshape(-1)
@@ -138,7 +146,8 @@ def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: floa
 
 
 def clear_pixels(maps: DepthMaps, impossible: Bool, /) -> None:
-    """Set `IMPOSSIBLE` in some pixels, (n,), and NaN in every layer that follows from their phasors."""
+    """Set `IMPOSSIBLE`, and NaN in every layer that follows from the phasors, in the pixels that `impossible`, (n,),
+    names."""
     for name in maps.names:
         if name != EFFECTIVE_PIXELS:
             np.copyto(maps.layer(name).reshape(-1), np.nan, where=impossible)

@@ -1,4 +1,5 @@
-"""Errors of depth maps against truth, and how they scatter over time: gathered over any number of frames in constant memory."""
+"""Errors of depth maps against truth, and the scatter of depth over time: gathered over any number of frames in
+constant memory."""
 
 from dataclasses import dataclass
 
@@ -14,10 +15,12 @@ ERROR_TITLES = ("median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ")
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """Summary of depth errors in cm; `valid` is the share of pixels with truth that have an answer, the rest is of those.
+    """Summary of depth errors in cm. `valid` is the share of pixels with truth that have an answer; all other figures
+    are of these pixels with an answer.
 
-    `within_1_sigma` and `within_2_sigma` are the shares of pixels whose error is no larger than once and twice the predicted
-    standard deviation: .68 and .95 where that is true and errors are Gaussian. None where no standard deviation is known.
+    `within_1_sigma` and `within_2_sigma` are the shares of pixels with an error of at most once and twice the predicted
+    standard deviation: .68 and .95 if the prediction is right and errors are Gaussian. None if no standard deviation is
+    known.
     """
 
     median_cm: float | None
@@ -30,7 +33,7 @@ class DepthErrors:
 
     @property
     def in_words(self) -> tuple[str, ...]:
-        """The figures as people read them, in the order of `ERROR_TITLES`."""
+        """The figures as texts for people, in the order of `ERROR_TITLES`."""
         figures = (self.median_cm, self.p90_cm, self.rmse_cm, self.bias_cm)
         shares = (self.valid, self.within_1_sigma, self.within_2_sigma)
         return (
@@ -61,7 +64,7 @@ class ErrorTally:
     ) -> None:
         """Add a frame's depths against its truth, and their predicted standard deviations, (Y, X) each in m.
 
-        Pixels without truth do not count, and those without a standard deviation not among the shares within it.
+        Pixels without truth do not count. Pixels without a standard deviation do not count in the shares within it.
         """
         known = np.isfinite(truth_m)
         self._with_truth += int(np.count_nonzero(known))
@@ -70,7 +73,7 @@ class ErrorTally:
         error = error[answered]
         if sigma_m is not None:
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                # of no standard deviation, or one of 0, nothing is a share
+                # a standard deviation that is missing or 0 makes a ratio that is not finite, which is not counted
                 ratio: Float = np.abs(error) / (100.0 * sigma_m.astype(np.float64)[known][answered])
             self._with_sigma += int(np.count_nonzero(np.isfinite(ratio)))
             self._within = [count + int(np.count_nonzero(ratio <= k)) for k, count in enumerate(self._within, start=1)]
@@ -80,12 +83,12 @@ class ErrorTally:
         self._magnitudes.add(error)
 
     def summary(self) -> DepthErrors:
-        """Return the errors so far; None for every figure where no pixel has both truth and an answer."""
-        total, size = self._answered, self._magnitudes.summary()
+        """Return the errors so far; figures are None if no pixel has both truth and an answer."""
+        total, magnitudes = self._answered, self._magnitudes.summary()
         valid = total / self._with_truth if self._with_truth else 0.0
         return DepthErrors(
-            size.median_abs,
-            size.p90_abs,
+            magnitudes.median_abs,
+            magnitudes.p90_abs,
             float(np.sqrt(self._sum_of_squares / total)) if total else None,
             self._sum_cm / total if total else None,
             valid,
@@ -95,7 +98,8 @@ class ErrorTally:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of the direct depth, and of the first phasor's where the recorded frames of all maps are still there."""
+    """Errors of the direct depth, and of the depth by the first phasor alone if the recorded frames of all maps still
+    exist."""
 
     frames: int
     direct: DepthErrors
@@ -103,7 +107,7 @@ class Evaluation:
 
 
 class EvaluationTally:
-    """Counts the errors of maps, and of what the first phasor alone would have said, map by map."""
+    """Counts the errors of maps, and the errors of the depth by the first phasor alone, map by map."""
 
     def __init__(self) -> None:
         self._direct, self._first = ErrorTally(), ErrorTally()
@@ -112,7 +116,10 @@ class EvaluationTally:
     def add(
         self, direct_m: Float, truth_m: Float, /, *, sigma_m: NDArray[np.floating] | None, first_phasor_m: Float | None
     ) -> None:
-        """Add a map's direct depths and the first phasor's, None where its frame is gone, against the truth; (Y, X) each in m."""
+        """Add a map's direct depths, and the depths by the first phasor (None: the frame is gone), with their truth.
+
+        All are (Y, X) in m.
+        """
         self._frames += 1
         self._direct.add(direct_m, truth_m, sigma_m=sigma_m)
         if first_phasor_m is not None:
@@ -127,13 +134,13 @@ class EvaluationTally:
 
 @dataclass(frozen=True, eq=False)
 class OverTime:
-    """What a sequence says of each pixel, float32 (Y, X): NaN where there is nothing to say.
+    """Statistics of each pixel over a sequence of maps, float32 (Y, X); NaN if the pixel has too few answers.
 
     Attributes:
-        mean: of the maps that have an answer there.
-        std: standard deviation over them, with n − 1; from two answers on.
-        sigma: root mean square of the standard deviations that were predicted.
-        frames: how many maps have an answer.
+        mean: mean over the maps that have an answer in this pixel.
+        std: standard deviation over these maps, with n − 1; needs two answers.
+        sigma: root mean square of the predicted standard deviations.
+        frames: number of maps that have an answer.
     """
 
     mean: Float32
@@ -152,7 +159,7 @@ class SequenceTally:
         self._variances: Float = np.zeros(shape)
 
     def add(self, values: NDArray[np.floating], sigma: NDArray[np.floating] | None, /) -> None:
-        """Add a map, (Y, X), and the standard deviations that were predicted for it; NaN where there is no answer."""
+        """Add a map, (Y, X), and its predicted standard deviations; NaN in pixels without an answer."""
         known = np.isfinite(values)
         self._count += known
         step = np.where(known, values - self._mean, 0.0)
@@ -161,9 +168,9 @@ class SequenceTally:
         self._variances += np.where(known, np.nan if sigma is None else np.square(sigma.astype(np.float64)), 0.0)
 
     def summary(self) -> OverTime:
-        """Return what the maps so far say."""
+        """Return the statistics of the maps so far."""
         count = np.where(self._count > 0, self._count, np.nan)
         free = np.where(self._count > 1, self._count - 1.0, np.nan)
-        mean, std = self._mean + 0.0 * count, np.sqrt(self._squares / free)
+        mean, std = np.where(self._count > 0, self._mean, np.nan), np.sqrt(self._squares / free)
         planes = (mean, std, np.sqrt(self._variances / count), self._count)
         return OverTime(*(plane.astype(np.float32) for plane in planes))

@@ -1,4 +1,4 @@
-"""The registry of layers: the name, the unit and the value of each, and when it is wanted."""
+"""The registry of layers: for each its name, its unit, its value, and when a map has it."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -24,7 +24,7 @@ Factors = tuple[Float | float, Float | float]
 
 
 def without_offset(phase: Float, offset: Float | None, /) -> Float:
-    """Return phases without what the lens adds; what that moves below 0 comes from the end of the unambiguous range."""
+    """Return phases without the phase that the lens adds; a phase below 0 wraps to the end of the unambiguous range."""
     if offset is None:
         return phase
     phase = phase - offset
@@ -33,14 +33,14 @@ def without_offset(phase: Float, offset: Float | None, /) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class LayerSource:
-    """What the values of a block's layers follow from.
+    """The source of the layers of a block of n pixels.
 
     Attributes:
         resolved: the paths of the block's pixels.
-        samples: recorded pixels that each has been averaged over, (n,), or 1.
-        metres: c·T1/(4π), for planar depths times z over range, (n,); in m/rad.
+        samples: number of recorded pixels that each pixel is a mean of, (n,), or 1.
+        metres: c·T1/(4π) in m/rad; for planar depths times z over range, (n,).
         volts: modulation amplitude.
-        phase_offset_rad: what the lens adds to every phase, (n,); None: nothing.
+        phase_offset_rad: the phase that the lens adds, (n,); None: 0.
     """
 
     resolved: "ResolvedPaths"
@@ -50,21 +50,21 @@ class LayerSource:
     phase_offset_rad: Float | None
 
     def depth(self, path: int, /) -> Factors:
-        """Depth of a path."""
+        """Return the factors of a path's depth."""
         return without_offset(self.resolved.paths.phase_rad[path], self.phase_offset_rad), self.metres
 
     def amplitude(self, path: int, /) -> Factors:
-        """Amplitude of a path."""
+        """Return the factors of a path's amplitude."""
         return self.resolved.paths.amplitude[path], self.volts
 
     def sigma(self, path: int, /) -> Factors:
-        """Standard deviation of a path's depth."""
+        """Return the factors of the standard deviation of a path's depth."""
         return self.resolved.paths.sigma_rad[path], self.metres
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer of float32 values: its name, the unit, and how a block's values follow from its paths."""
+    """A layer of float32 values: its name, its unit, and the function that returns the factors of a block's values."""
 
     name: str
     unit: str
@@ -72,7 +72,7 @@ class Layer:
 
 
 def _of_path(path: int, quantity: str) -> Layer:
-    """Return the layer of one quantity of the path in a row of `ResolvedPaths.paths`."""
+    """Return the layer of one quantity of a path; `path` is the row of the path in `ResolvedPaths.paths`."""
     unit, value = _QUANTITIES[quantity]
     name = ("direct", "mpi")[path] if path < 2 else f"path{path + 1}"
     return Layer(f"{name}.{quantity}", unit, lambda source: value(source, path))
@@ -83,7 +83,7 @@ _QUANTITIES: dict[str, tuple[str, Callable[[LayerSource, int], Factors]]] = {
     "amplitude": ("V", LayerSource.amplitude),
     "sigma": ("m", LayerSource.sigma),
 }
-"""Unit and value of what there is of every path."""
+"""Unit and value of each quantity that every path has."""
 
 ALWAYS = (
     *(_of_path(path, quantity) for quantity in _QUANTITIES for path in (0, 1)),
@@ -91,32 +91,36 @@ ALWAYS = (
 )
 
 _SEARCHED = Layer("chi_squared", "", lambda source: (source.resolved.chi_squared, 1.0))
-"""What the paths leave over the noise."""
+"""The layer of the misfit, χ²."""
 
 _AVERAGED = Layer(EFFECTIVE_PIXELS, "", lambda source: (source.samples, 1.0))
-"""The layer of how many recorded pixels each pixel is a mean of."""
+"""The layer of the number of recorded pixels that each pixel is a mean of."""
 
 _UNITS_BESIDE_MAPS = {"mean": "m", "std": "m", "delay": "ns"}
-"""Units of quantities of truth, and over the frames of a run."""
+"""Units of quantities that are in no map: those of truth, and statistics over the frames of a run."""
 
 
 @lru_cache(maxsize=16)
 def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = False) -> tuple[Layer, ...]:
-    """Return the layers of a map of so many paths in the order in which they are written; `status` follows them.
+    """Return the layers of a map in the order in which they are written; `status` follows them.
 
-    A solver that searches, so that its paths leave more than nothing, is `searched`; frames or neighbours are `averaged`.
+    Args:
+        paths: number of paths.
+        searched: whether the solver searches, so that its paths leave a misfit.
+        averaged: whether pixels are means over frames or neighbours.
     """
     others = (_of_path(path, quantity) for path in range(2, paths) for quantity in _QUANTITIES)
     return (*ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
 
 
 def error_unit(unit: str, /) -> tuple[float, str]:
-    """Return by what to multiply differences of values in a unit, and the unit that they are shown in then."""
+    """Return the factor by which differences of values in a unit are multiplied to be shown, and the unit that they
+    then have."""
     return (100.0, "cm") if unit == "m" else (1.0, unit)
 
 
 def layer_unit(name: str, /) -> str:
-    """Return the unit of a layer's values by its name; empty where they are pure numbers."""
+    """Return the unit of a layer's values by its name; empty if they are pure numbers."""
     units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, _AVERAGED)} | _UNITS_BESIDE_MAPS
     quantity = name.rpartition(".")[2]
     return units.get(quantity, _QUANTITIES.get(quantity, ("",))[0])

@@ -1,4 +1,4 @@
-"""Maps along a line: what a cross-section holds."""
+"""Maps along a line: the values of a cross-section."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,10 @@ from cadtof_cli.arrays import Float, Index
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A layer of one map along the line, (n,) each: values, standard deviations, and the first phasor's; None: not known."""
+    """A layer of one map along the line: its values, their standard deviations, and the values by the first phasor alone.
+
+    All are (n,); None: not known.
+    """
 
     name: str
     values: Float
@@ -22,14 +25,14 @@ class Profile:
     """Maps along a line.
 
     Attributes:
-        layer: whose values they are.
-        unit: of the values.
-        line: where it is, in words.
-        axis: what the distance along it is: `row`, `column`, or `along the line`.
-        rows, columns: of its pixels, (n,) each.
+        layer: name of the layer.
+        unit: unit of the layer's values.
+        line: where the line is, in words.
+        axis: what the distance along the line is: `row`, `column`, or `along the line`.
+        rows, columns: places of the line's pixels, (n,) each.
         depth: what depths are, in words.
-        curves: one or more.
-        truth: what is true along the line, (n,); None where that is not known.
+        curves: one for each map.
+        truth: the true values along the line, (n,); None if they are not known.
     """
 
     layer: str

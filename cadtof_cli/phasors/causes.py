@@ -1,4 +1,4 @@
-"""What has likely happened to stored values that cannot be the voltages of a capture, and which options mend it."""
+"""The likely cause if stored values cannot be the voltages of a capture, and the options that mend it."""
 
 import numpy as np
 
@@ -8,18 +8,24 @@ from cadtof_cli.phasors.voltages import sound_pixels
 from cadtof_cli.records import dataclass
 
 LONGEST = 1.35
-"""Length of a phasor, over the modulation amplitude, that offsets of its channels may bring about; noise comes on top."""
+"""Largest length of a phasor, in units of the modulation amplitude. Offsets of its channels may make it longer than 1;
+noise comes on top."""
 
 _MILLIVOLTS = (50.0, 1500.0)
-"""Largest value over the modulation amplitude, where a unit of a thousandth is likely."""
+"""Values are likely millivolts if the largest of them, divided by the modulation amplitude in V, lies between these
+numbers."""
 
 _FULL_SCALE, _BYTE = 65535.0, 255.0
+"""Largest value of 16 bits, and of 8 bits."""
 
 
 @dataclass(frozen=True)
 class StoredRange:
-    """Stored values of the pixels that were looked at: type, least, middle and largest, without the outermost percent,
-    and whether all are whole numbers."""
+    """A summary of the stored values of the pixels that were looked at.
+
+    `low`, `middle` and `high` are their quantiles at 1 %, 50 % and 99 %; `whole` says whether all of them are whole
+    numbers.
+    """
 
     dtype: np.dtype[np.generic]
     low: float
@@ -38,19 +44,19 @@ class StoredRange:
 
 
 def range_of(values: Float, dtype: np.dtype[np.generic], /) -> StoredRange:
-    """Return between which values those of any shape lie, which were stored as `dtype`."""
+    """Return the summary of values of any shape that were stored as `dtype`."""
     low, middle, high = (float(value) for value in np.quantile(values, (0.01, 0.5, 0.99)))
     return StoredRange(dtype, low, middle, high, whole=bool((values == np.rint(values)).all()))
 
 
 def all_saturated(planes: Stored, metadata: CaptureMetadata, dtype: np.dtype[np.generic], /) -> str | None:
-    """Return what to say of pixels, (H, 2, n), that are all saturated; None where they are not, or hold nothing finite."""
+    """Return a message if all pixels, (H, 2, n), are saturated; None if one is not, or if no value is finite."""
     voltage = metadata.voltage
     finite = planes[np.isfinite(planes)].astype(np.float64)
     if voltage.saturated_counts is None or not finite.size or sound_pixels(planes, voltage.saturated_counts).any():
         return None
     found, (low, high) = range_of(finite, dtype), voltage.saturated_counts
-    # a pixel that has had too much light, or none, stops at a limit; what lies beyond it was never such a count
+    # a real pixel stops at the limit: values beyond it show that these numbers are no counts of this camera
     beyond = found.low < low or found.high > high
     cause = _shifted_or_scaled(found, voltage, metadata.modulation.amplitude_v) if beyond else None
     return f"every pixel is saturated: {found}, and saturated_counts = [{low:g}, {high:g}]" + (
@@ -59,7 +65,7 @@ def all_saturated(planes: Stored, metadata: CaptureMetadata, dtype: np.dtype[np.
 
 
 def likely_cause(found: StoredRange, voltage: Voltage, amplitude_v: float, /) -> str:
-    """Return what has probably happened, and the options that mend it."""
+    """Return the probable cause in words, and the options that mend it."""
     if voltage.volts_per_count is None:
         low, high = _MILLIVOLTS
         if found.whole:
@@ -73,7 +79,7 @@ def likely_cause(found: StoredRange, voltage: Voltage, amplitude_v: float, /) ->
 
 
 def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float) -> str | None:
-    """Return what a program did to values that do not lie around `zero_counts`; None where they do, whatever a step is."""
+    """Return how a program has probably shifted or scaled the values; None if they lie around `zero_counts`."""
     zero, step = voltage.zero, abs(voltage.volts_per_count or 1.0)
 
     def around_zero(middle: float) -> bool:

@@ -1,15 +1,18 @@
-"""What is likely wrong with a frame, though it may be a recording: height for width, order of planes, no light, values cut off.
+"""Likely faults of a frame that may still be a recording: height and width swapped, planes in another order, no light,
+values that are cut off.
 
-Light of one path at the phase x has the phases x, 2x, … at the harmonics 1, 2, …, and one amplitude. Paths that mix shift both,
-but hardly ever in nearly all pixels of a frame; planes that were written in another order do that.
+Order of planes: light of one path with the phase x has the phases x, 2x, … at the harmonics 1, 2, …, and the same
+amplitude at all of them. Several paths shift phases and amplitudes, but hardly ever in nearly all pixels of a frame.
+Planes in another order shift them in nearly all pixels.
 
-A scene makes all planes differ more over the frame than from pixel to pixel; a channel that is not connected, or a harmonic that
-is not modulated, holds noise alone.
+No light: a scene makes every plane differ more over the frame than between neighbours. A channel that is not connected,
+or a harmonic that is not modulated, holds noise alone.
 
-Neighbours show nearly the same. Where height and width were taken for each other, as in the shape that was given for a raw dump,
-pixels below each other do not.
+Height and width swapped, as in a wrong shape given for a raw dump: neighbours in a column should hold nearly the same
+values, and then they do not.
 
-Noise spreads the outermost values as it does all others: where many pixels hold the very same one, a converter has cut them off.
+Values cut off: noise spreads the largest and the least values as it spreads all values. If many pixels hold exactly the
+largest value, or the least, a converter has cut values off there.
 """
 
 import math
@@ -19,43 +22,53 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters, spread_over
-from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored
+from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
+from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
 
 _NEAR_RAD = 0.45
-"""How far the phase of a harmonic may be from what the fundamental promises, where most of the light is of one path."""
+"""Largest difference, in rad, between the phase of the second harmonic and the phase that follows from the fundamental,
+for a pixel with most of its light on one path."""
 
 _NEAR_RATIO = 1.6
-"""How far its amplitude may be from that of the fundamental."""
+"""Largest ratio of the amplitudes of the two harmonics, either way round, for such a pixel."""
 
 _LEAST_SHARE = 0.3
-"""Share of pixels that look like one path, from which on another order of the planes is likely, …"""
+"""Another order of the planes is likely only if more than this share of the pixels looks like one path in that order.
+See also `_LEAST_ODDS`."""
 
 _LEAST_ODDS = 8.0
-"""… where the odds p/(1 − p) of its share p are so many times the odds of the share in the order that they are read in. In 82
-captures that are read right this is 2 at the most; scenes of few depths that are read in a wrong order have 18 and more."""
+"""Another order of the planes is likely only if the odds p/(1 − p) of its share p are more than this many times the
+odds in the order that was read. In 82 captures that are read correctly the ratio is 2 at most. Scenes with few depths
+that are read in a wrong order have 18 and more."""
 
 _SURE = 0.98
-"""Largest share whose odds count: a few pixels have no light of one path for other reasons."""
+"""Largest share that counts in the odds: a few pixels never look like one path, for other reasons."""
 
 _PILED_UP = 8
-"""How many times as often as the next one the outermost value is there, where values are cut off at it, …"""
+"""Values are likely cut off if the outermost value occurs more than this many times as often as the next value."""
 
 _NOISE_STEPS = 0.5
-"""… unless neighbours differ by no more steps of whole numbers than that in the middle, and the noise spreads no values."""
+"""Whole numbers are not judged for being cut off if the median difference between neighbours is at most this many steps
+in every plane: the noise then does not spread values, and many pixels hold the same value for that reason."""
 
 _AS_NOISE, _AS_SCENE = 1.3, 3.0
-"""Scatter over the frame, over that of neighbours, up to which a plane holds noise alone, and from which on one shows a scene.
-Of 28 captures with light, the plane with least has 2.3; noise has 1.0. A plane far from 0 V beside the largest scatter is left
-out: a cosine is flat, and far from 0, where its sine says most."""
+"""Scatter of a plane over the frame, in units of the noise that its neighbours show. Up to the first number the plane
+holds noise alone. Above the second number it shows a scene.
+
+In 28 captures with light, the least of any plane is 2.3; noise has 1.0. A plane with a mean farther from 0 V than the
+largest scatter of all planes is not doubted: a cosine near its peak is flat and far from 0, and its sine changes most
+there."""
 
 _SHEARED = 1.4
-"""How many times as far pixels below each other differ as they would with height and width swapped, where these likely are, over
-the larger of both by the smaller: a slope without noise has that. In 332 captures of 4 to 3 the former is .5 at the most, and
-2 and more with both swapped; noise has 1."""
+"""Threshold for height and width being swapped, on d(width)/d(height) divided by (longer side)/(shorter side). d(n) is
+the mean difference between pixels that are n places apart in the file: pixels in one column, if lines have n pixels.
+
+A slope without noise reaches (longer side)/(shorter side). In 332 captures of 4 to 3, d(width)/d(height) is .5 at most,
+and 2 and more with height and width swapped. Noise has 1."""
 
 _SLENDER = 2
-"""Width over height, or the reverse, up to which that is looked at: pixels of long lines are beside each other either way."""
+"""Largest ratio of the two sides of a frame at which it is checked for being swapped: with longer lines, most pixels
+have the same neighbours either way."""
 
 _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
     "with SC1 and SC2 swapped": lambda frame: frame[:, ::-1],
@@ -64,14 +77,20 @@ _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
     "interleaved line by line": lambda frame: np.moveaxis(frame.reshape(frame.shape[2], -1, frame.shape[3]), 1, 0),
     "interleaved pixel by pixel": lambda frame: frame.reshape(-1, 2 * len(frame)).T,
 }
-"""What else the values of a frame, (H, 2, Y, X), may be, in words, and how planes of H.SC1 and H.SC2 in turn are made of them."""
+"""Other orders in which the values of a frame, (H, 2, Y, X), may have been stored: the order in words, and the function
+that puts the values back into planes of SC1 and SC2 for one harmonic after the other."""
 
 
 def doubts(
     stored: Stored, metadata: CaptureMetadata, /, *, has_light: bool = True, of_order: bool = True
 ) -> tuple[str, ...]:
-    """Return in words what is likely wrong with a frame, (H, 2, Y, X): values that are cut off; if it has light, lines of the
-    wrong length, planes that do not show it, or else, `of_order`, planes that are swapped.
+    """Return in words all that is likely wrong with a frame, (H, 2, Y, X).
+
+    Args:
+        stored: the frame's stored values.
+        metadata: of the capture.
+        has_light: whether the frame shows a scene. If not, only values that are cut off are looked for.
+        of_order: whether to look for planes in another order. This is never done if some planes hold noise alone.
 
     Raises:
         SettingsError: see `volts_per_count`.
@@ -83,7 +102,7 @@ def doubts(
 
 
 def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return that height and width of a frame, (H, 2, Y, X), are likely swapped, with what each is; None where all is well.
+    """Return a message if height and width of a frame, (H, 2, Y, X), are likely swapped; else None.
 
     NaN and saturated pixels are left out.
     """
@@ -114,7 +133,8 @@ def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
 
 def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return which planes of a frame, (H, 2, Y, X), hold noise alone where others show a scene; None where none does.
+    """Return a message that names the planes of a frame, (H, 2, Y, X), that hold noise alone while others show a scene;
+    else None.
 
     NaN and saturated pixels are left out.
     """
@@ -125,7 +145,7 @@ def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     count = np.count_nonzero(sound)
     if count < FEWEST:
         return None
-    # of values that are chosen by a mask, those of a pixel lie together
+    # a mask leaves the values of each pixel side by side in memory; sums over a plane need the plane's values side by side
     here, beside = (
         np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
         for values in (rows[..., :-1:every], rows[..., 1::every])
@@ -141,10 +161,11 @@ def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return in which other order the planes of a frame, (H, 2, Y, X), are likely stored; None where all is well.
+    """Return a message that names the order in which the planes of a frame, (H, 2, Y, X), are likely stored, if it is
+    another than the order that was read; else None.
 
-    NaN and saturated pixels are left out. Phases that a camera adds to a harmonic, and only a calibration takes out, look like
-    such a mistake too.
+    NaN and saturated pixels are left out. A camera that adds a phase to a harmonic, which only a calibration takes out,
+    looks like such a mistake too.
 
     Raises:
         SettingsError: see `volts_per_count`.
@@ -169,15 +190,15 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
 
 def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return at which stored value those of a frame, (H, 2, Y, X), are likely cut off, though no limit of the metadata says so;
-    None where they are not."""
+    """Return a message that names the stored value at which the values of a frame, (H, 2, Y, X), are likely cut off, if
+    the limits of the metadata do not say so already; else None."""
     some = spread_over(stored, 4 * LOOKED_AT)
     values = some[:, :, sound_pixels(some, metadata.voltage.saturated_counts)]
     if values.shape[2] < FEWEST:
         return None
     for name, outermost in (("least", np.min), ("largest", np.max)):
         there = values == outermost(values)
-        # of nearly all frames, this tells
+        # nearly all frames end here
         if np.count_nonzero(there) < FEWEST:
             continue
         pixels = np.count_nonzero(there.any(axis=(0, 1)))
@@ -193,9 +214,11 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
 
 def _share_of_one_path(stored: Stored, metadata: CaptureMetadata, *, sign: float = 1.0) -> float:
-    """Return the share of the pixels of a frame, (H, 2, Y, X), that have about the phases and amplitudes of a single path.
+    """Return the share of the sound pixels of a frame, (H, 2, Y, X), that have about the phases and amplitudes of a
+    single path.
 
-    By the first two harmonics: on further ones paths that mix shift the phases more, and say less. 0 where too few are sound.
+    Only the first two harmonics are compared: several paths shift the phases of higher harmonics more, so these say
+    less. The share is 0 if too few pixels are sound.
     """
     some = spread_over(stored, LOOKED_AT)
     sound = some[:2, :, sound_pixels(some, metadata.voltage.saturated_counts)]

@@ -1,4 +1,4 @@
-"""Recorded frames of a scene that stands still → one with less noise: their mean, and how much they scatter about it."""
+"""Recorded frames of a scene that stands still → their mean, which has less noise, and their scatter about it."""
 
 from collections.abc import Iterable
 
@@ -17,11 +17,11 @@ class FrameMean:
 
     Attributes:
         stored: the mean, (H, 2, Y, X).
-        samples: over how many frames each pixel's mean is, float64 (Y, X); None: as `frames` says.
-        dtype: of the values as they were recorded; float64 where the mean is in V.
+        samples: number of frames that each pixel is a mean of, float64 (Y, X); None: `frames` for every pixel.
+        dtype: of the values as they were recorded; float64 if the mean is in V.
         frames: how many frames there were.
         variance: sample variance of one frame about the mean, float64 (H, 2, Y, X); None: not measured.
-        step: between the values that a frame can hold, in the unit of the mean; 0 where they may be any.
+        step: between neighbouring values that a frame can hold, in the unit of the mean; 0 for floating-point values.
     """
 
     stored: Stored
@@ -39,11 +39,11 @@ class FrameMean:
 
     @property
     def sound(self) -> Bool:
-        """Where the mean is finite at every harmonic and channel, (Y, X)."""
+        """The pixels with a finite mean at every harmonic and channel, (Y, X)."""
         return np.asarray(np.isfinite(self.stored).all(axis=(0, 1)))
 
     def frame_noise(self) -> Float:
-        """Return the typical standard deviation of one frame's values at each harmonic, (H,): 0 where it was not measured."""
+        """Return the typical standard deviation of one frame's values at each harmonic, (H,): 0 if it was not measured."""
         if self.variance is None or self.frames < 2:
             return np.zeros(self.stored.shape[0])
         typical = np.median(self.variance[:, :, self.sound], axis=(1, 2)) / median_variance_ratio(self.frames)
@@ -58,9 +58,10 @@ def median_variance_ratio(frames: int, /) -> float:
 
 
 def frame_mean(frames: Iterable[Stored], /, *, saturated_counts: tuple[float, float] | None) -> FrameMean:
-    """Return the mean of frames of stored values, (H, 2, Y, X) each: of those frames that recorded a pixel soundly.
+    """Return the mean of frames of stored values, (H, 2, Y, X) each.
 
-    A pixel that none recorded soundly keeps the values of the first, as one sample.
+    The mean of a pixel is over the frames in which it is sound. A pixel that is sound in no frame keeps its values of
+    the first frame, and counts as one sample.
 
     Raises:
         ValueError: there is no frame.
@@ -81,8 +82,7 @@ def frame_mean(frames: Iterable[Stored], /, *, saturated_counts: tuple[float, fl
 def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
     """Return the mean in V, and the variance in V², of frames of stored values, (H, 2, Y, X) each.
 
-    The mean is NaN where a pixel was not sound in every frame. Welford's update loses no
-    digits to a large offset.
+    The mean is NaN for a pixel that was not sound in every frame. Welford's update loses no digits to a large offset.
 
     Raises:
         SettingsError: sizes of frames differ, or nothing says how many volts one count stands for.
@@ -97,7 +97,7 @@ def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
         if volts.shape != mean.shape:
             raise SettingsError(f"found a frame of shape {volts.shape} (H C Y X), expected {mean.shape}")
         sound &= sound_pixels(stored, voltage.saturated_counts)
-        # an infinite value makes NaN here: its pixel is not sound
+        # an infinite value makes NaN here, without harm: its pixel is not sound
         with np.errstate(over="ignore", invalid="ignore"):
             change = volts - mean
             mean += change / count

@@ -1,4 +1,4 @@
-"""The noise of phasors, known beforehand from the integration length or estimated from a frame, and thresholds on a misfit."""
+"""The noise of phasors, known from the integration length or estimated from a frame, and thresholds on χ²."""
 
 import math
 from collections.abc import Sequence
@@ -18,24 +18,27 @@ MAD_PER_SIGMA = 0.6744897501960817
 """Median absolute deviation of a Gaussian over its standard deviation."""
 
 _MEAN_SQUARE: dict[Waveform, float] = {"sine": 1.0 / 2.0, "triangle": 1.0 / 3.0}
-"""Of a waveform of amplitude 1."""
+"""Mean square of a waveform of amplitude 1."""
 
 _WAVE_NOISE: dict[Waveform, tuple[float, float]] = {
     "sine": (1.0, 1.0),
     "triangle": (8.0 / math.pi**2 * math.sqrt(1.5), 3.0 * (2.0 / math.pi**2 + 4.0 / math.pi**3)),
 }
-"""What r_h and r_2h are multiplied by for a waveform's noise to be that of a sine.
+"""Factors on r_h and r_2h: with them, the equations for the noise of a sine give the noise of this waveform.
 
-A sampled triangle has the mean square 1/3 instead of 1/2, and k = 1 is 8/π² of it: (1/3)/(8/π²)² = (1/2)/0.993². Light of
-one delay makes the covariance turn with twice its phase, by 4/π² in the variances' difference and 8/π³ in the
-covariance, where a sine has 1/2 in both; their mean over 1/3 is 0.995. What is left out is below 3 % of the variance at ASR 5.
+r_h: a sampled triangle has the mean square 1/3 instead of 1/2, and its term k = 1 is 8/π² of its amplitude, so that
+(1/3)/(8/π²)² = (1/2)/0.993². r_2h: light of one delay changes the covariance matrix with twice its phase. The variances
+change by 4/π² and the covariance by 8/π³; a sine has 1/2 in both. The mean of 4/π² and 8/π³, over 1/3, is 0.995. The
+terms that are left out are below 3 % of the variance at ASR 5.
 """
 
 LEAST_SHARE = 1e-3
-"""Least variance along a phasor, as a share of the dark one: without ambient light it falls to rounding error."""
+"""Floor for the variance along a phasor, as a share of the variance by ambient light alone: if all light is the laser's, the
+variance along the phasor falls to rounding error."""
 
 MOST_INTEGRATION = 1e12
-"""Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
+"""Longest integration length, that of a frame without any noise. Its noise is that of float32 rounding, so every
+threshold stays finite."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +46,8 @@ class HarmonicNoise:
     """Noise of one harmonic's phasor, in units of the modulation amplitude.
 
     `harmonic` is its number h, `averaging` is 1/(2·n_av − 1) of the exponentially weighted average, `pulse` and
-    `pulse_double` are r_h and r_2h, and `floor` is a variance per channel that is added whatever the light: of quantisation,
-    and of what a calibration's own noise leaves.
+    `pulse_double` are r_h and r_2h times the factors of the waveform. `floor` is a variance per channel that does not
+    depend on the light: that of quantisation, and of the noise of a calibration's own frames.
     """
 
     harmonic: int
@@ -60,11 +63,12 @@ class HarmonicNoise:
 
     @cached_property
     def dark_variance(self) -> float:
-        """Variance per channel where only ambient light arrives: the most that there can be."""
+        """Variance per channel if only ambient light arrives: the largest that there can be."""
         return self.ambient_variance + self.floor
 
     def one_path_variances(self, amplitude: Float | Float32, /) -> tuple[Any, Any]:
-        """Return the variances along and across the phasor of a single path of the given amplitude, (n,) each of its type."""
+        """Return the variances along and across the phasor of a single path of the given amplitude, (n,) each, of the
+        amplitude's type."""
         share: Any = np.clip(amplitude, 0.0, 1.0)
         doubled = (self.ambient_variance * self.pulse_double) * share
         across = self.dark_variance - doubled
@@ -74,7 +78,7 @@ class HarmonicNoise:
     def covariance(self, phasor: Rotor, doubled: Rotor, /) -> tuple[Float, Float, Float]:
         """Return the covariance's entries re·re, re·im and im·im, (n,) each, for light whose phasors at h and 2h are given.
 
-        They are those of `noise_model`, kept positive definite by `LEAST_SHARE`.
+        The equation is that of `noise_model`; `LEAST_SHARE` keeps the matrix positive definite.
         """
         level, double, averaging = self.covariance_terms
         re, im = phasor
@@ -86,17 +90,17 @@ class HarmonicNoise:
 
     @property
     def covariance_terms(self) -> tuple[float, float, float]:
-        """Variance without light, and what light at 2h and at h changes in it."""
+        """Variance without light, the factor of the phasor at 2h, and the factor of the products of the phasor at h."""
         ambient = self.ambient_variance
         return (1.0 + LEAST_SHARE) * ambient + self.floor, ambient * self.pulse_double, self.averaging
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """Noise of every recorded harmonic, independent of each other, and the integration length that stands behind it.
+    """Noise of every recorded harmonic, independent of each other, and the integration length that it follows from.
 
-    `each` is what one recorded pixel's phasors have; `samples`, (n,), is the number of recorded pixels that each phasor is a
-    mean of (None: 1), and `noise[block]` is the noise of some of these n phasors.
+    `each` is the noise of one recorded pixel's phasors, one entry per harmonic. `samples`, (n,), is the number of
+    recorded pixels that each phasor is a mean of (None: 1). `noise[block]` is the noise of some of these n phasors.
     """
 
     each: tuple[HarmonicNoise, ...]
@@ -108,7 +112,8 @@ class NoiseModel:
         return self if self.samples is None else replace(self, samples=self.samples[pixels])
 
     def with_more(self, variances: Sequence[float], /) -> "NoiseModel":
-        """Return the noise with a variance per channel added to that of each harmonic of a recorded pixel, whatever the light."""
+        """Return the noise with a further variance per channel for each harmonic of a recorded pixel, independent of
+        the light."""
         each = tuple(
             replace(one, floor=float(one.floor + more)) for one, more in zip(self.each, variances, strict=True)
         )
@@ -149,15 +154,15 @@ def noise_model(
 
 
 def ambient_noise_v(metadata: CaptureMetadata, /, *, integration_length: float) -> float:
-    """Return the standard deviation of a channel, in V, that photons of ambient light alone leave in a frame."""
+    """Return the standard deviation of a channel of one frame, in V, if only ambient light arrives."""
     modulation = metadata.modulation
     return modulation.amplitude_v * math.sqrt(_MEAN_SQUARE[modulation.waveform] / (2.0 * integration_length - 1.0))
 
 
 def most_integration(metadata: CaptureMetadata, /, *, quantised: bool) -> float:
-    """Return the n_av beyond which rounding, of counts where values are `quantised`, is more than all other noise.
+    """Return the n_av beyond which rounding adds more noise than the photons: rounding to counts, if values are `quantised`.
 
-    Longer ones are not seen in a frame: where neighbours hold the same counts, it is rounding that makes them do so.
+    A longer n_av cannot be seen in a frame: if neighbours hold the same counts, that is due to rounding.
     """
     rounding = noise_model(metadata, integration_length=MOST_INTEGRATION, quantised=quantised)
     averaging = max(2.0 * one.floor * one.pulse**2 for one in rounding.each)
@@ -170,9 +175,9 @@ def estimated_integration_length(phasors: Complex, /) -> float:
 
     The diagonal second difference (p[y,x] − p[y,x+1] − p[y+1,x] + p[y+1,x+1])/2 keeps the variance of white noise and
     removes every gradient along rows and columns; its median absolute deviation ignores edges and outliers. NaN is left
-    out. Returns infinity for a frame without noise, and NaN where fewer than 16 pixels are finite.
+    out. Returns infinity for a frame without noise, and NaN if fewer than 16 differences of a harmonic are finite.
     """
-    # infinite pixels make NaN here, which is left out
+    # infinite pixels make NaN here, and NaN is left out
     difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
     estimates = []
     for plane, phasor in zip(difference, phasors, strict=True):
@@ -191,9 +196,9 @@ def estimated_integration_length(phasors: Complex, /) -> float:
 def chi_squared_threshold(false_alarm: float, *, pairs: int) -> float:
     """Return the χ² (2·pairs degrees of freedom) that noise exceeds with probability `false_alarm`.
 
-    N harmonics without a signal have N pairs; K paths fitted to N harmonics leave N − K. The survival function at t is
-    exp(−t/2)·Σ_{k<pairs} (t/2)^k/k!: −2·ln(false alarm) for one pair, 9.21 at 1 %. It falls with t, so bisection finds the
-    threshold of more.
+    N harmonics without a signal have N pairs; K paths fitted to N harmonics leave N − K pairs. Noise exceeds t with
+    probability exp(−t/2)·Σ_{k<pairs} (t/2)^k/k!. For one pair the threshold is −2·ln(false alarm), 9.21 at 1 %. The
+    probability falls with t, so bisection finds the threshold for more pairs.
     """
     low, high = 0.0, 4.0 * (pairs - math.log(false_alarm))
     for _ in range(80):

@@ -1,9 +1,10 @@
-"""Whether what a frame holds can be a recording of the capture that its metadata describe: its values, and its planes.
+"""Whether the values and the planes of a frame can be a recording of the capture that its metadata describe.
 
-No light gives a phasor longer than the modulation amplitude: SC1² + SC2² ≤ amplitude_v², but for noise and offsets. Counts taken
-for volts, a zero or a unit that is missing, or values that a program has scaled, are beyond that by far.
+Values: no light gives a phasor longer than the modulation amplitude, so SC1² + SC2² ≤ amplitude_v², apart from noise
+and offsets. Counts taken for volts, a missing zero or unit, and values that a program has scaled exceed that limit by
+far.
 
-No two recordings are the same, and none holds one value while others scatter: noise sees to that.
+Planes: because of noise, no two recorded planes are the same, and none holds one value everywhere while other planes scatter.
 """
 
 import math
@@ -16,34 +17,36 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of
 from cadtof_cli.phasors.noise import NoiseModel, ambient_noise_v
-from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
+from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_per_count
 
 LOOKED_AT = 4096
-"""Pixels that a frame is judged by, spread evenly over it."""
+"""A larger frame is judged by at least this many pixels, spread evenly over it (`spread_over`)."""
 
 FEWEST_ALIKE = 16
-"""Pixels from which on their holding the same is no accident."""
+"""Least number of pixels in a frame that cannot all hold the same values by accident."""
 
 FEWEST = 64
-"""Pixels from which on planes say something about a frame."""
+"""Least number of pixels from which a fault of the planes is concluded."""
 
 TOO_MANY = 0.25
-"""Share of sound pixels with a phasor that is too long which is not the doing of a few bad ones."""
+"""Largest share of the sound pixels that may have too long a phasor at one harmonic: a few pixels may be bad."""
 
 SCATTER_STEPS = 2.0
-"""Median difference of neighbours, in steps of whole numbers, from which on no plane of a frame can hold one value."""
+"""Median difference between neighbours of a plane of whole numbers, in steps. If it is larger in any plane of a frame,
+no other plane of that frame can hold one value everywhere."""
 
 _FEW_VALUES = 8
-"""Values in a plane, such as that of saturated pixels, up to which another may hold the same in the same places."""
+"""Two recorded planes may be the same in every pixel only if they hold at most this many different values, as planes of
+saturated pixels do."""
 
 _HEAD = 16
-"""Pixels that tell of nearly all planes that they are recordings."""
+"""Number of pixels at the start of each plane that are compared first: they show nearly all frames to be recordings."""
 
 
 def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return why stored values, (H, 2, …), cannot be the voltages that the metadata make of them; None where they can.
+    """Return why stored values, (H, 2, …), cannot be a recording with these metadata; None if they can be.
 
-    A plane that cannot have been recorded is among the reasons. NaN and saturated pixels are left out.
+    Either a plane cannot have been recorded, or the voltages are too large. NaN and saturated pixels are left out.
 
     Raises:
         SettingsError: see `volts_per_count`.
@@ -53,7 +56,7 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if missing := no_recording(together, metadata.modulation.harmonics):
         return missing
     longest, least, largest = _limits(metadata, kind)
-    # the usual case, told at a glance; a comparison with NaN is false
+    # a quick test that nearly all frames pass; a comparison with NaN is false
     if (
         least < float(np.minimum.reduce(together, axis=None))
         and float(np.maximum.reduce(together, axis=None)) < largest
@@ -77,17 +80,18 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
 
 def require_plausible(stored: Stored, metadata: CaptureMetadata, /, *, of: object) -> None:
-    """Raise FrameError, which names the frame that stored values are `of`, where these cannot be voltages."""
+    """Raise FrameError, which names the frame that the stored values are `of`, if they are not plausible."""
     if wrong := implausible(stored, metadata):
         raise FrameError(f"{of}: {wrong}")
 
 
 def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
-    """Return which plane of a frame's pixels, (H, 2, n), cannot have been recorded; None where all can."""
+    """Return a message that names a plane of a frame, (H, 2, n), that cannot have been recorded; None if there is no
+    such plane."""
     rows = planes.reshape(-1, planes.shape[2])
     heads = [row.tobytes() for row in rows[:, :_HEAD]]
     one_value = [head == head[: rows.itemsize] * _HEAD for head in heads]
-    # of nearly all frames, this tells
+    # nearly all frames end here
     if rows.shape[1] < FEWEST or (len(set(heads)) == len(heads) and not any(one_value)):
         return None
     names = plane_names(harmonics)
@@ -104,19 +108,14 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
     return None
 
 
-def spread_over(stored: Stored, count: int, /) -> Stored:
-    """Return about so many pixels of a frame, (H, 2, …), spread evenly over it, (H, 2, n); all where it has no more."""
-    planes = stored.reshape(*stored.shape[:2], -1)
-    return planes[:, :, :: max(1, planes.shape[2] // count)]
-
-
 def plane_names(harmonics: tuple[int, ...], /) -> list[str]:
-    """Return what the planes of a frame are called, in the order in which they are stored."""
+    """Return the names of a frame's planes, in the order in which they are stored."""
     return [f"H{harmonic}.SC{channel}" for harmonic in harmonics for channel in (1, 2)]
 
 
 def scatters(rows: Stored, steps_of_whole_numbers: float, /) -> bool:
-    """Return whether neighbours in some plane, (planes, n), differ in the middle by more than so many steps, if there are any."""
+    """Return whether the median difference between neighbours, in any of the planes (planes, n), exceeds so many steps
+    of whole numbers; for floating-point values, whether it exceeds 0."""
     least = steps_of_whole_numbers if rows.dtype.kind in "iu" else 0.0
     with np.errstate(invalid="ignore"):
         steps = np.abs(np.diff(rows.astype(np.float64), axis=1))
@@ -125,22 +124,23 @@ def scatters(rows: Stored, steps_of_whole_numbers: float, /) -> bool:
 
 
 def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
-    """Return whether all pixels, (H, 2, n), hold the same values, where noise makes that impossible.
+    """Return whether all pixels, (H, 2, n), hold the same values although noise makes that impossible.
 
-    It does so wherever it is more than half a step of the stored values. A few pixels may agree.
+    Noise makes it impossible if it is more than half a step of the stored values and the pixels are not just a few.
     """
     count = stored.shape[2]
-    # of nearly all frames, two values tell
+    # two values are enough to tell for nearly all frames
     if count < FEWEST_ALIKE or stored[0, 0, 0] != stored[0, 0, 1] or not (stored == stored[:, :, :1]).all():
         return False
-    # a step is √12 of its rounding error, whose variance is the floor: light alone has three times that, or more
+    # the floor is the variance of rounding to steps of s, s²/12: the rest is then more than 3·s²/12 = (s/2)²
     return all(one.dark_variance > 4.0 * one.floor for one in noise.each)
 
 
 def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[float, float, float]:
-    """Return the longest phasor that there can be, in V, and the two stored values between which none is longer or saturated."""
+    """Return the length of the longest possible phasor, in V, and two stored values. If all values of a pixel lie
+    between these, its phasors are no longer than that, and it is not saturated."""
     n_av, voltage = metadata.pixel.integration_length, metadata.voltage
-    # with five standard deviations of the noise
+    # five standard deviations of the noise come on top
     noise_v = 0.0 if n_av is None else ambient_noise_v(metadata, integration_length=n_av)
     longest = LONGEST * metadata.modulation.amplitude_v + 5.0 * noise_v
     most = longest / math.sqrt(2.0) / abs(volts_per_count(voltage, dtype))

@@ -1,9 +1,10 @@
-"""Phasors with less noise: the mean over those neighbours that show the same light, as far as the known noise can tell.
+"""Phasors with less noise: the mean over the neighbours that show the same light, as far as the known noise can tell.
 
-Phasors are linear in the voltages, so a mean of phasors is what an exposure as many times as long would have recorded. Neighbours
-count in pairs, one on either side of the pixel, where the mean of both differs from the pixel's phasors, in confidence and in
-phase at every harmonic, by no more than noise does. On a surface that slants, both differ from the pixel, but not their mean.
-Across an edge it differs by far more, so edges stay where they are.
+Phasors are linear in the voltages, so a mean of n phasors is what an exposure n times as long would have recorded.
+Neighbours count in pairs, one on either side of the pixel. A pair counts if its mean differs from the pixel's phasors,
+in confidence and in phase at every harmonic, by no more than noise explains. On a slanted surface both neighbours
+differ from the pixel, but their mean does not. Across an edge the mean differs by far more, so edges stay where they
+are.
 """
 
 import math
@@ -16,20 +17,21 @@ from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.records import dataclass
 
 LOST_NEIGHBOURS = 1e-3
-"""Share of neighbours with the same light that noise alone keeps out."""
+"""Share of the pairs with the same light that noise alone keeps out."""
 
 BENT = 0.1
-"""By what share of its noise a pixel's phasors may come out too small. The mean of two phasors that a slope turns by δ to either
-side has the right phase, but cos δ of the amplitude, less at higher harmonics: as light that comes by more than one way."""
+"""By how much pooling may shorten a pixel's phasors, as a share of its noise. On a slope, the phasors of a pair are
+turned by +δ and −δ. Their mean has the right phase, but only cos δ of the amplitude, and less at higher harmonics: it
+looks like light of more than one path."""
 
 BLOCK_PIXELS = 8192
-"""Least number of pixels that are dealt with at a time: numpy's loops over a quarter of them take half as long again per pixel,
-and many more do not stay in the processor's cache."""
+"""Least number of pixels in a block. With a quarter of them, numpy's loops take half as long again per pixel; many more
+do not stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
 class PooledPhasors:
-    """Pooled phasors, complex128 (H, Y, X), and over how many recorded pixels each is a mean, float64 (Y, X)."""
+    """Pooled phasors, complex128 (H, Y, X), and the number of recorded pixels that each is a mean of, float64 (Y, X)."""
 
     phasors: Complex
     samples: Float
@@ -37,10 +39,10 @@ class PooledPhasors:
 
 @dataclass(frozen=True)
 class SharedNoise:
-    """What pooling does to the noise of means over squares of pixels, whose windows overlap.
+    """Noise that pooled pixels share because their windows overlap, for means over squares of such pixels.
 
     Attributes:
-        pixels: how many pixels share their noise: the variance of the mean, over what it is if each has noise of its own.
+        pixels: the variance of the mean, divided by what it would be if each pixel had noise of its own.
         neighbours: correlation of the noise of two squares side by side.
     """
 
@@ -51,15 +53,16 @@ class SharedNoise:
 def pooled_phasors(
     phasors: Complex, /, *, usable: Bool, samples: Float, noise: NoiseModel, window: int
 ) -> PooledPhasors:
-    """Return the means of every pixel and its pairs of neighbours with the same light; inputs are not changed.
+    """Return, for every pixel, the mean of the pixel and its pairs of neighbours with the same light; inputs are not changed.
 
-    Pairs are compared twice: with the pixel, and then with the mean that came of it, whose noise is small. So a pixel that noise
-    has thrown far from the others still finds them. Where one of a pair is not usable, or beyond the frame, the other gives
-    nothing; where they stand for different numbers of recorded pixels, both count as the one that stands for fewer.
+    Pairs are compared twice: first with the pixel, then with the mean of that first pass, which has little noise. So a
+    pixel that noise has moved far away from its neighbours still finds them. If one of a pair is not usable, or outside
+    the frame, the pair does not count. If the two are means of different numbers of recorded pixels, both count with
+    the smaller number.
 
     Args:
         phasors: (H, Y, X), each the mean of `samples` recorded pixels.
-        usable: (Y, X); pixels that are not keep their phasors, and give nothing to their neighbours.
+        usable: (Y, X); unusable pixels keep their phasors, and add nothing to their neighbours.
         samples: (Y, X), at least 1.
         noise: noise of a recorded pixel.
         window: side of the square of neighbours, an odd number of pixels.
@@ -67,18 +70,18 @@ def pooled_phasors(
     scales = np.array([1.0 / np.sqrt(harmonic.dark_variance) for harmonic in noise.each])[:, np.newaxis, np.newaxis]
     height, width = usable.shape
     margins = _Margins(height, width, window // 2)
-    given, weight = margins.around(2 * len(phasors)), margins.around(1)
-    for plane, part in zip(margins.inside(given), (*phasors.real, *phasors.imag), strict=True):
+    values, weight = margins.zeros(2 * len(phasors)), margins.zeros(1)
+    for plane, part in zip(margins.inside(values), (*phasors.real, *phasors.imag), strict=True):
         np.copyto(plane, part, where=usable)
-    inside = margins.inside(given).reshape(2, *phasors.shape)
+    inside = margins.inside(values).reshape(2, *phasors.shape)
     inside *= scales
     np.copyto(margins.inside(weight)[0], samples, where=usable)
     limit = chi_squared_threshold(LOST_NEIGHBOURS, pairs=len(phasors))
     with np.errstate(all="ignore"):
-        # what is not usable agrees with nothing
-        light = _Light(given, weight[0], np.where(weight[0] > 0.0, limit / weight[0], np.nan))
-        first = _sums_of_alike(light, given, light.most, margins)
-        sums = _sums_of_alike(light, first[:-1] / first[-1], limit / first[-1], margins, bent=BENT)
+        # comparisons with NaN are false, so unusable pixels agree with no pixel
+        planes = _Planes(values, weight[0], np.where(weight[0] > 0.0, limit / weight[0], np.nan))
+        first = _sums_of_alike(planes, values, planes.limit, margins)
+        sums = _sums_of_alike(planes, first[:-1] / first[-1], limit / first[-1], margins, bent=BENT)
         mean = margins.inside(sums[:-1] / sums[-1]).reshape(2, *phasors.shape) / scales
     pooled = np.empty_like(phasors)
     pooled.real, pooled.imag = mean
@@ -87,15 +90,16 @@ def pooled_phasors(
 
 
 def shared_noise(window: int, /, *, samples: float, stride: int, count: int) -> SharedNoise:
-    """Return what noise the means over squares of count × count pooled pixels share, `stride` apart, and those squares.
+    """Return the noise that pooled pixels share in the mean over a square of count × count pixels, and between two such
+    squares.
 
     Along a row, the windows of two pixels that are k steps apart have `window` − k·stride recorded pixels in common.
 
     Args:
         window: side of the square of neighbours that pixels are pooled over.
-        samples: over how many recorded pixels a pooled one is a mean: no more of them can share their noise.
-        stride: step from pixel to pixel of those looked at.
-        count: how many are looked at along each side of a square.
+        samples: number of recorded pixels that a pooled pixel is a mean of; `pixels` of the answer is at most this.
+        stride: step, in pixels of the frame, between the pixels that the square is a mean of.
+        count: number of such pixels along each side of a square.
     """
     apart = np.arange(1, 2 * count)
     common = np.maximum(window - stride * apart, 0)
@@ -105,14 +109,14 @@ def shared_noise(window: int, /, *, samples: float, stride: int, count: int) -> 
 
 
 def pooling_seconds(size: tuple[int, int], noise: NoiseModel, /, *, window: int) -> float:
-    """Return about how long the pooling of a frame of (Y, X) pixels takes, by timing a few of its steps."""
+    """Return about how many seconds the pooling of a frame of (Y, X) pixels takes, by timing a window of 3."""
     if window == 1 or 0 in size:
         return 0.0
     phasors, samples = np.ones((len(noise.each), *size), np.complex128), np.ones(size)
     began = time.perf_counter()
     pooled_phasors(phasors, usable=np.ones(size, np.bool_), samples=samples, noise=noise, window=3)
     of_one = (time.perf_counter() - began) / 8
-    # of an offset that reaches far, few pixels are left
+    # a far offset leaves fewer pixels that have both neighbours
     kept = np.mean([max(extent - window / 4, 0.0) / extent for extent in size])
     return float((window**2 - 1) * of_one * kept)
 
@@ -121,8 +125,8 @@ def pooling_seconds(size: tuple[int, int], noise: NoiseModel, /, *, window: int)
 class _Margins:
     """Frames of (height, width) pixels with margins of 0, as wide as neighbours reach, laid out flat.
 
-    A neighbour is then as many places away for every pixel, and a block of rows with its neighbours is a slice: all of it one
-    stretch of memory. The margin right of a row is also that left of the next.
+    A neighbour is then the same number of places away for every pixel, and a block of rows is a slice of contiguous
+    memory, as are its neighbours. The margin on the right of a row is also the margin on the left of the next row.
     """
 
     height: int
@@ -131,7 +135,7 @@ class _Margins:
 
     @property
     def row(self) -> int:
-        """Places from a pixel to the one below."""
+        """Number of places from a pixel to the pixel below."""
         return self.width + self.reach
 
     @property
@@ -139,17 +143,17 @@ class _Margins:
         """Place of the first pixel."""
         return self.reach * self.row + self.reach
 
-    def around(self, planes: int) -> Float32:
-        """Return planes of 0, (planes, places)."""
+    def zeros(self, planes: int) -> Float32:
+        """Return new planes of zeros with margins, (planes, places)."""
         return np.zeros((planes, self.height * self.row + 2 * self.first), np.float32)
 
     def inside(self, flat: Float32) -> Float32:
-        """Return the frames, (planes, Y, X), that flat planes hold, as a view."""
+        """Return a view of the frames inside flat planes, (planes, Y, X)."""
         frames = flat[:, self.first : self.first + self.height * self.row]
         return frames.reshape(len(flat), self.height, self.row)[:, :, : self.width]
 
     def blocks(self) -> list[slice]:
-        """Return the places of some rows at a time, with the margins right of them."""
+        """Return the places of each block of rows, with the margins on their right."""
         rows = -(-BLOCK_PIXELS // self.row)
         begins = range(0, self.height, rows)
         return [
@@ -158,55 +162,57 @@ class _Margins:
         ]
 
     def offsets(self) -> list[int]:
-        """Return how many places after the pixel the later of each pair of neighbours is."""
+        """Return, for every pair of neighbours, the number of places from the pixel to the later of the pair."""
         reach = range(-self.reach, self.reach + 1)
         away = [dy * self.row + dx for dy in reach for dx in reach]
         return [places for places in away if places > 0]
 
 
 @dataclass(frozen=True)
-class _Light:
-    """What neighbours give, flat: planes whose noise is 1 for a pixel of weight 1, (2·H, places), and the `weight`, (places,).
+class _Planes:
+    """The pixels of a frame as flat planes with margins.
 
-    `most` is the misfit that each pixel's noise explains. All are float32, which rounds phasors by 6e-8 of their length, far less
-    than noise, and takes half the time of float64.
+    `values`, (2·H, places), holds real and imaginary parts in units of the noise of one recorded pixel; `weight`,
+    (places,), is the number of recorded pixels. `limit` is the largest χ² that each pixel's noise explains. All are
+    float32, which rounds phasors by 6e-8 of their length, far less than noise, and takes half the time of float64.
     """
 
-    given: Float32
+    values: Float32
     weight: Float32
-    most: Float32
+    limit: Float32
 
 
 def _sums_of_alike(
-    light: _Light, reference: Float32, reference_most: Float32, margins: _Margins, *, bent: float = math.inf
+    planes: _Planes, reference: Float32, reference_limit: Float32, margins: _Margins, *, bent: float = math.inf
 ) -> Float32:
-    """Return the sums of what is given times its weight, and of the weights, of a pixel and of all pairs that agree with it.
+    """Return the weighted sums over each pixel and all pairs that agree with it, and the sums of the weights, (2·H + 1,
+    places).
 
-    They agree where the mean of both differs from the pixel's reference by no more than noise explains, and each of them from the
-    other by no more than that or what makes their mean smaller by the share `bent` of a pixel's noise. A few rows are dealt with
-    at a time, for all offsets, as they stay in the processor's cache then.
+    A pair agrees if its mean differs from the pixel's `reference` by no more than noise explains, and if its two pixels
+    differ from each other by no more than noise explains plus the difference that shortens their mean by the share
+    `bent` of a pixel's noise. One block of rows is compared with all its neighbours before the next block, because it
+    then stays in the processor's cache.
     """
-    sums = np.concatenate((light.given * light.weight, light.weight[np.newaxis]))
-    half = 0.5 * light.given
+    sums = np.concatenate((planes.values * planes.weight, planes.weight[np.newaxis]))
+    half = 0.5 * planes.values
     for here in margins.blocks():
-        total, of_reference = sums[:, here], reference[:, here]
+        # views, so that += changes `sums`
+        values, weights, of_reference = sums[:-1, here], sums[-1, here], reference[:, here]
         mean, squares = np.empty((2, *of_reference.shape), np.float32)
-        # half of what two differ by is a·δ, and δ²/2 of the amplitude a is missing
+        # phasors of amplitude a, turned by +δ and −δ: half their difference is a·δ, and their mean is shorter by a·δ²/2
         turned = 2.0 * bent * np.sqrt((of_reference * of_reference).sum(axis=0) / (len(of_reference) // 2))
         for offset in margins.offsets():
             after, before = (slice(here.start + to, here.stop + to) for to in (offset, -offset))
-            most = 0.25 * (light.most[after] + light.most[before])
+            limit = 0.25 * (planes.limit[after] + planes.limit[before])
             np.add(half[:, after], half[:, before], out=mean)
             np.subtract(mean, of_reference, out=squares)
             np.multiply(squares, squares, out=squares)
-            alike = squares.sum(axis=0) <= reference_most[here] + most
+            alike = squares.sum(axis=0) <= reference_limit[here] + limit
             if bent < math.inf:
                 np.subtract(half[:, after], half[:, before], out=squares)
                 np.multiply(squares, squares, out=squares)
-                alike &= squares.sum(axis=0) <= most + turned
-            weight = 2.0 * np.minimum(light.weight[after], light.weight[before]) * alike
-            # added to in place: an index on the left of += would be written back once more
-            values, weights = total[:-1], total[-1]
+                alike &= squares.sum(axis=0) <= limit + turned
+            weight = 2.0 * np.minimum(planes.weight[after], planes.weight[before]) * alike
             values += np.multiply(mean, weight, out=mean)
             weights += weight
     return sums

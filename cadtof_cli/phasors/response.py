@@ -1,4 +1,4 @@
-"""What a channel pair answers to one short path: the complex Fourier series g_h(t) = Σ_k G[h,k]·exp(i k ω_h t)."""
+"""The answer of a channel pair to one path of delay t: the complex Fourier series g_h(t) = Σ_k G[h,k]·exp(i k ω_h t)."""
 
 import math
 from functools import partial
@@ -14,7 +14,7 @@ NEGLIGIBLE_TERM = 1e-4
 """Terms of a triangle below this share of the fundamental are left out: 0.1 mm of depth at a period of 40 ns."""
 
 HIGHEST_TERM = 199
-"""Where the series of a triangle ends for pulses so short that none of its terms before is negligible."""
+"""Highest order of the series of a triangle; it ends there even if the pulse is so short that no term is negligible."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class HarmonicResponse:
     """The response of one harmonic's channel pair, in units of the modulation amplitude.
 
     `terms` are pairs (k, G[h,k]), k = 1 among them. A path of amplitude a and fundamental phase x gives the voltages
-    a·Σ_k G[h,k]·exp(ikθ) with θ = h·x plus the pixel's own phase. k = 0 is an offset that comes and goes with the laser;
-    one that is there whatever the light belongs to the dark calibration.
+    a·Σ_k G[h,k]·exp(ikθ) with θ = h·x plus the pixel's own phase. k = 0 is an offset that is proportional to the
+    laser's light; an offset that does not depend on the light belongs to the dark calibration.
     """
 
     harmonic: int
@@ -48,7 +48,7 @@ class HarmonicResponse:
 
     @property
     def linear(self) -> bool:
-        """Whether k = ±1 are all there is: then phasors follow from voltages by one real matrix."""
+        """Whether there are no terms but k = ±1: then one real matrix turns voltages into phasors."""
         return all(k in {1, -1} for k, _ in self.terms)
 
     def at(self, theta: Float, /) -> Complex:
@@ -60,23 +60,23 @@ class HarmonicResponse:
         return np.asarray(sum(1j * k * g * np.exp(1j * k * theta) for k, g in self.terms))
 
     def without_mirror(self, voltages: Complex, /) -> Complex:
-        """Solve v = G[h,1]·q + G[h,−1]·conj(q) for q, in which the imbalance is gone and the main term is 1."""
+        """Solve v = G[h,1]·q + G[h,−1]·conj(q) for q: voltages without imbalance, and with G[h,1] = 1."""
         scale = abs(self.main) ** 2 - abs(self.mirror) ** 2
         return np.asarray((np.conj(self.main) * voltages - self.mirror * np.conj(voltages)) / scale)
 
 
 def pulse_response(harmonic: int, /, *, fwhm_ns: float, period_ns: float) -> float:
-    """Return r_k = exp(−(k·2π·s/T1)²/2), by which a Gaussian pulse of standard deviation s shrinks harmonic k.
+    """Return r_k = exp(−(k·2π·s/T1)²/2), the factor by which a Gaussian pulse of standard deviation s shortens harmonic k.
 
-    The paper's Eq. (3) has another exponent and takes the factor as common to all harmonics; it is not: r1 = .994 and
-    r2 = .975 at 1.7 ns, and undivided they make one clean pulse look like two paths at ±0.72 ns. `period_ns` is T1, `fwhm_ns` the
-    full width of the pulse at half its maximum.
+    The paper's Eq. (3) has another exponent, and takes the factor as common to all harmonics. It is not: r1 = .994 and
+    r2 = .975 at 1.7 ns. If phasors are not divided by it, one clean pulse looks like two paths at ±0.72 ns. `period_ns`
+    is T1, `fwhm_ns` the full width of the pulse at half its maximum.
     """
     return math.exp(-0.5 * (harmonic * 2.0 * math.pi * fwhm_ns / FWHM_PER_SIGMA / period_ns) ** 2)
 
 
 def ideal_response(metadata: CaptureMetadata, /) -> tuple[HarmonicResponse, ...]:
-    """Return the response of every harmonic as waveform and pulse make it, without any defect.
+    """Return the response of every harmonic that follows from waveform and pulse, without any defect of the camera.
 
     Sine: k = 1 alone, r_h. Triangle: (8/π²)·(r_h, r_3h/9, r_5h/25, r_7h/49 …) at k = 1, −3, 5, −7 ….
     """

@@ -1,4 +1,4 @@
-"""Stored values → volts and phasors, and which pixels recorded them soundly."""
+"""Stored values → volts and phasors; which pixels are sound; pixels spread evenly over a frame."""
 
 from collections.abc import Sequence
 
@@ -12,11 +12,11 @@ from cadtof_cli.records import dataclass
 
 
 def volts_per_count(voltage: Voltage, dtype: np.dtype[np.generic], /) -> float:
-    """Return how many volts one step of values stored as `dtype` stands for: 1 for floats that nothing else is said of.
+    """Return the volts that one step of values stored as `dtype` stands for: 1 for floats, if the metadata say nothing else.
 
     Raises:
-        SettingsError: the values are integers and nothing says how many volts one count stands for, or unsigned and nothing
-            says which of them is 0 V.
+        SettingsError: the values are integers and the volts per count are unknown, or they are unsigned and the stored
+            value of 0 V is unknown.
     """
     if voltage.volts_per_count is None and dtype.kind != "f":
         raise SettingsError(
@@ -38,10 +38,10 @@ def volts_from_stored(stored: Stored, voltage: Voltage, /) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class PhasorMap:
-    """The affine map from stored values to normalised phasors, of each harmonic and pixel, with SC1 real and SC2 imaginary.
+    """The affine map from stored values to normalised phasors, for every harmonic and pixel; SC1 is real, SC2 imaginary.
 
-    float64 (H, 2, n), Re p and Im p along the second axis, and n = 1 where all pixels have the same map:
-    Re p = own[0]·SC1 + other[0]·SC2 + constant[0] and Im p = own[1]·SC2 + other[1]·SC1 + constant[1]. None stands for zeros.
+    Re p = own[0]·SC1 + other[0]·SC2 + constant[0] and Im p = own[1]·SC2 + other[1]·SC1 + constant[1]. The arrays are float64
+    (H, 2, n), with Re p and Im p along the second axis; n = 1 if all pixels have the same map. None stands for zeros.
     """
 
     own: Float
@@ -57,7 +57,8 @@ class PhasorMap:
 
 
 def ideal_phasor_map(metadata: CaptureMetadata, dtype: np.dtype[np.generic], /) -> PhasorMap:
-    """Return the map of a camera without defects: zero and gain, over the amplitude and G[h,1] of waveform and pulse.
+    """Return the map of a camera without defects: zero and volts per count, over the amplitude and G[h,1] of waveform
+    and pulse.
 
     Raises:
         SettingsError: see `volts_per_count`.
@@ -83,12 +84,12 @@ def pixel_phasor_map(
     """Return the maps that take out offset, gain, imbalance and phase, in this order.
 
     Args:
-        responses: of every harmonic; the terms k = ±1 are inverted here, exactly.
-        metadata: zero and volts per count of the stored values, and the modulation amplitude that phasors are counted in.
+        responses: one for every harmonic; the terms k = ±1 are inverted here, exactly.
+        metadata: zero and volts per count of the stored values, and the modulation amplitude, which is the unit of phasors.
         dtype: of the stored values.
-        offset_v: (H, 2, n) V, what the pixel shows without light.
-        phase_rad: (H, n), what the pixel adds to the phase of every path at that harmonic.
-        gain: (H, n), by which the pixel multiplies.
+        offset_v: (H, 2, n) V, the voltage of the pixel without light; None: 0.
+        phase_rad: (H, n), the phase that the pixel adds to every path at that harmonic; None: 0.
+        gain: (H, n), the factor on the pixel's voltage; None: 1.
         pixels: n.
 
     Raises:
@@ -116,7 +117,7 @@ def phasors_from_stored(stored: Stored, phasor_map: PhasorMap, /) -> Complex:
     """
     phasors = np.empty((stored.shape[0], stored.shape[2]), np.complex128)
     own, other, constant = phasor_map.own, phasor_map.other, phasor_map.constant
-    # of no pixel's value is an infinity worth a warning: status says it
+    # no warning about infinite values: the pixel's status tells of them
     with np.errstate(over="ignore", invalid="ignore"):
         for row, phasor in enumerate(phasors):
             channels = stored[row].astype(np.float64)
@@ -131,7 +132,7 @@ def phasors_from_stored(stored: Stored, phasor_map: PhasorMap, /) -> Complex:
 
 
 def saturated_pixels(stored: Stored, saturated_counts: tuple[float, float] | None, /) -> Bool:
-    """Return where any value of a pixel, (H, 2, …) → (…), lies at or beyond the limits; NaN does not."""
+    """Return the pixels, (H, 2, …) → (…), with any value at or beyond the limits; NaN is within them."""
     planes = stored.reshape(-1, *stored.shape[2:])
     if saturated_counts is None:
         return np.zeros(planes.shape[1:], np.bool_)
@@ -142,6 +143,15 @@ def saturated_pixels(stored: Stored, saturated_counts: tuple[float, float] | Non
 
 
 def sound_pixels(stored: Stored, saturated_counts: tuple[float, float] | None, /) -> Bool:
-    """Return where all values of a pixel, (H, 2, …) → (…), are finite and inside the limits."""
+    """Return the pixels, (H, 2, …) → (…), with all values finite and inside the limits."""
     planes = np.isfinite(stored).reshape(-1, *stored.shape[2:])
     return np.asarray(planes.all(axis=0) & ~saturated_pixels(stored, saturated_counts))
+
+
+def spread_over(stored: Stored, count: int, /) -> Stored:
+    """Return pixels, (H, 2, n), spread evenly over a frame, (H, 2, …): at least `count`, and fewer than twice as many.
+
+    If the frame has no more than `count` pixels, all of them are returned.
+    """
+    planes = stored.reshape(*stored.shape[:2], -1)
+    return planes[:, :, :: max(1, planes.shape[2] // count)]

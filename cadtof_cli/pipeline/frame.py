@@ -1,7 +1,8 @@
 """One frame through the stages: voltages → phasors → paths → maps. Pure: arrays and records in, arrays and records out.
 
-First come the stages that couple the pixels of a frame, in `prepare_frame` and nowhere else; then `resolve_pixels` resolves each
-pixel alone, block by block. A frame split over processes is prepared once, and its parts are resolved anywhere.
+First, `prepare_frame` does all that couples the pixels of a frame; no other function does. Then `resolve_pixels`
+resolves each pixel alone, block by block. If a frame is split over processes, it is prepared once, and any process can
+resolve a part of it.
 """
 
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.plausible import is_without_noise
+from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import (
@@ -41,19 +43,21 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 
 BLOCK_PIXELS = 38400
-"""Pixels per block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
-stays small however large the frames are."""
+"""Pixels per block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and few enough that memory
+stays small for frames of any size."""
 
 SEARCHED_BLOCK_PIXELS = 32768
-"""Pixels per block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
+"""Pixels per block if paths are searched or refined. The last steps of a search are for a few pixels, and cost the same
+for any size of block, so small blocks are slow."""
 
 
 TYPICAL_PIXELS = 256
-"""About as many pixels tell the typical light of a frame."""
+"""About how many pixels the typical light of a frame is measured with."""
 
 FREEING_ROUNDS = 3
-"""How often the tail is predicted again from phasors that the last prediction freed of the other terms of a response: rooms
-change no more after one, and a corner that fills the view by a tenth after these."""
+"""How many times the tail is predicted again, from phasors that the last prediction has freed of the other terms of a
+response. Rooms do not change after the first time; a corner that fills the view still changes by a tenth after the
+last."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +81,10 @@ def resolve_frame(
 
     Args:
         frame: stored values, or their mean.
-        plan: what to do with it.
-        calibration: the one that the plan names.
-        kernel: what resolves two paths of a sine, of `available_kernels`, all of which give the same bits; None: the chosen.
+        plan: what to do with the frame.
+        calibration: the calibration that the plan names.
+        kernel: the kernel, one of `available_kernels`, which all give the same bits; None: the one that `chosen_kernel`
+            returns.
 
     Raises:
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
@@ -99,7 +104,8 @@ def prepare_frame(
     calibration: "Calibration | None" = None,
     kernel: str | None = None,
 ) -> FramePixels:
-    """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
+    """Do all that couples the pixels of a frame: estimate its noise if that is unknown, pool neighbours, predict
+    diffuse MPI."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
     height, width = recorded.shape[2:]
     kernel = kernel or chosen_kernel()
@@ -113,11 +119,12 @@ def prepare_frame(
         noise = estimated_noise(
             recorded, samples, dtype=frame.dtype, metadata=plan.metadata, stages=stages, kernel=kernel
         )
-    same = is_without_noise(stored, noise)
+    same, correction = is_without_noise(stored, noise), stages.correction
+    if correction.noise is not None and not noise.estimated:
+        noise = _with_noise_of_calibration(noise, stored, samples, correction.phasor_map, correction.noise)
+    if samples is not None:
+        noise = replace(noise, samples=samples)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
-    if stages.correction.noise is not None and not noise.estimated:
-        noise = _with_noise_of_calibration(pixels, samples, stages, stages.correction.noise)
-    pixels = replace(pixels, noise=noise if samples is None else replace(noise, samples=samples))
     if plan.settings.pool > 1:
         from cadtof_cli.pipeline.neighbours import pooled_pixels
 
@@ -132,8 +139,8 @@ def resolve_pixels(
 ) -> DepthMaps:
     """Return the maps, (1, n), of a prepared frame's pixels, or of a part of them, resolved block by block.
 
-    What a pixel gets does not depend on which others are resolved with it, so neither the size of the blocks nor that of the
-    part changes a bit of the answer.
+    The answer of a pixel does not depend on the pixels that are resolved with it, so neither the size of the blocks nor
+    the size of the part changes a bit of it.
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     kernel = kernel or chosen_kernel()
@@ -142,7 +149,7 @@ def resolve_pixels(
     if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
-        _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
+        _fill_by_blocks(maps, pixels, plan, stages, kernel)
         longest = stages.response.longest if stages.response else 1.0
         clear_impossible(maps, noise=pixels.noise, amplitude_v=stages.depth.amplitude_v, longest=longest)
     if stages.depth.lamp is not None:
@@ -152,18 +159,17 @@ def resolve_pixels(
     return maps
 
 
-def _fill_by_blocks(
-    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str, *, calibrated: bool
-) -> None:
-    """Fill the maps of prepared pixels block by block, in numpy but for what `kernel` has of them."""
+def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
+    """Fill the maps of prepared pixels block by block, in numpy, with the compiled twins of single steps that `kernel`
+    has."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.response, pixels.tail
     step = plan.block_pixels or (BLOCK_PIXELS if stages.room == "two_path" else SEARCHED_BLOCK_PIXELS)
-    count = pixels.stored.shape[2]
-    for start in range(0, count, step):
-        here = slice(start, min(start + step, count))
-        block, there = pixels[here], slice(pixels.first + here.start, pixels.first + here.stop)
+    for start in range(0, pixels.stored.shape[2], step):
+        here = slice(start, start + step)
+        block = pixels[here]
+        there = slice(block.first, block.first + block.stored.shape[2])
         resolved = resolve_paths(
             stages.phasors(block),
             status=stages.status(block),
@@ -174,18 +180,18 @@ def _fill_by_blocks(
             tail=tail.block(there) if tail else None,
             kernel=kernel,
         )
-        if calibrated:
+        if plan.calibration is not None:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
         source = stages.depth.source(resolved, there, samples=block.noise.samples)
         write_block(maps, here, source, layers=stages.layers)
 
 
 def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
-    """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
+    """Fill the maps of prepared pixels in one call of the compiled kernel, with the bits that `_fill_by_blocks` gives."""
     status, samples = maps.status.reshape(-1), pixels.noise.samples
     common = int(StatusBit.CALIBRATED) if plan.calibration is not None else 0
     bits: int | None = common
-    # what was recorded, the kernel looks at itself
+    # the kernel itself finds saturated pixels, if it gets stored values
     if stages.correction.hot is not None or samples is not None:
         status[:] = stages.status(pixels, saturated=pixels.pooled is not None) | np.uint32(common)
         if samples is not None:
@@ -203,53 +209,59 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
 
 
 def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> ResolvedFrame:
-    """Return the resolved frame that the parts of a prepared frame make up, in their order."""
+    """Return the resolved frame whose parts, in their order, were resolved one by one; `pixels` is any part of the
+    prepared frame."""
     pages = np.concatenate([part.pages for part in parts], axis=-1).reshape(-1, *pixels.size)
     status = np.concatenate([part.status for part in parts], axis=-1).reshape(pixels.size)
     return ResolvedFrame(DepthMaps(parts[0].names, pages, status), pixels.noise, pixels.choice)
 
 
 def _with_noise_of_calibration(
-    pixels: FramePixels, samples: Float | None, stages: FrameStages, left: "CalibrationNoise"
+    noise: NoiseModel,
+    stored: Stored,
+    samples: Float | None,
+    phasor_map: PhasorMap,
+    calibration_noise: "CalibrationNoise",
 ) -> NoiseModel:
-    """Return the noise of a recorded pixel with what the calibration leaves in frames of such light.
+    """Return the noise of a recorded pixel, with the noise of the calibration added for the typical light of this frame.
 
-    An estimated noise has it: it scatters from pixel to pixel, as that of recordings does.
+    An estimated noise needs no such addition: the noise of the calibration differs from pixel to pixel, so the estimate
+    contains it.
     """
-    count = pixels.stored.shape[2]
-    phasors = stages.phasors(pixels, np.arange(0, count, max(1, count // TYPICAL_PIXELS)))
+    typical = slice(None, None, max(1, stored.shape[2] // TYPICAL_PIXELS))
+    phasors = phasors_from_stored(stored[:, :, typical], phasor_map[typical])
     with np.errstate(over="ignore", invalid="ignore"):
         powers = np.nan_to_num(median(np.abs(phasors) ** 2))
     frames = 1.0 if samples is None else float(np.median(samples))
-    return left.added_to(pixels.noise, powers=powers, frames=frames)
+    return calibration_noise.added_to(noise, powers=powers, frames=frames)
 
 
 def _with_predicted_mpi(
     pixels: FramePixels, stages: FrameStages, plan: DiffusePlan, window: int, kernel: str
 ) -> FramePixels:
-    """Choose a frame's model of MPI and, where that is diffuse, predict it from the frame's own geometry.
+    """Choose a frame's model of MPI; if it is diffuse, predict the tail from the frame's own geometry.
 
-    Its pixels are means over neighbours in a `window` of as many pixels along each side.
+    `window` is the side, in pixels, of the square of neighbours over which the pixels were pooled; 1 without pooling.
     """
     from cadtof_cli.phasors.pooling import shared_noise
     from cadtof_cli.pipeline.samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
-    noise, asked = pixels.noise, plan.settings
+    noise, settings = pixels.noise, plan.settings
     look_at = look_at_frames if noise.samples is None else look_at_frame
     look = look_at(stages, noise, pixels.stored.dtype, kernel) if pixels.pooled is None else None
-    looked_at: FrameSamples | None = None
+    sampled: FrameSamples | None = None
     if look is None:
-        looked_at = frame_samples(pixels, stages, plan.grid, kernel=kernel)
-        light = looked_at.light()
+        sampled = frame_samples(pixels, stages, plan.grid, kernel=kernel)
+        light = sampled.light()
     else:
         light = compiled_light(pixels.stored, look, plan.grid, kernel=kernel)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     variances = tuple(one.dark_variance for one in noise.each)
     shared = shared_noise(window, samples=samples, stride=plan.grid.stride, count=plan.grid.side // plan.grid.stride)
     means_of = partial(
-        patch_means, variance=variances[0] / samples, harmonics=asked.harmonics, shared=shared.pixels, kernel=kernel
+        patch_means, variance=variances[0] / samples, harmonics=settings.harmonics, shared=shared.pixels, kernel=kernel
     )
     means = means_of(light, light.seen)
     kinds = patch_kinds(
@@ -257,33 +269,33 @@ def _with_predicted_mpi(
         means,
         np.array(variances) / samples,
         grid=plan.grid,
-        settings=asked,
+        settings=settings,
         alike=shared.neighbours,
         kernel=kernel,
     )
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
         return replace(pixels, choice=choice)
-    # only frames with a tail need all of it
+    # imported here because only frames with a tail need it
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
     offset = stages.depth.range_offset_m
-    predicted = partial(
+    predict = partial(
         diffuse_model,
         grid=plan.grid,
         variances=variances,
-        settings=asked,
+        settings=settings,
         samples=samples,
         shared=shared.pixels,
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
         kernel=kernel,
     )
-    found = predicted(light, means, kinds)
-    if looked_at is not None and looked_at.response is not None:
+    model = predict(light, means, kinds)
+    if sampled is not None and sampled.response is not None:
         for _ in range(FREEING_ROUNDS):
-            if not isinstance(found, str):
-                light = looked_at.light(found)
-                found = predicted(light, means_of(light, light.seen), kinds)
-    if isinstance(found, str):
-        return replace(pixels, choice=replace(choice, reason=found))
-    return replace(pixels, choice=found.choice, tail=found)
+            if not isinstance(model, str):
+                light = sampled.light(model)
+                model = predict(light, means_of(light, light.seen), kinds)
+    if isinstance(model, str):
+        return replace(pixels, choice=replace(choice, reason=model))
+    return replace(pixels, choice=model.choice, tail=model)

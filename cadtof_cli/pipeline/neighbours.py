@@ -1,4 +1,4 @@
-"""What the neighbours of a frame's pixels tell of them: the noise where nothing else says it, and a mean of less noise."""
+"""The uses of a pixel's neighbours: the noise is estimated from them if it is unknown, and pooling takes means over them."""
 
 import math
 from dataclasses import replace
@@ -9,12 +9,13 @@ from cadtof_cli.arrays import Complex, Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, most_integration, noise_model
+from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.stages import FrameStages
 
 BLOCK_PIXELS = 32768
-"""Pixels whose paths are searched for at a time, so that memory stays small however large the frames are."""
+"""Pixels per block of a search for paths, so that memory stays small for frames of any size."""
 
 
 def estimated_noise(
@@ -27,21 +28,22 @@ def estimated_noise(
     stages: FrameStages,
     kernel: str,
 ) -> NoiseModel:
-    """Return the noise of one recording, by how the pixels of a frame, (H, 2, Y, X), scatter.
+    """Return the noise of one recording, estimated from the scatter of the pixels of a frame, (H, 2, Y, X).
 
-    Where pixels have phases of their own, these scatter, too. What they change is taken away as that of one path in each, and
-    then, with the noise that this leaves, as that of the paths that are found.
+    If pixels have phases of their own inside a response with further terms, these phases scatter too. Their effect is
+    removed twice: first as if each pixel had one path, which gives a first noise; then with the paths that are found
+    with that noise.
 
     Args:
         recorded: stored values, or their mean over frames.
-        samples: over how many frames each pixel is a mean, (Y·X,); None: over one.
-        dtype: that the values were recorded in.
-        metadata: of the capture.
-        stages: of the frame.
-        kernel: what resolves paths, of `available_kernels`.
+        samples: number of frames that each pixel is a mean of, (Y·X,); None: one.
+        dtype: type in which the values were recorded.
+        metadata: metadata of the capture.
+        stages: stages of the frame.
+        kernel: the kernel with which paths are resolved, one of `available_kernels`.
 
     Raises:
-        FrameError: too few of its pixels are finite.
+        FrameError: too few of the frame's pixels are finite and not saturated.
     """
     stored, size = recorded.reshape(*recorded.shape[:2], -1), (recorded.shape[2], recorded.shape[3])
     phasors = phasors_from_stored(stored, stages.correction.phasor_map)
@@ -55,7 +57,7 @@ def estimated_noise(
                 "saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
             )
         if samples is not None:
-            # 1/(2·n_av − 1) of one recording is so many times that of the mean
+            # 1/(2·n_av − 1) of one recording is that of the mean, times the number of frames
             estimate = 0.5 * (1.0 + (2.0 * estimate - 1.0) / float(np.median(samples)))
         length = min(estimate, most_integration(metadata, quantised=dtype.kind in "iu"))
         return noise_model(metadata, integration_length=length, quantised=False, estimated=True)
@@ -71,10 +73,8 @@ def estimated_noise(
 
 
 def pooled_pixels(pixels: FramePixels, stages: FrameStages, /, *, window: int, kernel: str) -> FramePixels:
-    """Return the pixels of a frame as means over neighbours with the same light, in a window of so many along each side."""
+    """Return the pixels of a frame, pooled over neighbours with the same light in a square of `window` × `window` pixels."""
     phasors, samples = _without_own_phases(stages.phasors(pixels), pixels, stages, kernel), pixels.noise.samples
-    from cadtof_cli.phasors.pooling import pooled_phasors
-
     pooled = pooled_phasors(
         phasors.reshape(-1, *pixels.size),
         usable=(np.isfinite(phasors).all(axis=0) & (stages.status(pixels) == 0)).reshape(pixels.size),
@@ -87,9 +87,10 @@ def pooled_pixels(pixels: FramePixels, stages: FrameStages, /, *, window: int, k
 
 
 def _without_own_phases(phasors: Complex, pixels: FramePixels, stages: FrameStages, kernel: str) -> Complex:
-    """Return the phasors of a frame, (H, n), as pixels would have recorded them that add nothing to phases of their own.
+    """Return the phasors of a frame, (H, n), that pixels without phases of their own would have recorded.
 
-    A sine's are so already. Of other responses, that follows from the paths of the pixels.
+    With a sine, the phasor map has removed these phases already. With other responses, the phasors follow from the
+    pixels' paths.
     """
     response = stages.correction.response
     if response is None or response.phase_rad is None:

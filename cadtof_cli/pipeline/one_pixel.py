@@ -1,4 +1,4 @@
-"""One pixel of a prepared frame: its phasors with their noise, and what each number of paths makes of them."""
+"""One pixel of a prepared frame: its phasors with their noise, and the fits of one and of two paths."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ from cadtof_cli.resolver.status import StatusBit
 
 @dataclass(frozen=True)
 class PathNumbers:
-    """A path as a map would tell it: depth and its standard deviation in m, amplitude in V."""
+    """A path in the units of a map: depth and its standard deviation in m, amplitude in V."""
 
     depth_m: float
     amplitude_v: float
@@ -32,15 +32,15 @@ class PathNumbers:
 
 @dataclass(frozen=True)
 class OrderTest:
-    """The numbers by which a pixel gets one path or two.
+    """The numbers of the order test, which decides whether a pixel gets one path or two.
 
     Attributes:
-        chi_squared: what one path leaves over the noise.
-        threshold: what noise alone leaves with a probability of `false_alarm`; more asks for another path.
+        chi_squared: χ² of the fit of one path.
+        threshold: χ² that noise alone exceeds with the probability `false_alarm`; above it, a second path is considered.
         false_alarm: that probability.
-        moved_m: by how much another path moves the direct one.
-        needed_m: by how much it must, so that what it costs in scatter is worth it; NaN where it costs nothing.
-        worth_another: whether it does.
+        moved_m: distance by which a second path moves the direct path.
+        needed_m: least such distance that is worth the larger standard deviation; NaN if a second path does not increase it.
+        worth_another: whether the second path is worth it (`resolver/order.py: worth_another`).
     """
 
     chi_squared: float
@@ -53,17 +53,18 @@ class OrderTest:
 
 @dataclass(frozen=True, eq=False)
 class PixelEvidence:
-    """What there is to know of one pixel.
+    """All numbers that lead to the answer of one pixel.
 
     Attributes:
         phasors: complex128 (H,), normalised, as they were resolved: calibrated, averaged, pooled.
-        covariance: (H, 2, 2), of real and imaginary part, for the light that was found.
-        noise: that the pixel was resolved with.
-        one: the fit of one path, with its χ²; None where there is none.
-        two: the fit of two paths, direct first; None where the harmonics have none.
-        test: the order test; None where no test is asked for.
+        covariance: (H, 2, 2), of real and imaginary part, for the light of the resolved paths.
+        noise: the noise with which the pixel was resolved.
+        one: the fit of one path, and its χ²; None if there is no such fit.
+        two: the fit of two paths, the direct one first; None if the harmonics cannot tell two paths.
+        test: the order test; None if the settings ask for no test.
         resolved: the answer.
-        in_separate_patch: whether a frame with a tail leaves the pixel to separate paths; None: there is no tail.
+        in_separate_patch: whether the pixel is resolved as separate paths although the frame has a tail; None: it has
+            no tail.
     """
 
     phasors: Complex
@@ -79,7 +80,7 @@ class PixelEvidence:
 def pixel_evidence(
     pixels: FramePixels, index: int, /, *, plan: FramePlan, calibration: Calibration | None = None
 ) -> PixelEvidence:
-    """Return what there is to know of the pixel with a flat index in a prepared frame.
+    """Return all numbers that lead to the answer of the pixel with a flat index in a prepared frame.
 
     Raises:
         SettingsError: the plan does not fit the frame's type.
@@ -126,7 +127,7 @@ def pixel_evidence(
 def _fit(
     phasors: Complex, count: int, pixel: FramePixels, here: slice, plan: FramePlan, stages: FrameStages
 ) -> Fit | None:
-    """Return the fit of a number of paths to one pixel, as the driver asks the solver for it; None: it has none."""
+    """Return the fit of a number of paths to one pixel, by the same solver as in the driver; None if it has no such fit."""
     harmonics, response = pixel.noise.harmonics, stages.response
     settings = plan.resolver
     try:
@@ -153,7 +154,8 @@ def _fit(
 def _numbers(
     fit: Fit, row: int, resolved: ResolvedPaths, stages: FrameStages, here: slice, pixel: FramePixels, extra: float
 ) -> PathNumbers:
-    """Return a fit's path in the units of a map; `extra` is the variance that a frame's tail adds to its phase."""
+    """Return the path in a row of a fit, in the units of a map; `extra` is the variance that a frame's tail adds to its
+    phase."""
     with np.errstate(all="ignore"):
         sigma = np.sqrt(np.square(fit.paths.sigma_rad) + extra)
         paths = Paths(fit.paths.amplitude, fit.paths.phase_rad, sigma)
@@ -168,7 +170,7 @@ def _order_test(one: Fit, two: Fit, plan: FramePlan, noise: NoiseModel, metres: 
     direct, single = two.paths[0], one.paths[0]
     lead = np.abs(direct.phase_rad - single.phase_rad)
     with np.errstate(invalid="ignore"):
-        # of no light at all, both are infinite
+        # without any light both standard deviations are infinite, and their difference is NaN
         cost = 2.0 * (np.square(direct.sigma_rad) - np.square(single.sigma_rad))
         moved, needed = np.minimum(lead, 2.0 * np.pi - lead) * metres, np.sqrt(cost) * metres
         worth = bool(worth_another(direct, single)[0])
@@ -178,9 +180,9 @@ def _order_test(one: Fit, two: Fit, plan: FramePlan, noise: NoiseModel, metres: 
 
 
 def _covariance(phasors: Complex, paths: Paths, noise: NoiseModel) -> Float:
-    """Return the covariance of each harmonic's phasor, (H, 2, 2), for the light of the paths that were found.
+    """Return the covariance of each harmonic's phasor, (H, 2, 2), for the light of the resolved paths.
 
-    NaN where no light gives such a phasor: that of a saturated pixel.
+    NaN if no light gives such a phasor, as in a saturated pixel.
     """
     samples = 1.0 if noise.samples is None else float(noise.samples[0])
     amplitude, phase = np.nan_to_num(paths.amplitude), np.nan_to_num(paths.phase_rad)

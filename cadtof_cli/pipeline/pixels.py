@@ -1,4 +1,4 @@
-"""Pixels of one frame, all of them or a part, on their way from what couples them to where each is resolved alone."""
+"""Pixels of one frame, all of them or a part: the record that `prepare_frame` returns and `resolve_pixels` takes."""
 
 import itertools
 from dataclasses import replace
@@ -19,18 +19,19 @@ EVERY = slice(None)
 
 @dataclass(frozen=True, eq=False)
 class FramePixels:
-    """Consecutive pixels of a frame after the stages that couple pixels: from here on each is resolved alone.
+    """n consecutive pixels of a frame after the stages that couple pixels: from here on each pixel is resolved alone.
 
     Attributes:
         stored: values as recorded, or their mean over frames, (H, 2, n).
-        dtype: type that they were recorded in.
+        dtype: type in which the values were recorded.
         size: (Y, X) of the whole frame.
         first: flat index of the first of the n pixels.
-        noise: of a recorded pixel, with how many each of the n is a mean of.
-        pooled: means over neighbours, (H, n), instead of the phasors that follow from `stored`; None: there are none.
-        without_noise: whether all pixels of the frame hold the same, which no camera records.
-        choice: which model of MPI the frame was found to have; None where there was no choice.
-        tail: what its MPI is predicted by where it is diffuse; None where it is not.
+        noise: noise of a recorded pixel, and the number of recorded pixels that each of the n is a mean of.
+        pooled: phasors that are means over neighbours, (H, n), and replace the phasors that follow from `stored`; None:
+            not pooled.
+        without_noise: whether all pixels of the frame hold the same values, which no camera records.
+        choice: the model of MPI that was chosen for the frame; None if there was no choice.
+        tail: the model that predicts diffuse MPI; None if the frame has none.
     """
 
     stored: Stored
@@ -44,7 +45,7 @@ class FramePixels:
     tail: "DiffuseModel | None" = None
 
     def places(self, chosen: SomePixels, /) -> SomePixels:
-        """Return where in the frame some of the pixels stand, as flat indices."""
+        """Return the flat indices, in the frame, of some of the pixels."""
         if isinstance(chosen, slice):
             start, stop, _ = chosen.indices(self.stored.shape[2])
             return slice(self.first + start, self.first + stop)
@@ -60,6 +61,6 @@ class FramePixels:
         )
 
     def parts(self, count: int, /) -> tuple["FramePixels", ...]:
-        """Return the pixels in so many parts of the same size, give or take one."""
+        """Return the pixels in `count` parts, which differ in size by one pixel at most."""
         edges = (index * self.stored.shape[2] // count for index in range(count + 1))
         return tuple(self[begin:end] for begin, end in itertools.pairwise(edges))

@@ -1,6 +1,6 @@
-"""All that decides what the maps of a frame are, besides its pixels.
+"""Everything that decides the maps of a frame, besides its pixels: metadata, settings, calibration.
 
-Commands read their options' defaults from here, so nothing heavy is imported before it is needed.
+Commands read the defaults of their options here, so heavy modules are imported only when they are needed.
 """
 
 import math
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 DepthKind = Literal["range", "z"]
 
 MOST_POOLED = 255
-"""Side of the square of neighbours: the time of pooling grows with its square, to minutes per frame."""
+"""Largest side of the square of neighbours. The time of pooling grows with the square of the side, to minutes per frame."""
 
 MOST_AVERAGED = 1_000_000
-"""Frames: days of recording."""
+"""Largest number of frames that are averaged into one: days of recording."""
 
 DEPTH_IN_WORDS: dict[DepthKind, str] = {"range": "radial range", "z": "planar depth z"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class MapSettings:
-    """What a user can choose about maps."""
+    """The settings of maps that a user can choose."""
 
     resolver: ResolverSettings = field(default_factory=ResolverSettings)
     depth: DepthKind = setting("range", "range: distance along the ray. z: planar depth; needs the focal length.")
@@ -73,7 +73,8 @@ class MapSettings:
             raise SettingsError(f"--min-confidence: found {least}, expected a voltage, 0 or more")
 
     def require_roi_within(self, pixels: tuple[int, int], /, *, of: str) -> None:
-        """Raise SettingsError where the region of interest leaves the (Y, X) pixels of a frame or capture of that name."""
+        """Raise SettingsError if the region of interest is not inside the (Y, X) pixels; the message names the frame or
+        capture `of`."""
         if self.roi and (self.roi[2] > pixels[1] or self.roi[3] > pixels[0]):
             found = ",".join(map(str, self.roi))
             raise SettingsError(f"--roi: found {found}, expected it inside the {size_text(pixels)} pixels of {of}")
@@ -81,9 +82,9 @@ class MapSettings:
 
 @dataclass(frozen=True)
 class CalibrationUse:
-    """A calibration folder and its digest: what crosses to a worker, which reads the folder once.
+    """A calibration folder and its digest. A worker gets these instead of the calibration, and reads the folder once.
 
-    `curved` is false where the ranges are to stay as the lens makes them.
+    `curved` says whether field curvature is taken out of the ranges.
     """
 
     folder: Path
@@ -97,9 +98,9 @@ class FramePlan:
 
     Attributes:
         metadata: how the frames were recorded.
-        settings: what the user has chosen.
-        calibration: what is applied to the frames; None for nothing.
-        block_pixels: pixels resolved at a time; None for as many as suit the solver.
+        settings: the choices of the user.
+        calibration: the calibration that is applied to the frames; None: none.
+        block_pixels: number of pixels in a block; None: a number that suits the solver.
     """
 
     metadata: CaptureMetadata
@@ -116,21 +117,22 @@ class FramePlan:
         resolver.room(modulation.harmonics, sine=modulation.waveform == "sine")
 
     def __hash__(self) -> int:
-        """Return a hash of a few values that tell plans apart: it is asked for with every frame."""
+        """Return a hash of a few values that tell plans apart. Caches ask for it with every frame, so it has to be quick."""
         return hash(
             (self.metadata.pixel.integration_length, self.settings.pool, self.settings.depth, self.block_pixels)
         )
 
     @cached_property
     def resolver(self) -> ResolverSettings:
-        """The settings of the resolver, with the least confidence in units of the phasors."""
+        """The settings of the resolver, with the least confidence in units of the modulation amplitude, as phasors have
+        it."""
         least_v = self.settings.min_confidence_v
         least = None if least_v is None else least_v / self.metadata.modulation.amplitude_v
         return replace(self.settings.resolver, min_confidence=least)
 
     @cached_property
     def header(self) -> "MapHeader":
-        """What the headers of all maps say, but for the name of the recorded frame."""
+        """The header of all maps; the name of the recorded frame is still empty."""
         from cadtof_cli.files.maps import SOURCE, MapHeader
 
         periods = ", ".join(f"{period:g}" for period in self.metadata.modulation.periods_ns)
@@ -143,7 +145,7 @@ class FramePlan:
 
     @property
     def layers(self) -> "tuple[Layer, ...]":
-        """The layers that the maps get, besides the status."""
+        """The layers of the maps, besides the status."""
         from cadtof_cli.maps.layers import wanted_layers
 
         resolver, averaged = self.settings.resolver, self.settings.pool > 1 or self.settings.average > 1
@@ -151,5 +153,5 @@ class FramePlan:
         return wanted_layers(paths=resolver.paths, searched=searched, averaged=averaged)
 
     def expected_seconds(self, pixels: int, /) -> float:
-        """Return about how long a core takes for a frame of so many pixels."""
+        """Return about how many seconds one core takes for a frame of so many pixels."""
         return pixels * self.settings.resolver.seconds_per_pixel(len(self.metadata.modulation.harmonics))

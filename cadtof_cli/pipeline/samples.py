@@ -1,4 +1,4 @@
-"""The pixels that a frame's MPI is looked at by, and what a sine would have recorded of them."""
+"""The sampled pixels by which a frame's MPI is judged, with the phasors that a sine would have recorded in them."""
 
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FrameSamples:
-    """Some of a frame's pixels, on its grid of patches.
+    """The n sampled pixels of a frame, on its grid of patches.
 
     Attributes:
-        places: where they lie in the frame, flat, (rows, columns).
-        recorded: their phasors, (H, n).
-        of_paths: what a sine would have recorded of the paths that fit them, (H, n).
-        usable: which have an answer, (n,).
-        response: of their channel pairs; None for a sine.
-        harmonics: their numbers.
-        grid: of the frame.
+        places: flat indices of the pixels in the frame, (rows, columns).
+        recorded: phasors of the pixels, (H, n).
+        of_paths: phasors that a sine would have recorded of the paths that fit `recorded`, (H, n).
+        usable: the pixels that have an answer, (n,).
+        response: response of the pixels' channel pairs; None for a sine.
+        harmonics: numbers of the harmonics.
+        grid: grid of the frame.
     """
 
     places: Index
@@ -41,7 +41,8 @@ class FrameSamples:
     grid: PatchGrid
 
     def light(self, tail: "DiffuseModel | None" = None, /) -> PatchLight:
-        """Return the light of the patches, freed of the response's other terms as far as is known: by paths, or by a tail."""
+        """Return the light of the patches, freed of the response's other terms: by the paths of the pixels, or by a
+        known tail."""
         phasors = self.of_paths
         if tail is not None and self.response is not None:
             from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
@@ -59,20 +60,20 @@ class FrameSamples:
 
     @cached_property
     def _alone_rad(self) -> Float:
-        """The phases of a single path, (n,), which every prediction of the tail begins with."""
+        """The phases of a single path in each pixel, (n,), from which the pixels are freed of other terms with every tail."""
         from cadtof_cli.resolver.response.as_sine import first_phase
 
         return first_phase(self.recorded[0], response=self.response)
 
 
 def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /, *, kernel: str) -> FrameSamples:
-    """Return the pixels that a frame is looked at by, by numpy but for a search for paths."""
+    """Return the sampled pixels of a frame. This is numpy, apart from a search for paths by `kernel`."""
     places = _sampled(pixels.size)
     chosen = places.ravel()
     phasors, noise, response = stages.phasors(pixels, chosen), pixels.noise[chosen], stages.response
     of_paths = phasors
     with np.errstate(over="ignore", invalid="ignore"):
-        # values that no camera stores, and NaN, are what the screening finds
+        # no warnings: the screening finds NaN, and values that no camera stores
         powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
         status, _ = screened(
             np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
@@ -88,5 +89,5 @@ def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /, 
 
 @lru_cache(maxsize=4)
 def _sampled(size: tuple[int, int]) -> Index:
-    """Return the flat indices of the pixels that a frame is looked at by, (rows, columns)."""
+    """Return the flat indices of the sampled pixels of a frame, (rows, columns)."""
     return sealed(np.arange(size[0] * size[1]).reshape(size)[sampled_pixels(*size)].copy())

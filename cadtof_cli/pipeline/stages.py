@@ -1,4 +1,4 @@
-"""What every frame of one plan, type and size shares: how stored values become phasors, paths and maps."""
+"""Everything that all frames of one plan, type and size share: how stored values become phasors, paths and maps."""
 
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class DiffusePlan:
-    """How the MPI of frames is predicted where it is diffuse: the patches that they are cut into, and what is asked for."""
+    """How diffuse MPI is predicted: the grid of patches of a frame, and the settings of the prediction."""
 
     grid: "PatchGrid"
     settings: "DiffuseSettings"
@@ -40,18 +40,18 @@ class DiffusePlan:
 
 @dataclass(frozen=True, eq=False)
 class FrameStages:
-    """What every block of frames of one plan, type and size shares.
+    """Everything that all blocks of frames of one plan, type and size share.
 
     Attributes:
-        saturated_counts: stored values at or beyond these are saturated; None: none are.
-        correction: of the stored values.
+        saturated_counts: stored values at or beyond these limits are saturated; None: no value is.
+        correction: correction of the stored values.
         depth: how paths become metres and volts.
-        resolver: settings, with the least confidence in units of the phasors.
-        response: of the pixels as they are resolved: pooled ones have no phase of their own. None for a sine.
-        room: of the resolver, whose solver answers.
-        layers: of the maps, besides the status.
-        noise: of a recorded pixel; None: it is to be estimated from each frame.
-        diffuse: how MPI is predicted; None: it is taken for separate paths.
+        resolver: settings of the resolver, with the least confidence in units of the modulation amplitude.
+        response: response with which pixels are resolved; pooled pixels have no phase of their own. None for a sine.
+        room: name of the resolver's room with the solver for these frames.
+        layers: layers of the maps, besides the status.
+        noise: noise of a recorded pixel; None: it is estimated from each frame.
+        diffuse: how diffuse MPI is predicted; None: MPI is always taken for separate paths.
     """
 
     saturated_counts: tuple[float, float] | None
@@ -65,13 +65,15 @@ class FrameStages:
     diffuse: DiffusePlan | None
 
     def phasors(self, pixels: FramePixels, chosen: SomePixels = EVERY) -> Complex:
-        """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
+        """Return the phasors of all or some of the pixels, (H, n): the pooled ones, or those that follow from the
+        stored values."""
         if pixels.pooled is not None:
             return _some(pixels.pooled, chosen)
         return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
 
     def status(self, pixels: FramePixels, chosen: SomePixels = EVERY, *, saturated: bool = True) -> Status:
-        """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
+        """Return the status bits, (n,), of all or some of the pixels that are known before phasors are: hot and, if
+        `saturated`, saturated pixels. Such pixels get no answer."""
         hot = self.correction.hot
         bits = np.uint32(0) if hot is None else hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
         if saturated:
@@ -81,7 +83,7 @@ class FrameStages:
 
 
 def _some(planes: Stored, chosen: SomePixels) -> Stored:
-    """Return some pixels of planes, (…, n), each plane's as neighbours."""
+    """Return some pixels of planes, (…, n) → (…, m), with the values of each plane side by side in memory."""
     return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
 
 
@@ -89,7 +91,11 @@ def _some(planes: Stored, chosen: SomePixels) -> Stored:
 def frame_stages(
     plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int]
 ) -> FrameStages:
-    """Return what every block of frames of one plan, type and size shares; raises SettingsError where they do not fit."""
+    """Return the stages of all frames of one plan, type and size.
+
+    Raises:
+        SettingsError: the frames do not fit the plan or the calibration.
+    """
     if (plan.calibration is None) != (calibration is None):
         raise ValueError("a plan with a calibration needs it loaded, and one without has no use for it")
     metadata = plan.metadata
@@ -142,9 +148,12 @@ def kernel_of_frame(
     kernel: str,
     tail: "DiffuseModel | None" = None,
 ) -> FrameKernel:
-    """Return what resolves `count` pixels of a frame from a flat index on, from what was recorded or from complex phasors."""
+    """Return the compiled kernel for `count` pixels of a frame, from the flat index `first` on.
+
+    It takes stored values, or phasors if `source_type` is complex.
+    """
     block = slice(first, first + count)
-    most, more = most_volts(noise, stages.depth.amplitude_v)
+    most_v, noise_v = most_volts(noise, stages.depth.amplitude_v)
     buffers = None
     if tail is not None:
         from cadtof_cli.resolver.diffuse.pixels import tail_buffers
@@ -157,8 +166,8 @@ def kernel_of_frame(
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
         tail=buffers,
-        most_volts=most,
-        noise_volts=more,
+        most_volts=most_v,
+        noise_volts=noise_v,
     )
     return FrameKernel(
         scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type, kernel=kernel
@@ -166,18 +175,20 @@ def kernel_of_frame(
 
 
 kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
-"""`kernel_of_frame`, worked out once for frames that share it: nothing in it is a frame's own."""
+"""`kernel_of_frame` with a cache, for frames that have nothing of their own in it: no tail and no samples."""
 
 
 def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic], kernel: str) -> "Look | None":
-    """Return what the kernel looks at recorded pixels with; None where numpy has to."""
+    """Return the `Look` with which the compiled kernel judges the light of a frame; None if only numpy can do that."""
     from cadtof_cli.resolver.diffuse.light import Look
 
-    own, saturated = stages.correction, stages.saturated_counts
-    if own.response is not None:
+    correction, saturated = stages.correction, stages.saturated_counts
+    if correction.response is not None:
         return None
-    return Look.of(stages.resolver, noise, own.phasor_map, saturated, own.hot, stored=stored, kernel=kernel)
+    return Look.of(
+        stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored, kernel=kernel
+    )
 
 
 look_at_frames = lru_cache(maxsize=4)(look_at_frame)
-"""`look_at_frame`, worked out once for frames that share it: nothing in it is a frame's own."""
+"""`look_at_frame` with a cache, for frames that have nothing of their own in it: no samples."""

@@ -1,4 +1,4 @@
-"""Frames of a covered lens → each pixel's offset and noise, and the pixels that cannot be trusted."""
+"""Frames of a covered lens → each pixel's offset and noise, and the defective pixels."""
 
 import math
 
@@ -12,30 +12,33 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean, median_variance_ratio
 
 OFFSET_LIMIT = 8.0
-"""Robust standard deviations beyond which an offset is an outlier: Gaussian offsets reach 5.5 in a megapixel."""
+"""An offset is an outlier beyond this many robust standard deviations. Gaussian offsets reach 5.5 in a megapixel."""
 
 ROUNDING = 8.0 * float(np.finfo(np.float32).eps)
-"""Where there is no noise: share of the median offset that rounding may move an offset by."""
+"""Share of the median offset by which rounding may move an offset; this is the limit for outliers if there is no noise."""
 
 ROUNDING_V = 1e-12
-"""Where there is no noise: volts that rounding may move an offset by where the median offset is near 0."""
+"""Volts by which rounding may move an offset; this is the limit for outliers if there is no noise and the median offset
+is near 0."""
 
 NOISE_FALSE_ALARM = 1e-9
-"""Probability that a sound pixel's noise is taken for an outlier by chance; it must also differ by `NOISE_RATIO`."""
+"""Probability that a sound pixel's noise is an outlier by chance. Its noise must also differ by `NOISE_RATIO`."""
 
 MOST_ALIKE = 0.1
-"""Sound channels of a whole array that may hold the same count in all frames by chance, where those that do are called dead."""
+"""Largest expected number of sound channels, in the whole array, that hold the same count in all frames by chance. If
+more are expected, no pixel is called dead."""
 
 NOISE_RATIO = 2.0
-"""Least ratio of the noise of an outlier to that of the other pixels, or the other way round."""
+"""Least ratio of an outlier's noise to the noise of the other pixels, or of theirs to its."""
 
 
 def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:
-    """Return the dark calibration from the mean, in V, of covered-lens frames.
+    """Return the dark calibration from the mean, in V, of frames of a covered lens.
 
-    A pixel is an outlier where its offset lies `OFFSET_LIMIT` robust standard deviations from the median of its plane, or
-    its noise is outside what χ² allows around the plane's median variance. With one frame there is no noise to judge by, and with
-    few frames of counts none is too small: they may hold the same by chance.
+    A pixel is an outlier if its offset is more than `OFFSET_LIMIT` robust standard deviations from the median of its
+    plane, or if its variance is outside the limits of χ² around the plane's median variance. With one frame, noise is
+    not judged. With few frames of counts, no noise counts as too small, because sound pixels may hold the same count by
+    chance.
 
     Raises:
         SettingsError: no pixel is sound in every frame.
@@ -63,10 +66,11 @@ def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:
 
 
 def tells_dead(mean: FrameMean, /) -> bool:
-    """Return whether there are so many frames that a sound pixel does not hold the same value in all of them by chance.
+    """Return whether there are enough frames to tell dead pixels: no sound pixel then holds the same value in all of
+    them by chance.
 
-    Of n Gaussian values that are rounded to steps of s, all are the same with a probability of (s/(σ·√(2π)))^(n − 1)/√n, where s
-    is no larger than σ.
+    n Gaussian values that are rounded to steps of s are all the same with a probability of (s/(σ·√(2π)))^(n − 1)/√n, if
+    s is no larger than σ.
     """
     if not mean.step:
         return True
@@ -80,7 +84,8 @@ def _planes(values: Float) -> Float:
 
 
 def _variance_limits(frames: int) -> tuple[float, float]:
-    """Return the least and the largest sample variance of a sound pixel over the true one, from so many frames."""
+    """Return the least and the largest sample variance that a sound pixel may have in so many frames, over its true
+    variance."""
     from scipy.stats import chi2
 
     freedom = frames - 1

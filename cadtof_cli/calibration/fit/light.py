@@ -1,9 +1,12 @@
-"""Whether frames that should be dark saw light: what light does to pixels, harmonics and channels, and offsets do not.
+"""Whether frames that should be dark saw light, by two signs: the law that ties the harmonics of light, and the level.
 
-Light that arrives at a phase φ gives the fundamental A·exp(iφ), and harmonic h a multiple of A·exp(ihφ), the same multiple in
-every pixel, whatever gains and delays the camera has. Offsets may differ from pixel to pixel, lean over the array, be alike in
-rows, in columns or in all harmonics: what they tie together is tied by a linear map, if at all. Where all light comes at one
-phase that tells nothing; then there is the level, which a stored zero that is known keeps small.
+The law: light of phase φ gives the fundamental A·exp(iφ), and gives harmonic h a multiple of A·exp(ihφ). The multiple
+is the same in every pixel, whatever gains and delays the camera has. Offsets may differ from pixel to pixel, slope over
+the array, or be alike in rows, in columns or in all harmonics. If the offsets of two harmonics are related at all, the
+relation is a linear map.
+
+The level: if all light has one phase, the law tells nothing. But then all pixels have a phasor in common, and offsets
+have only a small one if the stored zero is right.
 """
 
 from dataclasses import dataclass
@@ -14,25 +17,26 @@ from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.calibration.fit.robust import centre_and_spread
 
 OUTLIER = 6.0
-"""Robust standard deviations from the median of its plane beyond which a pixel is left out."""
+"""A pixel is left out if it is more than this many robust standard deviations from the median of its plane."""
 
 LEAST_PIXELS = 200
-"""Usual pixels from which on anything is said: fewer tell neither the law of light nor what they have in common."""
+"""Least number of pixels that are no outliers; fewer show neither the law of light nor the level."""
 
 LEAST_KNOWN = 50
-"""Pixels or blocks that the test of the law needs."""
+"""Least number of pixels, or of blocks, for the test of the law."""
 
 BLOCK = 5
-"""Pixels that a block's side has: the median of a block keeps the light of a scene, and little of the pixels' own offsets."""
+"""Side of a block, in pixels. The median of a block keeps the light of a scene, and little of the pixels' own offsets."""
 
 LAW_SHARE = 0.05
-"""Share of a harmonic's residuals from a linear map that, if the law of light predicts it, is no longer chance."""
+"""Share of a harmonic's residuals from a linear map that the law of light may predict by chance."""
 
 LAW_SHARE_OF_ROWS = 6.0
-"""The share `LAW_SHARE` times the rows or columns, whichever are fewer: offsets of whole rows are no more independent values."""
+"""The same share times the number of rows or columns, whichever is smaller; the larger of both shares counts. Offsets
+that are alike in whole rows give only as many independent values as there are rows."""
 
 LIGHT_LEVEL = 0.1
-"""Largest offset that all pixels may have in common at every harmonic, over the modulation amplitude."""
+"""Largest length of the phasor that all pixels may have in common at every harmonic, over the modulation amplitude."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +44,10 @@ class LightSeen:
     """Evidence that dark frames saw light.
 
     Attributes:
-        law: share of a harmonic's residuals from a linear map of the fundamental, in one half of the array, that the law of
-            light predicts with the multiple of the other half; divided by the share that chance reaches.
-        level: length of the phasor that the pixels have in common, over the modulation amplitude, at the harmonic where it
-            is shortest.
+        law: share of a harmonic's residuals from a linear map of the fundamental that the law of light predicts, with
+            the multiple found in the other half of the array; divided by the share that chance reaches.
+        level: length of the phasor that the pixels have in common, over the modulation amplitude, at the harmonic at
+            which it is shortest.
     """
 
     law: float
@@ -56,12 +60,12 @@ class LightSeen:
 
     @property
     def is_lit(self) -> bool:
-        """Whether the frames saw light, or show as much as light would."""
+        """Whether the frames saw light, or have a level that is as high as with light."""
         return self.follows_law or self.level > LIGHT_LEVEL
 
 
 def light_seen(volts: Float, /, *, harmonics: tuple[int, ...], amplitude_v: float) -> LightSeen:
-    """Return the evidence of light in the mean of dark frames, (H, 2, Y, X) in V; NaN where a pixel is not sound."""
+    """Return the evidence of light in the mean of dark frames, (H, 2, Y, X) in V; pixels that are not sound are NaN."""
     phasors: Complex = volts[:, 0] + 1j * volts[:, 1]
     usual = _usual(phasors)
     if usual.sum() < LEAST_PIXELS:
@@ -73,7 +77,7 @@ def light_seen(volts: Float, /, *, harmonics: tuple[int, ...], amplitude_v: floa
 
 
 def _usual(phasors: Complex) -> Bool:
-    """Return which pixels, (Y, X), are no outliers in any plane."""
+    """Return the pixels, (Y, X), that are finite and no outliers in all planes."""
     usual = np.isfinite(phasors).all(axis=0)
     for plane in (*phasors.real, *phasors.imag):
         if not usual.any():
@@ -85,7 +89,8 @@ def _usual(phasors: Complex) -> Bool:
 
 
 def _block_medians(phasors: Complex) -> Complex:
-    """Return medians of blocks of `BLOCK` × `BLOCK` pixels, (H, rows, columns); NaN where a block has not half its pixels."""
+    """Return medians of blocks of `BLOCK` × `BLOCK` pixels, (H, rows, columns); NaN if fewer than half of its pixels
+    are finite."""
     count, height, width = phasors.shape
     rows, columns = height // BLOCK, width // BLOCK
     cut = phasors[:, : rows * BLOCK, : columns * BLOCK].reshape(count, rows, BLOCK, columns, BLOCK)
@@ -97,10 +102,12 @@ def _block_medians(phasors: Complex) -> Complex:
 
 
 def _law_share(phasors: Complex, harmonics: tuple[int, ...]) -> float:
-    """Return how much of the residuals of an affine map the law of light predicts, over chance; the largest of the harmonics.
+    """Return the share of the residuals of an affine map that the law of light predicts, over the share of chance; the
+    largest of all harmonics.
 
-    The multiple of one half of the array predicts the other, and the other way round, left and right, and above and below: what
-    rows or columns have in common by chance fails in one of the two.
+    The multiple found in one half of the array predicts the other half, and vice versa. This is done for left and
+    right, and for top and bottom, and the smaller share counts: offsets that rows or columns have in common by chance
+    fail in one of the two.
     """
     known = np.isfinite(phasors).all(axis=0)
     rows, columns = np.nonzero(known)
@@ -117,7 +124,8 @@ def _law_share(phasors: Complex, harmonics: tuple[int, ...]) -> float:
 
 
 def _foretold(first: Complex, other: Complex, law: Complex, half: Bool) -> float:
-    """Return the share of both halves' residuals that the law predicts, each with the multiple of the other half."""
+    """Return the share of both halves' residuals that the law predicts; the multiple for each half is found in the
+    other half."""
     left, bent = ([_without_affine(first[part], one[part]) for part in (half, ~half)] for one in (other, law))
     power = [float(np.vdot(one, one).real) for one in bent]
     total = sum(float(np.vdot(one, one).real) for one in left)

@@ -1,4 +1,5 @@
-"""Ranges of flat walls → the range that a curved field adds to all of them. Every wall's distance and tilt are fitted too."""
+"""Ranges of flat walls → the length that field curvature adds to all ranges. Every wall's distance and tilt are fitted
+too."""
 
 import math
 from collections.abc import Sequence
@@ -15,35 +16,35 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.units import unambiguous_range_m
 
 LEAST_PIXELS = 50
-"""Fewest pixels of a wall that its distance and tilt are fitted to."""
+"""Least number of pixels of a wall to which its distance and tilt are fitted."""
 
 DISTINCT_DISTANCES = 1.2
-"""Ratio of the farthest to the nearest wall from which on the focal length can be fitted."""
+"""Least ratio of the farthest to the nearest distance of a wall with which the focal length can be fitted."""
 
 OFF_WALL_M = 0.02
-"""What the median of a block may depart from its wall, beside noise, and lie on it."""
+"""A block lies on its wall if its median departs from the wall by no more than this, plus the noise of a pixel."""
 
 LEAST_ON_WALL = 0.6
-"""Share of the blocks with a single path that must lie on their wall."""
+"""Least share of a wall's blocks that must lie on the wall; only pixels with a single path are in blocks."""
 
 LARGEST_STDERR_M = 0.01
-"""Standard error of a coefficient, which is that of the depth in the corners, from which on the user is warned."""
+"""Standard error of a coefficient above which the user is warned; it is the standard error of the depth in the corners."""
 
 HIGH_CORRELATION = 0.999
-"""Correlation of a coefficient with a wall's parameters from which on they cannot be told apart."""
+"""Correlation of a coefficient with a wall's parameters above which the user is warned that they can hardly be told apart."""
 
 MANY_OUTLIERS = 0.05
-"""Share of the pixels with a single path that were left out, from which on the user is told: noise alone drops far fewer."""
+"""Share of outliers, among the pixels with a single path, above which the user is told. Noise alone makes far fewer."""
 
 LARGEST_RESIDUAL = 1.5
-"""What may be left over the noise before the user is warned."""
+"""Ratio of the residuals to the noise above which the user is warned."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallRanges:
-    """One wall as it was measured: ranges and their standard deviations in m, (Y, X), NaN where there is no single path.
+    """The measured ranges of one wall and their standard deviations in m, (Y, X); NaN in pixels without a single path.
 
-    `distance_m` is the known distance along the optical axis, or None.
+    `distance_m` is the distance along the optical axis; None if it is not known.
     """
 
     range_m: Float
@@ -53,10 +54,11 @@ class WallRanges:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What is fitted: parameters k2, k4 and q, then distance D and tilt α, β of every wall; `free` are those that are not known.
+    """The problem of the fit: range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴.
 
-    Angles enter through pixels from the principal `point` over `half_diagonal`, u and v, and q = (half diagonal / f)²:
-    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴. `wall` says whose each of the n ranges is. The fit begins at `start`.
+    Its parameters are k2, k4 and q, then distance D and tilt α, β of every wall; `free` marks the parameters that are
+    fitted, and `start` holds their first values. u and v are the pixel's distances from the principal `point`, over
+    `half_diagonal`, and q = (half diagonal / f)². `wall` is the index of the wall of each of the n ranges.
     """
 
     u: Float
@@ -71,7 +73,8 @@ class _Problem:
     start: Float
 
     def residuals(self, parameters: Float) -> tuple[Float, Float]:
-        """Return what is left of the ranges, (n,), and the model's derivatives by what is free, (n, p), both over sigma."""
+        """Return the residuals of the ranges, (n,), and the model's derivatives by the free parameters, (n, p), both
+        over sigma."""
         rho2 = self.u**2 + self.v**2
         slopes = np.zeros((rho2.size, parameters.size))
         slopes[:, 0], slopes[:, 1] = rho2, rho2**2
@@ -83,7 +86,7 @@ class _Problem:
         slopes[:, 2] = 0.5 * ranges * rho2 / (1.0 + q * rho2)
         of_own_wall = np.stack([stretch / leaning, -ranges / leaning * self.u, -ranges / leaning * self.v], axis=1)
         slopes[:, 3:].reshape(rho2.size, -1, 3)[np.arange(rho2.size), self.wall] = of_own_wall
-        # ranges repeat: their difference is that nearest to 0
+        # ranges wrap at the unambiguous range, so the difference nearest to 0 counts
         half = 0.5 * self.unambiguous_m
         left = (self.range_m - (ranges + curvature) + half) % self.unambiguous_m - half
         return left / self.sigma_m, slopes[:, self.free] / self.sigma_m[:, np.newaxis]
@@ -93,8 +96,9 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     """Return the curvature that all walls share, by weighted least squares in which outliers have no weight.
 
     Raises:
-        SettingsError: a wall has too few pixels with a single path; or there are no optics, and the walls do not tell the
-            focal length, as where no two are at distances that differ enough; or what was seen is no wall.
+        SettingsError: a wall has too few pixels with a single path; or the focal length is unknown and cannot be
+            fitted, for example because the distances of the walls differ too little; or the frames do not show a flat
+            wall.
     """
     usable = [np.isfinite(wall.range_m) & np.isfinite(wall.sigma_m) & (wall.sigma_m > 0.0) for wall in walls]
     for index, good in enumerate(usable):
@@ -123,7 +127,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
 
 
 def _require_walls(problem: _Problem, fit: RobustFit, usable: Sequence[Bool], origin: Origin) -> None:
-    """Make sure that most of what each capture shows lies on the wall that was fitted to it."""
+    """Make sure that most blocks of each capture lie on the wall that was fitted to it."""
     for index, where in enumerate(usable):
         here = problem.wall == index
         sigma = problem.sigma_m[here]
@@ -150,7 +154,8 @@ def _require_distinct(walls: Sequence[WallRanges]) -> None:
 
 
 def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, origin: Origin) -> _Problem:
-    """Return what is fitted to the usable pixels; it starts at walls that face the camera, at their known or median distance."""
+    """Return the problem for the usable pixels. The fit starts at walls that face the camera, at their known or median
+    distance."""
     point, half_diagonal = optics.principal_point(origin.pixels), 0.5 * math.hypot(*origin.pixels)
     focal = optics.focal_length_px
     pixels = [np.nonzero(good) for good in usable]

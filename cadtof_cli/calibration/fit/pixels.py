@@ -1,4 +1,5 @@
-"""What flat targets say about each pixel: its own phase and gain, and the target's amplitude in it, for given terms."""
+"""Flat targets → each pixel's own phase and gain, and the target's amplitude in each pixel, for given terms of the
+response."""
 
 from dataclasses import dataclass, replace
 
@@ -24,28 +25,28 @@ class Observations:
     harmonics: tuple[int, ...]
 
     def __getitem__(self, pixels: slice | Bool) -> "Observations":
-        """Return what was observed in some of the pixels."""
+        """Return the observations of some of the pixels."""
         return replace(self, volts=self.volts[..., pixels], phase=self.phase[..., pixels])
 
 
 ROUNDS = 6
-"""Rounds in which a pixel's phase, and the series that it stands in too, are found in turn: of a triangle, each leaves a sixth of
-the error."""
+"""Number of rounds in the fit of a pixel's phase: the phase stands inside the series too, so series and phase are
+computed in turn. With a triangle, each round leaves a sixth of the error."""
 
 Terms = tuple[dict[int, complex], ...]
-"""For every harmonic, G[h,k]/G[h,1] by k, without k = 1, for paths whose phase is counted from the pixel's own."""
+"""For every harmonic, G[h,k]/G[h,1] by k, without k = 1. Phases in the series contain the pixel's own phase."""
 
 
 @dataclass(frozen=True, eq=False)
 class PixelFit:
-    """What each of n pixels adds to the light of N targets.
+    """The fitted phase and gain of each of n pixels, and the residuals at N targets.
 
     Attributes:
-        phase: of each harmonic, (H, n), in rad.
+        phase: the pixel's own phase at each harmonic, (H, n), in rad.
         log_gain: logarithm of the gain, (H, n).
-        left: log(measured) − log(modelled), complex (N, H, n).
-        weights: inverse variances of the parts of `left`, (N, H, n).
-        theta: phases at which the channel pairs answered, h·x plus the pixel's own, (N, H, n), in rad.
+        left: the residuals log(measured) − log(modelled), complex (N, H, n).
+        weights: inverse variances of the real and of the imaginary part of `left`, (N, H, n).
+        theta: phases inside the series, h·x plus the pixel's own phase, (N, H, n), in rad.
     """
 
     phase: Float
@@ -61,7 +62,7 @@ class PixelFit:
 
 
 def series(terms: dict[int, complex], theta: Float) -> Complex:
-    """Return Σ_k G[k]/G[1]·exp(i(k−1)θ), with k = 1: the answer over that of the main term."""
+    """Return Σ_k G[k]/G[1]·exp(i(k−1)θ), k = 1 included: the response divided by its main term."""
     total = np.ones(theta.shape, np.complex128)
     for k, value in terms.items():
         total += value * np.exp(1j * (k - 1) * theta)
@@ -69,9 +70,9 @@ def series(terms: dict[int, complex], theta: Float) -> Complex:
 
 
 def fit_pixels(observed: Observations, terms: Terms, /) -> PixelFit:
-    """Return every pixel's phase and gain, and every target's amplitude in it, for given terms.
+    """Fit every pixel's phase and gain, and every target's amplitude in the pixel, for given terms.
 
-    The phase is the weighted mean over targets; as it stands inside the series too, it is found in a few rounds.
+    The phase is the weighted mean over targets. It stands inside the series too, so it is found in `ROUNDS` rounds.
     """
     weights = np.abs(observed.volts) ** 2 / observed.noise_v[:, :, np.newaxis] ** 2
     harmonics = np.array(observed.harmonics)[:, np.newaxis]
@@ -89,9 +90,10 @@ def fit_pixels(observed: Observations, terms: Terms, /) -> PixelFit:
 
 
 def two_way(values: Float, weights: Float) -> tuple[Float, Float]:
-    """Split (N, H, n) into one part per harmonic, (H, n), and one per target, (N, n), the first harmonic's part being 0.
+    """Split values, (N, H, n), into a sum of one part per harmonic, (H, n), and one part per target, (N, n).
 
-    Exact for weights that are a product of one factor per target and one per harmonic, as |v|² over a fixed noise is.
+    The part of the first harmonic is 0. The split is the best fit if the weights are a product of one factor per target
+    and one per harmonic, as |v|² over a fixed noise is.
     """
     by_target = weights.sum(axis=1)
     by_harmonic = np.median(weights / by_target[:, np.newaxis, :], axis=(0, 2))

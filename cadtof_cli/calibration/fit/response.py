@@ -19,38 +19,41 @@ from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.units import metres_per_radian
 
 SAME_DISTANCE_M = 0.01
-"""Distances that differ by less count as one."""
+"""Distances that differ by no more than this count as one distance."""
 
 LEAST_SIGNAL = 5.0
-"""Voltage over its noise that a pixel must have at every harmonic and distance."""
+"""Least voltage, in units of its noise, that a usable pixel has at every harmonic and distance."""
 
 LEAST_USABLE = 0.05
-"""Share of the pixels that must be usable."""
+"""Least share of the pixels that must be usable."""
 
 TERM_PIXELS = 6_000
-"""Pixels that the terms are fitted to, spread over the array; the maps take all."""
+"""About how many pixels the terms are fitted to, spread over the array. The maps use all pixels."""
 
 CURVATURE_SIGNIFICANCE = 4.0
-"""Standard errors that k2 or k4 must be large for field curvature to be taken out of the phases."""
+"""Field curvature is taken out of the phases if k2 or k4 is larger than this many standard errors."""
 
 LARGEST_RESIDUAL = 1.5
-"""What may be left over the noise before the user is warned."""
+"""Ratio of the residuals to the noise above which the user is warned."""
 
 LARGEST_MISFIT_M = 0.01
-"""What blocks of a target may depart from what all targets have in common, as a range, root mean square, before it is refused."""
+"""A target is refused if the root mean square of its blocks' residuals, as ranges, is larger than this. The residuals
+are those from the response that fits all targets."""
 
 LARGEST_LEAN_M = 0.1
-"""What one side of the array may be nearer than the other, on targets that face the camera, before they are refused."""
+"""Targets are refused if one side of the array sees them nearer than the other side by more than this."""
 
 LARGEST_SHAPE_M = 0.03
-"""What blocks may depart from a wall seen through a curved field, root mean square, before the targets are refused."""
+"""Targets are refused if the root mean square of the blocks' departures from a wall, seen through a curved field, is
+larger."""
 
 
 @dataclass(frozen=True, eq=False)
 class TargetMean:
     """The mean frame of one flat target, without dark offsets.
 
-    `volts` is complex128 (H, Y, X), NaN where a pixel cannot be used; `noise_v` (H,) the mean's standard deviation per channel.
+    `volts` is complex128 (H, Y, X), NaN in pixels that cannot be used; `noise_v`, (H,), is the mean's standard
+    deviation per channel.
     """
 
     volts: Complex
@@ -59,10 +62,10 @@ class TargetMean:
 
 
 def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata, origin: Origin) -> ResponseCalibration:
-    """Return the response that explains all targets, with as many terms as their distances can determine.
+    """Return the response that fits all targets, with as many terms as the distances of the targets can determine.
 
     Raises:
-        SettingsError: too few pixels see every target; or the targets are no flat walls that face the camera.
+        SettingsError: too few pixels see every target; or the targets are not flat walls that face the camera.
     """
     known_optics = metadata.optics.focal_length_px is not None
     per_metre = wall_range_m(metadata.optics, origin.pixels, distance_m=1.0) if known_optics else np.ones(origin.pixels)
@@ -125,10 +128,10 @@ def _assumptions(metadata: CaptureMetadata, usable: Bool, known_optics: bool) ->
 def _without_curvature(
     pixels: PixelFit, usable: Bool, metadata: CaptureMetadata, origin: Origin
 ) -> tuple[tuple[float, float], tuple[float, float], Float]:
-    """Return the field curvature (k2, k4) that the phases hold, its standard errors, and the phases, (H, n), without it.
+    """Return the field curvature (k2, k4) in the phases, its standard errors, and the phases, (H, n), without it.
 
-    A lens delays all harmonics alike, as does a delay of the pixel; what the two have in common is told apart by its
-    shape, a polynomial in the distance from the principal point.
+    The lens delays all harmonics alike, and so does a delay of the pixel. They are told apart by the shape over the
+    array: the delay of the lens is a polynomial in the distance from the principal point.
     """
     point = metadata.optics.principal_point(origin.pixels)
     squared = squared_field_radius(origin.pixels, point).ravel()[usable]
@@ -157,7 +160,7 @@ def _without_curvature(
 
 
 def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None:
-    """Make sure that every target agrees with the response of the others at its own distance."""
+    """Make sure that every target, at its own distance, agrees with the response that fits all targets."""
     metres = metres_per_radian(origin.periods_ns[0])
     misfits = [
         max(metres * shape_rms(left.imag / h, where) for h, left in zip(origin.harmonics, one, strict=True))
@@ -175,7 +178,7 @@ def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None
 
 
 def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
-    """Make sure that the maps of phase and gain show no object in view, which would go into every corrected frame."""
+    """Make sure that the maps of phase and gain show no object of the scene: it would change every corrected frame."""
     lean = float(np.hypot(*fit.parameters[3:]))
     shape = shape_rms(fit.residual * sigma, where)
     if lean > LARGEST_LEAN_M:
@@ -229,14 +232,13 @@ def _calibration(
     quality: ResponseQuality,
     origin: Origin,
 ) -> ResponseCalibration:
-    """Split phases and gains into the array's mean, which goes into G, and maps around it."""
+    """Return the calibration: the means of phases and gains over the array become part of G, and the maps hold the rest."""
     size = origin.pixels[0] * origin.pixels[1]
     phase = np.zeros((len(ideal), size), np.float32)
     gain = np.ones((len(ideal), size), np.float32)
     nominal = np.array([abs(response.main) for response in ideal])
     responses = []
-    for row, response in enumerate(ideal):
-        rotor = _mean_rotor(own)[row]
+    for row, (response, rotor) in enumerate(zip(ideal, _mean_rotor(own), strict=True)):
         gains = np.exp(pixels.log_gain[row]) * nominal[0]
         middle = float(np.median(gains))
         phase[row, usable] = np.angle(np.exp(1j * own[row]) / rotor)

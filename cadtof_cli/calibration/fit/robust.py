@@ -1,8 +1,10 @@
-"""What outliers have no say in: least squares, Gauss–Newton with Tukey's biweight, and what is left over the array, in blocks.
+"""Robust fits, in which outliers have no weight: Gauss–Newton with Tukey's biweight, and the residuals in blocks of the
+array.
 
-Medians of blocks keep what a scene has, shapes and the paths that it adds, and little of noise and of pixels' own phases: they
-tell whether a target was the flat wall that a calibration took it for. They are held against lengths, not against noise: many
-frames make a sound camera's small errors visible, and those are no reason to refuse it.
+Medians of blocks keep the shapes of a scene and the paths that it adds, and little of noise and of pixels' own phases.
+They show whether a target was the flat wall that the calibration expects. Their limits are lengths, not multiples of
+the noise: a mean of many frames makes small errors of a sound camera visible, and these errors are no reason to refuse
+it.
 """
 
 from collections.abc import Callable
@@ -15,31 +17,33 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 
 BIWEIGHT_LIMIT = 4.685
-"""Residual over scale from which on an observation has no weight; 95 % as efficient as least squares on Gaussian noise."""
+"""Residual, in units of the scale, above which an observation has no weight. With this limit the biweight is 95 % as
+efficient as least squares on Gaussian noise."""
 
 BIWEIGHT_EFFICIENCY = 0.95
-"""Efficiency of the biweight with this limit, by which its covariance is larger than that of least squares."""
+"""Efficiency of the biweight with this limit; the covariance of least squares is divided by it."""
 
 MOST_STEPS = 60
-"""Gauss–Newton steps at the most; which observations are outliers is settled after a few of them, mostly."""
+"""Largest number of Gauss–Newton steps. Which observations are outliers mostly does not change any more after a few steps."""
 
 CONVERGED = 1e-4
-"""Largest change in standard errors at which the fit ends."""
+"""The fit ends if no parameter changes by more than this many standard errors."""
 
 BLOCKS = 12
-"""Blocks that the shorter side of the array has, as far as it has pixels enough."""
+"""Number of blocks along the shorter side of the array, if the side has enough pixels."""
 
 LEAST_IN_BLOCK = 4
-"""Values from which on a block's median counts."""
+"""Least number of values in a block that counts."""
 
 MEDIAN_VARIANCE = 0.5 * np.pi
-"""Variance of a median over that of a mean, for Gaussian values."""
+"""Variance of a median over the variance of a mean, for Gaussian values."""
 
 HIGHEST_CONDITION = 1e13
 """Condition of the normal matrix above which the observations do not determine the parameters: rounding leaves no digits."""
 
 SURE = 3.0
-"""Standard deviations by which blocks must depart more than the scatter within them explains."""
+"""Standard deviations by which the blocks' mean square must exceed the mean square that the scatter within blocks
+explains."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +52,11 @@ class RobustFit:
 
     Attributes:
         parameters: (p,).
-        covariance: (p, p), scaled by the residuals' own spread.
-        residual: (n,), over the observations' standard deviations.
-        weights: (n,), between 0, for outliers, and 1.
-        scale: robust standard deviation of the residuals: 1 where they are as predicted.
-        condition: of the normal matrix with unit diagonal.
+        covariance: (p, p), scaled by the robust variance of the residuals.
+        residual: (n,), in units of the observations' standard deviations.
+        weights: (n,), from 0, for outliers, to 1.
+        scale: robust standard deviation of `residual`; 1 if the observations' standard deviations are right.
+        condition: condition number of the normal matrix with unit diagonal.
     """
 
     parameters: Float
@@ -66,10 +70,13 @@ class RobustFit:
 def robust_fit(
     model: Callable[[Float], tuple[Float, Float]], start: Float, /, *, free: Bool | None = None
 ) -> RobustFit:
-    """Fit parameters, from a start (p,) that need not be close where the model is nearly linear.
+    """Fit parameters, from a start (p,) that need not be close if the model is nearly linear.
 
-    The model gives residuals (n,) over their standard deviations, and the derivatives of the modelled values over the same by
-    the parameters that are `free`, (p,): all of them where it is None. The others stay, and have no variance.
+    Args:
+        model: returns, for given parameters, the residuals, (n,), and the derivatives of the modelled values by the
+            free parameters, (n, free), both in units of the observations' standard deviations.
+        start: first values of all parameters, (p,).
+        free: the parameters that are fitted, (p,); None: all. The other parameters keep their value, and have no variance.
 
     Raises:
         SettingsError: the observations do not determine the parameters.
@@ -80,7 +87,7 @@ def robust_fit(
         residual, slopes = model(parameters)
         scale, weights = _weighted(residual)
         normal = (slopes * weights[:, np.newaxis]).T @ slopes
-        inverse, condition = _inverse(normal)
+        inverse, _ = _inverse(normal)
         change = inverse @ (slopes.T @ (weights * residual))
         parameters[free] += change
         if np.all(np.abs(change) <= CONVERGED * scale * np.sqrt(np.diag(inverse))):
@@ -93,20 +100,22 @@ def robust_fit(
 
 
 def centre_and_spread(values: Float, /) -> tuple[float, float]:
-    """Return the median of values of any shape, and their standard deviation by the median distance from it; NaN do not count."""
+    """Return the median of values of any shape, and their standard deviation by the median absolute deviation; NaN is
+    left out."""
     centre = float(np.nanmedian(values))
     return centre, float(np.nanmedian(np.abs(values - centre))) / MAD_PER_SIGMA
 
 
 def _weighted(residual: Float) -> tuple[float, Float]:
-    """Return the robust standard deviation of residuals, and their weights by it."""
+    """Return the robust standard deviation of residuals, and the weights that follow from it."""
     scale = max(float(np.median(np.abs(residual))) / MAD_PER_SIGMA, float(np.finfo(np.float64).eps))
     share = np.minimum((residual / scale / BIWEIGHT_LIMIT) ** 2, 1.0)
     return scale, np.asarray((1.0 - share) ** 2)
 
 
 def _inverse(normal: Float) -> tuple[Float, float]:
-    """Return the inverse and the condition number of a normal matrix, see `scaled_inverse`, if it determines the parameters."""
+    """Return the inverse and the condition number of a normal matrix, as `scaled_inverse` does; raise SettingsError if
+    it has none."""
     if not (np.diag(normal) > 0.0).all():
         raise SettingsError("the observations do not determine all parameters: a wall or distance has no usable pixels")
     inverse, condition = scaled_inverse(normal, most=HIGHEST_CONDITION)
@@ -119,9 +128,9 @@ def _inverse(normal: Float) -> tuple[Float, float]:
 
 
 def scaled_inverse(normal: Float, /, *, most: float) -> tuple[Float | None, float]:
-    """Return the inverse and the condition number of a normal matrix, after its diagonal has been scaled to 1.
+    """Return the inverse of a normal matrix, and its condition number after scaling its diagonal to 1.
 
-    There is no inverse where the condition number is not below `most`.
+    The inverse is None if the condition number exceeds `most`.
     """
     norm = 1.0 / np.sqrt(np.diag(normal))
     scale = np.outer(norm, norm)
@@ -130,9 +139,9 @@ def scaled_inverse(normal: Float, /, *, most: float) -> tuple[Float | None, floa
 
 
 def blocks(where: Bool, /) -> list[Index]:
-    """Return which values lie in each square block of the array, of those blocks that have enough of them.
+    """Return, for each square block of the array with enough values, the indices of its values.
 
-    The values are those of the pixels that `where`, (Y, X), names, row by row.
+    The values belong to the pixels that `where`, (Y, X), marks, row by row.
     """
     size = max(2, -(-min(where.shape) // BLOCKS))
     rows, columns = np.nonzero(where)
@@ -143,9 +152,10 @@ def blocks(where: Bool, /) -> list[Index]:
 
 
 def shape_rms(values: Float, where: Bool, /) -> float:
-    """Return the root mean square of the blocks' medians, less what the scatter within blocks makes of them; 0 at least.
+    """Return the root mean square of the blocks' medians, without the part that the scatter within blocks explains; at
+    least 0.
 
-    The values, (m,), are those that `blocks` counts.
+    The values, (m,), belong to the pixels that `where` marks, as in `blocks`.
     """
     groups = [values[places] for places in blocks(where)]
     if not groups:

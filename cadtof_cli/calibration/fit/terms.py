@@ -1,4 +1,4 @@
-"""Which higher terms of a response a set of targets can determine, and their values."""
+"""The higher terms of a response that a set of targets can determine, and their values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,29 +13,30 @@ CANDIDATES = (-1, 0, -3, 5, 3)
 """Orders k that are tried besides 1: imbalance, offset, and the harmonics of waveforms between sine and triangle."""
 
 LARGEST_STDERR = 2e-3
-"""A term is taken only if it is known this well, relative to G[h,1]: 2 mrad are 2 mm at a period of 40 ns."""
+"""Largest standard error of a term that is taken, relative to G[h,1]: 2 mrad are 2 mm at a period of 40 ns."""
 
 LARGEST_CONDITION = 1e4
-"""… and if the terms taken can be told apart: condition of their normal matrix with unit diagonal."""
+"""Largest condition number of the normal matrix, with unit diagonal, of the terms that are taken: they can then be told
+apart."""
 
 LEAST_SIGNIFICANCE = 6.0
-"""… and if it is this many standard errors large in some harmonic,"""
+"""Least size of a term that is taken, in standard errors, in at least one harmonic."""
 
 LEAST_TERM = 2e-4
-"""… and large enough to matter: 0.2 mm."""
+"""Least size of a term that is taken, relative to G[h,1], in at least one harmonic: 0.2 mm."""
 
 HIGHEST_CONDITION = 1e12
 """Condition of a normal matrix above which rounding leaves no digits of its inverse."""
 
 PASSES = 4
-"""Times that terms are chosen and fitted, each time without the outliers of the last."""
+"""Number of times that terms are chosen and fitted, each time without the outliers of the pass before."""
 
 OUTLIER = 5.0
-"""Robust standard deviations of a pixel's misfit beyond which it is left out."""
+"""A pixel is an outlier if the root of its misfit exceeds the median by more than this many robust standard deviations."""
 
 
 def _centred(columns: Float, weights: Float) -> Float:
-    """Return columns (N, H, n) less the best sum of one part per target and one per harmonic."""
+    """Return columns (N, H, n) without the best sum of one part per target and one part per harmonic."""
     harmonic, target = two_way(columns, weights)
     return columns - harmonic - target[:, np.newaxis, :]
 
@@ -47,9 +48,9 @@ class TermFit:
     Attributes:
         terms: all terms of each harmonic, the waveform's among them.
         stderr: standard errors of each harmonic's terms, in the order in which they were taken.
-        residual: what is left over the noise: 1 where noise is all that is left.
+        residual: root mean square of the residuals over the noise; 1 if only noise is left, and if there is one distance.
         findings: why each term was taken or left, in words.
-        kept: which pixels the terms were fitted to, (n,); the others are outliers.
+        kept: the pixels to which the terms were fitted, (n,); the other pixels are outliers.
     """
 
     terms: Terms
@@ -62,14 +63,14 @@ class TermFit:
 def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, distances: int) -> TermFit:
     """Return the terms that the observations need and can determine, starting from `base`, G[h,k]/G[h,1] of the ideal waveform.
 
-    With targets at one distance, no term can be told from the pixels' own phases.
+    `distances` is the number of distinct distances of the targets. With one distance, no term can be told from the
+    pixels' own phases.
     """
     terms: Terms = tuple(dict(one) for one in base)
     kept = np.ones(observed.phase.shape[1], np.bool_)
     if distances < 2:
-        pixels = fit_pixels(observed, terms)
         said = "one distance: k = 1 and the maps only; two or more distances tell further terms"
-        return TermFit(terms, tuple(() for _ in terms), 1.0, (said,), pixels.misfit >= 0.0)
+        return TermFit(terms, tuple(() for _ in terms), 1.0, (said,), kept)
     changes: Terms = tuple({} for _ in base)
     for _ in range(PASSES):
         system = _System(fit_pixels(observed[kept], terms), terms, base, observed.harmonics)
@@ -87,7 +88,8 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
 
 
 def composed(base: dict[int, complex], changes: dict[int, complex]) -> dict[int, complex]:
-    """Return the terms of a waveform `base` after changes by k; that of k = −1 is an imbalance, which mirrors all of it."""
+    """Return the terms of a waveform `base` after changes by k. A change of k = −1 is an imbalance, which mirrors the
+    whole series."""
     terms = dict(base)
     for k, change in changes.items():
         for order, share in _shape(base, k).items():
@@ -96,12 +98,12 @@ def composed(base: dict[int, complex], changes: dict[int, complex]) -> dict[int,
 
 
 def _shape(base: dict[int, complex], k: int) -> dict[int, complex]:
-    """Return what a change of k by 1 changes, by order."""
+    """Return how much each order changes if the change of k is 1."""
     return {k: 1.0 + 0j} | ({-order: value.conjugate() for order, value in base.items()} if k == -1 else {})
 
 
 def _needed(changes: Terms, system: "_System") -> tuple[int, ...]:
-    """Return the orders whose changes still matter, now that the others have been taken out."""
+    """Return the orders, of those taken before, with changes that are still significant in the new system."""
     orders = tuple(changes[0])
     errors = system.stderr(orders)
     return tuple(
@@ -126,9 +128,10 @@ def _without_outliers(misfit: Float) -> Bool:
 
 
 class _System:
-    """Normal equations of changes of every candidate term in every harmonic, after the pixels' own parameters are eliminated.
+    """Normal equations for changes of every candidate term in every harmonic, with the pixels' own parameters eliminated.
 
-    Unknowns are real and imaginary part of k = CANDIDATES[0] in the first harmonic, then the second …, then the next k.
+    The unknowns are the real and the imaginary part of k = CANDIDATES[0] in the first harmonic, in the second …, then
+    of the next k.
     """
 
     def __init__(
@@ -164,7 +167,7 @@ class _System:
         return np.asarray((starts[:, np.newaxis] + np.arange(width)).ravel(), np.intp)
 
     def freedom(self, orders: int) -> float:
-        """Return how many more numbers were measured than fitted."""
+        """Return the degrees of freedom: how many more numbers were measured than are fitted with so many orders."""
         n, h = self._targets, self._harmonics
         return float(self._pixels * ((n - 1) * h + (n - 1) * (h - 1)) - 2 * h * orders)
 
@@ -182,7 +185,10 @@ class _System:
         return change.reshape(shape), errors.reshape(shape), condition
 
     def selection(self, taken: tuple[int, ...]) -> tuple[tuple[int, ...], dict[int, str]]:
-        """Return the orders to be fitted: those taken before, and what else is significant, the strongest first."""
+        """Return the orders to be fitted, and why the other orders were left.
+
+        The orders are those taken before, and then all others that are significant, the most significant first.
+        """
         findings: dict[int, str] = {}
         while True:
             scores: dict[int, float] = {}
@@ -206,7 +212,7 @@ class _System:
             taken = (*taken, max(scores, key=lambda k: scores[k]))
 
     def changed(self, changes: Terms, orders: tuple[int, ...]) -> Terms:
-        """Return the changes of the orders taken after one Gauss–Newton step; those of other orders are dropped."""
+        """Return the changes of the given orders after one Gauss–Newton step; the changes of other orders are dropped."""
         if not orders:
             return tuple({} for _ in changes)
         step, _, _ = self._solved(orders)
@@ -216,7 +222,8 @@ class _System:
         )
 
     def stderr(self, orders: tuple[int, ...]) -> Float:
-        """Return the standard error of each order in each harmonic, (H, len(orders)): the larger of the two parts'."""
+        """Return the standard error of each order in each harmonic, (H, len(orders)): that of its real or imaginary
+        part, the larger."""
         if not orders:
             return np.zeros((self._harmonics, 0))
         return np.asarray(self._solved(orders)[1].max(axis=-1).T)
