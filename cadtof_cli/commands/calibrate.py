@@ -42,7 +42,7 @@ class _StepsInOrder(click.Group):
         return [name for name in PART_KINDS if name in self.commands]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a step; a capture in its place, which is easily forgotten, is answered by what the steps are."""
+        """Return a step. If the user forgot the step and typed a capture in its place, the message names the steps."""
         if cmd_name not in self.commands and not ctx.resilient_parsing:
             ctx.fail(f"found '{cmd_name}', expected a step first: {', '.join(self.list_commands(ctx))}")
         return super().get_command(ctx, cmd_name)
@@ -79,7 +79,7 @@ _distance = click.option(
 
 @dataclass(frozen=True, kw_only=True)
 class _Step:
-    """What is said of a step, whichever it is."""
+    """The options that all steps share."""
 
     captures: tuple[str, ...]
     settings: CalibrateSettings
@@ -90,7 +90,7 @@ class _Step:
     def take(
         self, measure: Callable[..., CalibrateReport], lines: Callable[[Mapping[str, Any]], list[str]], **more: Any
     ) -> None:
-        """Take the step, and print its report."""
+        """Take the step by calling `measure`, and print its report; `lines` puts the measured figures into words."""
         with progress_bar("reading", "frames", quiet=self.quiet) as bar:
             paths = input_paths(self.captures)
             report = measure(paths, settings=self.settings, overrides=self.overrides, progress=bar, **more)
@@ -104,7 +104,10 @@ class _Step:
 
 
 def _step(*more: Decorator[Any]) -> Decorator[Any]:
-    """Return a decorator that adds the options of a step, those that all share and `more`; they arrive as `step`."""
+    """Return a decorator that adds the options of a step: those that all steps share, and `more`.
+
+    The command receives the shared ones as one record, `step`; the values of `more` are fields of its settings.
+    """
     return RecordOptions(
         "step",
         _Step,

@@ -57,7 +57,7 @@ def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overw
 
 
 def _lines(found: "Comparison") -> Iterator[str]:
-    """Yield the table."""
+    """Yield the lines of the table."""
     from cadtof_cli.maps.layers import layer_unit
 
     yield f"{'|A − B|':26}{'median':>12}{'90 %':>12}{'largest':>12}   ({counted(found.frames, 'frame')})"

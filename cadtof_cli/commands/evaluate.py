@@ -96,7 +96,7 @@ def evaluate(
 
 
 def _fails(evaluation: "Evaluation", max_median: float) -> bool:
-    """Say where the gate is shut, and whether it is."""
+    """Return whether the median error is missing or larger than `max_median`, and say so on stderr."""
     median = evaluation.direct.median_cm
     if median is not None and median <= max_median:
         return False

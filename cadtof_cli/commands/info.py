@@ -26,7 +26,7 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.units import size_text
 
 _TOLD_OF_A_REASON = 5
-"""So many frames are named that have the same problem: one wrong setting may be in the way of all."""
+"""How many frames with the same problem are named; one wrong setting can cause the same problem in all frames."""
 
 
 @click.command(cls=SectionedCommand, headings=CAPTURE_HEADING, epilog=example("cadtof info sample_data/corner"))
@@ -106,7 +106,7 @@ def info(
 
 
 def _problem_lines(problems: Sequence[str]) -> Iterator[str]:
-    """Yield what is wrong; of many frames with the same reason the first few, and how many more there are."""
+    """Yield the problems. If many frames have the same reason, yield the first few, and how many more there are."""
     reasons = Counter(_reason(problem) for problem in problems)
     told = Counter[str]()
     for problem in problems:
@@ -119,7 +119,7 @@ def _problem_lines(problems: Sequence[str]) -> Iterator[str]:
 
 
 def _reason(problem: str) -> str:
-    """Return what is said behind the name of a file."""
+    """Return the part of a problem that follows the name of the file."""
     return problem.partition(": ")[2] or problem
 
 
@@ -213,7 +213,7 @@ def _calibration_lines(facts: Any) -> Iterator[str]:
 
 
 def _texts(value: Any) -> list[str]:
-    """Return what stands beneath each other for a value: every text of a list has a line of its own."""
+    """Return the lines that show a value: a line for each text of a list of texts, otherwise one line."""
     texts = isinstance(value, list) and value and all(isinstance(entry, str) for entry in value)
     return list(value) if texts else [_value(value)]
 
