@@ -96,7 +96,7 @@ def _first_phasors(profile: Profile) -> Iterator[tuple[str, Float, str]]:
 
 
 def _points(values: Float) -> dict[str, Any]:
-    """Return the style of points for a curve with a pixel that stands alone, which no line shows, or with few pixels."""
+    """Return the style of points for a curve with few pixels, or with a lone pixel, which a line would not show."""
     known = np.pad(np.isfinite(values), 1)
     alone = known[1:-1] & ~known[:-2] & ~known[2:]
     return {"marker": ".", "markersize": 3.0} if alone.any() or values.size < _FEW else {}
