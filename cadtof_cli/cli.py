@@ -120,7 +120,7 @@ def main() -> NoReturn:
     for name in BLAS_THREADS:
         os.environ.setdefault(name, "1")
     prepare_streams()
-    atexit.register(_let_go_of_stderr)
+    atexit.register(_flush_stderr)
     for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):
         # an ignored signal stays ignored: nohup ignores SIGHUP
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -205,7 +205,7 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
             return f"Error: unexpected {type(error).__name__}: {error}\n{advice}", 1
 
 
-def _let_go_of_stderr() -> None:
+def _flush_stderr() -> None:
     """Flush stderr. If it cannot take everything, such as on a full disk, forget the rest and keep the exit status."""
     try:
         sys.stderr.flush()

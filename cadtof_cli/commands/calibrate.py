@@ -8,7 +8,6 @@ from typing import Any
 
 import click
 
-from cadtof_cli.calibration.parts import PART_KINDS
 from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import (
     CAPTURE_HEADING,
@@ -35,11 +34,11 @@ _TARGETS = tuple(
 
 
 class _StepsInOrder(click.Group):
-    """A group whose help lists the steps in the order in which they are taken."""
+    """A group whose help lists the steps in the order in which they are taken and are defined below."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the steps."""
-        return [name for name in PART_KINDS if name in self.commands]
+        return list(self.commands)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a step. If the user forgot the step and typed a capture in its place, the message names the steps."""

@@ -46,7 +46,7 @@ def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overw
         require_picture(out, overwrite=overwrite)
     else:
         note_given({"overwrite"}, "without -o")
-    with progress_bar("comparing", "frames", quiet=False) as bar:
+    with progress_bar("comparing", "frames") as bar:
         pairs = MapPairs(first, second)
         found = compare_maps(pairs, progress=bar)
     if out is not None:

@@ -84,7 +84,7 @@ def evaluate(
 
     evaluation, found = None, dict[str, Any]()
     lines: list[str] = []
-    with progress_bar("evaluating", "maps", quiet=False) as bar:
+    with progress_bar("evaluating", "maps") as bar:
         if over_time is not None:
             scatter = scatter_over_time(maps, over_time, progress=bar, overwrite=overwrite)
             found["over_time"], lines = asdict(scatter), [_scatter_line(scatter, over_time)]

@@ -82,7 +82,7 @@ def info(
 
     if not write_settings:
         refuse_given({"out", "overwrite"}, "without --write-settings")
-    with progress_bar("reading", "frames", quiet=False) as bar:
+    with progress_bar("reading", "frames") as bar:
         found = look_into(
             input_paths(inputs),
             overrides=overrides,

@@ -128,17 +128,16 @@ def setting_option(
     return click.option(*names, name, **(said | more))
 
 
-def number_option(name: str, kind: ParamType, help: str, /, *, metavar: str | None = None) -> Decorator[Any]:
+def number_option(name: str, kind: ParamType, help: str, /) -> Decorator[Any]:
     """Return an option for numbers whose type is not taken from a settings record.
 
     Args:
         name: of the parameter, with its unit, such as `distance_m`.
         kind: type of the number or numbers.
         help: what the option does.
-        metavar: placeholder of the value in the help. If None, it follows from type and unit.
     """
     option = f"--{name.replace('_', '-')}"
-    return click.option(*_names_of(option), name, type=kind, metavar=metavar or metavar_of(option, kind), help=help)
+    return click.option(*_names_of(option), name, type=kind, metavar=metavar_of(option, kind), help=help)
 
 
 def jobs_option(help: str, /) -> Decorator[Any]:

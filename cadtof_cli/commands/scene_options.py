@@ -8,7 +8,7 @@ import click
 
 from cadtof_cli.commands.options import RecordOptions, declared_options, number_option, setting_option
 from cadtof_cli.commands.simulation_options import further_option
-from cadtof_cli.commands.values import NumberTuple
+from cadtof_cli.commands.values import NumberTuple, ParamType
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Scene
@@ -77,7 +77,7 @@ def not_of_scene(name: str, /) -> frozenset[str]:
     return frozenset(others if name in _MPI else {"mpi", *others})
 
 
-def _of_each_scene(option: str, of: str, metavar: str | None = None) -> Any:
+def _of_each_scene(option: str, about: str, kind: ParamType = click.FLOAT) -> Any:
     """Return an option whose help lists its default in each scene that takes it."""
     defaults: dict[str, Any] = {
         name: field.default for name, scene in SCENES.items() for field in fields(scene) if field.name == option
@@ -86,8 +86,7 @@ def _of_each_scene(option: str, of: str, metavar: str | None = None) -> Any:
     for name, value in defaults.items():
         numbers = value if isinstance(value, tuple) else (value,)
         told.append(f"{name} {'random' if value is None else ','.join(f'{number:g}' for number in numbers)}")
-    kind = NumberTuple(metavar.count(",") + 1) if metavar else click.FLOAT
-    return number_option(option, kind, f"{of}  [default: {'; '.join(told)}]", metavar=metavar)
+    return number_option(option, kind, f"{about}  [default: {'; '.join(told)}]")
 
 
 light_options = RecordOptions(
@@ -120,11 +119,11 @@ _scene = RecordOptions(
     "settings",
     dict,
     _of_each_scene("distance_m", "Distance of the scene."),
-    _of_each_scene("tilt_deg", "Tilt of the wall to the right and down.", "DEG,DEG"),
+    _of_each_scene("tilt_deg", "Tilt of the wall to the right and down.", NumberTuple(2)),
     _of_each_scene("albedo", "Albedo of the wall, corner or panel, or of all surfaces of a room."),
     _of_each_scene("opening_deg", "Angle between the walls of the corner."),
     number_option("furniture", click.INT, "Pieces of furniture in the room.  [default: random, 0 to 8]"),
-    _of_each_scene("lamp_offset_m", "Position of the lamp relative to the camera: right,down,forward.", "M,M,M"),
+    _of_each_scene("lamp_offset_m", "Position of the lamp relative to the camera: right,down,forward.", NumberTuple(3)),
     click.option(
         *("--lamp-beam-deg", "--lamp-beam", "beam_deg"),
         type=float,

@@ -39,7 +39,7 @@ def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = N
     """
     line = re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], str(text))
     if err:
-        line = "\n".join(_broken(part) for part in line.split("\n"))
+        line = "\n".join(_wrapped(part) for part in line.split("\n"))
     if above is not None:
         above.console.print(line, markup=False, highlight=False, soft_wrap=True)
         return
@@ -55,7 +55,7 @@ def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = N
         forget(sys.stderr)
 
 
-def _broken(line: str) -> str:
+def _wrapped(line: str) -> str:
     """Return a line of stderr, broken to the width of the terminal.
 
     A word, such as a path, stays whole so that it can be copied.
@@ -195,7 +195,7 @@ _WITHOUT_CURSOR = ("dumb", "unknown")
 
 
 @contextmanager
-def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None = None) -> Iterator[Bar]:
+def progress_bar(description: str, unit: str, *, quiet: bool = False, log: Path | None = None) -> Iterator[Bar]:
     """Yield a bar for the steps of a workflow; rich is imported only if the bar can be seen.
 
     The file `log` gets the command line, all lines (also those that `quiet` hides), and the error that ended the
