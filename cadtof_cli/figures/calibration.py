@@ -24,8 +24,10 @@ def draw_calibration(calibration: Calibration, path: Path, /, *, title: str) -> 
         block = Scaled(
             (Panel("field curvature", offset),), "added to the range, cm", ERRORS, signed_limits(offset, share=100.0)
         )
-        fits = bool(rows) and sum(len(one.panels) for one in rows[-1]) < 4
-        rows[-1:] = [[*rows[-1], block]] if fits else [*rows[-1:], [block]]
+        if rows and sum(len(one.panels) for one in rows[-1]) < 4:
+            rows[-1].append(block)
+        else:
+            rows.append([block])
     draw_page(rows, path, title=title)
 
 

@@ -128,9 +128,8 @@ def draw_recorded(shown: Shown, path: Path, /) -> None:
     """
     rows: list[list[Block]] = []
     harmonics = [name.removesuffix(".phase") for name in shown.layers if name.endswith(".phase")]
-    kinds = {what: [f"{one}.{what}" for one in harmonics] for what in ("SC1", "SC2", "amplitude")}
-    volts = np.concatenate([np.ravel(shown.layers[name]) for what in ("SC1", "SC2") for name in kinds[what]])
-    light = np.concatenate([np.ravel(shown.layers[name]) for name in kinds["amplitude"]])
+    volts = np.concatenate([np.ravel(shown.layers[f"{one}.{sc}"]) for one in harmonics for sc in ("SC1", "SC2")])
+    light = np.concatenate([np.ravel(shown.layers[f"{one}.amplitude"]) for one in harmonics])
     of_volts, of_light = default_scale("H1.SC1", volts)[1], default_scale("H1.amplitude", light)[1]
     for one in harmonics:
         names = f"{one}.SC1", f"{one}.SC2"

@@ -12,7 +12,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, to_rgba
+from matplotlib.colors import Normalize
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -93,7 +93,7 @@ class Scaled:
             Normalize(low, high, clip=True)(np.where(known, panel.values, low)), bytes=True
         )
         for kind, pixels in panel.without_value().items():
-            image[pixels] = _bytes(kind)
+            image[pixels] = kind.rgba
         return image
 
     def shown(self, panel: Panel, /) -> set[PixelClass]:
@@ -117,7 +117,7 @@ class Classes:
         """Return the colours of a panel, RGBA, (Y, X, 4)."""
         image = np.empty((*panel.values.shape, 4), np.uint8)
         for kind, pixels in classes_of(panel.status).items():
-            image[pixels] = _bytes(kind)
+            image[pixels] = kind.rgba
         return image
 
     def shown(self, panel: Panel, /) -> set[PixelClass]:
@@ -305,7 +305,3 @@ def add_legend(
 def _label(kind: PixelClass, shares: Mapping[PixelClass, float] | None) -> str:
     share = (shares or {}).get(kind)
     return kind.label if share is None else f"{kind.label}: {share:.1%}"
-
-
-def _bytes(kind: PixelClass) -> Image:
-    return np.array([round(255 * part) for part in to_rgba(kind.colour)], np.uint8)

@@ -6,6 +6,8 @@ No scale of colours contains one of these colours.
 from enum import Enum
 
 import numpy as np
+from matplotlib.colors import to_rgba
+from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Status
 from cadtof_cli.resolver.status import StatusBit
@@ -32,6 +34,11 @@ class PixelClass(Enum):
     def colour(self) -> str:
         """The colour, in a form that matplotlib takes."""
         return self.value[1]
+
+    @property
+    def rgba(self) -> NDArray[np.uint8]:
+        """The colour as it stands in an image, RGBA, (4,)."""
+        return np.array([round(255 * part) for part in to_rgba(self.colour)], np.uint8)
 
 
 NO_VALUE = frozenset({PixelClass.ONE_PATH, PixelClass.NO_ANSWER, PixelClass.SATURATED})

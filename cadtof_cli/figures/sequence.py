@@ -9,7 +9,6 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import to_rgb
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.canvas import Figure, add_title, within
@@ -184,7 +183,7 @@ def _write_gif(pictures: Iterator[Image], path: Path, colours: Image, per_second
 def _palette(block: Block) -> Image:
     """Return 256 colours, RGB, (256, 3): those of pixel classes, those of the scale, and greys for letters."""
     greys = np.linspace(0, 255, 32).round().astype(np.uint8)[:, None].repeat(3, axis=1)
-    classes = np.array([[round(255 * part) for part in to_rgb(kind.colour)] for kind in PixelClass], np.uint8)
+    classes = np.stack([kind.rgba[:3] for kind in PixelClass])
     name = block.colours if isinstance(block, Scaled) else "gray"
     scale = mpl.colormaps[name](np.linspace(0.0, 1.0, 256 - len(greys) - len(classes)), bytes=True)[:, :3]
     return np.concatenate([classes, scale, greys])
