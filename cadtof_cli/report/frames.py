@@ -101,7 +101,7 @@ THUMBNAIL_SHARE = 0.25
 _THUMBNAIL_BYTES_PER_PIXEL = 1.2
 """Size of an indexed PNG of a noisy map, in bytes per pixel before base64."""
 
-MOST_STEPS = 16
+LEAST_SIDE_PX = 16
 """Number of pixels that the longer side of a frame keeps at least."""
 
 _MARGIN = 1.1
@@ -126,7 +126,7 @@ def planned_shares(samples: Sequence[Planes], frames: int, /, *, limit_bytes: fl
     room, full_bytes = limit_bytes - taken, _bytes_at(samples, 1)
     count = frames if frames * full_bytes <= room else max(0, int(0.5 * room / full_bytes))
     count = min(frames, count if whole is None else whole)
-    most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // MOST_STEPS)
+    most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // LEAST_SIDE_PX)
     left, others = room - count * full_bytes, frames - count
     steps = ((step, _bytes_at(samples, step)) for step in range(1, most + 1))
     step, each = next(one for one in steps if others * one[1] <= left or one[0] == most)

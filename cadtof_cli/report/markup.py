@@ -12,7 +12,8 @@ class Markup(str):
 
 EMPTY = Markup("")
 
-_ENDLESS = frozenset({"img"})
+_VOID = frozenset({"img"})
+"""Elements that HTML calls void: they have no children and no end tag."""
 
 
 def printable(raw: str, /) -> str:
@@ -41,7 +42,7 @@ def element(tag: str, /, *children: object, **attributes: object) -> Markup:
     """
     given = ((name, value) for name, value in attributes.items() if value is not None and value is not False)
     written = "".join(_attribute(name, value) for name, value in given)
-    if tag in _ENDLESS:
+    if tag in _VOID:
         return Markup(f"<{tag}{written}>")
     return Markup(f"<{tag}{written}>{joined(map(text, children))}</{tag}>")
 

@@ -14,7 +14,7 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import write_text
 from cadtof_cli.report.colours import Limits, palette
 from cadtof_cli.report.frames import EmbeddedFrame
-from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
+from cadtof_cli.report.markup import Markup, element, joined, printable, text
 from cadtof_cli.report.sections import (
     PageText,
     embedded_section,
@@ -159,6 +159,4 @@ def _data(source: str) -> Markup:
 def _payloads(frames: Sequence[ShownFrame], truth: Sequence[EmbeddedFrame]) -> Markup:
     named = [(f"frame-{number}", frame.embedded) for number, frame in enumerate(frames)]
     named += [(f"truth-{number}", one) for number, one in enumerate(truth)]
-    if not named:
-        return EMPTY
     return joined(element("script", Markup(one.data), type="text/plain", id=name) for name, one in named)

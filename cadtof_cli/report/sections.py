@@ -1,5 +1,6 @@
 """The words and tables of a page. All of them can be read without scripts."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
@@ -181,21 +182,22 @@ def _setting_table(caption: str, rows: Sequence[tuple[str, str, str]], *, folded
 
 def status_words() -> Markup:
     """Return the meaning of each status bit."""
-    entries = ((element("dt", bit_words(bit)), element("dd", said.replace("`", ""))) for bit, said in MEANING.items())
-    return joined(piece for entry in entries for piece in entry)
+    return joined(
+        piece
+        for bit, meaning in MEANING.items()
+        for piece in (element("dt", bit_words(bit)), element("dd", meaning.replace("`", "")))
+    )
 
 
 def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Markup:
     """Return how many pixels of each frame the page holds, and the rounding errors of the codes."""
     if not frames:
         return element("p", "The page holds no maps.")
-    steps: dict[int, int] = {}
     layers: dict[str, list[EmbeddedLayer]] = {}
     for frame in frames:
-        steps[frame.step] = steps.get(frame.step, 0) + 1
         for layer in frame.layers:
             layers.setdefault(layer.name, []).append(layer)
-    held = "; ".join(_held(step, count) for step, count in sorted(steps.items()))
+    held = "; ".join(_held(step, count) for step, count in sorted(Counter(frame.step for frame in frames).items()))
     told = (
         f"Of {counted(len(frames), 'frame')} the page holds: {held}. "
         "A pixel that is there has all its layers; the files of the run have all pixels of all frames. "
