@@ -25,7 +25,7 @@ COMMANDS = {
     "resolve": "Resolve recorded frames into depth maps without multi-path interference.",
     "info": "Show what a capture or map file contains, and what is wrong with it.",
     "inspect": "Show everything about one pixel of a recorded frame.",
-    "evaluate": "Compare depth maps with the true depths: errors.",
+    "evaluate": "Compare depth maps with the true depths, and print the errors.",
     "compare": "Compare two runs, or a run and truth, layer by layer.",
     "profile": "Draw or print the cross-section of maps along a line.",
     "preview": "Draw the maps of a frame, or of many frames.",

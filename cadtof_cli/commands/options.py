@@ -153,7 +153,7 @@ def jobs_option(help: str, /) -> Decorator[Any]:
             tell(f"--jobs {jobs}: at most {most} processes are started, {JOBS_PER_CORE} per core", err=True)
         return min(jobs, most)
 
-    help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores that it may use]"
+    help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: one for each core that cadtof may use]"
     return setting_option(Workers, "jobs", help, option="-j --jobs", callback=limited)
 
 

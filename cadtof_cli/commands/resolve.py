@@ -155,7 +155,7 @@ def _dry_summary(totals: "RunTotals", out: Path) -> str:
 def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
     out = settings.out
     if not totals.frames:
-        return "no frame was resolved: there is none in the --frames of any capture"
+        return "no frame was resolved: no capture has a frame in the range of --frames"
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:

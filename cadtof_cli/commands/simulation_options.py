@@ -85,11 +85,13 @@ further_option = click.option(
     "further",
     type=FURTHER_PATH,
     multiple=True,
-    help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times. It is "
-    "resolved too with --paths 3, which needs as many periods.",
+    help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times. "
+    "--paths 3, which needs three periods, resolves this path too.",
 )
 
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Do not show a progress bar.")
+quiet_option = click.option(
+    "-q", "--quiet", is_flag=True, help="Print errors only: no progress bar, notes or summary on stderr."
+)
 
 workers_option = RecordOptions("workers", Workers, jobs_option("Worker processes"))
 
@@ -117,7 +119,7 @@ trial_options = RecordOptions(
         "temperature_k",
         type=float,
         metavar="K",
-        help="Temperature: adds the kTC noise of C1; with --capacitors.",
+        help="Temperature, which adds the kTC noise of C1; needs --capacitors.",
     ),
     click.option(
         "--capacitors",

@@ -146,7 +146,7 @@ def test_frames_beyond_any_capture_are_none(capture: Path, tmp_path: Path) -> No
     assert (everything.status, everything.err) == (0, "")
     nothing = cadtof("resolve", capture, "-o", tmp_path / "none", "-j", 1, "-q", "--frames", f"{10**30}:")
     assert nothing.status == 1
-    assert nothing.err == "no frame was resolved: there is none in the --frames of any capture\n"
+    assert nothing.err == "no frame was resolved: no capture has a frame in the range of --frames\n"
 
 
 def test_a_map_says_itself_that_its_depths_are_planar(capture: Path, tmp_path: Path) -> None:
