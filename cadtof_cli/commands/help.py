@@ -11,7 +11,7 @@ import click
 NARROW = 60
 """On terminals with fewer columns, the description of an option stands under its name instead of beside it."""
 
-_LEAST = 20
+_LEAST_COLUMNS = 20
 """Width in columns that every terminal is assumed to have."""
 
 
@@ -23,7 +23,7 @@ class _Formatter(click.HelpFormatter):
 
         columns = shutil.get_terminal_size().columns
         self._narrow = width is None and columns < NARROW
-        super().__init__(indent_increment, max(columns - 1, _LEAST) if self._narrow else width, max_width)
+        super().__init__(indent_increment, max(columns - 1, _LEAST_COLUMNS) if self._narrow else width, max_width)
 
     def write_dl(self, rows: Iterable[tuple[str, str]], col_max: int = 30, col_spacing: int = 2) -> None:
         """Write names and their meanings: side by side, or on a narrow terminal each meaning under its name."""

@@ -25,7 +25,7 @@ from cadtof_cli.commands.values import PATH
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.units import size_text
 
-_TOLD_OF_A_REASON = 5
+_NAMED_PER_REASON = 5
 """How many frames with the same problem are named; one wrong setting can cause the same problem in all frames."""
 
 
@@ -112,10 +112,10 @@ def _problem_lines(problems: Sequence[str]) -> Iterator[str]:
     for problem in problems:
         reason = _reason(problem)
         told[reason] += 1
-        if told[reason] <= _TOLD_OF_A_REASON:
+        if told[reason] <= _NAMED_PER_REASON:
             yield problem
         elif told[reason] == reasons[reason]:
-            yield f"{told[reason] - _TOLD_OF_A_REASON} more for the same reason; --json names all"
+            yield f"{told[reason] - _NAMED_PER_REASON} more for the same reason; --json names all"
 
 
 def _reason(problem: str) -> str:

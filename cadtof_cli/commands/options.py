@@ -109,7 +109,7 @@ def setting_option(
     default = field.default if field.default_factory is MISSING else field.default_factory
     kind = _type_of(_type_hints(record)[name])
     dashed = name.replace("_", "-")
-    said = {
+    derived = {
         "type": kind,
         "metavar": metavar_of(f"-{dashed}", kind),
         "default": _as_typed(default),
@@ -119,13 +119,13 @@ def setting_option(
         "help": help,
     }
     if choices:
-        said["type"] = click.Choice(choices)
+        derived["type"] = click.Choice(choices)
     if default is MISSING:
         # click would take None as the default, and would not ask for the required option
-        del said["default"]
-        said["required"] = True
+        del derived["default"]
+        derived["required"] = True
     names = option.split() or _names_of(f"--{dashed}")
-    return click.option(*names, name, **(said | more))
+    return click.option(*names, name, **(derived | more))
 
 
 def number_option(name: str, kind: ParamType, help: str, /) -> Decorator[Any]:

@@ -102,7 +102,7 @@ def write_page(
         settings=settings(page),
         table=frame_table(page),
         embedded=embedded_section(page, [frame.embedded for frame in frames]),
-        run=_data(json.dumps(_document(frames, truth, limits), allow_nan=False, separators=(",", ":"))),
+        run=_json_markup(json.dumps(_document(frames, truth, limits), allow_nan=False, separators=(",", ":"))),
         data=_payloads(frames, truth),
         style=style,
         script=script,
@@ -148,7 +148,7 @@ def _document(
     }
 
 
-def _data(source: str) -> Markup:
+def _json_markup(source: str) -> Markup:
     """Return JSON as markup.
 
     Its `<`, `>` and `&` are escaped, so that no browser finds an end or a begin of an element.
