@@ -5,7 +5,7 @@ from typing import NoReturn
 
 
 def main() -> NoReturn:
-    """Run the command line. Ctrl-C while that is imported, before anything is begun, ends it without a traceback."""
+    """Run the command line. Ctrl-C during its import, when no work has begun, ends the process without a traceback."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from cadtof_cli import cli

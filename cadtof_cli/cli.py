@@ -25,7 +25,7 @@ COMMANDS = {
     "resolve": "Resolve recorded frames into depth maps without multi-path interference.",
     "info": "Show what a capture or map file contains, and what is wrong with it.",
     "inspect": "Show everything about one pixel of a recorded frame.",
-    "evaluate": "Compare depth maps with the true depths: errors.",
+    "evaluate": "Compare depth maps with the true depths, and print the errors.",
     "compare": "Compare two runs, or a run and truth, layer by layer.",
     "profile": "Draw or print the cross-section of maps along a line.",
     "preview": "Draw the maps of a frame, or of many frames.",
@@ -35,24 +35,27 @@ COMMANDS = {
     "sweep": "Simulate a pixel over a grid of conditions: CSV and heat maps.",
     "calibrate": "Measure the errors of a camera, for `resolve --calibration`.",
 }
-"""Subcommands in the order of `cadtof --help`, with what they do; each is a click command in `commands/<name>.py`."""
+"""Subcommands and their descriptions, in the order of `cadtof --help`. Each is a command in `commands/<name>.py`."""
 
 OBJECTS_BETWEEN_COLLECTIONS = 100_000
-"""The garbage collector runs this rarely: imports make tens of thousands of objects, and no garbage."""
+"""Number of new objects after which the garbage collector runs.
+
+Imports make tens of thousands of objects, but no garbage.
+"""
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment variables that say how many threads linear algebra has: one, unless the user says otherwise.
+"""Environment variables that set the number of threads of linear algebra: one, unless the user sets another number.
 
-Our matrices are small, and our processes keep all cores busy. While numpy is imported, threads that wait for work take a core
-each; and what a sum comes to depends on how many there are.
+Our matrices are small, and our processes keep all cores busy. While numpy is imported, each thread that waits for work
+occupies a core. The result of a sum depends on the number of threads.
 """
 
 PROGRAM = "cadtof"
 COMPLETE = "_CADTOF_COMPLETE"
-"""Environment variable by which a shell asks how a line may go on (docs/shells.md)."""
+"""Environment variable by which a shell asks for the completions of a command line (docs/shells.md)."""
 
 _OUTPUTS = frozenset({"-o", "--out", "--csv", "--log", "--plot"})
-"""Options that name what is written."""
+"""Options that name a file or folder to write."""
 
 _CUT_OFF = "Python has kept bytecode that is cut off, as by a full disk"
 
@@ -61,7 +64,7 @@ BROKEN_PIPE = 141
 
 
 class LazyGroup(click.Group):
-    """A group that imports the module of a subcommand only when that is run."""
+    """A group that imports the module of a subcommand only when the subcommand is used."""
 
     context_class = HelpContext
 
@@ -70,11 +73,15 @@ class LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a subcommand; None where there is none of that name, or one like it."""
+        """Import and return a subcommand; return None if no subcommand has this name or a similar one.
+
+        Raises:
+            click.UsageError: a subcommand has a similar name.
+        """
         if cmd_name in COMMANDS:
             command: click.Command = getattr(importlib.import_module(f"cadtof_cli.commands.{cmd_name}"), cmd_name)
             command.context_class = HelpContext
-            # Python leaves out all other descriptions under PYTHONOPTIMIZE=2
+            # PYTHONOPTIMIZE=2 removes docstrings, and with them the command's own description
             command.help = command.help or COMMANDS[cmd_name]
             return command
         import difflib
@@ -84,7 +91,7 @@ class LazyGroup(click.Group):
         return None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write what each subcommand does, without importing any."""
+        """Write the description of each subcommand, without importing any of them."""
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
 
@@ -99,7 +106,7 @@ cli = LazyGroup(
         "cadtof evaluate maps --truth sample_data/corner/truth.exr",
     ),
 )
-"""The command: what it does is done by its subcommands."""
+"""The `cadtof` command. All work is done by its subcommands."""
 
 click.version_option(__version__, "-V", "--version", prog_name=PROGRAM)(cli)
 click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")(cli)
@@ -108,18 +115,18 @@ click.option("--debug", is_flag=True, help="Show the Python traceback of an erro
 def main() -> NoReturn:
     """Run the command line and exit; no traceback reaches a user who did not ask for it."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
-    # nor does it run at exit
+    # frozen objects are not collected, so the collector finds nothing to do at exit
     atexit.register(gc.freeze)
     for name in BLAS_THREADS:
         os.environ.setdefault(name, "1")
     prepare_streams()
-    atexit.register(_let_go_of_stderr)
+    atexit.register(_flush_stderr)
     for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):
-        # nohup has SIGHUP ignored, and that is to stay
+        # an ignored signal stays ignored: nohup ignores SIGHUP
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _terminate)
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
-        # from here on it is answered, see `__main__.py`
+        # `__main__.py` switched Ctrl-C to the default action during imports; from here on, it raises KeyboardInterrupt
         signal.signal(signal.SIGINT, signal.default_int_handler)
     debug = "--debug" in sys.argv[1:2]
     if instruction := os.environ.get(COMPLETE):
@@ -129,7 +136,7 @@ def main() -> NoReturn:
     status = 0
     try:
         _require_words(sys.argv[1:])
-        # as `cli.main` does, but for the exit status that it makes of a reader who has gone away; help ends by Exit
+        # as `cli.main` does, but with our own exit status if the reader of stdout is gone; --help ends by raising Exit
         with contextlib.suppress(click.exceptions.Exit), cli.make_context(PROGRAM, sys.argv[1:]) as context:
             status = cli.invoke(context) or 0
         sys.stdout.flush()
@@ -138,7 +145,7 @@ def main() -> NoReturn:
         tell("\n" + ": ".join(filter(None, ("interrupted", str(error)))), err=True)
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
-        # as a program ends that SIGPIPE ends
+        # the exit status of a program that SIGPIPE ends
         forget(sys.stdout)
         sys.exit(BROKEN_PIPE)
     except Exception as error:
@@ -151,12 +158,13 @@ def main() -> NoReturn:
 
 
 def _require_words(arguments: Sequence[str]) -> None:
-    """Make sure that no argument is empty: as a path it would mean the current folder, whatever variable it was to come from.
+    """Make sure that no argument is empty and that no output is called `-`.
 
-    Nor is anything to be written into a file called `-`, which stands for stdout elsewhere.
+    An empty argument comes from a shell variable that is not set; as a path, it would mean the current folder. In other
+    programs `-` stands for stdout, so a file of this name would be a surprise.
 
     Raises:
-        click.UsageError: one is.
+        click.UsageError: an argument is empty, or an output is called `-`.
     """
     for before, argument in itertools.pairwise((PROGRAM, *arguments)):
         if not argument or (argument.startswith("--") and argument.endswith("=")):
@@ -197,8 +205,8 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
             return f"Error: unexpected {type(error).__name__}: {error}\n{advice}", 1
 
 
-def _let_go_of_stderr() -> None:
-    """Keep the exit status where stderr, on a full disk for instance, could not take everything."""
+def _flush_stderr() -> None:
+    """Flush stderr. If it cannot take everything, such as on a full disk, forget the rest and keep the exit status."""
     try:
         sys.stderr.flush()
     except (OSError, ValueError):
@@ -206,5 +214,5 @@ def _let_go_of_stderr() -> None:
 
 
 def _terminate(number: int, _frame: FrameType | None) -> NoReturn:
-    """Leave by the same way as any other end, so that workers stop and no half-written file stays."""
+    """Exit by SystemExit, as at any other end, so that workers stop and no half-written file stays."""
     sys.exit(128 + number)

@@ -1,4 +1,4 @@
-"""What can go wrong in ways that a user can mend. Every kind says what was found, what was expected, and where."""
+"""Errors that a user can mend. Every message says what was found, what was expected, and where."""
 
 
 class CadtofError(Exception):
@@ -12,7 +12,7 @@ class SettingsError(CadtofError):
 
 
 def require(holds: bool, name: str, found: object, expected: str) -> None:
-    """Raise a SettingsError that names a setting, unless what must hold of it does."""
+    """Raise a SettingsError about the setting `name`, unless the condition `holds`."""
     if not holds:
         raise SettingsError(f"{name}: found {found}, expected {expected}")
 
@@ -26,7 +26,7 @@ class CaptureError(CadtofError):
 
 
 class FrameError(CadtofError):
-    """One frame that cannot be read or resolved; the other frames of a run go on."""
+    """One frame that cannot be read or resolved; the run goes on with the other frames."""
 
     exit_status = 1
 
@@ -36,11 +36,14 @@ class OutputError(CadtofError):
 
 
 class PlaceError(OutputError):
-    """A place that takes no more files, whichever: it is full, read-only, or gone."""
+    """A place that takes no file of any name: it is full, read-only, or gone."""
 
 
 class RunStoppedError(PlaceError):
-    """A run that ended before its last frame, as its place takes no more maps; what it had finished is there."""
+    """A run that ended before its last frame, because its place takes no more maps.
+
+    The maps finished until then are there.
+    """
 
     exit_status = 1
 
@@ -50,6 +53,6 @@ class WorkersError(CadtofError):
 
 
 class ClusterError(CadtofError):
-    """A cluster that cannot do what was asked, or is lost; what it has done is kept."""
+    """A cluster that cannot do what was asked, or is lost. The results that it has delivered are kept."""
 
     exit_status = 1

@@ -1,4 +1,7 @@
-"""Paths on stdin, handed on as they arrive: from `find`, which writes many and ends, or from what watches a folder for days."""
+"""Paths on stdin, handed on as they arrive.
+
+They come from `find`, which writes many paths and ends, or from a program that watches a folder for days.
+"""
 
 import os
 import select
@@ -7,20 +10,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PAUSE_S = 0.5
-"""Time without a new path after which the paths that came are taken to be all that there are at present."""
+"""Seconds without a new path after which the paths that have arrived count as all paths that there are at present."""
 
 SETTLED_S = 5.0
-"""After so long the first paths are handed on, even where more keep coming."""
+"""Seconds after which a batch of paths is handed on, even if more paths keep coming."""
 
 _READ_BYTES = 2**16
 
 
 def paths_as_they_arrive(descriptor: int, /, *, separator: bytes = b"\n") -> Iterator[tuple[Path, ...]]:
-    """Yield paths in batches, each as soon as nothing more is there to be read; the last when the writer has ended.
+    """Yield paths in batches: each batch as soon as nothing more can be read, the last one when the writer has ended.
 
     Args:
-        descriptor: of what is read, such as stdin's.
-        separator: what ends a path.
+        descriptor: file descriptor to read from, such as stdin's.
+        separator: bytes that end a path.
     """
     rest, first = b"", True
     while True:
@@ -36,7 +39,7 @@ def paths_as_they_arrive(descriptor: int, /, *, separator: bytes = b"\n") -> Ite
 
 
 def _read_batch(descriptor: int, *, pause_s: float) -> tuple[bytes, bool]:
-    """Wait for something to read; return it with all that follows before a pause, and whether that is the end."""
+    """Wait for something to read; return everything up to the next pause, and whether the input has ended."""
     content, until = os.read(descriptor, _READ_BYTES), time.monotonic() + SETTLED_S
     ended = not content
     while not ended and time.monotonic() < until and _has_more(descriptor, pause_s):
@@ -47,7 +50,11 @@ def _read_batch(descriptor: int, *, pause_s: float) -> tuple[bytes, bool]:
 
 
 def _has_more(descriptor: int, pause_s: float) -> bool:
-    """Wait until there is more to read, or for the pause; no pipe can be waited for so on Windows: one piece is all then."""
+    """Return whether there is more to read before the pause is over.
+
+    On Windows, `select` cannot wait for a pipe. The answer is then False, and each piece that was read is a batch of
+    its own.
+    """
     try:
         return bool(select.select([descriptor], [], [], pause_s)[0])
     except OSError:

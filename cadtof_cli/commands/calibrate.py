@@ -8,7 +8,6 @@ from typing import Any
 
 import click
 
-from cadtof_cli.calibration.parts import PART_KINDS
 from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import (
     CAPTURE_HEADING,
@@ -35,14 +34,14 @@ _TARGETS = tuple(
 
 
 class _StepsInOrder(click.Group):
-    """A group whose help lists the steps in the order in which they are taken."""
+    """A group whose help lists the steps in the order in which they are taken and are defined below."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the steps."""
-        return [name for name in PART_KINDS if name in self.commands]
+        return list(self.commands)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a step; a capture in its place, which is easily forgotten, is answered by what the steps are."""
+        """Return a step. If the user forgot the step and typed a capture in its place, the message names the steps."""
         if cmd_name not in self.commands and not ctx.resilient_parsing:
             ctx.fail(f"found '{cmd_name}', expected a step first: {', '.join(self.list_commands(ctx))}")
         return super().get_command(ctx, cmd_name)
@@ -79,7 +78,7 @@ _distance = click.option(
 
 @dataclass(frozen=True, kw_only=True)
 class _Step:
-    """What is said of a step, whichever it is."""
+    """The options that all steps share."""
 
     captures: tuple[str, ...]
     settings: CalibrateSettings
@@ -90,7 +89,7 @@ class _Step:
     def take(
         self, measure: Callable[..., CalibrateReport], lines: Callable[[Mapping[str, Any]], list[str]], **more: Any
     ) -> None:
-        """Take the step, and print its report."""
+        """Take the step by calling `measure`, and print its report; `lines` puts the measured figures into words."""
         with progress_bar("reading", "frames", quiet=self.quiet) as bar:
             paths = input_paths(self.captures)
             report = measure(paths, settings=self.settings, overrides=self.overrides, progress=bar, **more)
@@ -104,7 +103,10 @@ class _Step:
 
 
 def _step(*more: Decorator[Any]) -> Decorator[Any]:
-    """Return a decorator that adds the options of a step, those that all share and `more`; they arrive as `step`."""
+    """Return a decorator that adds the options of a step: those that all steps share, and `more`.
+
+    The command receives the shared ones as one record, `step`; the values of `more` are fields of its settings.
+    """
     return RecordOptions(
         "step",
         _Step,

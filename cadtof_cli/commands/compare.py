@@ -46,7 +46,7 @@ def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overw
         require_picture(out, overwrite=overwrite)
     else:
         note_given({"overwrite"}, "without -o")
-    with progress_bar("comparing", "frames", quiet=False) as bar:
+    with progress_bar("comparing", "frames") as bar:
         pairs = MapPairs(first, second)
         found = compare_maps(pairs, progress=bar)
     if out is not None:
@@ -57,7 +57,7 @@ def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overw
 
 
 def _lines(found: "Comparison") -> Iterator[str]:
-    """Yield the table."""
+    """Yield the lines of the table."""
     from cadtof_cli.maps.layers import layer_unit
 
     yield f"{'|A − B|':26}{'median':>12}{'90 %':>12}{'largest':>12}   ({counted(found.frames, 'frame')})"

@@ -84,7 +84,7 @@ def evaluate(
 
     evaluation, found = None, dict[str, Any]()
     lines: list[str] = []
-    with progress_bar("evaluating", "maps", quiet=False) as bar:
+    with progress_bar("evaluating", "maps") as bar:
         if over_time is not None:
             scatter = scatter_over_time(maps, over_time, progress=bar, overwrite=overwrite)
             found["over_time"], lines = asdict(scatter), [_scatter_line(scatter, over_time)]
@@ -96,7 +96,7 @@ def evaluate(
 
 
 def _fails(evaluation: "Evaluation", max_median: float) -> bool:
-    """Say where the gate is shut, and whether it is."""
+    """Return whether the median error is missing or larger than `max_median`, and say so on stderr."""
     median = evaluation.direct.median_cm
     if median is not None and median <= max_median:
         return False

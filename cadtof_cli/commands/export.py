@@ -45,7 +45,7 @@ def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings, overw
         note_given({"layer", "depth"}, f"with {kind}")
     if kind in OPTICS_FREE:
         note_given({"focal_length_px", "principal_point_px"}, f"with {kind}")
-    with progress_bar("exporting", "maps", quiet=False) as bar:
+    with progress_bar("exporting", "maps") as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar, overwrite=overwrite)
     for output in outputs:
         tell(output)

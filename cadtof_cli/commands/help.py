@@ -1,6 +1,6 @@
-"""Help: headings of options, examples at its end, and narrow terminals, where two columns would leave no room for words.
+"""The layout of help: options under headings, examples at the end, and one column instead of two on narrow terminals.
 
-tests/cli/test_examples.py runs all examples, line by line, beside sample_data.
+tests/cli/test_examples.py runs all examples, line by line, in a folder that holds sample_data.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -9,24 +9,24 @@ from typing import Any
 import click
 
 NARROW = 60
-"""Columns of a terminal below which what an option does stands beneath its name, not beside it."""
+"""On terminals with fewer columns, the description of an option stands under its name instead of beside it."""
 
-_LEAST = 20
-"""Columns that are taken for granted."""
+_LEAST_COLUMNS = 20
+"""Width in columns that every terminal is assumed to have."""
 
 
 class _Formatter(click.HelpFormatter):
-    """Writes no line that is wider than the terminal; click takes 50 columns for granted."""
+    """Writes no line that is wider than the terminal. Click itself assumes that a terminal has at least 50 columns."""
 
     def __init__(self, indent_increment: int = 2, width: int | None = None, max_width: int | None = None) -> None:
         import shutil
 
         columns = shutil.get_terminal_size().columns
         self._narrow = width is None and columns < NARROW
-        super().__init__(indent_increment, max(columns - 1, _LEAST) if self._narrow else width, max_width)
+        super().__init__(indent_increment, max(columns - 1, _LEAST_COLUMNS) if self._narrow else width, max_width)
 
     def write_dl(self, rows: Iterable[tuple[str, str]], col_max: int = 30, col_spacing: int = 2) -> None:
-        """Write names and what they mean: beneath each other where there is no room beside each other."""
+        """Write names and their meanings: side by side, or on a narrow terminal each meaning under its name."""
         if not self._narrow:
             super().write_dl(rows, col_max, col_spacing)
             return
@@ -46,7 +46,8 @@ class SectionedCommand(click.Command):
     """A command whose help shows some options under headings of their own.
 
     Args:
-        headings: names of parameters by the heading that their options stand under; the others stand under "Options".
+        headings: for each heading, the names of the parameters whose options stand under it. All other options stand
+            under "Options".
     """
 
     context_class = HelpContext
@@ -56,10 +57,10 @@ class SectionedCommand(click.Command):
         self._headings = headings
 
     def sections(self, params: Iterable[click.Parameter], /) -> dict[str, list[click.Option]]:
-        """Return the options among some parameters by their headings, in the order of these."""
+        """Return the options among `params` by their heading, in the order of the headings."""
         found: dict[str, list[click.Option]] = {title: [] for title in ("Options", *self._headings)}
         for param in params:
-            # arguments are described above the options; the newest click lists them here too, without help
+            # arguments are described above the options; the newest click includes them in `params`, without help
             if isinstance(param, click.Option):
                 own = (title for title, names in self._headings.items() if param.name in names)
                 found[next(own, "Options")].append(param)
@@ -73,15 +74,16 @@ class SectionedCommand(click.Command):
 
 
 def example(*lines: str) -> str:
-    """Return the end of a help text: commands that work as they stand where sample_data lies, in an empty folder otherwise.
+    """Return the end of a help text: commands that work as printed, in a folder that holds nothing but sample_data.
 
     Args:
-        lines: each begins with `cadtof`; where the last needs files that are not in sample_data, those before it make them.
+        lines: commands; each begins with `cadtof`. If the last command needs files that are not in sample_data, the
+            commands before it make these files.
     """
-    # \b keeps click from filling the lines
+    # \b keeps click from joining the lines into a paragraph
     return "\n".join(("\b", "Example:" if len(lines) == 1 else "Examples:", *(f"  {line}" for line in lines)))
 
 
 def example_lines(epilog: str | None, /) -> tuple[str, ...]:
-    """Return the commands in the end of a help text; nothing where it shows none."""
+    """Return the commands at the end of a help text; an empty tuple if it shows none."""
     return tuple(line.strip() for line in (epilog or "").splitlines() if line.startswith("  cadtof "))

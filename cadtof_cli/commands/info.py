@@ -25,8 +25,8 @@ from cadtof_cli.commands.values import PATH
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.units import size_text
 
-_TOLD_OF_A_REASON = 5
-"""So many frames are named that have the same problem: one wrong setting may be in the way of all."""
+_NAMED_PER_REASON = 5
+"""How many frames with the same problem are named; one wrong setting can cause the same problem in all frames."""
 
 
 @click.command(cls=SectionedCommand, headings=CAPTURE_HEADING, epilog=example("cadtof info sample_data/corner"))
@@ -82,7 +82,7 @@ def info(
 
     if not write_settings:
         refuse_given({"out", "overwrite"}, "without --write-settings")
-    with progress_bar("reading", "frames", quiet=False) as bar:
+    with progress_bar("reading", "frames") as bar:
         found = look_into(
             input_paths(inputs),
             overrides=overrides,
@@ -106,20 +106,20 @@ def info(
 
 
 def _problem_lines(problems: Sequence[str]) -> Iterator[str]:
-    """Yield what is wrong; of many frames with the same reason the first few, and how many more there are."""
+    """Yield the problems. If many frames have the same reason, yield the first few, and how many more there are."""
     reasons = Counter(_reason(problem) for problem in problems)
     told = Counter[str]()
     for problem in problems:
         reason = _reason(problem)
         told[reason] += 1
-        if told[reason] <= _TOLD_OF_A_REASON:
+        if told[reason] <= _NAMED_PER_REASON:
             yield problem
         elif told[reason] == reasons[reason]:
-            yield f"{told[reason] - _TOLD_OF_A_REASON} more for the same reason; --json names all"
+            yield f"{told[reason] - _NAMED_PER_REASON} more for the same reason; --json names all"
 
 
 def _reason(problem: str) -> str:
-    """Return what is said behind the name of a file."""
+    """Return the part of a problem that follows the name of the file."""
     return problem.partition(": ")[2] or problem
 
 
@@ -213,7 +213,7 @@ def _calibration_lines(facts: Any) -> Iterator[str]:
 
 
 def _texts(value: Any) -> list[str]:
-    """Return what stands beneath each other for a value: every text of a list has a line of its own."""
+    """Return the lines that show a value: a line for each text of a list of texts, otherwise one line."""
     texts = isinstance(value, list) and value and all(isinstance(entry, str) for entry in value)
     return list(value) if texts else [_value(value)]
 

@@ -26,7 +26,7 @@ _ROOM = {
     "decay_ns": " ns  in which that falls to 1/e",
     "start_ns": " ns  after the direct light, when that begins",
 }
-"""What the numbers of a room mean."""
+"""Unit and meaning of each number that describes a room with diffuse MPI; they are printed after the number."""
 
 
 @click.command(
@@ -92,7 +92,7 @@ def inspect(
 
 
 def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[str]:
-    """Yield the table."""
+    """Yield the lines of the table."""
     yield f"{document['frame']}, pixel {document['pixel'][0]},{document['pixel'][1]}: {', '.join(document['status'])}"
     noise = document["noise"]
     for row, harmonic in enumerate(harmonics):

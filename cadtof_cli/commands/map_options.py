@@ -1,4 +1,4 @@
-"""The options that decide what maps are: those of `cadtof resolve` that other commands take too."""
+"""The options that determine the values in maps. `cadtof resolve` has them; other commands take some of them too."""
 
 from typing import Any
 
@@ -11,7 +11,10 @@ _RESOLVER, _MAPS = declared_options(ResolverSettings), declared_options(MapSetti
 
 
 def path_options(*without: str) -> RecordOptions:
-    """Return the options that decide how phasors become paths, but for some; they arrive as `resolver`."""
+    """Return the options that determine how phasors become paths, except those named in `without`.
+
+    The command receives them as one record, `resolver`.
+    """
     own = (option for name, option in _RESOLVER.items() if name not in without)
 
     def settings(**given: Any) -> ResolverSettings:
@@ -28,13 +31,16 @@ def path_options(*without: str) -> RecordOptions:
 
 
 def map_options(*without: str) -> RecordOptions:
-    """Return the options that decide what maps are, but for some; they arrive as `maps`."""
+    """Return the options that determine the values in maps, except those named in `without`.
+
+    The command receives them as one record, `maps`.
+    """
     own = (option for name, option in _MAPS.items() if name not in without)
     return RecordOptions("maps", MapSettings, path_options(), *own)
 
 
 MAP_HEADING = {"Resolving options": ("calibration", *map_options().names())}
-"""Which options stand under which heading in the help of commands that take these."""
+"""The heading of these options in the help of a command that takes them, and the names of their parameters."""
 
 
 def calibration_option() -> Decorator[Any]:

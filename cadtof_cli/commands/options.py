@@ -1,4 +1,4 @@
-"""What options are made of: settings records say defaults and choices, keys of `capture.toml` become options."""
+"""Options, made from settings records, which hold types, defaults and choices, and from the keys of `capture.toml`."""
 
 import functools
 import itertools
@@ -34,10 +34,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 Decorator = Callable[[Function], Function]
 
 STDIN = "-"
-"""Stands for paths on stdin."""
+"""The argument that stands for paths on stdin."""
 
 _UNITS = {"-ns": "NS", "-v": "V", "-px": "PX", "-m": "M", "-deg": "DEG", "-hz": "HZ"}
-"""Ends of names of options that say a unit, and what stands for such a value in the help."""
+"""Endings of option names that say a unit, each with the placeholder of such a value in the help."""
 
 _METAVARS = {
     "modulation.periods_ns": "NS,NS…",
@@ -46,7 +46,7 @@ _METAVARS = {
     "optics.principal_point_px": "X,Y",
     "optics.lamp_offset_m": "M,M,M",
 }
-"""What stands for the value of a key in the help, where its kind and unit do not say it."""
+"""Placeholders in the help for the values of those keys whose placeholder does not follow from kind and unit."""
 
 _TYPES: dict[Any, ParamType] = {
     bool: click.BOOL,
@@ -65,15 +65,15 @@ def _type_hints(record: type) -> dict[str, Any]:
 
 
 def _names_of(option: str) -> tuple[str, ...]:
-    """Return the names of an option: with its unit, as its record has it, and without."""
+    """Return the names of an option: first with its unit, as in the settings record, then without the unit."""
     plain = next((option.removesuffix(unit) for unit in _UNITS if option.endswith(unit)), option)
     return tuple(dict.fromkeys((option, plain)))
 
 
 def metavar_of(name: str, kind: ParamType, /) -> str | None:
-    """Return what stands for the value of an option in the help: its unit, N for whole numbers, X for others; else None.
+    """Return the placeholder of an option's value in the help, or None if click's own is good.
 
-    Of several numbers it stands there as often as there are some.
+    It is the unit, N for a whole number, or X for another number. For several numbers, it is repeated once per number.
     """
     if kind is click.INT:
         return "N"
@@ -94,69 +94,74 @@ def setting_option(
     show_default: bool = True,
     **more: Any,
 ) -> Decorator[Any]:
-    """Return the option of one field of a settings record, whose type, choices and default it takes.
+    """Return the option for one field of a settings record, with the type, choices and default of the field.
 
     Args:
         record: dataclass of the settings.
-        name: of the field, and of the parameter that the command gets.
-        help: what it does.
-        option: as typed, such as `-j --jobs`; without it, the name of the field, with its unit and without.
-        choices: that there are, where the field's type does not say it.
-        show_default: whether the help names the default, where there is one.
-        more: what `click.option` takes besides, such as `metavar`; it goes before what the record says.
+        name: of the field, and of the parameter that the command receives.
+        help: what the option does.
+        option: names as typed, such as `-j --jobs`. If empty, the name of the field, with its unit and without.
+        choices: allowed values, if the type of the field does not list them.
+        show_default: whether the help shows the default, if there is one.
+        more: other arguments of `click.option`, such as `metavar`; they override what follows from the record.
     """
     (field,) = (item for item in fields(record) if item.name == name)
     default = field.default if field.default_factory is MISSING else field.default_factory
     kind = _type_of(_type_hints(record)[name])
     dashed = name.replace("_", "-")
-    said = {
+    derived = {
         "type": kind,
         "metavar": metavar_of(f"-{dashed}", kind),
         "default": _as_typed(default),
         "show_default": show_default and not callable(default) and default not in {None, MISSING},
-        # with False, click accepts an option without its value
+        # None instead of False: with False, click would accept the option without its value
         "is_flag": isinstance(default, bool) or None,
         "help": help,
     }
     if choices:
-        said["type"] = click.Choice(choices)
+        derived["type"] = click.Choice(choices)
     if default is MISSING:
-        # click takes None for a default, and would not ask for a required option
-        del said["default"]
-        said["required"] = True
+        # click would take None as the default, and would not ask for the required option
+        del derived["default"]
+        derived["required"] = True
     names = option.split() or _names_of(f"--{dashed}")
-    return click.option(*names, name, **(said | more))
+    return click.option(*names, name, **(derived | more))
 
 
-def number_option(name: str, kind: ParamType, help: str, /, *, metavar: str | None = None) -> Decorator[Any]:
-    """Return an option that no settings record says the type of; what stands for its value follows from type and unit.
+def number_option(name: str, kind: ParamType, help: str, /) -> Decorator[Any]:
+    """Return an option for numbers whose type is not taken from a settings record.
 
     Args:
         name: of the parameter, with its unit, such as `distance_m`.
-        kind: of number, or numbers.
-        help: what it does.
-        metavar: what stands for its value, where that follows from nothing.
+        kind: type of the number or numbers.
+        help: what the option does.
     """
     option = f"--{name.replace('_', '-')}"
-    return click.option(*_names_of(option), name, type=kind, metavar=metavar or metavar_of(option, kind), help=help)
+    return click.option(*_names_of(option), name, type=kind, metavar=metavar_of(option, kind), help=help)
 
 
 def jobs_option(help: str, /) -> Decorator[Any]:
-    """Return the option `--jobs`, which says so where more processes are asked for than are ever started."""
+    """Return the option `--jobs`.
+
+    If a user asks for more processes than are ever started, it says so and lowers the number.
+    """
 
     def limited(ctx: click.Context, _param: click.Parameter, jobs: int) -> int:
-        # of few it need not be asked how many cores there are
+        # a small number is allowed on every machine, so the cores need not be counted
         most = JOBS_PER_CORE * available_cores() if jobs > JOBS_PER_CORE else jobs
         if jobs > most and not ctx.params.get("quiet"):
             tell(f"--jobs {jobs}: at most {most} processes are started, {JOBS_PER_CORE} per core", err=True)
         return min(jobs, most)
 
-    help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores that it may use]"
+    help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: one for each core that cadtof may use]"
     return setting_option(Workers, "jobs", help, option="-j --jobs", callback=limited)
 
 
 def _type_of(hint: Any) -> ParamType:
-    """Return the type of an option for values of a field's type; None beside it stands for an option that is not given."""
+    """Return the type of an option for a field's type hint.
+
+    `| None` in a hint stands for an option that is not given; it does not change the type.
+    """
     (hint,) = [one for one in get_args(hint) if one is not NoneType] if NoneType in get_args(hint) else [hint]
     if get_origin(hint) is Literal:
         return click.Choice(get_args(hint))
@@ -175,13 +180,13 @@ def _as_typed(default: Any) -> Any:
 
 
 class RecordOptions:
-    """A decorator that adds options, in their order, and hands a command what they say as one record.
+    """A decorator that adds options, in their order, and passes their values to the command as one record.
 
     Args:
-        name: of the command's parameter that gets the record.
-        record: called with the options' values by their names.
-        options: made by `click.option` or `setting_option`, or those of a record within the record; without any, those of the
-            fields that `records.setting` has declared.
+        name: of the command's parameter that receives the record.
+        record: called with the values of the options as keyword arguments.
+        options: made by `click.option` or `setting_option`; or a `RecordOptions`, for a record within the record. If
+            there are none, the options are those of the fields declared by `records.setting`.
     """
 
     def __init__(self, name: str, record: Callable[..., Any], /, *options: Decorator[Any]) -> None:
@@ -204,18 +209,18 @@ class RecordOptions:
         return cast("Function", with_options)
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the parameters that the options have for click, in their order."""
+        """Return the names that click gives the parameters of the options, in their order."""
         return tuple(parameter.name for parameter in reversed(self(lambda: None).__dict__["__click_params__"]))
 
 
 def declared_options(record: Any, /) -> dict[str, Decorator[Any]]:
-    """Return the options of the fields of a settings record that `records.setting` has declared, by name, inherited ones last."""
+    """Return, by name, the options of the fields that `records.setting` declares in a record; inherited fields last."""
     ordered = sorted(fields(record), key=lambda one: one.name not in record.__annotations__)
     return {one.name: setting_option(record, one.name, **one.metadata) for one in ordered if "help" in one.metadata}
 
 
 def given_options(names: Collection[str], /) -> Iterator[str]:
-    """Yield which of the options, by their parameters' names, were typed, the way that the help writes them."""
+    """Yield those options that were typed, as the help writes them; only options whose parameters have these names."""
     context = click.get_current_context()
     for param in context.command.params:
         if param.name in names and context.get_parameter_source(param.name) == ParameterSource.COMMANDLINE:
@@ -223,7 +228,12 @@ def given_options(names: Collection[str], /) -> Iterator[str]:
 
 
 def note_given(names: Collection[str], where: str, /) -> None:
-    """Say on stderr which of these options were typed `where` (such as "with --solver two-path") they change nothing."""
+    """Say on stderr which of these options were typed although they have no effect.
+
+    Args:
+        names: of the options' parameters.
+        where: when they have no effect, such as "with --solver two-path".
+    """
     if click.get_current_context().params.get("quiet"):
         return
     for option in given_options(names):
@@ -231,16 +241,26 @@ def note_given(names: Collection[str], where: str, /) -> None:
 
 
 def refuse_given(names: Collection[str], where: str, /) -> None:
-    """Raise SettingsError if any of these options was typed, `where` (such as "with --scene card") it changes nothing."""
+    """Refuse options that were typed although they have no effect.
+
+    Args:
+        names: of the options' parameters.
+        where: when they have no effect, such as "with --scene card".
+
+    Raises:
+        SettingsError: one of the options was typed.
+    """
     for option in given_options(names):
         raise SettingsError(f"{option}: found {where}, where it has no effect; leave it out")
 
 
 def capture_options(*without: str) -> RecordOptions:
-    """Return a decorator that adds an option for every key of `capture.toml`; they arrive by dotted key, as `overrides`.
+    """Return a decorator that adds an option for every key of `capture.toml`.
+
+    The command receives the values that were given as `overrides`, by dotted key.
 
     Args:
-        without: keys, by dotted name, that a command has an option of its own for.
+        without: dotted keys for which the command has an option of its own.
     """
     keys = tuple(key for key in KEYS.values() if key.path not in without)
 
@@ -251,7 +271,7 @@ def capture_options(*without: str) -> RecordOptions:
 
 
 def _capture_option(key: Key) -> Decorator[Any]:
-    """Return the option of a key, by its name with its unit, as the key has it, and without."""
+    """Return the option of a key. It has two names: with the unit, as in the key, and without the unit."""
     types: dict[Kind, ParamType] = {
         "number": click.FLOAT,
         "whole number": click.INT,
@@ -271,11 +291,11 @@ def _capture_option(key: Key) -> Decorator[Any]:
 
 
 CAPTURE_HEADING = {"Capture options (each overrides a key of capture.toml)": capture_options().names()}
-"""Which options stand under which heading in the help of commands that take these."""
+"""The heading of these options in the help of a command that takes them, and the names of their parameters."""
 
 
 def settings_option() -> Decorator[Any]:
-    """Return the option that names a `capture.toml`, wherever it lies."""
+    """Return the option that names a `capture.toml` in any folder."""
     return click.option(
         "--settings",
         "settings_file",
@@ -286,14 +306,15 @@ def settings_option() -> Decorator[Any]:
 
 
 def input_paths(values: tuple[str, ...], /) -> tuple[Path, ...]:
-    """Return the paths that the arguments name; `-` stands for paths on stdin, a line each."""
+    """Return the paths that the arguments name; `-` stands for paths on stdin, one per line."""
     return tuple(itertools.chain.from_iterable(arriving_paths(values)))
 
 
 def arriving_paths(values: tuple[str, ...], /, *, separator: bytes = b"\n") -> Iterator[tuple[Path, ...]]:
-    """Yield the paths that the arguments name, and, as they arrive, those on stdin that `-` stands for.
+    """Yield batches of paths: the paths that the arguments name, and those that arrive on stdin if one argument is `-`.
 
-    The first are those that arrive before the first pause: what is known of a tree of captures is known from them.
+    The first batch holds the named paths and the paths that arrive before the first pause. The common folder of the
+    captures, and so the tree of folders in OUT, follows from this batch.
     """
     named = tuple(Path(value) for value in values if value != STDIN)
     if STDIN not in values:

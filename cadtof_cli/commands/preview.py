@@ -39,6 +39,6 @@ def preview(*, inputs: tuple[Path, ...], out: Path, settings: PreviewSettings) -
         note_given({"frames_per_second"}, f"with {out.suffix}")
     if settings.layer == STATUS:
         note_given({"limits", "colours"}, f"with --layer {STATUS}")
-    with progress_bar("drawing", "frames", quiet=False) as bar:
+    with progress_bar("drawing", "frames") as bar:
         draw(inputs, out, settings=settings, progress=bar)
     tell(out)

@@ -33,8 +33,8 @@ def profile(
 ) -> None:
     """Show the cross-section of maps along a line, with ± 1 predicted sigma, the first phasor and truth.
 
-    MAPS are map files or folders that `cadtof resolve` wrote; one map of each folder is shown. All show the same pixels of
-    their frames, and are drawn into one picture.
+    MAPS are map files or folders that `cadtof resolve` wrote; one map of each folder is shown. All maps are drawn into
+    one picture; they must show the same pixels of their frames.
     """
     if settings.layer != DIRECT_DEPTH:
         note_given({"first_phasor"}, f"with --layer {settings.layer}")

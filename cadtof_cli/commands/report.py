@@ -29,6 +29,6 @@ def report(maps: Path, out: Path, settings: ReportSettings) -> None:
     resolved depth. A point cloud can be turned with the mouse. Maps are rounded to 16 bits; the page states the rounding error.
     The tables can be read without JavaScript.
     """
-    with progress_bar("reading", "maps", quiet=False) as bar:
+    with progress_bar("reading", "maps") as bar:
         write_report(maps, out, settings=settings, progress=bar)
     tell(out)

@@ -102,8 +102,8 @@ def resolve(
     """Resolve the direct path and the MPI in every pixel of recorded frames, and write depth maps.
 
     INPUT is a capture folder or a frame file. With - as INPUT, paths are read from stdin, one per line, and resolved as they
-    arrive. OUT gets one file of maps per frame, run.json and frames.jsonl. The maps of several captures lie in subfolders of
-    OUT, like the captures below the folder that they have in common.
+    arrive. OUT gets one file of maps per frame, run.json and frames.jsonl. With several captures, OUT has a subfolder
+    for each of them, in the same tree as the captures below their common folder.
 
     \b
     Exit status:
@@ -132,7 +132,7 @@ def resolve(
         summary = _dry_summary(totals, settings.out) if settings.dry_run else _summary(totals, settings)
         if bar.log:
             bar.log.note(summary)
-    # where no frame says why, a run that ends with 1 does
+    # without a frame, this line alone says why the exit status is 1, so --quiet prints it too
     if not quiet or not totals.frames:
         tell(summary, err=True)
     return 0 if totals.ok + totals.already_there and not totals.failed else 1
@@ -155,7 +155,7 @@ def _dry_summary(totals: "RunTotals", out: Path) -> str:
 def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
     out = settings.out
     if not totals.frames:
-        return "no frame was resolved: there is none in the --frames of any capture"
+        return "no frame was resolved: no capture has a frame in the range of --frames"
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:
@@ -176,6 +176,6 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
 
 
 def per_second(number: int, seconds: float, /) -> str:
-    """Return how many things there are in a second, with two digits or more, such as '212', '12' and '0.35'."""
+    """Return a rate per second as text, with two digits or more, such as '212', '12' and '0.35'."""
     rate = number / seconds
     return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"

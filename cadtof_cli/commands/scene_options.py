@@ -1,4 +1,4 @@
-"""What can be said of a simulated scene: its light, its camera and its capture."""
+"""The options of a simulated scene: its light, its camera and its capture."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -8,7 +8,7 @@ import click
 
 from cadtof_cli.commands.options import RecordOptions, declared_options, number_option, setting_option
 from cadtof_cli.commands.simulation_options import further_option
-from cadtof_cli.commands.values import NumberTuple
+from cadtof_cli.commands.values import NumberTuple, ParamType
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Scene
@@ -16,15 +16,15 @@ from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.workflows.simulate.record import RecordSettings
 
 _MPI = {"card": "mpi_ratios", "inter-reflection": "mpi_ratio"}
-"""What `--mpi` sets of a scene; all others are called like the fields that they set."""
+"""The field of each scene that `--mpi` sets. Every other option has the name of the field that it sets."""
 
 ASR, MPI_RATIO = 5.0, 0.3
-"""Ambient light and MPI of a pixel over its direct light, where the options are not given."""
+"""Ambient light and MPI of a single pixel, each over its direct light, if the options are not given."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LightOptions:
-    """What is said of the light: of a pixel's, all of it; of a scene's, what the scene takes."""
+    """The options of the light. A single pixel takes all of them; a scene takes only some."""
 
     asr: float | None
     mpi: float | None
@@ -34,7 +34,7 @@ class LightOptions:
     integration_length: float | None
 
     def condition(self, fwhm_ns: float, /) -> Condition:
-        """Return the light of a pixel; raises SettingsError for one that cannot be."""
+        """Return the light of a single pixel; raises SettingsError for impossible values."""
         return Condition(
             asr=ASR if self.asr is None else self.asr,
             mpi_ratio=MPI_RATIO if self.mpi is None else self.mpi,
@@ -47,12 +47,12 @@ class LightOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """What is said of a scene, its camera and its capture.
+    """The options of a scene, its camera and its capture.
 
     Attributes:
-        recording: fields of `RecordSettings`.
-        settings: fields of the scenes; None for those that are not given.
-        camera: that looks at it.
+        recording: values of fields of `RecordSettings`, by name.
+        settings: values of fields of the scenes, by name; None if an option is not given.
+        camera: the camera that looks at the scene.
     """
 
     recording: Mapping[str, Any]
@@ -60,7 +60,7 @@ class SceneOptions:
     camera: Camera
 
     def made(self, name: str, light: LightOptions, /, *, seed: int) -> Scene:
-        """Return the scene from the options that it takes; the others must be absent."""
+        """Return the scene `name`, made from the options that it takes; the options of other scenes must be absent."""
         taken = {field.name for field in fields(SCENES[name])}
         given = {"asr": light.asr, "seed": seed if "seed" in taken else None, **self.settings}
         if name in _MPI and light.mpi is not None:
@@ -69,13 +69,16 @@ class SceneOptions:
 
 
 def not_of_scene(name: str, /) -> frozenset[str]:
-    """Return the options of scenes that one of them does not take; none takes the arrival of a pixel's direct path."""
+    """Return those options of scenes that the scene `name` does not take.
+
+    No scene takes `--direct`, which is of a pixel.
+    """
     others = {"direct_ns", *_scene.names()} - {field.name for field in fields(SCENES[name])}
     return frozenset(others if name in _MPI else {"mpi", *others})
 
 
-def _of_each_scene(option: str, of: str, metavar: str | None = None) -> Any:
-    """Return an option, with its default in each scene that takes it."""
+def _of_each_scene(option: str, about: str, kind: ParamType = click.FLOAT) -> Any:
+    """Return an option whose help lists its default in each scene that takes it."""
     defaults: dict[str, Any] = {
         name: field.default for name, scene in SCENES.items() for field in fields(scene) if field.name == option
     }
@@ -83,8 +86,7 @@ def _of_each_scene(option: str, of: str, metavar: str | None = None) -> Any:
     for name, value in defaults.items():
         numbers = value if isinstance(value, tuple) else (value,)
         told.append(f"{name} {'random' if value is None else ','.join(f'{number:g}' for number in numbers)}")
-    kind = NumberTuple(metavar.count(",") + 1) if metavar else click.FLOAT
-    return number_option(option, kind, f"{of}  [default: {'; '.join(told)}]", metavar=metavar)
+    return number_option(option, kind, f"{about}  [default: {'; '.join(told)}]")
 
 
 light_options = RecordOptions(
@@ -117,11 +119,11 @@ _scene = RecordOptions(
     "settings",
     dict,
     _of_each_scene("distance_m", "Distance of the scene."),
-    _of_each_scene("tilt_deg", "Tilt of the wall to the right and down.", "DEG,DEG"),
+    _of_each_scene("tilt_deg", "Tilt of the wall to the right and down.", NumberTuple(2)),
     _of_each_scene("albedo", "Albedo of the wall, corner or panel, or of all surfaces of a room."),
     _of_each_scene("opening_deg", "Angle between the walls of the corner."),
     number_option("furniture", click.INT, "Pieces of furniture in the room.  [default: random, 0 to 8]"),
-    _of_each_scene("lamp_offset_m", "Position of the lamp relative to the camera: right,down,forward.", "M,M,M"),
+    _of_each_scene("lamp_offset_m", "Position of the lamp relative to the camera: right,down,forward.", NumberTuple(3)),
     click.option(
         *("--lamp-beam-deg", "--lamp-beam", "beam_deg"),
         type=float,

@@ -42,7 +42,10 @@ _OF_SCENES_TOO = [
 ]
 
 PIXEL_ONLY = {"as_json", "second_ns", "further", *trial_options.names()}.difference(_OF_SCENES_TOO)
-"""What a scene does not take: it is recorded from exact statistics, by Eq. (1), and resolved by `cadtof resolve`."""
+"""Options that a scene does not take.
+
+A scene is recorded from exact statistics, by Eq. (1), and `cadtof resolve` resolves it.
+"""
 
 
 @click.command(

@@ -25,21 +25,21 @@ from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.trials import Trials
 
 INTEGRATION_LENGTH = 1e5
-"""n_av where neither it nor the capacitors are given."""
+"""n_av, if neither the integration length nor the capacitors are given."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrialOptions:
-    """What is said of a pixel, of how often it is recorded, and of how its recordings are resolved.
+    """The options of a pixel, of how often it is recorded, and of how its recordings are resolved.
 
     Attributes:
-        motion: of what the pixel sees.
-        trials: fields of `Trials`.
+        motion: of the target that the pixel sees.
+        trials: values of fields of `Trials`, by name.
         modulation: of the pixel.
-        fwhm_ns: length of the laser pulse.
-        pixel: fields of `PixelModel`.
-        temperature_k: adds kTC noise; None for none.
-        capacitors: in fF, in place of an integration length; None for none.
+        fwhm_ns: length of the laser pulse in ns, full width at half maximum.
+        pixel: values of fields of `PixelModel`, by name.
+        temperature_k: temperature in K, which adds kTC noise; None: no kTC noise.
+        capacitors: capacitances in fF, instead of an integration length; None: not given.
         stages: of the averaging.
     """
 
@@ -53,7 +53,7 @@ class TrialOptions:
     stages: Stages
 
     def averaging(self, integration_length: float | None, /) -> Averaging:
-        """Return the averaging from n_av or, in its place, from capacitors.
+        """Return the averaging, from the capacitors if they are given, else from the integration length n_av.
 
         Raises:
             SettingsError: both are given.
@@ -67,7 +67,7 @@ class TrialOptions:
         return Averaging(integration_length=capacitors.integration_length, capacitors=capacitors, stages=self.stages)
 
     def of(self, condition: Condition, averaging: Averaging, /) -> Trials:
-        """Return the trials of some light; raises SettingsError for some that cannot be."""
+        """Return the trials of a pixel in the light of `condition`; raises SettingsError for impossible values."""
         noise_v = self.pixel["sample_noise_v"]
         if self.temperature_k is not None:
             if averaging.capacitors is None:
@@ -85,11 +85,13 @@ further_option = click.option(
     "further",
     type=FURTHER_PATH,
     multiple=True,
-    help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times. It is "
-    "resolved too with --paths 3, which needs as many periods.",
+    help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times. "
+    "--paths 3, which needs three periods, resolves this path too.",
 )
 
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Do not show a progress bar.")
+quiet_option = click.option(
+    "-q", "--quiet", is_flag=True, help="Print errors only: no progress bar, notes or summary on stderr."
+)
 
 workers_option = RecordOptions("workers", Workers, jobs_option("Worker processes"))
 
@@ -117,7 +119,7 @@ trial_options = RecordOptions(
         "temperature_k",
         type=float,
         metavar="K",
-        help="Temperature: adds the kTC noise of C1; with --capacitors.",
+        help="Temperature, which adds the kTC noise of C1; needs --capacitors.",
     ),
     click.option(
         "--capacitors",
@@ -130,7 +132,12 @@ trial_options = RecordOptions(
 
 
 def note_unused(trial: TrialOptions, /, *, followed: bool = False) -> None:
-    """Say on stderr what was typed and changes nothing; `followed`: a recording is followed from photon to photon."""
+    """Say on stderr which options were typed that have no effect.
+
+    Args:
+        trial: the options.
+        followed: whether one recording is simulated photon by photon, for the pictures of its evolution.
+    """
     if trial.stages.drive == "dc":
         note_given({"f1_hz", "f2_hz"}, "with --stages dc")
         if not (followed or trial.trials["photon_by_photon"]):

@@ -1,4 +1,4 @@
-"""What people see of a command: lines, and a progress bar on stderr where that is a terminal."""
+"""The output of a command: lines, and a progress bar on stderr if stderr is a terminal."""
 
 import io
 import os
@@ -20,13 +20,18 @@ if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
 
 _CONTROL_CHARACTERS = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-"""Control characters but tab and new line, those that turn the direction of writing, and bytes of names that are no UTF-8."""
+"""Characters that are escaped.
+
+These are control characters except tab and new line, separators of lines, characters that change the direction of
+writing, and surrogates, which stand for bytes of file names that are not UTF-8.
+"""
 
 
 def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = None) -> None:
-    """Write a line to stdout, or to stderr, there `above` a bar that is drawn; what would control a terminal is escaped.
+    """Write a line to stdout, or to stderr with `err`. Characters that would control a terminal are escaped.
 
-    On a terminal, a line of stderr that is longer than the terminal is wide goes on in the next between two words.
+    If a bar is drawn on stderr, pass it as `above`: the line then stands above the bar. On a terminal, a line of stderr
+    that is too long is broken between two words.
 
     Raises:
         OutputError: stdout cannot be written; errors of stderr are ignored.
@@ -34,7 +39,7 @@ def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = N
     """
     line = re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], str(text))
     if err:
-        line = "\n".join(_broken(part) for part in line.split("\n"))
+        line = "\n".join(_wrapped(part) for part in line.split("\n"))
     if above is not None:
         above.console.print(line, markup=False, highlight=False, soft_wrap=True)
         return
@@ -50,8 +55,11 @@ def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = N
         forget(sys.stderr)
 
 
-def _broken(line: str) -> str:
-    """Return a line of stderr, broken where the terminal is too narrow; a word, such as a path, stays whole to be copied."""
+def _wrapped(line: str) -> str:
+    """Return a line of stderr, broken to the width of the terminal.
+
+    A word, such as a path, stays whole so that it can be copied.
+    """
     try:
         columns = os.get_terminal_size(sys.stderr.fileno()).columns
     except (OSError, ValueError):
@@ -66,7 +74,10 @@ def _broken(line: str) -> str:
 
 
 def forget(stream: TextIO, /) -> None:
-    """Discard what a stream could not take: Python would try to write it again at exit, and before it forks a process."""
+    """Discard what a stream could not take.
+
+    Otherwise Python would try to write it again at exit, and before it forks a process.
+    """
     with suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -76,8 +87,8 @@ def forget(stream: TextIO, /) -> None:
 def prepare_streams() -> None:
     r"""Replace closed stdin, stdout and stderr, so that no file that is opened later gets their descriptors.
 
-    Writing to a stdout that was closed fails; a stderr that was closed ignores everything. Letters that an encoding lacks are
-    written by their numbers, as in `\u03c3`.
+    Writing to a stdout that was closed fails; a stderr that was closed ignores everything. Characters that the encoding
+    of a stream lacks are written as their numbers, such as `\u03c3`.
     """
     for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:
@@ -93,20 +104,23 @@ def prepare_streams() -> None:
 
 
 REDRAW_SECONDS = 0.1
-"""Drawing takes about a millisecond, frames come every few."""
+"""Shortest time between two drawings of the bar.
+
+A drawing takes about a millisecond; frames come every few milliseconds.
+"""
 
 _LEAST_BAR, _WIDEST_BAR = 8, 40
-"""Columns of a bar."""
+"""Least and largest width of the bar, in columns."""
 
 
 class Log(io.FileIO):
-    """A file that lines are appended to, with the time."""
+    """A file to which lines are appended, each with the time."""
 
     def note(self, message: str, /) -> None:
         """Append a line.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: the file cannot be written.
         """
         line = f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n"
         try:
@@ -117,10 +131,12 @@ class Log(io.FileIO):
 
 @dataclass
 class Bar:
-    """Steps of a workflow: drawn where there is something to draw on, and lines on stderr, of which `quiet` keeps only what went
-    wrong; all of them go into the log.
+    """The progress of a workflow: a bar, and lines on stderr above it.
 
-    A bar that is drawn shows steps, steps a second and the time left.
+    Attributes:
+        quiet: show only those lines that are warnings.
+        log: file to which all lines are appended; None: no log.
+        drawn: the bar, which shows steps, steps per second and the time left; None: it is not drawn.
     """
 
     quiet: bool = False
@@ -129,7 +145,7 @@ class Bar:
     _drawn_s: float = 0.0
 
     def advance(self, steps: int = 1, /, *, total: int | None = None) -> None:
-        """Count steps that were done, of as many as are known of now."""
+        """Count steps that were done; `total` is the number of all steps that are known by now."""
         if self.drawn is None:
             return
         self.drawn.update(self.drawn.task_ids[0], advance=steps, total=total)
@@ -139,7 +155,7 @@ class Bar:
             self.drawn.refresh()
 
     def say(self, message: str, /, *, warning: bool = False) -> None:
-        """Show a line, above the bar; where all is to be quiet, only a warning."""
+        """Append a line to the log, and show it above the bar; if `quiet`, show it only if it is a warning."""
         if self.log:
             self.log.note(message)
         if warning or not self.quiet:
@@ -147,7 +163,7 @@ class Bar:
 
 
 class _Terminal:
-    """A stream that a bar is drawn on: a terminal that goes away takes the bar with it, and nothing else."""
+    """The stream on which a bar is drawn. If its terminal goes away, the bar is lost and the command goes on."""
 
     def __init__(self, stream: TextIO, /) -> None:
         self._stream = stream
@@ -156,13 +172,13 @@ class _Terminal:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write what can be written."""
+        """Write a text; if that fails, forget it."""
         with self._forgetting():
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        """Write what was kept back."""
+        """Write what is buffered; if that fails, forget it."""
         with self._forgetting():
             self._stream.flush()
 
@@ -175,14 +191,15 @@ class _Terminal:
 
 
 _WITHOUT_CURSOR = ("dumb", "unknown")
-"""Terminals on which nothing can be drawn anew."""
+"""Values of TERM for terminals that cannot move their cursor back, so that a bar cannot be redrawn."""
 
 
 @contextmanager
-def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None = None) -> Iterator[Bar]:
-    """Yield a bar for the steps of a workflow; rich is imported only where it can be seen.
+def progress_bar(description: str, unit: str, *, quiet: bool = False, log: Path | None = None) -> Iterator[Bar]:
+    """Yield a bar for the steps of a workflow; rich is imported only if the bar can be seen.
 
-    What is said, and how it ends, is appended to the file `log` too.
+    The file `log` gets the command line, all lines (also those that `quiet` hides), and the error that ended the
+    workflow.
 
     Raises:
         OutputError: the log cannot be written.
@@ -226,7 +243,7 @@ def _drawn(description: str, unit: str) -> Iterator["RichProgress"]:
 
     class Rate(ProgressColumn):
         def render(self, task: Task) -> Text:
-            # of few steps rich knows the last moments alone
+            # at the end, the rate of all steps: if there are few, rich knows only the rate of the last moments
             speed = task.completed / task.finished_time if task.finished_time else task.speed
             return Text("" if speed is None else f"{speed:.1f} {unit}/s", style="progress.data.speed")
 
@@ -234,7 +251,10 @@ def _drawn(description: str, unit: str) -> Iterator["RichProgress"]:
     columns: tuple[ProgressColumn, ...] = (title, bar, MofNCompleteColumn(), rate, left)
 
     class OneLine(Progress):
-        """Progress in one line: what a narrow terminal has no room for is left out, the count of steps last."""
+        """Progress in one line.
+
+        On a narrow terminal, columns that do not fit are left out, but never the count of steps.
+        """
 
         def make_tasks_table(self, tasks: Iterable[Task]) -> Table:
             """Return the line."""
@@ -260,6 +280,6 @@ def _drawn(description: str, unit: str) -> Iterator["RichProgress"]:
         try:
             yield progress
         except BaseException:
-            # nothing is left of a bar that showed nothing
+            # a bar that showed no step is removed from the terminal
             progress.live.transient = not any(task.completed for task in progress.tasks)
             raise

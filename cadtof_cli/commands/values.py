@@ -17,29 +17,29 @@ else:
     ParamType = click.ParamType
 
 MOST_VALUES = 10_000
-"""Values that a grid may have."""
+"""Largest number of values in a grid."""
 
 _FORMS = "1,2,5 or start:stop:n or log:start:stop:n"
 
 
 PATH = click.Path(path_type=Path)
-"""A file or folder, there or not."""
+"""A file or folder that need not exist."""
 
 
 class Typed(ParamType):
-    """Values that a function makes of what is typed.
+    """The type of an option whose typed text a function turns into a value.
 
     Args:
-        name: stands for such a value in the help.
-        what: it is, with an example, as a message says where the function raises ValueError.
-        parse: text → value; what is no text any more stays as it is.
+        name: placeholder of such a value in the help.
+        what: description of such a value, with an example, for the message if `parse` raises ValueError.
+        parse: text → value. A value that is not a text, such as a default, stays as it is.
     """
 
     def __init__(self, name: str, what: str, parse: Callable[[str], Any]) -> None:
         self.name, self._what, self._parse = name, what, parse
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return what the function makes of a text."""
+        """Return the value of a typed text."""
         try:
             return self._parse(value) if isinstance(value, str) else value
         except ValueError:
@@ -66,7 +66,7 @@ def _frames(text: str) -> slice:
 NUMBERS = Typed("N,N…", "a list of numbers such as 40,20", lambda text: list(map(float, text.split(","))))
 
 FRAME_RANGE = Typed("A:B", "a range of frames such as 10:20, 10: or 7, counted from 0", _frames)
-"""Frames from 0, such as 10:20, with an end that does not count any more; or one place."""
+"""A range of frames counted from 0, such as 10:20, whose end is not part of it; or a single frame."""
 
 RECTANGLE = Typed("X0,Y0,X1,Y1", "a rectangle of pixels such as 40,30,280,210", lambda text: _parted(text, ",", int, 4))
 """Two corners of a rectangle of pixels, or the ends of a line."""
@@ -74,9 +74,9 @@ RECTANGLE = Typed("X0,Y0,X1,Y1", "a rectangle of pixels such as 40,30,280,210", 
 PIXEL_PLACE = Typed("X,Y", "a column and a row such as 160,120", lambda text: _parted(text, ",", int, 2))
 
 FURTHER_PATH = Typed("RATIO@NS", "a ratio and a time in ns such as 0.2@27", lambda text: _parted(text, "@", float, 2))
-"""Photons of a path over the laser's, and its arrival in ns."""
+"""Photons of a path over the laser photons, and its arrival time in ns."""
 
-# any text is one
+# no message is needed: every text is such a list
 NAMES = Typed("NAME,NAME", "", lambda text: text.split(","))
 
 NUMBERED_NAMES = Typed(
@@ -87,7 +87,7 @@ NUMBERED_NAMES = Typed(
 
 
 class NumberTuple(Typed):
-    """As many numbers as a setting has, or, with None, any number of them."""
+    """The type of an option that takes `count` numbers; with None, any number of them."""
 
     def __init__(self, count: int | None = None) -> None:
         super().__init__("N,N…", "a list of numbers such as 40,20", lambda text: tuple(map(float, text.split(","))))
@@ -97,7 +97,7 @@ class NumberTuple(Typed):
         """Return a tuple of numbers.
 
         Raises:
-            SettingsError: there are more or fewer than the setting has.
+            SettingsError: there are more or fewer than `count` numbers.
         """
         numbers = super().convert(value, param, ctx)
         if self.count not in {None, len(numbers)}:
@@ -117,7 +117,7 @@ def grid_from_text(text: str, /, *, name: str) -> tuple[float, ...]:
     Raises:
         SettingsError: the text is none of these, or stands for no numbers.
     """
-    # numpy, which options that are only printed need not load
+    # imported here, so that printing the help does not load numpy
     import numpy as np
 
     kind, _, rest = text.partition(":") if text.startswith("log:") else ("", "", text)

@@ -2,5 +2,5 @@
 
 import os
 
-# no window is opened, and a name that matplotlib does not know would end its import
+# "agg" opens no window. It replaces the user's value, because importing matplotlib fails if it does not know the name
 os.environ["MPLBACKEND"] = "agg"

@@ -1,4 +1,4 @@
-"""A picture of a calibration: offsets and noise, phases and gains, field curvature, each on one scale."""
+"""A picture of a calibration: offsets, noise, phases, gains and field curvature; each of these kinds has one scale."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from cadtof_cli.figures.scales import DEPTHS, ERRORS, SIGMAS, limits_of, signed_
 
 
 def draw_calibration(calibration: Calibration, path: Path, /, *, title: str) -> None:
-    """Draw all parts of a calibration; bad pixels of its dark part have the colour of pixels without an answer."""
+    """Draw all parts of a calibration. In its dark part, bad pixels have the colour of pixels without an answer."""
     rows: list[list[Block]] = []
     if calibration.dark is not None:
         rows += _dark_rows(calibration.dark)
@@ -24,13 +24,15 @@ def draw_calibration(calibration: Calibration, path: Path, /, *, title: str) -> 
         block = Scaled(
             (Panel("field curvature", offset),), "added to the range, cm", ERRORS, signed_limits(offset, share=100.0)
         )
-        fits = bool(rows) and sum(len(one.panels) for one in rows[-1]) < 4
-        rows[-1:] = [[*rows[-1], block]] if fits else [*rows[-1:], [block]]
+        if rows and sum(len(one.panels) for one in rows[-1]) < 4:
+            rows[-1].append(block)
+        else:
+            rows.append([block])
     draw_page(rows, path, title=title)
 
 
 def _dark_rows(dark: DarkCalibration) -> list[list[Block]]:
-    """Return a row for each harmonic: offsets, and the noise of a frame, of both channels."""
+    """Return a row for each harmonic: the offsets of both channels, and the noise of one frame in both channels."""
     offset, noise = 1000.0 * dark.offset_v.astype(np.float64), 1000.0 * dark.noise_v.astype(np.float64)
     bad = dark.defects != 0
     offset[..., bad], noise[..., bad] = np.nan, np.nan
@@ -49,7 +51,7 @@ def _channels(what: str, harmonic: int, planes: Float) -> tuple[Panel, ...]:
 
 
 def _response_row(response: ResponseCalibration) -> list[Block]:
-    """Return what pixels add to the phase of each harmonic, and by what they multiply."""
+    """Return a row: for each harmonic, the phase that each pixel adds, and the gain by which it multiplies."""
     harmonics = response.origin.harmonics
     phase, gain = np.degrees(response.phase_rad.astype(np.float64)), response.gain.astype(np.float64)
     of_phase = tuple(Panel(f"phase H{h}", plane) for h, plane in zip(harmonics, phase, strict=True))

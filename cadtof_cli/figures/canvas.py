@@ -1,5 +1,7 @@
-"""Figures to draw on, in the style of matplotlib itself: a user's `matplotlibrc` may ask for other sizes, or for a LaTeX that is
-missing; and text that they can show, whatever a file is called: titles and legends."""
+"""Figures in matplotlib's default style, and titles and legends that can show any file name.
+
+A user's `matplotlibrc` is ignored: it may ask for other sizes, or for a LaTeX that is not installed.
+"""
 
 from functools import cache
 
@@ -24,7 +26,10 @@ def _drawn_characters() -> frozenset[int]:
 
 
 def drawable(text: str, /) -> str:
-    """Return a text with what the font lacks escaped; give it with `parse_math=False`, since names may hold `$`."""
+    """Return a text in which characters that the font lacks are escaped.
+
+    Draw the text with `parse_math=False`, because names may hold `$`.
+    """
     return "".join(
         sign
         if ord(sign) in _drawn_characters()
@@ -36,22 +41,25 @@ def drawable(text: str, /) -> str:
 
 
 def within(text: str, inches: float, /, *, size: float) -> str:
-    """Return a text that a picture can show, the middle left out where it would be wider than so many inches at a font size."""
+    """Return a drawable text that is at most `inches` wide at font size `size`; if needed, its middle is left out."""
     text = drawable(text)
-    # as letters, whatever it means as mathematics
+    # `$` is replaced, so that the width is that of letters and not of mathematics
     wide = TextPath((0, 0), text.replace("$", "S"), size=size).get_extents().width / 72 if text.strip() else 0.0
     return text if wide <= inches else shortened(text, int(len(text) * inches / wide))
 
 
 def add_title(figure: Figure, title: str, /, *, below: float, size: float = 11) -> None:
-    """Add a title across a figure, its middle so many inches below the top."""
+    """Add a title across a figure; its middle is `below` inches below the top."""
     width, height = figure.get_size_inches()
     told = within(title, width - 0.2, size=size)
     figure.text(0.5, 1 - below / height, told, ha="center", va="center", fontsize=size, parse_math=False)
 
 
 def legend_beside(axes: Axes, /, *others: Axes) -> None:
-    """Add a legend at the right of axes, of their curves and of those of others over them."""
+    """Add a legend at the right of axes.
+
+    It names their curves, and the curves of `others`, which lie over the same axes.
+    """
     found = [one.get_legend_handles_labels() for one in (axes, *others)]
     handles, labels = ([item for part in parts for item in part] for parts in zip(*found, strict=True))
     axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)

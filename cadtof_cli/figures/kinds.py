@@ -1,4 +1,4 @@
-"""Which pictures can be written, by how their names end."""
+"""The kinds of pictures that can be written; the ending of a file's name selects one."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -14,10 +14,15 @@ KINDS = {".png": "png", ".pdf": "pdf", ".svg": "svg", ".jpg": "jpg", ".jpeg": "j
 
 
 def require_picture(path: Path, /, *, overwrite: bool, more: Collection[str] = ()) -> None:
-    """Make sure that a file's name asks for a kind of picture that we write; `more` are endings that the message names besides.
+    """Make sure that a picture can be written under this name.
+
+    Args:
+        path: the file.
+        overwrite: whether an existing file may be replaced.
+        more: other endings that the error message names.
 
     Raises:
-        OutputError: it asks for another, or the file is there and may not be replaced.
+        OutputError: the name asks for another kind of picture, or the file exists and may not be replaced.
     """
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join((*KINDS, *more))}")

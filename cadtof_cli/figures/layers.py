@@ -1,4 +1,4 @@
-"""Pictures of named layers: one at full resolution, all that a file holds, and what the scale of each is."""
+"""Pictures of named layers: one layer at full resolution, or all layers of a file; and the scale of each layer."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.layers import layer_unit
 
 PIXELS = 960
-"""A layer is magnified, by a whole number, to so many pixels of the picture at most."""
+"""Largest side of a layer in pixels of the picture, after magnification by a whole number."""
 
 DOTS_PER_INCH = 100
 
@@ -26,14 +26,14 @@ _MOST_IN_A_ROW = 4
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What can be drawn of a frame.
+    """The layers of a frame that can be drawn.
 
     Attributes:
-        title: of its pictures.
-        layers: by name, (Y, X) each; NaN where there is no value.
+        title: of the pictures.
+        layers: by name, (Y, X) each; NaN: no value.
         units: of the layers, by name; empty for pure numbers.
-        status: bits, (Y, X); None where they are not known.
-        depth: what depths are: radial range or planar depth z.
+        status: status bits, (Y, X); None: not known.
+        depth: in words, the kind of the depths: radial range or planar depth z.
     """
 
     title: str
@@ -44,15 +44,15 @@ class Shown:
 
     @classmethod
     def of(cls, title: str, layers: Mapping[str, NDArray[Any]], /, *, depth: str = "") -> "Shown":
-        """Return layers of a map, the status bits among them, as they can be drawn."""
+        """Return the layers of a map; its status bits are taken from the layer `status`, if there is one."""
         return cls(title, layers, {name: layer_unit(name) for name in layers}, layers.get(STATUS), depth)
 
     def shares(self) -> dict[PixelClass, float] | None:
-        """Return the share of the pixels that are of each class; None where their status is not known."""
+        """Return the share of pixels in each class; None if their status is not known."""
         return None if self.status is None else class_shares(self.status)
 
     def unit(self, name: str, /) -> str:
-        """Return what a layer's values are, with their unit."""
+        """Return the unit of a layer; for depths, also their kind."""
         unit = self.units.get(name, "")
         return f"{self.depth}, {unit}" if self.depth and name.endswith((".depth", ".mean")) else unit
 
@@ -68,7 +68,10 @@ class Shown:
 def scale_of(
     name: str, panels: tuple[Panel, ...], unit: str, /, *, limits: tuple[float, float] | None, colours: str | None
 ) -> Scaled:
-    """Return panels of a layer, or of layers like it, with the limits and colours that suit them where none are asked for."""
+    """Return panels of a layer, or of layers like it, on one scale.
+
+    Limits and colours that are None are chosen to suit the layer's name and values.
+    """
     values = np.concatenate([panel.values.ravel() for panel in panels])
     default, found = default_scale(name, values)
     return Scaled(panels, unit, colours or default, limits or found)
@@ -77,26 +80,29 @@ def scale_of(
 def block_of(
     shown: Shown, name: str, /, *, limits: tuple[float, float] | None = None, colours: str | None = None
 ) -> Block:
-    """Return one layer as a block of a page; the status as what became of each pixel."""
+    """Return one layer as a block of a page. The layer `status` is shown as the class of each pixel."""
     if name == "status" and shown.status is not None:
         return Classes.of(status=shown.status)
     return scale_of(name, (shown.panel(name),), shown.unit(name), limits=limits, colours=colours)
 
 
 def magnified_width(shape: tuple[int, ...], most: int, /) -> float:
-    """Return a panel's width that shows a pixel of a map (Y, X) as a whole number of pixels, `most` along its longer side."""
+    """Return the width of a panel for a map of a shape (Y, X), magnified by a whole number.
+
+    The longer side has `most` pixels at most, unless the map itself is larger.
+    """
     return float(shape[1] * max(1, most // max(shape)))
 
 
 def draw_layer(block: Block, shown: Shown, path: Path, /) -> None:
-    """Draw one layer at full resolution: nothing is averaged or left out."""
+    """Draw one layer at full resolution; no pixel is averaged or left out."""
     width = magnified_width(block.panels[0].values.shape, PIXELS)
     figure = page_figure(((block,),), title=shown.title, shares=shown.shares(), panel_width=width)
     save(figure, path, dpi=DOTS_PER_INCH)
 
 
 def draw_all_layers(shown: Shown, path: Path, /) -> None:
-    """Draw all layers that a file such as truth holds, depths on one scale."""
+    """Draw all layers of a file such as truth; all depths have one scale."""
     depths = [name for name in shown.layers if name.endswith(".depth")]
     blocks: list[Block] = []
     if depths:
@@ -116,12 +122,14 @@ def _in_rows(blocks: list[Block]) -> Rows:
 
 
 def draw_recorded(shown: Shown, path: Path, /) -> None:
-    """Draw what a frame recorded, a row for each harmonic: SC1 and SC2, amplitude and phase, each on one scale in all rows."""
+    """Draw a recorded frame, a row for each harmonic: SC1 and SC2, amplitude, and phase.
+
+    Each of the three has the same scale in all rows.
+    """
     rows: list[list[Block]] = []
     harmonics = [name.removesuffix(".phase") for name in shown.layers if name.endswith(".phase")]
-    kinds = {what: [f"{one}.{what}" for one in harmonics] for what in ("SC1", "SC2", "amplitude")}
-    volts = np.concatenate([np.ravel(shown.layers[name]) for what in ("SC1", "SC2") for name in kinds[what]])
-    light = np.concatenate([np.ravel(shown.layers[name]) for name in kinds["amplitude"]])
+    volts = np.concatenate([np.ravel(shown.layers[f"{one}.{sc}"]) for one in harmonics for sc in ("SC1", "SC2")])
+    light = np.concatenate([np.ravel(shown.layers[f"{one}.amplitude"]) for one in harmonics])
     of_volts, of_light = default_scale("H1.SC1", volts)[1], default_scale("H1.amplitude", light)[1]
     for one in harmonics:
         names = f"{one}.SC1", f"{one}.SC2"

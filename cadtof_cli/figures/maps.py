@@ -1,4 +1,7 @@
-"""A frame's maps: depths, their errors where truth is known, sigma, confidence, what became of each pixel; and how two differ."""
+"""Pictures of a frame's maps, and of the differences between two maps.
+
+They show depths, errors if truth is known, sigma, confidence and the class of each pixel.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,19 +17,19 @@ from cadtof_cli.maps.comparison import difference
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH, error_unit
 
 OF_A_MAP = (DIRECT_DEPTH, MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA)
-"""Layers that `cadtof resolve` writes, whatever its options, and that the picture needs."""
+"""Layers that the picture needs; `cadtof resolve` writes them with all options."""
 
 
 def draw_maps(
     shown: Shown, path: Path, /, *, truth_m: Float | None = None, first_phasor_m: Float | None = None
 ) -> None:
-    """Draw the maps of a frame; a legend tells the colours of pixels that have no depth.
+    """Draw the maps of a frame. A legend explains the colours of pixels without a depth.
 
     Args:
-        shown: has the layers `OF_A_MAP`.
+        shown: the frame; it has the layers `OF_A_MAP`.
         path: picture to write.
-        truth_m: direct depths, (Y, X).
-        first_phasor_m: depths that the first phasor alone gives, (Y, X).
+        truth_m: true direct depths, (Y, X).
+        first_phasor_m: depths from the first phasor alone, (Y, X).
     """
     direct = shown.values(DIRECT_DEPTH)
     status = np.zeros(direct.shape, np.uint32) if shown.status is None else shown.status
@@ -62,7 +65,10 @@ def _median(error: Float) -> str:
 
 
 def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, /, *, title: str) -> None:
-    """Draw, a row for each named layer, A and B on one scale and A − B; and what became of each pixel where both say so."""
+    """Draw a row for each named layer: A and B on one scale, and A − B.
+
+    If both have status bits, a last row shows the class of each pixel, and where the bits differ.
+    """
     rows: list[list[Block]] = []
     for name in names:
         pair = tuple(
@@ -73,7 +79,7 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
         factor, unit = error_unit(one.units[name])
         change = factor * difference(one.layers[name], other.layers[name])
         in_one = np.isfinite(one.layers[name]) != np.isfinite(other.layers[name])
-        # where neither has a value, both lack it for the reason that A gives
+        # the status of A explains pixels that have no value in either map
         panel = Panel("A − B", change, one.status, one_path=True, in_one=in_one)
         rows.append(
             [

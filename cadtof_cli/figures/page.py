@@ -1,7 +1,7 @@
-"""A page of panels: maps beside each other in rows, those that are compared with one scale, and a legend of what has no value.
+"""A page of panels: maps side by side in rows, one scale for maps that are compared, and a legend of pixel classes.
 
-Places are worked out here instead of by matplotlib's layout, so that wide and tall frames fill the page and nothing moves
-between the frames of a sequence. Lengths are in hundredths of an inch.
+The places of panels are computed here and not by matplotlib's layout. So wide and tall frames fill the page, and
+nothing moves between the frames of a sequence. Lengths are in hundredths of an inch.
 """
 
 import math
@@ -12,7 +12,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, to_rgba
+from matplotlib.colors import Normalize
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -27,23 +27,32 @@ Image = NDArray[np.uint8]
 DOTS_PER_INCH = 130
 
 LEGEND_ENTRY = 190
-"""Width of an entry of the legend."""
+"""Width of one entry of the legend."""
 
 _AREA, _WIDEST, _TALLEST, _NARROWEST = 88_000.0, 760.0, 900.0, 122.0
-"""Area of a panel; the largest width and height, where the area gives way; and the least width, which its titles take."""
+"""Area of a panel; its largest width and height, which limit the area; and the width that its title needs at least."""
 
 _GAP, _BAR, _LEFT, _TOP, _TITLE, _BOTTOM, _LEGEND_ROW = 14.0, 80.0, 58.0, 40.0, 42.0, 44.0, 24.0
-"""Between panels; for a bar of colours; left of all; for the page's title; for a panel's; below all; for a row of the legend."""
+"""Spaces of the page.
+
+They are, in this order: between panels, for a bar of colours, at the left of the page, for the title of the page, for
+the title of a panel, below the lowest panels, and for a row of the legend.
+"""
 
 _WIDE, _TALL = 2.2, 0.6
-"""Width over height from which on all panels stand below each other, and below which they stand beside each other."""
+"""Limits on width over height: wider panels are all stacked, taller panels all stand side by side."""
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A map, (Y, X), with NaN where it has no value; `status` says why, and `one_path` whether one path is a reason.
+    """One map of a page.
 
-    `in_one` are the pixels of a difference that only one of two maps has a value for.
+    Attributes:
+        title: name of the map; a second line replaces the unit below the name.
+        values: (Y, X); NaN: no value.
+        status: status bits, (Y, X), which say why a pixel has no value; None: not known.
+        one_path: whether a pixel may lack a value because it has one path.
+        in_one: of a difference of two maps, the pixels for which only one of them has a value.
     """
 
     title: str
@@ -53,7 +62,7 @@ class Panel:
     in_one: Bool | None = None
 
     def without_value(self) -> dict[PixelClass, Bool]:
-        """Return which pixels have no value for which reason."""
+        """Return, for each reason, the pixels that have no value."""
         found = classes_of(self.status, np.isfinite(self.values), one_path=self.one_path)
         reasons = {kind: pixels for kind, pixels in found.items() if kind in NO_VALUE}
         if self.in_one is not None:
@@ -65,7 +74,10 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """Panels that are compared: one unit, one scale, one bar of colours; `ends` says in words what the bar's two ends mean."""
+    """Panels that are compared: they share a unit, a scale and a bar of colours.
+
+    `ends` are texts for the two ends of the bar, which replace its numbers.
+    """
 
     panels: tuple[Panel, ...]
     unit: str
@@ -74,42 +86,42 @@ class Scaled:
     ends: tuple[str, ...] = ()
 
     def painted(self, panel: Panel, /) -> Image:
-        """Return a panel's colours, (Y, X, 4)."""
+        """Return the colours of a panel, RGBA, (Y, X, 4)."""
         low, high = self.limits
         known = np.isfinite(panel.values)
         image: Image = mpl.colormaps[self.colours](
             Normalize(low, high, clip=True)(np.where(known, panel.values, low)), bytes=True
         )
         for kind, pixels in panel.without_value().items():
-            image[pixels] = _bytes(kind)
+            image[pixels] = kind.rgba
         return image
 
     def shown(self, panel: Panel, /) -> set[PixelClass]:
-        """Return for which reasons pixels of a panel have no value."""
+        """Return the reasons for which pixels of a panel have no value."""
         return {kind for kind, pixels in panel.without_value().items() if pixels.any()}
 
 
 @dataclass(frozen=True, eq=False)
 class Classes:
-    """Panels of what became of each pixel; without a bar, as the legend says it."""
+    """Panels that show the class of each pixel. They have no bar, because the legend explains the colours."""
 
     panels: tuple[Panel, ...]
     unit: str = "as the legend says"
 
     @classmethod
     def of(cls, **statuses: Status) -> "Classes":
-        """Return panels of status bits, (Y, X) each, by their titles."""
+        """Return one panel for each array of status bits, (Y, X); the keywords are the titles."""
         return cls(tuple(Panel(title, np.zeros(status.shape), status) for title, status in statuses.items()))
 
     def painted(self, panel: Panel, /) -> Image:
-        """Return the colours, (Y, X, 4)."""
+        """Return the colours of a panel, RGBA, (Y, X, 4)."""
         image = np.empty((*panel.values.shape, 4), np.uint8)
         for kind, pixels in classes_of(panel.status).items():
-            image[pixels] = _bytes(kind)
+            image[pixels] = kind.rgba
         return image
 
     def shown(self, panel: Panel, /) -> set[PixelClass]:
-        """Return what became of pixels."""
+        """Return the classes that occur in a panel."""
         return {kind for kind, pixels in classes_of(panel.status).items() if pixels.any()}
 
 
@@ -120,7 +132,16 @@ Rows = Sequence[Sequence[Block]]
 
 @dataclass(frozen=True)
 class _Cell:
-    """Where a panel is drawn, from the page's top left: its block, and whether it closes it."""
+    """The place of a panel on the page.
+
+    Attributes:
+        panel: what is drawn.
+        block: the block of the panel.
+        left, top: of the panel, from the top left of the page.
+        leftmost: whether no panel is at its left; the panel then has labels of rows.
+        lowest: whether no panel is below it; the panel then has labels of columns.
+        closes: whether the panel is the last of its block.
+    """
 
     panel: Panel
     block: Block
@@ -133,7 +154,10 @@ class _Cell:
 
 @dataclass(frozen=True)
 class _Page:
-    """The size of the page and of every panel on it; `framed`: lines around panels may cover their outermost pixels."""
+    """The size of the page and of every panel on it.
+
+    `framed` says that the lines around a panel may cover its outermost pixels.
+    """
 
     width: float
     height: float
@@ -142,7 +166,7 @@ class _Page:
     framed: bool
 
     def place(self, left: float, top: float, width: float, height: float) -> tuple[float, float, float, float]:
-        """Return a rectangle, given from the top left, as matplotlib takes it."""
+        """Return a rectangle, given from the top left of the page, in the coordinates of matplotlib."""
         bottom = 1.0 - (top + height) / self.height
         return left / self.width, bottom, width / self.width, height / self.height
 
@@ -151,10 +175,10 @@ def draw_page(rows: Rows, path: Path, /, *, title: str, shares: Mapping[PixelCla
     """Draw rows of blocks as a picture.
 
     Args:
-        rows: blocks beside each other; all panels have the same size.
+        rows: the blocks of each row, side by side; all panels have the same size.
         path: file to write.
         title: of the page.
-        shares: of the pixels, for the legend.
+        shares: share of pixels in each class, for the legend.
     """
     save(page_figure(rows, title=title, shares=shares), path, dpi=DOTS_PER_INCH)
 
@@ -171,11 +195,11 @@ def page_figure(
     """Return the page as a figure (see `draw_page`).
 
     Args:
-        rows: blocks beside each other.
+        rows: the blocks of each row, side by side.
         title: of the page.
-        shares: of the pixels, for the legend.
-        kinds: of pixels that the legend names; None: those that are there.
-        panel_width: of every panel, in hundredths of an inch; None: as suits the page.
+        shares: share of pixels in each class, for the legend.
+        kinds: classes of pixels that the legend names; None: those that occur.
+        panel_width: width of every panel in hundredths of an inch; None: chosen to suit the page.
     """
     rows_px, columns_px = rows[0][0].panels[0].values.shape
     aspect = columns_px / rows_px
@@ -207,7 +231,7 @@ def page_figure(
 
 
 def _cells(rows: Rows, width: float, height: float, *, stacked: bool) -> Iterator[_Cell]:
-    """Yield where the panels go: blocks of a row beside each other, or, stacked, every panel below the other."""
+    """Yield the places of the panels: the blocks of a row side by side or, if `stacked`, each panel below the last."""
     top = _TOP
     for place, row in enumerate(rows):
         left, last_row = _LEFT, place == len(rows) - 1
@@ -244,7 +268,7 @@ def _draw(figure: Figure, cell: _Cell, page: _Page) -> None:
 
 
 def _bar(figure: Figure, cell: _Cell, cells: Sequence[_Cell], page: _Page) -> None:
-    """Draw the bar of colours of a block at the right of its last panel, along all of them where they are stacked."""
+    """Draw the bar of colours of a block at the right of its last panel; if panels are stacked, along all of them."""
     block = cell.block
     assert isinstance(block, Scaled)
     mine = [one for one in cells if one.block is block and one.left == cell.left]
@@ -253,7 +277,7 @@ def _bar(figure: Figure, cell: _Cell, cells: Sequence[_Cell], page: _Page) -> No
 
 
 def add_bar(figure: Figure, block: Scaled, place: tuple[float, float, float, float], /, *, length: float) -> None:
-    """Add the bar of colours of a block at a place of the figure, `length` hundredths of an inch long."""
+    """Add the bar of colours of a block at a place of the figure; `length` is its length in hundredths of an inch."""
     low, high = block.limits
     values = np.concatenate([one.values[np.isfinite(one.values)].ravel() for one in block.panels])
     beyond = bool(values.size and values.min() < low), bool(values.size and values.max() > high)
@@ -270,7 +294,7 @@ def add_bar(figure: Figure, block: Scaled, place: tuple[float, float, float, flo
 def add_legend(
     figure: Figure, kinds: Sequence[PixelClass], /, *, columns: int, shares: Mapping[PixelClass, float] | None = None
 ) -> None:
-    """Add what the colours of pixels mean, at the foot of the figure."""
+    """Add a legend of the colours of pixel classes at the foot of the figure."""
     if kinds:
         handles = [Patch(facecolor=one.colour, edgecolor="black", lw=0.5, label=_label(one, shares)) for one in kinds]
         figure.legend(
@@ -281,7 +305,3 @@ def add_legend(
 def _label(kind: PixelClass, shares: Mapping[PixelClass, float] | None) -> str:
     share = (shares or {}).get(kind)
     return kind.label if share is None else f"{kind.label}: {share:.1%}"
-
-
-def _bytes(kind: PixelClass) -> Image:
-    return np.array([round(255 * part) for part in to_rgba(kind.colour)], np.uint8)

@@ -1,4 +1,4 @@
-"""The cross-section of flat walls before and after field curvature is taken out, as in the paper's Fig. 4(c)."""
+"""Cross-sections of flat walls before and after the correction of field curvature, as in the paper's Fig. 4(c)."""
 
 import math
 from collections.abc import Sequence
@@ -15,15 +15,18 @@ from cadtof_cli.figures.kinds import save
 from cadtof_cli.optics import squared_field_radius, wall_range_m
 
 ROWS = 5
-"""Rows about the principal point whose median is drawn."""
+"""Number of rows around the principal point; their median is drawn."""
 
 DOTS_PER_INCH = 110
 
 
 def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: Path, /) -> None:
-    """Draw, in a row per wall, its planar depth along the row next to the principal point, and how all pixels deviate from flat.
+    """Draw a row of plots per wall: planar depth along the row next to the principal point, and deviation from flat.
 
-    The walls are those of the calibration, as they were measured: the range of each in m, (Y, X).
+    Args:
+        ranges_m: measured range of each wall of the calibration in m, (Y, X).
+        petzval: the calibration.
+        path: picture to write.
     """
     figure = Figure(figsize=(15.0, 3.4 * len(ranges_m) + 0.5), layout="constrained")
     axes = figure.subplots(len(ranges_m), 2, squeeze=False)
@@ -46,7 +49,7 @@ def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: P
 
 
 def _with_error_cm(value_m: float, stderr_m: float) -> str:
-    """Return a length with its standard error in cm, to two digits of the error."""
+    """Return a length and its standard error in cm, as text with two digits of the error."""
     decimals = max(2, 1 - math.floor(math.log10(100.0 * stderr_m))) if stderr_m > 0.0 else 2
     return f"{100.0 * value_m:.{decimals}f} ± {100.0 * stderr_m:.{decimals}f} cm"
 

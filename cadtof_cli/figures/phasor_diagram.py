@@ -1,4 +1,4 @@
-"""A pixel's phasors in the complex plane: one panel per harmonic, with the ellipse of the noise and the paths."""
+"""A pixel's phasors in the complex plane: one panel per harmonic, with the paths and the ellipse of the noise."""
 
 import itertools
 from pathlib import Path
@@ -15,13 +15,13 @@ from cadtof_cli.pipeline.one_pixel import PixelEvidence
 from cadtof_cli.resolver.status import StatusBit
 
 _SIDE, _LEFT, _GAP, _TOP, _BOTTOM = 4.0, 0.8, 0.6, 0.75, 1.05
-"""Inches: of a panel, and around it."""
+"""Side of a panel, and the space around it, in inches."""
 
 LEAST_ELLIPSE = 0.03
-"""Least standard deviation, as a share of the panel's half width, that is not drawn magnified."""
+"""Smallest standard deviation that is drawn without magnification, as a share of the panel's half width."""
 
 MOST_ELLIPSE = 0.1
-"""Most that it is magnified to, so that twice as much stays in the panel."""
+"""Largest magnified standard deviation, as a share of the panel's half width; two of them still fit into the panel."""
 
 
 def draw_phasors(evidence: PixelEvidence, path: Path, /, *, title: str) -> None:
@@ -68,7 +68,10 @@ def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None
 
 
 def _path_ends(evidence: PixelEvidence, row: int, harmonic: int) -> list[complex]:
-    """Return where the arrows of the paths end, tip to tail; a tail is what the direct light leaves of the phasor."""
+    """Return the ends of the arrows of the paths, of which each begins at the end of the one before.
+
+    With diffuse MPI, the second arrow is the tail: the phasor minus the direct light.
+    """
     paths = evidence.resolved.paths
     steps = paths.amplitude[:2, 0] * np.exp(1j * harmonic * paths.phase_rad[:2, 0])
     if evidence.resolved.status[0] & StatusBit.DIFFUSE_MPI:
@@ -87,7 +90,7 @@ def _arrow(axes: Axes, start: complex, end: complex, colour: str, name: str, *, 
 
 
 def _ellipse(axes: Axes, phasor: complex, covariance: Float, reach: float) -> None:
-    """Draw one and two standard deviations of the noise, magnified where they would be too small to see."""
+    """Draw one and two standard deviations of the noise, magnified if they would be too small to see."""
     if not np.isfinite(covariance).all():
         return
     variances, directions = np.linalg.eigh(covariance)
@@ -104,7 +107,7 @@ def _ellipse(axes: Axes, phasor: complex, covariance: Float, reach: float) -> No
 
 
 def _magnification(sigma: float, reach: float) -> float:
-    """Return 1, or the largest of 2, 5, 10, 20 … that brings a small ellipse to a size that can be seen."""
+    """Return the magnification of an ellipse: 1, or for a small one the largest of 2, 5, 10 … up to `MOST_ELLIPSE`."""
     times, steps = 1.0, itertools.cycle((2.0, 2.5, 2.0))
     if 0.0 < sigma < LEAST_ELLIPSE * reach:
         while sigma * times * (step := next(steps)) <= MOST_ELLIPSE * reach:

@@ -1,15 +1,20 @@
-"""What became of a pixel, as colours of a picture: none of them is in a scale of colours."""
+"""Classes of pixels by their status, and the colour of each class.
+
+No scale of colours contains one of these colours.
+"""
 
 from enum import Enum
 
 import numpy as np
+from matplotlib.colors import to_rgba
+from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Status
 from cadtof_cli.resolver.status import StatusBit
 
 
 class PixelClass(Enum):
-    """A name for the legend and a colour; the order is that of the legend."""
+    """A class of pixels: its name in the legend and its colour; in the order of the legend."""
 
     ONE_PATH = "one path", "#d9d9d9"
     TWO_PATHS = "two paths", "#0072b2"
@@ -22,26 +27,32 @@ class PixelClass(Enum):
 
     @property
     def label(self) -> str:
-        """What the legend says."""
+        """The name in the legend."""
         return self.value[0]
 
     @property
     def colour(self) -> str:
-        """The colour as matplotlib takes it."""
+        """The colour, in a form that matplotlib takes."""
         return self.value[1]
+
+    @property
+    def rgba(self) -> NDArray[np.uint8]:
+        """The colour as it stands in an image, RGBA, (4,)."""
+        return np.array([round(255 * part) for part in to_rgba(self.colour)], np.uint8)
 
 
 NO_VALUE = frozenset({PixelClass.ONE_PATH, PixelClass.NO_ANSWER, PixelClass.SATURATED})
-"""Reasons why a pixel of a layer has no value: with one path it has no MPI."""
+"""Classes that explain why a pixel of a layer has no value. A pixel with one path has no value in layers of MPI."""
 
 
 def classes_of(status: Status | None, known: Bool | None = None, /, *, one_path: bool = True) -> dict[PixelClass, Bool]:
-    """Return which pixels are of which class, each of one.
+    """Return the pixels of each class; a pixel is in one class at most.
 
     Args:
-        status: bits, (Y, X); None: not known.
-        known: pixels that have a value, (Y, X): they are of no class; None: every pixel is of one.
-        one_path: whether pixels without a value may be so since they have one path.
+        status: status bits, (Y, X); None: not known.
+        known: pixels that have a value, (Y, X). They are in no class, and the classes are those of `NO_VALUE`. None:
+            all classes are used, and every pixel is in one.
+        one_path: whether a pixel may lack a value because it has one path.
     """
     if status is None:
         assert known is not None
@@ -69,5 +80,5 @@ _BITS = (
 
 
 def class_shares(status: Status, /) -> dict[PixelClass, float]:
-    """Return the share of the pixels that are of each class."""
+    """Return the share of pixels in each class."""
     return {kind: float(np.mean(pixels)) for kind, pixels in classes_of(status).items()}

@@ -36,7 +36,7 @@ def draw_evolution(recording: Evolution, condition: Condition, folder: Path, /) 
 def plot_histogram(
     axes: Axes, recording: Evolution, /, condition: Condition, *, harmonics: tuple[int, ...] = (1,)
 ) -> None:
-    """Plot arrivals, and the modulation of some harmonics, on the given axes."""
+    """Plot the arrivals of photons, and the modulation of some harmonics, on the given axes."""
     width = recording.period_ns / len(recording.bin_ns)
     axes.bar(recording.bin_ns, recording.counts, width=width, color=AMBIENT_COLOUR)
     axes.axvline(condition.direct_ns, color=DIRECT_COLOUR, lw=1.2, label=f"direct, {condition.direct_ns:g} ns")

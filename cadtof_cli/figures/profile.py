@@ -1,4 +1,4 @@
-"""A cross-section of maps, as in the paper's Figs. 4(c) and 5(d): runs overlaid, with their predicted scatter."""
+"""A cross-section of maps, as in the paper's Figs. 4(c) and 5(d). Runs are drawn over each other, with their sigma."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,7 +15,7 @@ from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.units import shortened
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Colours of runs, in their order: Okabe and Ito's, which the colour-blind tell apart."""
+"""Colours of runs, in their order. They are those of Okabe and Ito, which colour-blind people can tell apart."""
 
 TRUTH_COLOUR = "#000000"
 
@@ -23,7 +23,7 @@ DOTS_PER_INCH = 130
 
 
 def draw_profile(profile: Profile, path: Path, /) -> None:
-    """Draw a cross-section; with truth, the errors below it.
+    """Draw a cross-section, and below it the errors if truth is known.
 
     Raises:
         OutputError: the file cannot be written.
@@ -59,7 +59,10 @@ def _errors(axes: Axes, profile: Profile, truth: Float) -> None:
 
 
 def _curves(axes: Axes, profile: Profile, shown: Callable[[Float], Float], factor: float) -> None:
-    """Draw what is shown of first phasors and of runs, these in bands of their sigma times a factor."""
+    """Draw the curves of first phasors and runs; runs have a band of ± 1 sigma, multiplied by `factor`.
+
+    `shown` turns the values of a curve into those that are drawn: the values themselves, or their errors.
+    """
     for name, first, colour in _first_phasors(profile):
         axes.plot(profile.along, shown(first), **_DASHED, color=colour, label=name)
     for curve, name, colour in _named(profile):
@@ -74,17 +77,17 @@ def _curves(axes: Axes, profile: Profile, shown: Callable[[Float], Float], facto
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2)), "alpha": 0.8}
 
 _FEW = 40
-"""Pixels along a line below which each is a point of the curve."""
+"""If a line has fewer pixels, its curve has a point at each pixel."""
 
 
 def _named(profile: Profile) -> Iterator[tuple[Curve, str, str]]:
-    """Yield each curve with the name that a legend can show, and its colour."""
+    """Yield each curve with its name, as a legend can show it, and its colour."""
     for number, curve in enumerate(profile.curves):
         yield curve, shortened(drawable(curve.name), 34).replace("$", r"\$"), COLOURS[number % len(COLOURS)]
 
 
 def _first_phasors(profile: Profile) -> Iterator[tuple[str, Float, str]]:
-    """Yield name, depths and colour of the first phasors: one in grey where all runs have the same."""
+    """Yield name, depths and colour of the first phasors; if all runs have the same depths, yield one curve in grey."""
     known = [(f"{name}: first phasor", curve.first_phasor, colour) for curve, name, colour in _named(profile)]
     found = [(name, first, colour) for name, first, colour in known if first is not None]
     if found and all(np.array_equal(first, found[0][1], equal_nan=True) for _, first, _ in found):
@@ -93,14 +96,14 @@ def _first_phasors(profile: Profile) -> Iterator[tuple[str, Float, str]]:
 
 
 def _points(values: Float) -> dict[str, Any]:
-    """Return points for a curve where a pixel stands alone, which no line would show."""
+    """Return the style of points for a curve with few pixels, or with a lone pixel, which a line would not show."""
     known = np.pad(np.isfinite(values), 1)
     alone = known[1:-1] & ~known[:-2] & ~known[2:]
     return {"marker": ".", "markersize": 3.0} if alone.any() or values.size < _FEW else {}
 
 
 def _to_lines(axes: Axes) -> None:
-    """Fit the axis to the curves: a band may be so broad that nothing else could be seen."""
+    """Fit the axis to the curves and not to the bands: a band can be so broad that the curves would look flat."""
     values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.get_lines()])
     finite = values[np.isfinite(values)]
     if finite.size:

@@ -1,4 +1,4 @@
-"""Scales of colours: which suits a layer, and the values that it ends at."""
+"""Scales of colours: the colours and the limits that suit a layer."""
 
 from typing import Final
 
@@ -10,7 +10,7 @@ SIGMAS: Final = "magma"
 ERRORS: Final = "RdBu_r"
 VOLTAGES: Final = "inferno"
 ANGLES: Final = "twilight"
-"""Scales of colours: perceptually uniform, and told apart by the colour-blind."""
+"""Names of colour maps. They are perceptually uniform, and colour-blind people can tell their colours apart."""
 
 
 def default_scale(name: str, values: NDArray[np.floating], /) -> tuple[str, tuple[float, float]]:
@@ -27,16 +27,16 @@ def default_scale(name: str, values: NDArray[np.floating], /) -> tuple[str, tupl
 
 
 def signed_limits(*differences: NDArray[np.floating], share: float = 90.0) -> tuple[float, float]:
-    """Return limits about 0 that hold a share, in %, of each of several maps of differences."""
+    """Return limits, symmetric about 0, that contain a `share` in % of the values of each map of differences."""
     sizes = [np.abs(one[np.isfinite(one)]) for one in differences]
     limit = max((float(np.percentile(size, share)) for size in sizes if size.size), default=1.0) or 1e-3
     return -limit, limit
 
 
 def limits_of(values: NDArray[np.floating]) -> tuple[float, float]:
-    """Return the range that all but the outermost half per cent of the finite values lie in, a little widened.
+    """Return the range of the finite values without the lowest and the highest half per cent, a little widened.
 
-    Where all are the same but for rounding, it reaches a tenth of the value to either side of it.
+    If all values are equal except for rounding, the range extends by a tenth of the value to both sides.
     """
     finite = values[np.isfinite(values)]
     if not finite.size:

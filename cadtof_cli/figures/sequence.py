@@ -1,4 +1,4 @@
-"""Pictures of many frames: a sheet of thumbnails on one scale, and GIF or MP4 with a scale that stays."""
+"""Pictures of many frames: a sheet of thumbnails, or a film as GIF or MP4. All frames have the same scale."""
 
 import importlib.util
 import io
@@ -9,7 +9,6 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import to_rgb
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.canvas import Figure, add_title, within
@@ -19,7 +18,7 @@ from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.files.atomic import atomic_write, require_new
 
 FILMS = (".gif", ".mp4")
-"""How the names of films end."""
+"""Endings of the names of films."""
 
 DOTS_PER_INCH = 100
 
@@ -28,7 +27,10 @@ _NAME_HEIGHT, _SPACE, _TOP, _RIGHT, _BOTTOM = 15, 6, 44, 92, 34
 
 
 def thumbnail_size(count: int, shape: tuple[int, int], /) -> tuple[int, int]:
-    """Return width and height of each of `count` thumbnails of frames of a shape (Y, X), and so their columns on the sheet."""
+    """Return width and height of a thumbnail in pixels, for `count` thumbnails of frames of a shape (Y, X).
+
+    The number of thumbnails in a row of the sheet follows from this size.
+    """
     aspect = shape[1] / shape[0]
     columns = max(1, min(count, round(math.sqrt(1.6 * count / aspect))))
     width = float(np.clip(_SHEET_WIDTH / columns - _SPACE, _LEAST_THUMB, _MOST_THUMB))
@@ -38,7 +40,7 @@ def thumbnail_size(count: int, shape: tuple[int, int], /) -> tuple[int, int]:
 
 
 def fitted(image: Image, size: tuple[int, int], /) -> Image:
-    """Return an image at another size (width, height), by the nearest pixels."""
+    """Return an image at another size (width, height); each new pixel is the nearest old one."""
     rows, columns = ((np.arange(new) + 0.5) / new for new in size[::-1])
     small: Image = image[(rows * image.shape[0]).astype(int)[:, None], (columns * image.shape[1]).astype(int)]
     return small
@@ -54,9 +56,15 @@ def draw_sheet(
     size: tuple[int, int],
     kinds: Collection[PixelClass],
 ) -> None:
-    """Draw frames, their names and pictures of a size (width, height), in rows, one bar of colours, and the legend of `kinds`.
+    """Draw thumbnails of frames in rows, with one bar of colours and a legend.
 
-    A picture is None where the frame could not be read.
+    Args:
+        thumbnails: name and picture of each frame; a picture is None if the frame cannot be drawn.
+        scale: a block with the scale that all frames share.
+        path: file to write.
+        title: of the sheet.
+        size: width and height of the thumbnails in pixels.
+        kinds: classes of pixels that the legend names.
     """
     width, height = size
     pitch = max(width, 64) + _SPACE
@@ -98,14 +106,15 @@ def draw_film(
     panel_width: float,
     kinds: Collection[PixelClass],
 ) -> None:
-    """Draw frames one after the other as GIF or MP4; nothing moves between them but what they show.
+    """Draw frames one after the other as GIF or MP4. From frame to frame, only the map and the title change.
 
     Args:
-        frames: titles and blocks, these of the same size and scale; drawn as they come, in the memory of one (of all, for GIF).
+        frames: title and block of each frame; all blocks have the same size and scale. Frames are drawn as they come.
+            MP4 keeps one frame in memory, GIF keeps all.
         path: file to write.
-        per_second: how many are shown in a second.
+        per_second: frames per second.
         panel_width: in pixels of the film.
-        kinds: of pixels that the legend names.
+        kinds: classes of pixels that the legend names.
 
     Raises:
         SettingsError: MP4 is asked for, and imageio-ffmpeg is not installed.
@@ -121,7 +130,12 @@ def draw_film(
 
 
 def require_film(path: Path, /, *, overwrite: bool) -> None:
-    """Make sure that a film can be written; raises SettingsError where what writes it is missing, OutputError where one is."""
+    """Make sure that a film can be written.
+
+    Raises:
+        SettingsError: the file is an MP4, and imageio-ffmpeg is not installed.
+        OutputError: the file exists and may not be replaced.
+    """
     require_new(path, overwrite=overwrite)
     if path.suffix.lower() == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise SettingsError(
@@ -132,7 +146,10 @@ def require_film(path: Path, /, *, overwrite: bool) -> None:
 def _pictures(
     frames: Iterable[tuple[str, Block]], panel_width: float, kinds: Collection[PixelClass]
 ) -> Iterator[Image]:
-    """Yield the frames as pictures (Y, X, 3): the first drawn whole, in the others only what changes."""
+    """Yield the frames as pictures, RGB, (Y, X, 3).
+
+    The figure is made once; for later frames, map and title are replaced.
+    """
     figure: Figure | None = None
     for title, block in frames:
         if figure is None:
@@ -148,7 +165,7 @@ def _pictures(
 
 
 def _write_gif(pictures: Iterator[Image], path: Path, colours: Image, per_second: float) -> None:
-    """Write a GIF whose frames share a palette, so that a colour is the same in all of them."""
+    """Write a GIF. Its frames share a palette, so that a value has the same colour in all frames."""
     from PIL import Image as Pillow
 
     palette = Pillow.new("P", (1, 1))
@@ -164,16 +181,16 @@ def _write_gif(pictures: Iterator[Image], path: Path, colours: Image, per_second
 
 
 def _palette(block: Block) -> Image:
-    """Return 256 colours, (256, 3): those of the scale, of pixels without a value, and greys for letters."""
+    """Return 256 colours, RGB, (256, 3): those of pixel classes, those of the scale, and greys for letters."""
     greys = np.linspace(0, 255, 32).round().astype(np.uint8)[:, None].repeat(3, axis=1)
-    classes = np.array([[round(255 * part) for part in to_rgb(kind.colour)] for kind in PixelClass], np.uint8)
+    classes = np.stack([kind.rgba[:3] for kind in PixelClass])
     name = block.colours if isinstance(block, Scaled) else "gray"
     scale = mpl.colormaps[name](np.linspace(0.0, 1.0, 256 - len(greys) - len(classes)), bytes=True)[:, :3]
     return np.concatenate([classes, scale, greys])
 
 
 def _write_mp4(pictures: Iterator[Image], path: Path, per_second: float) -> None:
-    """Write an MP4 (H.264, 4:2:0), which every player knows; its sides are even."""
+    """Write an MP4 (H.264, 4:2:0), which every player can show. The format needs an even width and height."""
     import imageio_ffmpeg
 
     first = next(pictures)

@@ -1,4 +1,4 @@
-"""A sweep as heat maps over ASR and integration length, and its first phasor as curves: the paper's Figs. 3, 8, 9."""
+"""A sweep as heat maps over ASR and integration length, and curves of its first phasor: the paper's Figs. 3, 8, 9."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,15 +16,15 @@ Table = Sequence[Mapping[str, float]]
 DOTS_PER_INCH = 120
 
 _READABLE_CELLS = 12
-"""Up to so many columns, each cell of a map shows its number."""
+"""Largest number of columns of a map whose cells show their numbers."""
 
 
 def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> None:
-    """Draw one heat map per path and MPI ratio: direct on top, the others below.
+    """Draw one heat map per path and MPI ratio, with the direct path on top.
 
     Args:
         table: rows of a sweep.
-        column: of each path, `bias_ns` or `std_ns`.
+        column: what is drawn of each path, `bias_ns` or `std_ns`.
         path: PNG to write.
         title: of the figure.
     """
@@ -49,9 +49,9 @@ def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> N
 
 
 def draw_confidence(table: Table, path: Path, /) -> None:
-    """Draw confidence, phase precision and phase error of the first phasor over ASR, a curve per MPI ratio.
+    """Draw confidence, phase precision and phase error of the first phasor over ASR, one curve per MPI ratio.
 
-    Curves are of the longest integration length; lines are the analytical model, dots the simulation.
+    The curves are those of the longest integration length. Lines show the analytical model, dots the simulation.
     """
     longest = max(row["integration_length"] for row in table)
     chosen = [row for row in table if row["integration_length"] == longest]

@@ -1,4 +1,4 @@
-"""Layers as 16-bit codes: what a page holds of them, and what that loses. `page/decode.js` reads what is written here."""
+"""Layers as 16-bit codes, which a page holds, and the rounding error of the codes. `page/decode.js` reads the codes."""
 
 import base64
 import math
@@ -19,22 +19,22 @@ INFINITE = 65535
 """The code of infinity."""
 
 STEPS = 65533
-"""Between the codes 1 and 65534, which stand for the lowest and the highest value."""
+"""Number of steps from code 1, the lowest value, to code 65534, the highest value."""
 
 WIDE_RATIO = 1000.0
-"""Positive values other than depths that range over more than this get codes even in their logarithm."""
+"""A positive layer that is no depth gets codes of its logarithm if its highest value over its lowest is larger."""
 
 Codes = NDArray[np.uint16]
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What the codes of a layer stand for.
+    """The values that the codes of a layer stand for.
 
     Attributes:
-        kind: `linear` and `log`: `first` plus a code less one times `step` is the value, or its natural logarithm;
-            `table`: a code less one is a place in `values`.
-        first: value, or logarithm, of code 1.
+        kind: `linear`: the value is `first + (code - 1) * step`. `log`: this is the natural logarithm of the value.
+            `table`: the value is `values[code - 1]`.
+        first: value of code 1, or its logarithm.
         step: from one code to the next.
         values: of a table.
     """
@@ -46,19 +46,20 @@ class Scale:
 
     @property
     def loss(self) -> float:
-        """The largest rounding: in the layer's unit, or of a `log` scale the share of the value."""
+        """The largest rounding error: in the unit of the layer, or for a `log` scale as a share of the value."""
         return math.expm1(self.step / 2.0) if self.kind == "log" else self.step / 2.0
 
     def as_json(self) -> dict[str, Any]:
-        """Return what the page has to know."""
+        """Return the scale in the form that the scripts of the page read."""
         named = {"kind": self.kind, "first": self.first, "step": self.step}
         return {"kind": self.kind, "values": list(self.values)} if self.kind == "table" else named
 
 
 def coded_values(values: NDArray[np.floating], /, *, is_depth: bool) -> tuple[Codes, Scale]:
-    """Return the codes of a layer of any shape and their scale; NaN and −∞ have no answer, +∞ keeps a code of its own.
+    """Return the codes of a layer of any shape, and their scale. NaN and −∞ become `NO_ANSWER`, +∞ becomes `INFINITE`.
 
-    Depths get even steps; so does what else is not positive, or ranges over a factor of `WIDE_RATIO` at most.
+    Depths get steps of equal size. So do other layers if a value is not positive, or if the ratio of the highest to the
+    lowest value is `WIDE_RATIO` or less.
     """
     exact: Float = values.astype(np.float64)
     finite = np.isfinite(exact)
@@ -77,7 +78,7 @@ def coded_values(values: NDArray[np.floating], /, *, is_depth: bool) -> tuple[Co
 
 
 def coded_bits(status: NDArray[Any], /) -> tuple[Codes, Scale]:
-    """Return the codes of status bits of any shape, without loss: places in a table of the values that occur.
+    """Return the codes of status bits of any shape, and their scale. Codes are places in a table of values: no loss.
 
     Raises:
         ValueError: there are more different values than codes.
@@ -90,9 +91,9 @@ def coded_bits(status: NDArray[Any], /) -> tuple[Codes, Scale]:
 
 
 def packed(planes: Sequence[Codes], /) -> str:
-    """Return planes of codes as text that stands in a page: base64 of one deflated stream.
+    """Return planes of codes as text for a page: one compressed stream (zlib), as base64.
 
-    It holds, of each plane, the differences along it, high bytes first, then low bytes.
+    For each plane, the stream holds the differences between successive codes: first all high bytes, then all low bytes.
     """
     pieces = []
     for plane in planes:

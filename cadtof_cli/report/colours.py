@@ -1,4 +1,4 @@
-"""Colours of a page: its scales, between which values of a layer they lie, the same for all frames of a run, and thumbnails."""
+"""Colours of a page: its scales, the limits of each layer, which all frames of a run share, and thumbnails."""
 
 import base64
 import json
@@ -15,12 +15,12 @@ from cadtof_cli.files.png import indexed_png
 from cadtof_cli.report.frames import sampled
 
 COLOURS = 255
-"""Number of colours of the scale of depths; one more stands for no answer."""
+"""Number of colours of the scale of depths; one more colour stands for no answer."""
 
 
 @lru_cache(maxsize=1)
 def palette() -> dict[str, Any]:
-    """Return the colours of the page, `#rrggbb`: scales of evenly spaced ones, and those of the status bits."""
+    """Return the colours of the page as `#rrggbb`: of scales (evenly spaced), of no answer, and of the status bits."""
     source = files("cadtof_cli.report").joinpath("page", "palette.json")
     return dict(json.loads(source.read_text(encoding="utf-8")))
 
@@ -57,20 +57,20 @@ def _rgb(colour: str) -> tuple[int, int, int]:
 
 
 Limits = tuple[float, float, float, float]
-"""1 % and 99 % of the values, the lowest and the highest."""
+"""Limits of a layer: the quantiles of 1 % and 99 %, the lowest value and the highest value."""
 
 MOST_PIXELS = 20_000
-"""Pixels of a layer that its limits are found from, evenly spread over it: more would hardly change them."""
+"""About so many pixels of a layer, evenly spread, are used to find its limits. More pixels would hardly change them."""
 
 
 class LayerLimits:
-    """The widest limits of each layer in any frame."""
+    """The limits of each layer that are wide enough for all frames."""
 
     def __init__(self) -> None:
         self._known: dict[str, Limits] = {}
 
     def add(self, name: str, plane: NDArray[np.floating], /) -> None:
-        """Add a layer of a frame, of any shape; what is not finite does not count."""
+        """Add a layer of a frame, of any shape; values that are not finite are ignored."""
         flat = plane.reshape(-1)
         flat = flat[:: max(1, flat.size // MOST_PIXELS)]
         values = flat[np.isfinite(flat)].astype(np.float64)
@@ -83,5 +83,5 @@ class LayerLimits:
         self._known[name] = min(low), max(high), min(lowest), max(highest)
 
     def known(self) -> Mapping[str, Limits]:
-        """Return the limits of each layer that has a value somewhere."""
+        """Return the limits of each layer that has a finite value in some frame."""
         return dict(self._known)

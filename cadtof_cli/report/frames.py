@@ -1,4 +1,4 @@
-"""What a page holds of the layers of a frame: all of its pixels, or every n-th, as codes."""
+"""The layers of a frame as a page holds them: codes of all pixels, or of every n-th row and column."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,32 +13,32 @@ from cadtof_cli.report.codes import Scale, coded_bits, coded_values, packed
 
 FIRST_PHASOR = "first phasor"
 TRUTH = "truth"
-"""Layers of depths that no map has."""
+"""Names of layers of depths that are in no file of maps."""
 
 Planes = Mapping[str, NDArray[Any]]
-"""Layers by name, (Y, X) each: those of a map, and `FIRST_PHASOR` where the recorded frame is still there."""
+"""Layers by name, (Y, X) each: the layers of a map, and `FIRST_PHASOR` if the recorded frame still exists."""
 
 
 @dataclass(frozen=True)
 class EmbeddedLayer:
-    """A layer in a page: its name, its unit, and what its codes stand for."""
+    """A layer in a page: its name, its unit, and the scale of its codes."""
 
     name: str
     unit: str
     scale: Scale
 
     def as_json(self) -> dict[str, Any]:
-        """Return what the page has to know to show the layer."""
+        """Return the layer in the form that the scripts of the page read."""
         return {"name": self.name, "unit": self.unit, **self.scale.as_json()}
 
 
 @dataclass(frozen=True)
 class EmbeddedFrame:
-    """Layers of a frame in a page.
+    """The layers of a frame in a page.
 
     Attributes:
-        shape: pixels of the frame, rows and columns.
-        step: every step-th row and column is there, see `sampled`.
+        shape: rows and columns of the whole frame.
+        step: the page holds every step-th row and column, see `sampled`.
         layers: in the order of their codes.
         data: the codes, as text.
     """
@@ -49,19 +49,19 @@ class EmbeddedFrame:
     data: str
 
     def as_json(self) -> dict[str, Any]:
-        """Return what the page has to know, but for the data."""
+        """Return the frame in the form that the scripts of the page read, without the data."""
         layers = [layer.as_json() for layer in self.layers]
         return {"height": self.shape[0], "width": self.shape[1], "step": self.step, "layers": layers}
 
 
 def sampled(plane: NDArray[Any], step: int, /) -> NDArray[Any]:
-    """Return every step-th pixel of a plane (Y, X) in both directions, the first half a step from the edge."""
+    """Return every step-th row and column of a plane (Y, X). The first of them are half a step from the edge."""
     row, column = (min(step // 2, (size - 1) // 2) for size in plane.shape)
     return plane[row::step, column::step]
 
 
 def embedded_frame(planes: Planes, /, *, step: int) -> EmbeddedFrame:
-    """Return layers as a page holds them: every step-th pixel."""
+    """Return the layers of a frame as a page holds them, with every step-th row and column."""
     coded = [_coded(name, sampled(plane, step)) for name, plane in planes.items()]
     shape = next(iter(planes.values())).shape
     layers = tuple(layer for _, layer in coded)
@@ -76,11 +76,11 @@ def _coded(name: str, plane: NDArray[Any]) -> tuple[NDArray[np.uint16], Embedded
 
 @dataclass(frozen=True)
 class Shares:
-    """How much of its frames a page holds.
+    """How many pixels of each frame a page holds.
 
     Attributes:
-        whole: places of the frames with all pixels.
-        step: of the others.
+        whole: places of the frames that keep all pixels.
+        step: all other frames keep every step-th row and column.
         thumbnail_px: longest side of the thumbnails.
     """
 
@@ -94,43 +94,44 @@ class Shares:
 
 
 THUMBNAIL_PX = (80, 40, 20)
-"""Longest sides of thumbnails; the first that takes less than `THUMBNAIL_SHARE` of the page."""
+"""Longest sides of thumbnails, of which the first is taken that needs less than `THUMBNAIL_SHARE` of the page."""
 
 THUMBNAIL_SHARE = 0.25
 
 _THUMBNAIL_BYTES_PER_PIXEL = 1.2
-"""What an indexed PNG of a noisy map takes as base64, and what stands around it."""
+"""Size of an indexed PNG of a noisy map, in bytes per pixel before base64."""
 
-MOST_STEPS = 16
-"""Pixels that the longer side of a frame keeps at least."""
+LEAST_SIDE_PX = 16
+"""Number of pixels that the longer side of a frame keeps at least."""
 
 _MARGIN = 1.1
-"""Frames differ: those that the sizes are measured on may be smaller than others."""
+"""Factor on measured sizes. Frames differ, and the frames that are measured may need less space than others."""
 
 
 def planned_shares(samples: Sequence[Planes], frames: int, /, *, limit_bytes: float, whole: int | None) -> Shares:
-    """Return how much of each of `frames` frames a page of a given size can hold.
+    """Return how many pixels of each of `frames` frames a page of a given size can hold.
 
-    Where there is no room for all pixels of all frames, `whole` frames have all pixels, evenly spread over the run (None: as many
-    as half the room holds), and of the others every n-th is kept.
+    If there is no room for all pixels of all frames, some frames keep all pixels; they are evenly spread over the run.
+    All other frames keep every n-th row and column.
 
     Args:
-        samples: layers of some of the frames, on which sizes are measured.
-        frames: how many there are.
-        limit_bytes: what the page may take, more than that only where `whole` frames need it.
-        whole: how many of them are to have all pixels.
+        samples: layers of some frames; sizes are measured on them.
+        frames: number of all frames.
+        limit_bytes: largest size of the page. It is exceeded only if `whole` frames need more.
+        whole: number of frames that keep all pixels. None: as many as fit into half of the room, and some more if the
+            other frames leave room.
     """
     sizes = [(px, frames * _thumbnail_bytes(samples, px)) for px in THUMBNAIL_PX]
     thumbnail_px, taken = next((one for one in sizes if one[1] < THUMBNAIL_SHARE * limit_bytes), sizes[-1])
     room, full_bytes = limit_bytes - taken, _bytes_at(samples, 1)
     count = frames if frames * full_bytes <= room else max(0, int(0.5 * room / full_bytes))
     count = min(frames, count if whole is None else whole)
-    most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // MOST_STEPS)
+    most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // LEAST_SIDE_PX)
     left, others = room - count * full_bytes, frames - count
     steps = ((step, _bytes_at(samples, step)) for step in range(1, most + 1))
     step, each = next(one for one in steps if others * one[1] <= left or one[0] == most)
     if whole is None and step > 1:
-        # steps are coarse, so that room is left for some frames more
+        # steps are coarse: the other frames leave room for all pixels of some more frames
         count += max(0, int((left - others * each) / (full_bytes - each)))
     places = np.linspace(0, frames - 1, count).round().astype(int)
     return Shares(frozenset(int(place) for place in places), step, thumbnail_px)

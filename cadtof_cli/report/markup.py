@@ -1,43 +1,48 @@
-"""Markup that no name can break: texts are escaped where they become markup, and nowhere else."""
+"""Markup that no name can break. Texts are escaped when they become markup, and nowhere else."""
 
 import html
 from collections.abc import Iterable, Sequence
 
 
 class Markup(str):
-    """Text that stands in a page as it is."""
+    """Text that is markup already, so that it is not escaped."""
 
     __slots__ = ()
 
 
 EMPTY = Markup("")
 
-_ENDLESS = frozenset({"img"})
+_VOID = frozenset({"img"})
+"""Elements that HTML calls void: they have no children and no end tag."""
 
 
 def printable(raw: str, /) -> str:
-    """Return a text in which everything is escaped that cannot be seen, turns the direction of writing, or is no Unicode."""
+    """Return a text in which invisible characters, and those that change the direction of writing, are escaped.
+
+    Characters that are not valid Unicode are escaped too.
+    """
     return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in raw)
 
 
 def text(raw: object, /) -> Markup:
-    """Return the markup that shows a text, whatever is in it; markup stays as it is."""
+    """Return the markup that shows a text, whatever characters it has; markup is returned unchanged."""
     return raw if isinstance(raw, Markup) else Markup(html.escape(printable(str(raw))))
 
 
 def joined(pieces: Iterable[Markup], /) -> Markup:
-    """Return pieces of markup one after the other."""
+    """Return pieces of markup, joined in their order."""
     return Markup("".join(pieces))
 
 
 def element(tag: str, /, *children: object, **attributes: object) -> Markup:
-    """Return an element of texts and markup.
+    """Return an element whose children are texts and markup.
 
-    Attributes that are None or False are not written; in their names `_` stands for `-`, and for nothing at the end.
+    Attributes that are None or False are left out. In the name of an attribute, `_` stands for `-`; at its end, `_` is
+    dropped.
     """
     given = ((name, value) for name, value in attributes.items() if value is not None and value is not False)
     written = "".join(_attribute(name, value) for name, value in given)
-    if tag in _ENDLESS:
+    if tag in _VOID:
         return Markup(f"<{tag}{written}>")
     return Markup(f"<{tag}{written}>{joined(map(text, children))}</{tag}>")
 
@@ -56,14 +61,14 @@ def table(
     numbers: Iterable[int] = (),
     folded: bool = False,
 ) -> Markup:
-    """Return a table that scrolls by itself where it is wider than the page; the first column names the row.
+    """Return a table. If it is wider than the page, it scrolls on its own. The first column names the row.
 
     Args:
         head: titles of the columns.
-        rows: texts and markup.
+        rows: cells of texts and markup.
         caption: what the table holds.
-        numbers: columns of numbers.
-        folded: whether the caption alone is seen until it is asked for more.
+        numbers: places of the columns that hold numbers.
+        folded: whether only the caption is shown until the reader opens the table.
     """
     kinds = ["number" if column in frozenset(numbers) else None for column in range(len(head))]
     titles = (element("th", title, scope="col", class_=kind) for title, kind in zip(head, kinds, strict=True))
@@ -76,7 +81,7 @@ def table(
         for row in rows
     )
     body = element("table", element("thead", element("tr", *titles)), element("tbody", *lines), aria_label=caption)
-    # outside, so that the caption stays where the table scrolls
+    # outside of the scrolling part, so that the caption stays in view
     title = element("h3", caption, class_="caption")
     scrolling = element("div", body, class_="wide", tabindex=0, role="region", aria_label=caption)
     return element("details", element("summary", title), scrolling) if folded else joined((title, scrolling))

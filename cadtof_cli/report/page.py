@@ -1,4 +1,4 @@
-"""The page of a run as one file: template, style, scripts and data put together, under a policy that lets nothing else run."""
+"""The page of a run as one file: template, style, scripts and data, with a policy that lets no other script run."""
 
 import hashlib
 import json
@@ -14,7 +14,7 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import write_text
 from cadtof_cli.report.colours import Limits, palette
 from cadtof_cli.report.frames import EmbeddedFrame
-from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
+from cadtof_cli.report.markup import Markup, element, joined, printable, text
 from cadtof_cli.report.sections import (
     PageText,
     embedded_section,
@@ -29,13 +29,19 @@ from cadtof_cli.resolver.status import MEANING, bit_words
 from cadtof_cli.version import __version__
 
 SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud.js", "panels.js", "main.js")
-"""The scripts of the page: those that others use stand first."""
+"""The scripts of the page. A script stands before all scripts that use it."""
 
 
 @dataclass(frozen=True)
 class ShownFrame:
-    """A frame that the viewer shows: its name, its layers, how its pixels look into the world, what its depths are, and its place
-    among the truths.
+    """A frame that the viewer shows.
+
+    Attributes:
+        name: of the frame.
+        embedded: its layers.
+        optics: the rays of its pixels.
+        depth: kind of its depths, range or z.
+        truth: place of its truth among the truths of the page; None: no truth is known.
     """
 
     name: str
@@ -45,7 +51,7 @@ class ShownFrame:
     truth: int | None = None
 
     def as_json(self, number: int, /) -> dict[str, Any]:
-        """Return what the page has to know of the frame with a number."""
+        """Return the frame in the form that the scripts of the page read; `number` is its place in the viewer."""
         return {
             "name": printable(self.name),
             "data": f"frame-{number}",
@@ -75,10 +81,10 @@ def write_page(
 
     Args:
         path: file to write.
-        page: what it says in words and tables.
-        frames: that the viewer shows.
-        truth: of each capture at the steps of its frames, if known.
-        limits: of each layer over the run, in its unit.
+        page: its words and tables.
+        frames: the frames that the viewer shows.
+        truth: the truth of each capture with the steps of its frames; empty if no truth is known.
+        limits: of each layer over the run, in the unit of the layer.
 
     Raises:
         OutputError: the file cannot be written.
@@ -96,7 +102,7 @@ def write_page(
         settings=settings(page),
         table=frame_table(page),
         embedded=embedded_section(page, [frame.embedded for frame in frames]),
-        run=_data(json.dumps(_document(frames, truth, limits), allow_nan=False, separators=(",", ":"))),
+        run=_json_markup(json.dumps(_document(frames, truth, limits), allow_nan=False, separators=(",", ":"))),
         data=_payloads(frames, truth),
         style=style,
         script=script,
@@ -109,7 +115,7 @@ def _file(name: str) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """Return the content security policy: the page's own script, style and pictures alone, and no network."""
+    """Return the content security policy. It allows the page's own script, style and pictures, and no network."""
     script_digest, style_digest = (
         b64encode(hashlib.sha256(source.encode()).digest()).decode() for source in (script, style)
     )
@@ -122,7 +128,7 @@ def _policy(style: str, script: str) -> str:
 def _document(
     frames: Sequence[ShownFrame], truth: Sequence[EmbeddedFrame], limits: Mapping[str, Limits]
 ) -> dict[str, Any]:
-    """Return what the scripts have to know, but for the maps."""
+    """Return the data that the scripts need, without the maps."""
     colours = palette()
     bits = [
         {
@@ -142,14 +148,15 @@ def _document(
     }
 
 
-def _data(source: str) -> Markup:
-    """Return JSON that no browser takes for the end of an element, or for the begin of another."""
+def _json_markup(source: str) -> Markup:
+    """Return JSON as markup.
+
+    Its `<`, `>` and `&` are escaped, so that no browser finds an end or a begin of an element.
+    """
     return Markup(source.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
 
 
 def _payloads(frames: Sequence[ShownFrame], truth: Sequence[EmbeddedFrame]) -> Markup:
     named = [(f"frame-{number}", frame.embedded) for number, frame in enumerate(frames)]
     named += [(f"truth-{number}", one) for number, one in enumerate(truth)]
-    if not named:
-        return EMPTY
     return joined(element("script", Markup(one.data), type="text/plain", id=name) for name, one in named)

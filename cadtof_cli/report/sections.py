@@ -1,5 +1,6 @@
-"""What a page says in words and tables: all of it can be read where no script runs."""
+"""The words and tables of a page. All of them can be read without scripts."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
@@ -13,7 +14,7 @@ from cadtof_cli.units import counted
 BAR_WIDTH, BAR_HEIGHT = 1000, 18
 
 _UNFOLDED = 3
-"""Tables of settings that are open: those of a run of one capture, with its calibration."""
+"""Largest number of tables of settings that are all open: those of a run of one capture, with its calibration."""
 
 
 @dataclass(frozen=True)
@@ -21,13 +22,13 @@ class FrameLine:
     """A frame of the run, resolved or not.
 
     Attributes:
-        name: of its maps; of the recorded frame where there are none.
-        status: `ok`, `failed` or `skipped`; empty where no record says.
-        reason: why, or what there is to know besides.
-        seconds: that it took; None where that is not known.
-        pixels: counts by what became of them; empty where that is not known.
-        number: of the frame in the viewer; None where the page has no maps of it.
-        thumbnail: its depths as a data URI.
+        name: of its maps; without maps, of the recorded frame.
+        status: `ok`, `failed` or `skipped`; empty: no record says it.
+        reason: why it failed or was skipped, or another remark; None: there is none.
+        seconds: time that it took; None: not known.
+        pixels: number of pixels of each kind, such as "two paths"; empty: not known.
+        number: place of the frame in the viewer; None: the page has no maps of it.
+        thumbnail: its depths as a data URI; None: it has none.
         size: of the thumbnail, columns and rows.
     """
 
@@ -43,16 +44,16 @@ class FrameLine:
 
 @dataclass(frozen=True)
 class PageText:
-    """What a page says.
+    """The contents of the words and tables of a page.
 
     Attributes:
-        title, subtitle: at its head.
+        title, subtitle: at the head of the page.
         facts: titles and values of the totals.
-        pixels: of all frames, counted by what became of them.
-        notes: what the reader should know before anything else.
-        errors: against truth, by what they are of; empty without truth.
+        pixels: number of pixels of each kind, such as "two paths", over all frames.
+        notes: remarks that the reader should see first.
+        errors: errors against truth, by the name of the depths; empty without truth.
         frames: of the run.
-        settings: tables of names, values and where these come from, by their captions.
+        settings: tables by their captions; each row has a name, a value and the origin of the value.
     """
 
     title: str
@@ -66,7 +67,7 @@ class PageText:
 
 
 def summary(page: PageText, /) -> Markup:
-    """Return notes, totals, what became of the pixels, and errors against truth."""
+    """Return the notes, the totals, the share of each kind of pixels, and the errors against truth."""
     notes = (element("p", note, class_="note", role="status") for note in page.notes)
     facts = (element("div", element("dt", title), element("dd", value)) for title, value in page.facts)
     errors = EMPTY
@@ -78,7 +79,7 @@ def summary(page: PageText, /) -> Markup:
 
 
 def _shares(pixels: Mapping[str, int]) -> Markup:
-    """Return a bar of what became of the pixels, with a legend."""
+    """Return a bar of the share of each kind of pixels, with a legend."""
     total = sum(pixels.values())
     if not total:
         return EMPTY
@@ -125,7 +126,7 @@ def frame_list(page: PageText, /) -> Markup:
 
 def _thumbnail(frame: FrameLine) -> Markup:
     if frame.number is None or frame.thumbnail is None:
-        # as maps would have been called, where it is a file's name
+        # the name that its maps would have: if this is a file's name, it loses its ending
         path = PurePosixPath(frame.name)
         short = path.stem if path.suffix[1:].isalnum() else path.name
         mark = element("span", frame.status or "no maps", class_="mark")
@@ -134,14 +135,14 @@ def _thumbnail(frame: FrameLine) -> Markup:
     width, height = frame.size
     picture = element("img", src=frame.thumbnail, width=width, height=height, alt="", loading="lazy", decoding="async")
     path = PurePosixPath(frame.name)
-    # frames of several captures are often called alike: the folder has a line of its own
+    # frames of several captures often have the same names: the folder gets a line of its own
     lines = ([str(path.parent)] if path.name != frame.name else []) + [path.name]
     labels = [element("span", element("bdi", line)) for line in lines]
     return element("li", element("button", picture, *labels, type="button", data_frame=frame.number, title=frame.name))
 
 
 def frame_table(page: PageText, /) -> Markup:
-    """Return a line for each frame: what became of it and of its pixels."""
+    """Return a table with a line for each frame: its status, and the share of each kind of pixels."""
     kinds = list(dict.fromkeys(kind for frame in page.frames for kind in frame.pixels))
     rows = [
         (
@@ -163,7 +164,7 @@ def _count(frame: FrameLine, kind: str) -> str:
 
 
 def settings(page: PageText, /) -> Markup:
-    """Return the settings of the run, of its captures and of its calibration; all but the first folded where there are many."""
+    """Return tables of the settings of run, captures and calibration; if there are many, only the first is open."""
     many = len(page.settings) > _UNFOLDED
     tables = [
         _setting_table(caption, rows, folded=many and number > 0)
@@ -173,29 +174,30 @@ def settings(page: PageText, /) -> Markup:
 
 
 def _setting_table(caption: str, rows: Sequence[tuple[str, str, str]], *, folded: bool) -> Markup:
-    """Return a table of settings, with the column of where they come from only where that is known."""
+    """Return a table of settings. It has a column of origins only if an origin is known."""
     if any(origin for _, _, origin in rows):
         return table(("setting", "value", "from"), rows, caption=caption, folded=folded)
     return table(("setting", "value"), [row[:2] for row in rows], caption=caption, folded=folded)
 
 
 def status_words() -> Markup:
-    """Return what each status bit means."""
-    entries = ((element("dt", bit_words(bit)), element("dd", said.replace("`", ""))) for bit, said in MEANING.items())
-    return joined(piece for entry in entries for piece in entry)
+    """Return the meaning of each status bit."""
+    return joined(
+        piece
+        for bit, meaning in MEANING.items()
+        for piece in (element("dt", bit_words(bit)), element("dd", meaning.replace("`", "")))
+    )
 
 
 def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Markup:
-    """Return how much of each frame the page holds, and what the codes lose."""
+    """Return how many pixels of each frame the page holds, and the rounding errors of the codes."""
     if not frames:
         return element("p", "The page holds no maps.")
-    steps: dict[int, int] = {}
     layers: dict[str, list[EmbeddedLayer]] = {}
     for frame in frames:
-        steps[frame.step] = steps.get(frame.step, 0) + 1
         for layer in frame.layers:
             layers.setdefault(layer.name, []).append(layer)
-    held = "; ".join(_held(step, count) for step, count in sorted(steps.items()))
+    held = "; ".join(_held(step, count) for step, count in sorted(Counter(frame.step for frame in frames).items()))
     told = (
         f"Of {counted(len(frames), 'frame')} the page holds: {held}. "
         "A pixel that is there has all its layers; the files of the run have all pixels of all frames. "
@@ -213,7 +215,7 @@ def _held(step: int, count: int) -> str:
 
 
 def _loss(layers: Sequence[EmbeddedLayer]) -> tuple[str, str]:
-    """Return the largest rounding of a layer in any frame, and which kind of steps it has."""
+    """Return the largest rounding error of a layer in any frame, and the kind of its steps, as texts."""
     if layers[0].scale.kind == "table":
         return "none", "bits"
     told, steps = [], []

@@ -39,7 +39,8 @@ class ResolverSettings:
     mpi_model: MpiModel = setting(
         "auto",
         "Model of the MPI. discrete: separate paths. diffuse: a tail of light, predicted from the geometry of the scene. "
-        "auto: chosen for each frame. Another --solver or --order, --paths above 2 and --return last imply discrete.",
+        "auto: chosen for each frame. A --solver or --order other than the default, --paths above 2 and --return last "
+        "mean discrete.",
     )
     solver: SolverName = setting(
         "two-path",
@@ -64,8 +65,8 @@ class ResolverSettings:
     )
     false_alarm: float = setting(
         0.01,
-        "Probability of a false alarm, in each of two tests: noise alone is taken for a signal; because of noise, a pixel "
-        "with one path fails the test for one path (about a third of such pixels are then resolved as two paths).",
+        "Probability that noise alone is taken for a signal. Also the probability that a pixel with one path fails the "
+        "test for one path because of noise; about a third of the pixels that fail are then resolved as two paths.",
         metavar="P",
     )
     returns: Return = setting("first", "Which path to report as the direct one.", option="--return")

@@ -274,7 +274,7 @@ def test_info_writes_what_raw_dumps_hold_into_the_table_of_theirs(here: Path) ->
 def test_frames_that_are_not_there(here: Path) -> None:
     done = shell("cadtof resolve cap -o out --frames 3:", here)
     assert (done.status, done.out) == (1, "")
-    assert done.err == "no frame was resolved: there is none in the --frames of any capture\n"
+    assert done.err == "no frame was resolved: no capture has a frame in the range of --frames\n"
 
 
 @pytest.mark.parametrize(

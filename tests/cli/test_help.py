@@ -69,7 +69,7 @@ def test_a_default_is_told_once(words: str) -> None:
 @pytest.mark.parametrize("words", ["", *every_command()])
 @pytest.mark.parametrize("columns", [30, 40, 59])
 def test_help_fits_a_narrow_terminal(words: str, columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """But for a word that is longer than a line."""
+    """Only a single word may be longer than a line."""
     monkeypatch.setenv("COLUMNS", str(columns))
     done = cadtof(*words.split(), "--help")
     options = done.out.partition("Options:\n")[2].partition("Capture options")[0].partition("Example")[0]

@@ -1,4 +1,7 @@
-"""Every picture that a command draws: nothing cut off, nothing on top of curves, axes labelled, any name, no file replaced."""
+"""Every picture that a command draws is whole, with any name in it, and replaces no file.
+
+Whole means: nothing is cut off, no legend lies on curves, and axes have labels.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -27,12 +30,12 @@ from tests.support.run_cadtof import cadtof
 HOSTILE = "$a$_{b}^2 $\\frac$ 深度 ☃ new\nline \\x"
 
 SHOWN_HOSTILE = r"$a$_{b}^2 $\frac$ \u{6df1}\u{5ea6} ☃ new\nline \x"
-"""How a picture shows it: what its font lacks, and the end of a line, are escaped."""
+"""How a picture shows this name: characters that the font lacks, and the end of a line, are escaped."""
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of a hostile name with captures of several shapes, their maps, truth, a calibration and two walls."""
+    """A folder with a hostile name. It holds captures of several shapes, their maps, truth and a calibration."""
     place = tmp_path_factory.mktemp("pictures") / HOSTILE
     shapes = {"usual": (24, 32), "wide": (6, 96), "tall": (120, 8)}
     for name, (height, width) in shapes.items():
@@ -50,7 +53,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """The figures that are drawn meanwhile."""
+    """The figures that are drawn during a test."""
     drawn: list[Figure] = []
     save = Figure.savefig
 
@@ -113,7 +116,7 @@ def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) ->
     (figure,) = figures
     _require_whole(figure)
     assert figure.get_suptitle().startswith("Field curvature: k2 = 5.0000 ± 0.0030 cm, k4 = -3.00 ± 0.20 cm; ")
-    # a row a wall: along the middle row, and over ρ; a fit of the very wall leaves nothing
+    # a row of plots per wall: along the middle row, and over ρ; these walls have exactly this curvature: nothing is left
     titles = [axes.get_title() for axes in figure.axes]
     assert titles == ["wall: rows 9 to 13", "wall", f"{SHOWN_HOSTILE}: rows 9 to 13", SHOWN_HOSTILE]
     for radial in (figure.axes[1], figure.axes[3]):

@@ -20,7 +20,7 @@ ATTACK = "</script><script>alert(1)</script>"
 
 
 class _Page(HTMLParser):
-    """What a parser of somebody else's finds in a page."""
+    """What a parser that is not ours finds in a page."""
 
     def __init__(self) -> None:
         super().__init__(convert_charrefs=True)
@@ -99,7 +99,7 @@ def test_frames_of_several_captures_are_told_apart_and_their_settings_folded(tmp
     strip = strip.partition("</ol>")[0]
     assert re.findall("<bdi>(.*?)</bdi>", strip) == [line for name in names for line in (name, "frame_0")]
     assert re.findall("<summary><h3[^>]*>Capture (\\d): ", settings) == ["1", "2", "3"]
-    # what nobody has set has no line
+    # a setting that nobody has set has no line
     assert "modulation.periods_ns" in settings
     assert "layout.pattern" not in settings
 
@@ -149,7 +149,7 @@ def test_nothing_in_the_record_becomes_markup(tmp_path: Path) -> None:
 
 
 def test_failures_stand_on_the_page_with_their_reasons(tmp_path: Path) -> None:
-    """A frame that failed, a map that was damaged afterwards, one that is gone, and one that no record names."""
+    """A frame that failed, a map that was damaged afterwards, a map that is gone, and a map that no record names."""
     capture = record(tmp_path / "capture", frames=5)
     capture.files[1].write_bytes(b"no frame")
     out = tmp_path / "out"
@@ -161,7 +161,7 @@ def test_failures_stand_on_the_page_with_their_reasons(tmp_path: Path) -> None:
     assert "found first bytes" in page.text
     assert "its maps are gone" in page.text
     assert "1 of the maps cannot be read" in page.text
-    # thumbnails are called alike, whatever became of their frames
+    # the labels of thumbnails have the same form for all frames, with and without maps
     html = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert all(f"<bdi>frame_{number}</bdi>" in html for number in (0, 1, 2, 3, 4))
     assert sum(script.get("type") == "text/plain" for script in page.scripts) == 3
@@ -177,7 +177,10 @@ def test_a_run_without_a_single_map_has_a_page(tmp_path: Path) -> None:
 
 
 def test_maps_alone_and_a_run_that_was_moved(tmp_path: Path) -> None:
-    """Without a record the maps are shown all the same; a folder that was moved knows its frames by their places."""
+    """Without a record, the maps are shown nevertheless.
+
+    In a folder that was moved, frames are found by their places.
+    """
     out = _run(tmp_path)
     shutil.copytree(out, tmp_path / "moved" / "there")
     assert "2resolved2failed0" in _page(tmp_path / "moved" / "there").text.replace("\n", "")

@@ -1,4 +1,4 @@
-"""Progress is drawn where a person looks, on a terminal, and nowhere else."""
+"""Progress is drawn on a terminal, where a person looks, and nowhere else."""
 
 import os
 import pty
@@ -41,7 +41,7 @@ def test_the_bar_takes_one_line_however_narrow_the_terminal_is(columns: int, par
 
 
 def test_lines_are_broken_between_words(tmp_path: Path) -> None:
-    """Above the bar, below it, and in an error; a path stays whole."""
+    """This holds above the bar, below it, and in an error. A path stays whole."""
     capture, out = record(tmp_path / "capture", frames=2).folder, tmp_path / ("long_" * 20 + "name")
     _, said = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40)
     _, refused = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40, status=2, TERM="dumb")
@@ -60,7 +60,7 @@ def test_a_terminal_that_cannot_move_its_cursor_gets_lines(tmp_path: Path) -> No
 
 
 def test_a_terminal_that_goes_away_hinders_nobody(tmp_path: Path) -> None:
-    """As where its window is closed and the command was told to stay: `disown`, `setsid`."""
+    """This happens when a user closes the window of a command that was told to stay (`disown`, `setsid`)."""
     ours, theirs = pty.openpty()
     words = ("simulate", "--scene", "corner", "--width", 64, "--height", 48, "--frames", 30, "-o", tmp_path / "out")
     command = [*PROGRAM, *map(str, words)]
@@ -97,6 +97,6 @@ def test_without_a_terminal_there_is_no_bar(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3)
     done = program("resolve", capture.folder, "-o", tmp_path / "out", "-j", 2)
     assert done.out == ""
-    # where nothing is compiled, a note says so first
+    # without compiled kernels, a note says so first
     assert next(line for line in done.err.splitlines() if "kernel" not in line).startswith("resolved 3 of 3 frames in ")
     assert not any(sign in done.err for sign in ("\x1b", "━", "resolving"))

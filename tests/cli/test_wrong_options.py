@@ -1,4 +1,4 @@
-"""Options that change nothing beside the others are told, and values that nothing can be done with are refused."""
+"""Options that have no effect beside the other options are named, and impossible values are refused."""
 
 import re
 from pathlib import Path
@@ -71,7 +71,7 @@ def _run(line: str, capture: Path, maps: Path) -> tuple[int, str, str]:
 def test_what_changes_nothing_is_told(
     line: str, message: str, capture: Path, maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whoever types an option expects something of it; scripts that give the same options to every run go on."""
+    """A user who types an option expects an effect. Scripts that give the same options to every run go on."""
     monkeypatch.chdir(tmp_path)
     status, _, err = _run(line, capture, maps)
     assert status == (2 if "--scheduler" in line else 0)
@@ -86,7 +86,7 @@ def test_quiet_runs_do_not_tell(capture: Path, tmp_path: Path) -> None:
 
 
 def test_info_writes_no_file_but_settings(capture: Path, tmp_path: Path) -> None:
-    """Whoever asks for a file would take what is there for it."""
+    """A user who asks for a file would mistake an older file of this name for it."""
     done = cadtof("info", capture, "-o", tmp_path / "new.toml")
     assert done.status == 2
     assert done.err.startswith("Error: --out: found without --write-settings, where it has no effect; leave it out")
@@ -138,16 +138,22 @@ def test_values_that_nothing_can_be_done_with(
 
 
 def test_frames_beyond_any_capture_are_none(capture: Path, tmp_path: Path) -> None:
-    """`0:10…0` means all, `10…0:` none, however many digits there are; what ends with 1 says why, with --quiet too."""
+    """`0:10…0` means all frames, `10…0:` none, with any number of digits.
+
+    A run that ends with status 1 says why, with --quiet too.
+    """
     everything = cadtof("resolve", capture, "-o", tmp_path / "all", "-j", 1, "-q", "--frames", f"0:{10**30}")
     assert (everything.status, everything.err) == (0, "")
     nothing = cadtof("resolve", capture, "-o", tmp_path / "none", "-j", 1, "-q", "--frames", f"{10**30}:")
     assert nothing.status == 1
-    assert nothing.err == "no frame was resolved: there is none in the --frames of any capture\n"
+    assert nothing.err == "no frame was resolved: no capture has a frame in the range of --frames\n"
 
 
 def test_a_map_says_itself_that_its_depths_are_planar(capture: Path, tmp_path: Path) -> None:
-    """A map that was copied out of its run's folder still holds z depth: it is not held against ranges, nor drawn as one."""
+    """A map that was copied out of its run's folder still says that it holds z depth.
+
+    So it is not compared with ranges, and not exported as a range.
+    """
     assert cadtof("resolve", capture, "-o", tmp_path / "run", "-j", 1, "-q", "--depth", "z", *FOCAL).status == 0
     (tmp_path / "alone").mkdir()
     (inside,) = (tmp_path / "run").glob("frame_*")
@@ -171,7 +177,7 @@ def test_a_map_says_itself_that_its_depths_are_planar(capture: Path, tmp_path: P
 @pytest.mark.parametrize("height", [1, 5])
 @pytest.mark.parametrize("form", ["tif", "exr"])
 def test_frames_of_one_column_or_row(width: int, height: int, form: str, tmp_path: Path) -> None:
-    """What `simulate` records, `resolve` reads, however few pixels it has."""
+    """`resolve` reads what `simulate` records, however few pixels it has."""
     size = ("--distance", 1, "--width", width, "--height", height, "--format", form)
     assert cadtof("simulate", "--scene", "wall", *size, "-q", "-o", tmp_path / "wall").status == 0
     assert cadtof("resolve", tmp_path / "wall", "-o", tmp_path / "maps", "-j", 1, "-q").status == 0
@@ -188,7 +194,7 @@ def test_a_run_without_maps_names_no_place_for_them(capture: Path, tmp_path: Pat
 
 
 def test_different_parts_of_the_pixels_are_not_compared(capture: Path, tmp_path: Path) -> None:
-    """Two parts of one size are of other pixels all the same."""
+    """Two parts have the same size, but show different pixels of the frame."""
     for name, roi in (("a", "0,0,6,5"), ("b", "2,1,8,6")):
         assert cadtof("resolve", capture, "-o", tmp_path / name, "-j", 1, "-q", "--roi", roi).status == 0
     refused = cadtof("compare", tmp_path / "a", tmp_path / "b")

@@ -1,4 +1,4 @@
-"""Grids as they are typed."""
+"""Grids of numbers as they are typed in options."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What `scripts/check_docs` sees of pages that say what is not so; and what of ours costs little to check."""
+"""What `scripts/check_docs` finds on pages with mistakes; and its quick checks, on our own pages."""
 
 import re
 from pathlib import Path
@@ -64,7 +64,7 @@ def test_the_first_page_of_all() -> None:
 
 
 def test_a_script_that_is_asked_for_help_does_nothing_else() -> None:
-    """One of them writes a page of docs, another its pictures."""
+    """One script writes a page of docs, another the pictures of the docs."""
     mains = {
         path.name: path.read_text() for path in (ROOT / "scripts").glob("*.py") if "\ndef main(" in path.read_text()
     }

@@ -1,4 +1,4 @@
-"""How printed text is compared: words as they are, numbers within a tolerance, timings not at all."""
+"""How printed texts are compared: words must be equal, numbers agree within a tolerance, timings are ignored."""
 
 import pytest
 from docs_checks.printed import close, differences, like

@@ -1,4 +1,4 @@
-"""Examples in Python on pages, and the notebook, run and print what they say."""
+"""The Python examples on pages and in the notebook run, and print what is said there."""
 
 import json
 from pathlib import Path

@@ -113,7 +113,7 @@ def test_links_of_a_page_lead_somewhere_in_the_repository(page: Path) -> None:
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
 def test_files_of_the_source_that_a_page_names_are_there(page: Path) -> None:
-    """As a path in the repository or in the package; a name in capitals stands for any."""
+    """A name is a path in the repository or in the package. A name in capitals stands for any file."""
     files = [
         path.as_posix() for folder in ("cadtof_cli", "scripts", "tests", "docs") for path in (ROOT / folder).rglob("*")
     ]

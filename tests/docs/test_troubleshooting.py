@@ -17,7 +17,7 @@ def test_every_message_has_an_entry_and_every_entry_a_message() -> None:
 def test_messages_are_found_in_the_source() -> None:
     found = {message.text for message in messages(PACKAGE)}
     assert len(found) > 250
-    # one of each way in which a message comes about
+    # an example of each way in which the source makes a message
     assert "--pool: found …, expected an odd number of pixels such as 3 or 5, at most …" in found
     assert "tilt: found …, expected angles below 60°" in found
     assert "they look like millivolts: give --volts-per-count 0.001" in found

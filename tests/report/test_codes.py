@@ -1,4 +1,4 @@
-"""Codes of a page, read back by a reader of the tests' own: nothing is lost but the rounding that is stated."""
+"""Codes of a page, read back by a reader written for the tests: the only loss is the rounding error that is stated."""
 
 import base64
 import zlib

@@ -1,4 +1,4 @@
-"""How much of each frame a page holds."""
+"""How many pixels of each frame a page holds."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_what_fits_is_held_whole() -> None:
 
 @pytest.mark.parametrize(("frames", "limit_mb"), [(40, 10), (500, 25), (2000, 25)])
 def test_what_does_not_fit_is_thinned_out(frames: int, limit_mb: float) -> None:
-    """The frames that are whole are spread over the run, and all of them together stay below the limit."""
+    """Frames with all pixels are spread over the run, and all frames together stay below the limit."""
     planes = _planes()
     shares = planned_shares([planes], frames, limit_bytes=limit_mb * MB, whole=None)
     assert shares.step > 1

@@ -9,7 +9,7 @@ from cadtof_cli.report.markup import Markup, element, printable, table, text
 
 
 class _Reader(HTMLParser):
-    """Elements and texts of markup, as a parser of somebody else's sees them."""
+    """Elements and texts of markup, as a parser that is not ours sees them."""
 
     def __init__(self) -> None:
         super().__init__(convert_charrefs=True)

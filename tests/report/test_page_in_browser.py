@@ -1,4 +1,4 @@
-"""The page of a run in a real browser: what it shows is what the files hold, whatever hands, keys and screens it meets."""
+"""The page of a run in a real browser: it shows the values of the files, with pointer or keys, and on any screen."""
 
 import json
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ HEIGHT, WIDTH = 24, 32
 HOSTILE = "<img src=x onerror=alert(1)>\"'&lt;\u202e$title"
 
 SEEN = HOSTILE.replace("\u202e", "\\u202e")
-"""How it is shown: what turns the direction of writing is escaped."""
+"""How the name is shown: the character that changes the direction of writing is escaped."""
 
 FRAMES = (HOSTILE, "frame_1", "frame_2", "frame_3")
 """The third of the four is broken."""
@@ -37,7 +37,7 @@ class Shown:
     frames: tuple[Layers, ...]
 
     def loss(self, layer: str) -> float:
-        """Largest rounding that a layer of the first frame may have: half of its step."""
+        """Largest rounding error of a layer of the first frame: half of its step."""
         values = self.frames[0][layer]
         return float(np.nanmax(values) - np.nanmin(values)) / 65533 / 2
 
@@ -73,7 +73,10 @@ def shown(browser: Browser, written: tuple[Path, tuple[Layers, ...]]) -> Shown:
 
 
 def _pixel_said(browser: Browser) -> dict[str, float | str]:
-    """What the page says of a pixel, by the title of each row; but for the first phasor, which no file holds."""
+    """What the page says of a pixel, by the title of each row.
+
+    The first phasor is left out, because no file holds it.
+    """
     rows = browser.run(
         "return [...document.querySelectorAll('#readout tbody tr')].map(row => [...row.cells].map(one => one.textContent))"
     )
@@ -82,7 +85,7 @@ def _pixel_said(browser: Browser) -> dict[str, float | str]:
 
 
 def _number(text: str) -> float:
-    """A value as it is shown, in m or V."""
+    """The value of a text on the page, in m or V."""
     if text == "no answer":
         return np.nan
     digits, unit = text.replace("−", "-").split(" ")
@@ -90,7 +93,11 @@ def _number(text: str) -> float:
 
 
 def _pixel_held(shown: Shown, frame: int, x: int, y: int) -> dict[str, Any]:
-    """What the files hold of it, as far as steps of each layer can, and five digits of m, V, mm or mV, four behind the point."""
+    """What the files hold of a pixel, within the errors of the page.
+
+    These are the rounding error of each layer, and that of numbers of five digits, at most four of them behind the
+    point, in m, V, mm or mV.
+    """
     layers, truth = dict(shown.frames[frame]), step_truth()
     status = {8: "one path", 16: "two paths"}[int(layers.pop("status")[y, x])]
     values = {name: float(plane[y, x]) for name, plane in layers.items()} | {"truth": truth[y, x]}
@@ -116,7 +123,7 @@ def _place(x: int, y: int) -> tuple[float, float]:
 
 
 def _canvas(browser: Browser, css: str = "#map") -> NDArray[np.uint8]:
-    """What a canvas holds, RGB, at the middle of each of the map's pixels."""
+    """The colours of a canvas, RGB, at the middle of each pixel of the map."""
     browser.settle()
     script = """
         const [css, columns, rows] = arguments, canvas = document.querySelector(css), found = [];
@@ -339,7 +346,7 @@ def test_tables_and_thumbnails_need_no_scripts(shown: Shown) -> None:
 def test_a_frame_of_which_every_other_pixel_is_held(
     browser: Browser, written: tuple[Path, tuple[Layers, ...]], tmp_path: Path
 ) -> None:
-    """A page that is far too small for its frames: what it shows are pixels of the file, and it says which."""
+    """On a page that is far too small for its frames, the pixels are pixels of the file, and the page says which."""
     page, frames = written
     noise = np.random.default_rng(3).uniform(0.9, 1.1, (480, 640)).astype(np.float32)
     layers: dict[str, NDArray[np.generic]] = {

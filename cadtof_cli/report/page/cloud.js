@@ -1,4 +1,4 @@
-// Points in space, drawn by the processor: nearer ones hide farther ones. x right, y down, z forward, in m, as `cadtof export` has them.
+// Points in space, drawn by the CPU: nearer points hide farther ones. Coordinates in m, as in `cadtof export`: x right, y down, z forward.
 
 const cloudCanvas = byId("cloud");
 const START_VIEW = { yaw: -0.5, pitch: 0.3, zoom: 1, right: 0, down: 0 };
@@ -22,7 +22,7 @@ function pointsOf(frame, name) {
   return { ...points, ...middleOf(points) };
 }
 
-// What the view turns about, and how large the cloud is; stray points do not count.
+// The point about which the view turns, and the size of the cloud. Stray points do not count.
 function middleOf(points) {
   const [low, high] = [0.02, 0.98].map((share) => [points.x, points.y, points.z].map((one) => quantile(Float64Array.from(one), share)));
   return { middle: low.map((one, k) => (one + high[k]) / 2), size: Math.max(1e-3, Math.hypot(...low.map((one, k) => high[k] - one))) };

@@ -1,8 +1,8 @@
-// Scales of colours, their ranges, and numbers as people read them.
+// Scales of colours, their ranges, and numbers as texts.
 
 const rgbOf = (text) => [1, 3, 5].map((place) => parseInt(text.slice(place, place + 2), 16));
 
-// 256 colours between evenly spaced ones.
+// 256 colours, interpolated between the evenly spaced ones of a scale.
 function colourTable(names) {
   const stops = names.map(rgbOf);
   return Array.from({ length: 256 }, (_, k) => {
@@ -34,14 +34,14 @@ function quantile(values, share) {
 const chosenRanges = new Map();
 const startRanges = new Map();
 
-// Where the colours of a layer begin, and how far their ends can be dragged: the same for all frames of the run.
+// The range of a layer's colours before anybody drags its ends, and how far they can be dragged. All frames of the run share it.
 function startRange(frame, name) {
   const key = rangeKey(name);
   if (!startRanges.has(key)) startRanges.set(key, isError(name) ? errorRange(frame) : layerRange(key));
   return startRanges.get(key);
 }
 
-// Of layers that share their colours: wide enough for all of them.
+// Limits that are wide enough for all layers that share a range of colours.
 function limitsOf(key) {
   const known = Object.entries(run.limits).filter(([name]) => rangeKey(name) === key).map(([, limits]) => limits);
   if (!known.length) return [0, 1, 0, 1];
@@ -80,7 +80,7 @@ function shownNumber(value, unit) {
   return `${digits.replace("-", "−")} ${small ? "m" : ""}${unit}`.trim();
 }
 
-// Five digits, four at most behind the point.
+// How many digits stand behind the point, so that there are five in all: four at most.
 const decimals = (value) => Math.max(0, Math.min(4, 4 - Math.floor(Math.log10(Math.max(Math.abs(value), 1)))));
 
 function wordsOf(status) {

@@ -1,4 +1,4 @@
-// From the data in the page to layers of numbers; report/codes.py writes what is read here.
+// Turns the data in the page into layers of numbers. report/codes.py writes the data.
 
 const byId = (id) => document.getElementById(id);
 
@@ -20,7 +20,7 @@ async function inflated(id) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// Values of `count` pixels whose codes begin at `start`: differences, high bytes first, then low bytes.
+// The values of `count` pixels, whose codes begin at `start`. Codes are stored as differences: first all high bytes, then all low bytes.
 function decodedValues(layer, bytes, start, count) {
   const table = layer.kind === "table";
   const values = table ? new Uint32Array(count) : new Float32Array(count);
@@ -69,7 +69,7 @@ function withTruth(frame, truth) {
 
 const kept = new Map();
 
-// The frame with a number; what was shown last is kept.
+// The frame with a number. The frames that were decoded last are kept.
 function frameOf(number) {
   if (!kept.has(number)) {
     const meta = run.frames[number];

@@ -1,4 +1,4 @@
-// What is shown, and what people do with it.
+// The state of the viewer, and how it changes by pointer and keys.
 
 for (const bit of run.bits) bit.rgb = rgbOf(bit.colour);
 
@@ -66,7 +66,7 @@ function setLayer(name) {
 
 const clamped = ([i, j]) => [Math.max(0, Math.min(frame.columns - 1, i)), Math.max(0, Math.min(frame.rows - 1, j))];
 
-// The same pixel in a frame of which more or less is held.
+// The same pixel in another frame, of which the page may hold more or fewer pixels.
 function moved([i, j], from) {
   const [x, y] = [from.x0 + i * from.step, from.y0 + j * from.step];
   return clamped([Math.round((x - frame.x0) / frame.step), Math.round((y - frame.y0) / frame.step)]);

@@ -1,4 +1,4 @@
-// The map: a layer in colours, the first phasor beside it, status bits over it, the pixel and the line that were chosen.
+// The map: a layer in colours, the first phasor beside it, status bits over it, the chosen pixel and the chosen line.
 
 const OVERLAY_SHARE = 0.75;
 
@@ -15,7 +15,7 @@ function statusColours(frame, bits) {
   };
 }
 
-// What is seen of a layer: pixels as an image. Left of column `split` the other layer is shown.
+// The image of a layer. Left of column `split`, it shows the other layer.
 function mapImage(frame, name, { otherName, split, bits }) {
   const layer = frame.layers.get(name);
   const other = otherName ? frame.layers.get(otherName) : null;
@@ -53,7 +53,7 @@ function drawMap(frame, state) {
   if (state.pixel) markPixel(context, width, state.pixel, scale);
 }
 
-// Dark on light, so that it is seen on any colour.
+// A white line on a wider black one, so that it can be seen on any colour.
 function strokeTwice(context, width, points) {
   for (const [style, wide] of [["#000", 3 * width], ["#fff", width]]) {
     context.strokeStyle = style;

@@ -1,4 +1,4 @@
-// What stands beside the map: the layers of a pixel, the status bits, the choices of layers.
+// The panels beside the map: the layers of a pixel, the status bits, the choice of a layer.
 
 function element(tag, properties, ...children) {
   const made = Object.assign(document.createElement(tag), properties);
@@ -18,7 +18,7 @@ function showReadout(frame, [i, j]) {
   byId("readout-title").textContent = `Pixel ${frame.x0 + i * frame.step}, ${frame.y0 + j * frame.step}`;
 }
 
-// For those who listen: the pixel and the layer that is shown.
+// For screen readers: the pixel, and its value in the layer that is shown.
 function sayPixel(frame, [i, j], name) {
   const layer = frame.layers.get(name);
   const value = shownNumber(layer.values[j * frame.columns + i], layer.unit);
@@ -41,7 +41,7 @@ function shareText(count, total) {
   return count && count < total / 1000 ? "< 0.1 %" : `${((100 * count) / total).toFixed(1)} %`;
 }
 
-// A box for each bit that occurs in the frame, with its share of the pixels.
+// A check box for each status bit that occurs in the frame, with its share of the pixels.
 function showOverlays(frame, chosen, changed) {
   const status = frame.layers.get(STATUS);
   const counts = run.bits.map((bit) => (status ? status.values.reduce((sum, one) => sum + ((one & bit.value) !== 0), 0) : 0));

@@ -11,7 +11,7 @@ function svgElement(tag, attributes, text) {
   return made;
 }
 
-// The samples that a line goes through, ends included.
+// The samples that a line goes through, from its first to its last.
 function samplesAlong([[i0, j0], [i1, j1]]) {
   const steps = Math.max(Math.abs(i1 - i0), Math.abs(j1 - j0));
   return Array.from({ length: steps + 1 }, (_, k) => {
@@ -20,7 +20,7 @@ function samplesAlong([[i0, j0], [i1, j1]]) {
   });
 }
 
-// Depths of the direct path are shown beside each other; any other layer alone.
+// The layers that are shown together: resolved direct depth, first phasor and truth. Any other layer is shown alone.
 function profileLayers(frame, name) {
   const names = rangeKey(name) === DIRECT ? [DIRECT, FIRST_PHASOR, TRUTH] : [name];
   return names.map((one) => frame.layers.get(one)).filter(Boolean);
@@ -38,7 +38,7 @@ function profileOf(frame, name, line) {
   return { samples, distances, series, sigma: sigma && isDepth(series[0].name) ? places.map((place) => sigma.values[place]) : null };
 }
 
-// Round steps, about `count` of them.
+// Ticks at round numbers, about `count` of them.
 function ticks(low, high, count) {
   const rough = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -132,7 +132,7 @@ function legendEntry(mark, title) {
   return entry;
 }
 
-// The place along the line that a pointer is nearest to.
+// The place along the line that is nearest to the pointer.
 function profilePlace(event, profile) {
   const box = profileSvg.getBoundingClientRect();
   const share = (event.clientX - box.left - MARGIN.left) / (box.width - MARGIN.left - MARGIN.right);

@@ -28,7 +28,7 @@ function drawScale(frame, name) {
   }
 }
 
-// Move an end of the colours; it stops short of the other one.
+// Move one end of the colours. It stops a little before the other end.
 function moveEnd(frame, name, end, value) {
   const { lowest, highest } = startRange(frame, name);
   const range = { ...rangeOf(frame, name) };
@@ -38,7 +38,7 @@ function moveEnd(frame, name, end, value) {
   chosenRanges.set(rangeKey(name), range);
 }
 
-// Colours for the values of one frame, where those of the run have others too.
+// Fit the colours to the values of one frame. Before, they suit the values of all frames of the run.
 function fitToFrame(frame, name) {
   const { values } = frame.layers.get(name);
   const ends = isError(name) ? [-1, 1].map((sign) => sign * quantile(values.map(Math.abs), 0.98)) : [0.005, 0.995].map((share) => quantile(values, share));

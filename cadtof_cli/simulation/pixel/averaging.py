@@ -73,7 +73,7 @@ class Stages:
     """
 
     drive: StageDrive = setting(
-        "dc", "How the stages ST1 and ST2 are driven; switched: with --capacitors.", option="--stages"
+        "dc", "How the stages ST1 and ST2 are driven; switched needs --capacitors.", option="--stages"
     )
     f1_hz: float = setting(1.0e6, "Switching rate of ST1; with --stages switched.")
     f2_hz: float = setting(1.0e4, "Switching rate of ST2; with --stages switched.")

@@ -51,7 +51,7 @@ class PixelModel:
     averaging: Averaging
     photons_per_cycle: int = setting(5, "Photons per laser cycle; with --photons.")
     cycles: int | None = setting(
-        None, "Laser cycles per harmonic; with --photons.  [default: those of 12.5 n_av photons]"
+        None, "Laser cycles per harmonic; with --photons.  [default: as many as give 12.5 n_av photons]"
     )
     dead_time_ns: float = setting(0.0, "Dead time of the SPAD; with --photons.")
     jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.")

@@ -28,8 +28,8 @@ class ResolveSettings:
     settings_file: Path | None = None
     frames: slice | None = setting(
         None,
-        "Resolve frames A to B − 1 of each capture, counted from 0: 10:20 are ten frames, 10: all from the eleventh, "
-        "7 is one.",
+        "Resolve only frames A to B − 1 of each capture, counted from 0, such as 10:20 (ten frames), 10: (the eleventh "
+        "and all after it) or 7 (one frame).",
     )
     maps: MapSettings = field(default_factory=MapSettings)
     calibration: Path | None = setting(
@@ -42,7 +42,7 @@ class ResolveSettings:
         choices=FORMAT_CHOICES,
     )
     workers: Workers = field(default_factory=Workers)
-    overwrite: bool = setting(False, "Replace an earlier run in OUT, all of its maps.")
+    overwrite: bool = setting(False, "Replace an earlier run in OUT and all of its maps.")
     resume: bool = setting(
         False, "Continue an earlier run with the same options: keep its maps, make the missing and changed ones."
     )
