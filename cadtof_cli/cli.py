@@ -57,6 +57,9 @@ COMPLETE = "_CADTOF_COMPLETE"
 _OUTPUTS = frozenset({"-o", "--out", "--csv", "--log", "--plot"})
 """Options that name a file or folder to write."""
 
+_CALLED_DASH = {f"{name}=-" if name.startswith("--") else f"{name}-": name for name in _OUTPUTS}
+"""Arguments that name the output `-` in the same word as the option, such as `--out=-`, and their option."""
+
 _CUT_OFF = "Python has kept bytecode that is cut off, as by a full disk"
 
 INTERRUPTED = 130
@@ -172,9 +175,10 @@ def _require_words(arguments: Sequence[str]) -> None:
                 f"{argument.rstrip('=') or f'after {before}'}: found nothing, expected a path or a value: is a variable of"
                 " the shell not set?"
             )
-        if argument == "-" and before in _OUTPUTS:
+        option = before if argument == "-" and before in _OUTPUTS else _CALLED_DASH.get(argument)
+        if option is not None:
             raise click.UsageError(
-                f"{before}: found -, expected a name; what can go to stdout goes there without {before}"
+                f"{option}: found -, expected a name; what can go to stdout goes there without {option}"
             )
 
 

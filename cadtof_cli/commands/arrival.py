@@ -23,15 +23,17 @@ def paths_as_they_arrive(descriptor: int, /, *, separator: bytes = b"\n") -> Ite
 
     Args:
         descriptor: file descriptor to read from, such as stdin's.
-        separator: bytes that end a path.
+        separator: byte that ends a path. After a line feed, empty lines are skipped, and the carriage return of a line that
+            Windows wrote is removed. After any other byte, each name is taken as it is.
     """
-    rest, first = b"", True
+    rest, first, as_lines = b"", True, separator == b"\n"
     while True:
         content, ended = _read_batch(descriptor, pause_s=PAUSE_S if first else 0.0)
         *whole, rest = (rest + content).split(separator)
         if ended and rest:
             whole.append(rest)
-        if paths := tuple(Path(os.fsdecode(name.removesuffix(b"\r"))) for name in whole if name.strip()):
+        names = [name.removesuffix(b"\r") for name in whole if name.strip()] if as_lines else filter(None, whole)
+        if paths := tuple(Path(os.fsdecode(name)) for name in names):
             first = False
             yield paths
         if ended:

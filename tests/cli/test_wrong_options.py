@@ -119,6 +119,8 @@ IMPOSSIBLE = [
     ("simulate --scene card --asr 1e300 -o new", "ASR: found 1e+300, expected a ratio from 0 to 1e+12"),
     ("simulate --jitter 1e9", "jitter: found 1e+09 ns, expected 0 to less than 20 ns"),
     ("sweep -o -", "-o: found -, expected a name; what can go to stdout goes there without -o"),
+    ("sweep --out=-", "--out: found -, expected a name; what can go to stdout goes there without --out"),
+    ("sweep -o-", "-o: found -, expected a name"),
     ("evaluate MAPS --truth MAPS --csv -", "--csv: found -, expected a name"),
     ("simulate --scene wall --seed -1 -o new", "seed: found -1, expected 0 or more"),
     ("report CAPTURE -o a.html", "CAPTURE/"),
