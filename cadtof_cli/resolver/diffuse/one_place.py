@@ -1,8 +1,8 @@
 """Second paths whose light comes from one place: a mirror's image of the lamp, or a bright surface beside the view.
 
-By a place R, light reaches a surface at P later than by the straight way, by a + |R − P| − |P|: a is how far it goes before it
-comes from R, less than nothing for the image in a mirror or a lens. All lengths here are those of light that goes one way, as
-the phase, rad, that the fundamental gains by them.
+Light by way of a place R reaches a surface at P later than on the straight way, by a + |R − P| − |P|. Here a is how far
+the light goes before it comes from R. It may be 0 or less for an image in a mirror or a lens. All lengths in this
+module are those of light that goes one way, as the phase, in rad, that the fundamental gains by them.
 """
 
 import numpy as np
@@ -11,24 +11,24 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.quantiles import median
 
 AT_FIRST = 1.5 * np.array([(1.0, 0.0, 0.5), (-1.0, 0.0, 0.5)])
-"""Where the place is looked for at first, in median ranges of the surfaces: right and left."""
+"""Where the search for the place starts, in median ranges of the surfaces: once to the right, once to the left."""
 
 STEPS = 8
-"""Gauss–Newton steps from each."""
+"""Gauss–Newton steps from each start."""
 
 FARTHEST_STEP = 1.0
-"""Largest step, in median ranges."""
+"""Largest step of the place, in median ranges."""
 
 DAMPING = 1e-4
-"""What is added to the place's part of the normal equations, over their mean: of surfaces on one plane, delays say the same of
-places before and behind it."""
+"""What is added to the place's part of the normal equations, over the mean of their diagonal. If all surfaces lie on
+one plane, delays do not tell a place before the plane from one behind it."""
 
 TINY = 1e-300
-"""Keeps what has no noise, no distance, or fits to the bit, from dividing by zero."""
+"""Keeps data without noise or distance, and a fit that is exact to the bit, from dividing by zero."""
 
 
 def missed_by_one_place(later_rad: Float, variance: Float, positions: Float, /) -> Float:
-    """Return what delays, (n,), with these variances, (n,), differ by from those of light by the one place that explains most.
+    """Return the residuals of delays, (n,), with these variances, (n,), after the one place that explains most of them.
 
     `positions`, (3, n), are those of the surfaces: right, down and away from the camera.
     """
@@ -40,7 +40,7 @@ def missed_by_one_place(later_rad: Float, variance: Float, positions: Float, /) 
 
 
 def _missed(later_rad: Float, weight: Float, positions: Float, range_rad: Float, place: Float, scale: float) -> Float:
-    """Return what is missed, (n,), by the place that is found from `place`, (3,); few delays that are far off count little."""
+    """Return the residuals, (n,), after the place that a search from `place`, (3,), finds; outliers have little weight."""
     away, distance = _seen_from(place, positions)
     before = float(median(later_rad - distance + range_rad))
     for _ in range(STEPS):
@@ -57,6 +57,6 @@ def _missed(later_rad: Float, weight: Float, positions: Float, range_rad: Float,
 
 
 def _seen_from(place: Float, positions: Float) -> tuple[Float, Float]:
-    """Return the ways from positions, (3, n), to a place, and their lengths, (n,)."""
+    """Return the vectors from positions, (3, n), to a place, and their lengths, (n,)."""
     away = place[:, None] - positions
     return away, np.sqrt((away * away).sum(axis=0)) + TINY
