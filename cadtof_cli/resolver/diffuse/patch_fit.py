@@ -1,9 +1,9 @@
-"""The state of the room and of every patch: most probable values, by Gauss–Newton on all patches at once.
+"""The most probable state of the room and of every patch, by Gauss–Newton on all patches at once.
 
-The frame's state is x ~ N(MEAN, BETWEEN_ROOMS²); a patch's is x + pattern + N(0, WITHIN_ROOM²); its data are those of `tail` plus
-noise. Each step linearises every patch, finds x from all of them, and then the patches given x. Their errors are mostly common to
-them (the model is wrong in the same way for neighbours), so together they weigh as a few independent ones; what that leaves
-uncertain of x stays in every patch's prior.
+The state of the frame is x ~ N(MEAN, BETWEEN_ROOMS²). The state of a patch is x + pattern + N(0, WITHIN_ROOM²). Its data
+are those of `tail` plus noise. Each step linearises every patch, finds x from all of them, and then the patches given x.
+The errors of the patches are mostly common to them, because the model is wrong in the same way for neighbours. So all
+patches together weigh as a few independent ones. The uncertainty of x that this leaves stays in the prior of every patch.
 """
 
 from functools import lru_cache
@@ -19,13 +19,13 @@ from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.kernels import NUMPY
 
 STEPS = 4
-"""Gauss–Newton steps; with more the state still moves along what the data leave open, and depth gets no better."""
+"""Gauss–Newton steps. With more, the state still moves along what the data leave open, and depth does not improve."""
 
 INDEPENDENT_PATCHES = 4.0
 """Weight of all patches of a frame together, in independent patches."""
 
 FARTHEST = 3.0
-"""How far the frame's state may go from the prior's mean, in standard deviations between rooms."""
+"""Largest distance of the frame's state from the prior's mean, in standard deviations between rooms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +33,11 @@ class PatchFit:
     """The fit of n patches.
 
     Attributes:
-        room: the frame's state, (6,), and its covariance `room_covariance`, (6, 6).
-        state: every patch's state, (6, n).
-        expected: the model's values before a patch's own data are seen, (data + 2, n).
-        posterior: the same after, where the model is linear.
+        room: state of the frame, (6,).
+        room_covariance: its covariance, (6, 6).
+        state: state of every patch, (6, n).
+        expected: values of the model before a patch's own data are seen, (data + 2, n).
+        posterior: values after its own data are seen, by the linear model, (data + 2, n).
         covariance: prior covariance of the values, without noise, (data + 2, data + 2, n).
         jacobian: of the values, (6, data + 2, n).
     """
@@ -55,8 +56,8 @@ def fitted_patches(
 ) -> PatchFit:
     """Fit the state of a frame and its patches to their data, (data, n).
 
-    `error`, (data + 2, data + 2, n), is the covariance of what the model's values are wrong by, and of noise; `pattern`, (6, n),
-    how the state differs between patches by rule. `kernel` is of `available_kernels`, all of which give the same bits.
+    `error`, (data + 2, data + 2, n), is the covariance of the errors of the model's values, and of noise. `pattern`, (6, n),
+    is how the state differs between patches by rule. `kernel` is of `available_kernels`, all of which give the same bits.
     """
     prior = _room_prior(known_optics=known_optics)
     within = np.diag(prior.within)
@@ -77,8 +78,10 @@ def fitted_patches(
 
 @dataclass(frozen=True, eq=False)
 class _Given:
-    """The room given all patches, linearised: its state, (6,), and covariance, (6, 6); and the covariance of a patch's state
-    before its own data are seen, `spread`, (6, 6).
+    """The room given all patches, linearised.
+
+    `room`, (6,), is its state and `room_covariance`, (6, 6), the covariance of it. `spread`, (6, 6), is the covariance
+    of a patch's state before its own data are seen.
     """
 
     room: Float
@@ -88,14 +91,18 @@ class _Given:
 
 @dataclass(frozen=True, eq=False)
 class _RoomPrior:
-    """What is known of a room: covariance `within` it, `precision` and `farthest` departures between rooms."""
+    """What is known of a room before its data are seen.
+
+    `within` is the covariance within a room. `precision` is the inverse covariance between rooms, and `farthest` the
+    largest departures from the mean.
+    """
 
     within: Float
     precision: Float
     farthest: Float
 
     def given(self, said: Float) -> _Given:
-        """Return the room, given what all patches say of it, whitened, (data, 7, n): Jacobians and data."""
+        """Return the room, given what all patches say of it, whitened, (data, 7, n): their Jacobians, then their data."""
         normal = np.matmul(said[:, :-1], said.swapaxes(1, 2)).sum(0)
         normal *= min(1.0, INDEPENDENT_PATCHES / said.shape[2])
         covariance = np.linalg.inv(self.precision + normal[:, :-1])
