@@ -1,4 +1,4 @@
-"""What the patches hand to the pixels: a linear model of the tail, and how sure it is, one plane each of (rows, columns)."""
+"""What the patches hand to the pixels: a linear model of the tail and its uncertainty, as planes (rows, columns)."""
 
 from dataclasses import replace
 
@@ -16,73 +16,86 @@ from cadtof_cli.resolver.diffuse.tail import phase_data, residuals, wrapped
 from cadtof_cli.resolver.diffuse.walls import over_neighbours
 
 BESIDE_MORE = 0.3
-"""By how much the light of surfaces beside the view exceeds what its continued border sends, as a share of that, where a patch
-faces nothing that is known, and in proportion to that: rooms go on beyond the pieces that are continued. Two harmonics cannot
-tell; with more of them the fit sees most of it itself, and what is missing falls with the square of their number."""
+"""Lag that is added for light from beside the view, as a share of the lag by the continued border. The value is for a
+patch that faces nothing known; it is in proportion to the unknown share of what the patch faces. Rooms go on beyond the
+pieces that are continued. Two harmonics do not show this light. With more, the fit sees most of it, and what is missing
+falls with the square of the number of harmonics after the first."""
 
 UNSEEN_MORE = 0.14
-"""By how much the lag of unseen light exceeds what two harmonics make of it, as a share of that, at the most: where .8 of what a
-patch faces is unknown, and in proportion to (that share)⁴·(what is known). What it comes from goes on from what is seen, nearer
-than the start that is fitted, and two harmonics hardly tell such early light from none. Three tell it."""
+"""Lag that is added for unseen light with two harmonics, as a share of its fitted lag. Let o be the unknown share of what a
+patch faces. The value is the maximum, at o = .8; it is in proportion to o⁴·(1 − o). Unseen light comes from surfaces that
+continue the seen ones, nearer than the fitted start. Two harmonics hardly tell such early light from none; three tell it."""
 
 MOST_EARLY = 5.0**5 / 4.0**4
-"""Makes the largest o⁴·(1 − o) one."""
+"""Scales o⁴·(1 − o) so that its maximum is 1."""
 
 GUESSED_SHARE = 0.18
-"""The share of the light of guessed walls that is counted with two harmonics, for the same reason: a view of one wall shows
+"""Share of the light of guessed walls that is added with two harmonics, for the same reason: a view of one wall shows
 nothing that could go on."""
 
 SLOWER_EARLY = 3.0
-"""With which power of slowness `UNSEEN_MORE` and `GUESSED_SHARE` fall: with slow modulation, the fit alone has too much light."""
+"""Power of slowness by which `UNSEEN_MORE` and `GUESSED_SHARE` are divided: with slow modulation, the fit alone has too
+much light."""
 
 LATE_START_PER_NS = (0.0, 0.012)
-"""Share of the lag that is too much for every ns that a room's unseen light starts later than in most, with two harmonics and
-with more: the third puts down to a late start what is a tail of another shape. Two hardly see it."""
+"""Share of the lag that is taken back for every ns by which the room's unseen light starts later than in most rooms: with
+two harmonics, and with more. The third harmonic takes a tail of another shape for a late start. Two harmonics hardly see it."""
 
 FACING_MORE, FACING_MIDDLE = (0.0, 0.05), 0.7
-"""Share of the lag that is missed where a surface is seen straight on, and is too much where it is seen at a grazing angle, per
-cosine from the middle: with two harmonics, where it is not to be told among other errors, and with more."""
+"""Share of the lag that is added per unit of the cosine of incidence above a middle, and taken back below it; and that
+middle. The fit has too little lag for surfaces that are seen straight on, and too much at a grazing angle. First with
+two harmonics, where this is not told from other errors; then with more."""
 
 GUESSED_ERROR = (0.35, 0.5)
 """Standard deviation of the light of guessed walls, as a share of it: with two harmonics, and with more."""
 
 PATCH_SHARE = (0.0, 0.1)
-"""Variance that a patch leaves to all its pixels, over its posterior variance."""
+"""Share of a patch's posterior variance that all its pixels have in common, apart from χ²: with two harmonics, and with
+more."""
 
 SURPRISE = (2.5, 0.1)
-"""How much the share of `PATCH_SHARE` grows per unit of χ². With more harmonics, each patch has its own. With two, a small misfit
-says much, since so many unknowns hardly miss two data; but the errors of a frame's patches have common causes, so it says this
-of all of them, and the mean over the frame counts."""
+"""How much the share `PATCH_SHARE` grows per unit of χ²: with two harmonics, and with more. With more harmonics, each
+patch has its own χ². With two, so many unknowns hardly miss two data, so a small misfit says much. But the errors of a
+frame's patches have common causes, so it says this of all patches, and the mean over the frame counts."""
 
 LARGEST_SURPRISE = 1.0
-"""With two harmonics, the largest χ² that a patch brings into this mean: that its data are missed is known then, and by how much
-they are says nothing of the lag."""
+"""Largest χ² that a patch brings into this mean with two harmonics. Beyond it, the data are known to be missed, and by
+how much says nothing of the lag."""
 
 STANDING_OUT, LARGEST_LOCAL = 3.0, 20.0
-"""Mean χ² of a patch and its neighbours from which they show something that the rest of the room does not, such as a net close to
-its wall; and from which it counts no more, so that no patch alone makes its neighbours stand out."""
+"""Mean χ² of a patch and its neighbours above which they show something that the rest of the room does not show, such
+as a net close to its wall; and the largest χ² that counts in this mean, so that a single patch does not make its
+neighbours stand out."""
 
 STANDING_OUT_OF_MANY = 4.0
-"""Mean χ², over the median of the frame, from which patches stand out: where all patches are missed, none does."""
+"""The same limit in units of the median χ² of the frame; the larger limit counts. If all patches are missed, none
+stands out."""
 
 UNEXPECTED = 12.0
-"""How much the variance of patches that stand out grows per unit of χ² beyond these limits, over their posterior variance."""
+"""Variance that patches which stand out get in addition, over their posterior variance, per unit of χ² above these limits."""
 
 LAG_ERROR = (0.0, 0.05)
-"""Standard deviation of the lag, as a share of it, that all patches have in common."""
+"""Standard deviation of the lag that all patches have in common, as a share of the lag: with two harmonics, and with more."""
 
 BESIDE_ERROR = (0.0, 0.5)
-"""Standard deviation of the lag by light from beside the view, as a share of it."""
+"""Standard deviation of the lag by light from beside the view, as a share of it: with two harmonics, and with more."""
 
 SLOWER_ERROR = (0.0, 0.25)
-"""With which power of slowness these errors and that of guessed walls grow, with two harmonics and with more. Chosen with 42
-rooms at periods of 50 to 100 ns."""
+"""Power of slowness with which `LAG_ERROR`, `BESIDE_ERROR` and `GUESSED_ERROR` grow: with two harmonics, and with more.
+Chosen with 42 rooms at periods of 50 to 100 ns."""
 
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """How much of arg H_1, (n,), is put down to surfaces in the view, to its continued border and to unseen light, and would be
-    to walls guessed beside it; the share of what a patch faces that is unknown; the cosine at which it is seen.
+    """Which surfaces cause how much of the lag arg H_1 of n patches, (n,) each.
+
+    Attributes:
+        seen_rad: lag by surfaces in the view.
+        continued_rad: lag by the continued border of the view.
+        unseen_rad: lag by unseen light.
+        guessed_rad: lag that walls guessed beside the view would cause; the fit does not have them.
+        open_share: unknown share of what a patch faces.
+        cosine: cosine at which a patch is seen.
     """
 
     seen_rad: Float
@@ -95,11 +108,11 @@ class Beside:
 
 @dataclass(frozen=True, eq=False)
 class CoarsePlanes:
-    """Planes over the patches, float32 (plane, rows, columns), in the order `names`.
+    """Planes over the patches, float32 (plane, rows, columns).
 
-    `value` planes are the means of the data and of ln|H_1|, arg H_1; `entry` planes the lower triangle of their covariance
-    within a patch, as far as pixels need it; then the variance of arg H_1 that a patch leaves to all its pixels, and that of
-    the MPI light's phase.
+    The first `values` planes are the means of the data, of ln|H_1| and of arg H_1. The planes of `entries` follow: the
+    lower triangle of their covariance within a patch, as far as pixels need it. The last two are the variance of arg
+    H_1 that a patch leaves to all its pixels, and the variance of the phase of the MPI light.
     """
 
     planes: Float32
@@ -112,16 +125,16 @@ class CoarsePlanes:
         return self.values - 2
 
     def less_sure(self, variance: Float32, /) -> "CoarsePlanes":
-        """Return these planes with more of the variance of arg H_1 that a patch leaves to all its pixels, (rows, columns)."""
+        """Return the planes with `variance`, (rows, columns), added to the variance of arg H_1 that a patch's pixels share."""
         planes = self.planes.copy()
         planes[-2] += variance
         return replace(self, planes=planes)
 
     def if_likely(self, probability: float, /) -> "CoarsePlanes":
-        """Return what is expected where a tail is there with that probability, and else nothing is behind the direct light.
+        """Return the planes for a tail that is there with this probability p; otherwise there is direct light alone.
 
-        Means and covariances of the tail go with the probability p. That the tail is there or not is the same for all pixels,
-        with a variance of p·(1 − p) times the square of its lag.
+        Means and covariances of the tail are multiplied by p. Whether the tail is there is the same for all pixels.
+        This adds the variance p·(1 − p) times the square of the lag.
         """
         if probability == 1.0:
             return self
@@ -132,7 +145,7 @@ class CoarsePlanes:
 
 
 def needed_entries(data: int, /) -> tuple[Entry, ...]:
-    """Return the covariances that a pixel needs: all of its data with all, of the targets with the data, and arg H_1's own."""
+    """Return the covariances that a pixel needs: of its data, of the targets with the data, and the variance of arg H_1."""
     among_data = [(i, j) for i in range(data) for j in range(i + 1)]
     of_targets = [(target, j) for target in (data, data + 1) for j in range(data)]
     return (*among_data, *of_targets, (data + 1, data + 1))
@@ -150,13 +163,13 @@ def patch_posterior(data: Float, error: Float, fit: PatchFit, /) -> Conditioned:
 def coarse_planes(
     fit: PatchFit, posterior: Conditioned, beside: Beside, valid: Bool, leaning: Leaning | None, /, *, slowness: float
 ) -> CoarsePlanes:
-    """Gather what pixels need from n valid patches, (rows, columns); the others get the mean of these.
+    """Return what pixels need from n valid patches, (rows, columns); all other patches get the mean of these.
 
-    `leaning` is what two harmonics miss in such views, None with more of them; `slowness` is that of `DiffuseSettings`.
+    `leaning` is what two harmonics miss in such views; None with more harmonics. `slowness` is that of `DiffuseSettings`.
     """
     values, count = fit.posterior.copy(), len(fit.posterior)
     entries, phases = needed_entries(count - 2), phase_data(count - 2)
-    # a turn more of one patch would be a phase of another direction half the way to the next
+    # without this, blending two patches whose phases differ by a turn would give the opposite direction halfway
     values[phases] = wrapped(values[phases])
     following = (count - 2) // 2
     more = min(following, 2) - 1
@@ -190,7 +203,10 @@ def coarse_planes(
 
 
 def _surprise(posterior: Conditioned, *, common: bool) -> Float:
-    """Return χ² of every patch, (n,), or what all have in `common`: what makes their mean of χ² times the variance of the lag."""
+    """Return the χ² that counts for every patch, (n,).
+
+    With `common`, it is such that χ² times the variance of the lag is the same for all patches: the mean over the frame.
+    """
     if not common:
         return np.asarray(posterior.chi_squared, np.float64)
     variance = posterior.covariance[1, 1]
@@ -199,7 +215,7 @@ def _surprise(posterior: Conditioned, *, common: bool) -> Float:
 
 
 def _standing_out(chi_squared: Float, valid: Bool) -> Float:
-    """Return by how much χ² of n valid patches, (rows, columns), and their neighbours is more than rooms have, (n,)."""
+    """Return by how much the mean χ² of n valid patches, (rows, columns), and their neighbours exceeds that of rooms, (n,)."""
     local = np.zeros(valid.shape)
     local[valid] = np.minimum(chi_squared, LARGEST_LOCAL)
     total, count = over_neighbours(np.array([local, valid]))[:, valid]

@@ -1,4 +1,4 @@
-"""A frame's diffuse MPI: which model it gets, and the coarse one that its pixels are answered from."""
+"""The diffuse MPI of a frame: whether a tail fits, and the coarse model from which the pixels are answered."""
 
 from dataclasses import replace
 
@@ -40,26 +40,35 @@ from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.kernels import NUMPY
 
 LEAST_RATIO = 0.05
-"""Least |q_h| that the noise of a patch's data is taken for."""
+"""Floor for |q_h| in the noise of a patch's data: the noise of ln|q_h| grows without limit as |q_h| goes to 0."""
 
 GUESSED_POWER = 4
-"""Power of the share of what a patch faces that is unknown, with which the light of guessed walls counts: a view that shows
-walls at right angles holds most of the early light, one of a single wall nothing of it."""
+"""Power of the unknown share of what a patch faces, with which the light of guessed walls counts. A view that shows
+walls at right angles holds most of the early light. A view of a single wall holds none of it."""
 
 TERM_ERROR = 0.5
-"""Standard deviation of the tail at a harmonic that only other terms of a response see, as a share of it: early light hardly
-changes the ratios of the harmonics that are fitted, but is all that is left of a tail at those."""
+"""Standard deviation of the tail at a multiple that only other terms of a response see, as a share of it. Early light
+hardly changes the ratios of the fitted harmonics, but at those multiples it is all that is left of a tail."""
 
 NO_RATIO = 1e-9
-"""|q_h| below which its logarithm is of no interest: it must be finite."""
+"""Floor for |q_h| in the data: its logarithm must be finite, and below this it is of no interest."""
 
 UNHEARD = 1e6
-"""Factor by which the noise of patches with two surfaces is raised, so that they say nothing of the room."""
+"""Factor on the error of patches with two surfaces, so that they say nothing of the room."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """What is known of a frame besides its light: grid, settings, noise, offsets of the sampled ranges, and which kernel runs."""
+    """What is known of a frame besides its light.
+
+    Attributes:
+        grid: its patches.
+        settings: what is asked for.
+        variances: noise variance of a channel of each harmonic, (H,), of a pixel as it is resolved.
+        offset_m: what is added to the ranges of the sampled pixels.
+        shared: how many pixels share their noise.
+        kernel: of `available_kernels`.
+    """
 
     grid: PatchGrid
     settings: DiffuseSettings
@@ -86,15 +95,15 @@ def diffuse_model(
     """Return the model of a frame, or why it is left to separate paths after all; inputs are not changed.
 
     Args:
-        light: of the frame's sampled pixels, whose phasors are normalised by the modulation amplitude, corrected for the pulse,
-            and those of a sine; those without an answer (saturated, hot, without signal) are not seen.
-        means: of all that is seen of each patch.
-        kinds: of the patches, a tail.
+        light: of the frame's sampled pixels. Their phasors are those of a sine, normalised by the modulation amplitude
+            and corrected for the pulse. Pixels without an answer (saturated, hot, without signal) are not seen.
+        means: over all pixels of each patch that are seen.
+        kinds: of the patches of a frame that is taken for a tail.
         grid: how the frame is cut.
-        variances: noise of one channel of each harmonic, in squared units of the phasors, of one recorded pixel.
+        variances: noise variance of one channel of one recorded pixel, for each harmonic, in squared units of the phasors.
         settings: which model is asked for, and the harmonics' periods.
-        samples: over how many recorded pixels most phasors are a mean.
-        shared: how many of them share their noise, as `SharedNoise` has it.
+        samples: number of recorded pixels that most phasors are a mean of.
+        shared: how many pixels share their noise, as in `SharedNoise`.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
         kernel: of `available_kernels`, all of which give the same bits.
     """
@@ -116,7 +125,7 @@ def _model(
     variances: tuple[float, ...],
     range_offset_m: Float | None,
 ) -> DiffuseModel | None:
-    """Return the model of a frame, None where no tail fits it."""
+    """Return the model of a frame; None if no tail fits it."""
     means = patch_means(
         light,
         planes.on_plane,
@@ -177,7 +186,7 @@ def _model(
 def _leaning(
     fit: PatchFit, view: Surfaces, amplitude: Float, seen_rad: Float, two_path_rad: Float, heard: Bool, frame: _Frame
 ) -> Leaning:
-    """Return which way two harmonics lean, by what the patches that are `heard`, whose surfaces are `view`, show."""
+    """Return the correction of the lag with two harmonics, from the patches in `heard`; `view` holds their surfaces."""
     lag_rad, two_path_rad = fit.posterior[-1, heard], two_path_rad[heard]
     numbers = view_numbers(
         fit.room, view, amplitude[heard], lag_rad=lag_rad, seen_rad=seen_rad[heard], two_path_rad=two_path_rad
@@ -188,9 +197,9 @@ def _leaning(
 
 
 def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
-    """Return χ², (n,), of what further harmonics differ by from what two paths foretell, with the errors that a tail may have."""
+    """Return χ², (n,), of the further harmonics about what two paths predict; the paths may have the errors of a tail."""
     if len(frame.settings.harmonics) == 2:
-        # there are none
+        # there are no further harmonics
         return np.zeros(np.count_nonzero(valid))
     patches = PatchData.of(means, valid, frame.variances, frame.settings.harmonics)
     tolerated = np.diagonal(model_error(patches.ratios)).T[:-2].reshape(2, *patches.ratios.shape)
@@ -201,10 +210,10 @@ def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float
 def _seen_through(
     phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, heard: Bool | None = None
 ) -> SeenThrough | None:
-    """Return what lets light through in a frame, None where nothing does.
+    """Return the surface that lets light through in a frame; None if there is none.
 
-    Where patches that were not `heard`, (n,), are taken for what is near, it gets the tail that is typical of them, and what is
-    behind that of the others; else both get that of the frame.
+    By default, both paths get the tail that is typical of the frame. With `heard`, (n,), the nearer path gets the tail
+    that is typical of the patches outside `heard`, and the farther path that of the patches in it.
     """
     far = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
     near = far if heard is None else typical_tail(fit.posterior[:, ~heard], frame.settings.harmonics)
@@ -222,8 +231,8 @@ def _seen_through(
 def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float) -> Beside:
     """Return the lags by light that the view does not show.
 
-    Light of guessed walls counts where a patch faces little that is known; where there is little MPI, less of it is early light
-    that the fit does not see.
+    Light of guessed walls counts if a patch faces little that is known. If a frame has little MPI, it has less early
+    light that the fit does not see.
     """
     light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m, kernel=frame.kernel)
     open_share = tail.light.open_share
@@ -232,14 +241,14 @@ def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, f
 
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
-    """Return the surfaces by the first depth: that of two paths, from the mean light of every patch."""
+    """Return the surfaces from a first depth: that of two paths, from the mean light of every patch."""
     lag = two_path_lag(means.ratios[0], kernel=frame.kernel)
     range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
 
 def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> tuple[TailModel, TailModel | None]:
-    """Return the model of patches with these surfaces, and one of what other terms of a response see there, None for a sine."""
+    """Return the model of patches with these surfaces, and the model at the multiples that other terms see; None for a sine."""
     asked = frame.settings
     multiples = tuple(h for h, _ in asked.terms or ())
     harmonics = tuple(sorted({*asked.harmonics, *multiples}))
@@ -256,7 +265,7 @@ def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) ->
 def _term_tails(
     tail: TailModel, fit: PatchFit, coarse: CoarsePlanes, planes: PatchPlanes, valid: Bool, frame: _Frame
 ) -> TermTails:
-    """Return the tail that other terms of a response see, in the state that was fitted; invalid patches get the mean."""
+    """Return the tail that other terms of a response see, at the fitted state; invalid patches get the mean."""
     held = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
     held[:2] = coarse.planes[coarse.data : coarse.data + 2]
     if tail.harmonics:
@@ -267,7 +276,7 @@ def _term_tails(
 
 
 def _mistaken(tails: TermTails, settings: DiffuseSettings) -> Float32:
-    """Return the variance of the direct phase, rad², (rows, columns), by what the tail is wrong by where other terms see it."""
+    """Return the variance of the direct phase, rad², (rows, columns), by errors of the tail that other terms see."""
     count, variance = len(tails.harmonics), np.zeros(tails.planes.shape[1:], np.float32)
     parts = zip(tails.planes[2 : 2 + count], tails.planes[2 + count :], strict=True)
     for (_, share), (re, im) in zip(settings.terms or (), parts, strict=True):
@@ -276,7 +285,7 @@ def _mistaken(tails: TermTails, settings: DiffuseSettings) -> Float32:
 
 
 def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:
-    """Return the covariance of errors of the patches' values, (data + 2, data + 2, n): the model's, and noise of means."""
+    """Return the covariance of the errors of the patches' values, (data + 2, data + 2, n): of the model, and noise."""
     strength = np.concatenate([np.ones((1, ratios.shape[1])), np.maximum(np.abs(ratios), LEAST_RATIO)]) * amplitude
     relative = frame.variances[:, None] / (strength**2 * pixels)
     count = 2 * len(ratios)
@@ -289,7 +298,7 @@ def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> F
 
 
 def _unheard(error: Float) -> Float:
-    """Return the errors (data + 2, data + 2, n) of patches whose data are to say nothing."""
+    """Return the errors (data + 2, data + 2, n) of patches whose data must say nothing."""
     silent = np.zeros_like(error)
     silent[:-2, :-2], silent[-2:, -2:] = UNHEARD * error[:-2, :-2], error[-2:, -2:]
     return silent
