@@ -57,7 +57,7 @@ static const Wanted STEP_BUFFER[STEP_BUFFERS] = {
     {"third answer", "d ", 0, 1, 1},
 };
 
-/* What a step needs besides what all need, and how many values its answers have, by data and values. */
+/* Check that a step has the arrays that it alone needs, and that every array has the right number of values. */
 static int step_fits(enum step step, const Py_buffer *view, int64_t data, int64_t patches) {
     const int64_t values = data + 2, square = values * values * patches;
     const int64_t answer[][3] = {
