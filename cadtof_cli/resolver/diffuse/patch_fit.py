@@ -34,7 +34,6 @@ class PatchFit:
 
     Attributes:
         room: state of the frame, (6,).
-        room_covariance: its covariance, (6, 6).
         state: state of every patch, (6, n).
         expected: values of the model before a patch's own data are seen, (data + 2, n).
         posterior: values after its own data are seen, by the linear model, (data + 2, n).
@@ -43,7 +42,6 @@ class PatchFit:
     """
 
     room: Float
-    room_covariance: Float
     state: Float
     expected: Float
     posterior: Float
@@ -68,25 +66,12 @@ def fitted_patches(
     for _ in range(STEPS):
         values, jacobian = model.values(state)
         said, linear = steps.said(values, jacobian, state)
-        given = prior.given(said)
-        state = steps.moved(state, linear, jacobian, given.room, given.spread)
+        room, spread = prior.given(said)
+        state = steps.moved(state, linear, jacobian, room, spread)
     values, jacobian = model.values(state)
-    given = prior.given(steps.said(values, jacobian, state)[0])
-    expected, posterior, covariance = steps.posterior(values, jacobian, state, given.room, given.spread)
-    return PatchFit(given.room, given.room_covariance, state, expected, posterior, covariance, jacobian)
-
-
-@dataclass(frozen=True, eq=False)
-class _Given:
-    """The room given all patches, linearised.
-
-    `room`, (6,), is its state and `room_covariance`, (6, 6), the covariance of it. `spread`, (6, 6), is the covariance
-    of a patch's state before its own data are seen.
-    """
-
-    room: Float
-    room_covariance: Float
-    spread: Float
+    room, spread = prior.given(steps.said(values, jacobian, state)[0])
+    expected, posterior, covariance = steps.posterior(values, jacobian, state, room, spread)
+    return PatchFit(room, state, expected, posterior, covariance, jacobian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +86,17 @@ class _RoomPrior:
     precision: Float
     farthest: Float
 
-    def given(self, said: Float) -> _Given:
-        """Return the room, given what all patches say of it, whitened, (data, 7, n): their Jacobians, then their data."""
+    def given(self, said: Float) -> tuple[Float, Float]:
+        """Return the state of the room, (6,), and the covariance of a patch's state before its own data are seen, (6, 6).
+
+        Both are given what all patches say of the room, whitened, (data, 7, n): their Jacobians, then their data.
+        """
         normal = np.matmul(said[:, :-1], said.swapaxes(1, 2)).sum(0)
         normal *= min(1.0, INDEPENDENT_PATCHES / said.shape[2])
         covariance = np.linalg.inv(self.precision + normal[:, :-1])
         room = covariance @ (self.precision @ MEAN + normal[:, -1])
         room = np.minimum(np.maximum(room, MEAN - self.farthest), MEAN + self.farthest)
-        return _Given(room, covariance, self.within + covariance)
+        return room, self.within + covariance
 
 
 @lru_cache(maxsize=2)

@@ -25,7 +25,7 @@ def fit(seed: int = 1, *, targets: tuple[float, float] = (0.3, -0.4), data: int 
     expected = rng.normal(size=(count, PATCHES))
     expected[-2], expected[-1] = targets
     room, state = np.zeros(6), np.zeros((6, PATCHES))
-    return PatchFit(room, np.zeros((6, 6)), state, expected, expected.copy(), covariance, jacobian)
+    return PatchFit(room, state, expected, expected.copy(), covariance, jacobian)
 
 
 def error_of(variance: float, data: int = DATA) -> F:
@@ -128,7 +128,6 @@ def misses(chi_squared: F, leaning: Leaning | None = STRAIGHT) -> F:
     square = (data + 2, data + 2, count)
     known = PatchFit(
         np.zeros(6),
-        np.zeros((6, 6)),
         np.zeros((6, count)),
         values,
         values,
@@ -317,7 +316,6 @@ def test_the_phase_of_the_mpi_light_is_as_unsure_as_repetitions_show(targets: tu
     known = fit(targets=targets)
     small = PatchFit(
         known.room,
-        known.room_covariance,
         known.state,
         known.expected,
         known.posterior,

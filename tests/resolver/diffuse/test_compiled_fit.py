@@ -58,7 +58,6 @@ def test_a_fit_has_the_same_bits(harmonics: tuple[int, ...], patches: int) -> No
         found = fitted_patches(data, error, model, pattern, known_optics=True, kernel=kernel)
         return (
             found.room,
-            found.room_covariance,
             found.state,
             found.expected,
             found.posterior,
