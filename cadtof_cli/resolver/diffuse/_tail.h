@@ -22,8 +22,8 @@
 
 /* Sizes of the frame and of the planes over its patches. `first` is the flat index of the first pixel in the frame. */
 #define TAIL_SIZES(X) X(first) X(height) X(width) X(side) X(left) X(rows) X(columns) X(harmonics)
-/* For all pixels: the variance that the tail adds to separate paths, metres per radian, the nearest range and its phase. */
-#define TAIL_CONSTANTS(X) X(separate_variance) X(metres) X(nearest_m) X(nearest_rad)
+/* For all pixels: the variance that the tail adds to separate paths, and metres per radian. */
+#define TAIL_CONSTANTS(X) X(separate_variance) X(metres)
 
 #define SIZE_MEMBER(name) int64_t name;
 #define CONSTANT_MEMBER(name) double name;
@@ -133,8 +133,7 @@ INLINE void look(TailGroup *restrict g, const Tail *restrict tail, int pooled, i
 INLINE void first_range(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, const float *upper_left) {
     const TailSizes *sizes = tail->sizes;
     const float *lower_left = upper_left + sizes->columns, down = tail->down[pixel / sizes->width];
-    const float metres = (float)tail->constants->metres, nearest_m = (float)tail->constants->nearest_m;
-    const float nearest_rad = (float)tail->constants->nearest_rad;
+    const float metres = (float)tail->constants->metres;
     FloatRow a, b, c, d, offset;
     FROM(g->right, tail->right + pixel % sizes->width);
     FROM(a, upper_left);
@@ -146,8 +145,8 @@ INLINE void first_range(TailGroup *restrict g, const Tail *restrict tail, int64_
     EACH_PIXEL {
         const float right = g->right[i], upper = a[i] + right * (b[i] - a[i]);
         const float lag = upper + down * (c[i] + right * (d[i] - c[i]) - upper);
-        const float turns = (g->phase_rad[i] - lag - nearest_rad) / FULL_TURN_F;
-        const float range_m = nearest_m + (turns - floorf(turns)) * FULL_TURN_F * metres + offset[i];
+        const float turns = (g->phase_rad[i] - lag) / FULL_TURN_F;
+        const float range_m = (turns - floorf(turns)) * FULL_TURN_F * metres + offset[i];
         g->range_m[i] = at_least_f(range_m, NEAREST_M);
     }
 }

@@ -18,7 +18,7 @@ from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
-from cadtof_cli.resolver.diffuse.settings import NEAREST_M
+from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import residuals
 from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.response.as_sine import first_phase
@@ -137,7 +137,6 @@ def tail_buffers(tail: DiffuseBlock, /) -> Buffers:
     sizes = {"first": tail.pixels.start, "height": height, "width": width, "side": up.grid.side, "left": up.first}
     sizes |= {"rows": rows, "columns": columns, "harmonics": len(settings.harmonics)}
     constants = {"separate_variance": model.separate_variance, "metres": settings.m_per_rad}
-    constants |= {"nearest_m": settings.nearest_m, "nearest_rad": settings.nearest_m / settings.m_per_rad}
     offset = model.range_offset_m
     return (
         np.array([sizes[name] for name in compiled.tail_sizes()], np.int64),
@@ -192,5 +191,5 @@ def _pixel_data(phases: Float32, square: Float32, model: DiffuseModel, samples: 
 def _first_range(phase_rad: Float32, model: DiffuseModel, pixels: slice, /) -> Float32:
     """Return the ranges of pixels by the lag of the nearest patches: good enough to tell surfaces apart."""
     lag = model.upsampler.linear(model.coarse.data + 1, pixels)
-    range_m = model.range_m(phase_rad - lag) + model.range_offset(pixels)
+    range_m = range_from_phase(phase_rad - lag, model.settings) + model.range_offset(pixels)
     return np.asarray(np.maximum(range_m, np.float32(NEAREST_M)))

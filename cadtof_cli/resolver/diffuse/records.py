@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Values
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings, range_from_phase
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.upsampling import Upsampler
 
 
@@ -129,10 +129,6 @@ class DiffuseModel:
         """
         found = self.separate if self.through is None else self.separate | self.through.found
         return np.asarray(found[self.upsampler.grid.patch_of(pixels)])
-
-    def range_m(self, phase_rad: Values, /) -> Values:
-        """Return the range of a fundamental phase."""
-        return range_from_phase(phase_rad, self.settings)
 
     def range_offset(self, pixels: slice, /) -> Float32 | float:
         """Return what is added to the ranges of consecutive pixels, flat indices row by row, (n,)."""

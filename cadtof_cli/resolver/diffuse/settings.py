@@ -28,14 +28,12 @@ class DiffuseSettings:
         harmonics: numbers h of the phasors; the first two must be 1 and 2.
         terms: for a response that is no pure sine: the multiples of the fundamental at which its other terms see the
             tail, in ascending order, each with the magnitude |c| of its term. None for a sine.
-        nearest_m: range at which the unambiguous range c·T1/2 starts.
     """
 
     model: MpiModel = "auto"
     period_ns: float
     harmonics: tuple[int, ...]
     terms: tuple[tuple[int, float], ...] | None = None
-    nearest_m: float = 0.0
 
     def __post_init__(self) -> None:
         if self.harmonics[:2] != (1, 2):
@@ -66,8 +64,7 @@ class DiffuseSettings:
 
 
 def range_from_phase(phase_rad: Values, settings: DiffuseSettings, /) -> Values:
-    """Return the range of a fundamental phase, in [nearest, nearest + c·T1/2)."""
-    turns = (phase_rad - settings.nearest_m / settings.m_per_rad) / (2.0 * np.pi)
-    ahead: Values = (turns - np.floor(turns)) * (2.0 * np.pi)
-    range_m: Values = settings.nearest_m + ahead * settings.m_per_rad
+    """Return the range of a fundamental phase, in [0, c·T1/2)."""
+    turns = phase_rad / (2.0 * np.pi)
+    range_m: Values = (turns - np.floor(turns)) * (2.0 * np.pi) * settings.m_per_rad
     return range_m
