@@ -19,10 +19,10 @@ from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     SecondPaths,
-    foretelling,
-    foretells,
+    further_harmonics_tell,
     has_one_share,
     median_of_noise,
+    predict_further_harmonics,
 )
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
@@ -184,7 +184,11 @@ def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMP
         found = SecondPaths.of(data, kernel=kernel)
         if has_one_share(found, rad_per_ns=places.rad_per_ns):
             return True
-        return foretells(found, data) if foretelling(found, data) else are_even(found, data, places)
+        return (
+            predict_further_harmonics(found, data)
+            if further_harmonics_tell(found, data)
+            else are_even(found, data, places)
+        )
 
 
 def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:

@@ -119,7 +119,7 @@ def are_even(found: SecondPaths, data: PatchData, places: PatchPlaces, /) -> boo
     """
     if found.known.any():
         uneven = _uneven(found, places, found.known)
-        if uneven.most < (EVEN_NS * places.rad_per_ns) ** 2 * found.strength_scatter.least:
+        if uneven.most < (EVEN_NS * places.rad_per_ns) ** 2 * found.log_share_scatter.least:
             return True
         if _are_by_one_place(found, places):
             return True
@@ -139,7 +139,7 @@ def _are_by_one_place(found: SecondPaths, places: PatchPlaces) -> bool:
     inside = _inside(found.known, places.lit)
     if np.count_nonzero(inside) < LEAST_KNOWN:
         return False
-    scatter = Scatter.of(found.strength[inside], found.noise[0, inside]).least * places.rad_per_ns**2
+    scatter = Scatter.of(found.log_share[inside], found.noise[0, inside]).least * places.rad_per_ns**2
     if not _uneven(found, places, inside).most < NEARLY_EVEN_NS**2 * scatter:
         return False
     delays, noise = _in_a_row(found.later_rad[inside]), found.noise[1, inside]
@@ -239,10 +239,10 @@ def _begin(found: SecondPaths, shares: Float, delays: Float) -> Float:
     It is NaN if too few patches show one.
     """
     strength_noise, delay_noise = found.noise
-    seen = np.isfinite(found.strength) & np.isfinite(delay_noise) & (strength_noise < 1.0)
+    seen = np.isfinite(found.log_share) & np.isfinite(delay_noise) & (strength_noise < 1.0)
     if int(seen.sum()) < shares.shape[1] + delays.shape[1]:
         return np.full(shares.shape[1] + delays.shape[1], np.nan)
-    share = _even_part(np.exp(found.strength[seen]), strength_noise[seen], shares[seen])
+    share = _even_part(np.exp(found.log_share[seen]), strength_noise[seen], shares[seen])
     return np.concatenate([share, _even_part(found.later_rad[seen], delay_noise[seen], delays[seen])])
 
 

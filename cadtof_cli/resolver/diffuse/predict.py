@@ -32,7 +32,7 @@ from cadtof_cli.resolver.diffuse.records import (
     Tails,
     TermTails,
 )
-from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, missed, two_path_lag
+from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, further_chi_squared, two_path_lag
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
@@ -204,7 +204,7 @@ def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float
     patches = PatchData.of(means, valid, frame.variances, frame.settings.harmonics)
     tolerated = np.diagonal(model_error(patches.ratios)).T[:-2].reshape(2, *patches.ratios.shape)
     with np.errstate(all="ignore"):
-        return missed(SecondPaths.of(patches, kernel=frame.kernel), replace(patches, tolerated=tolerated))
+        return further_chi_squared(SecondPaths.of(patches, kernel=frame.kernel), replace(patches, tolerated=tolerated))
 
 
 def _seen_through(

@@ -20,12 +20,12 @@ from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.two_path.decomposition import decomposed
 
-SAME_PER_NS = 0.05
+ONE_SHARE_PER_NS = 0.05
 """Threshold on the scatter of the logarithm of the second paths' share of the light, for every ns that their delays
 scatter. Below it, all second paths have the same share. Rendered rooms have .09 and more, at any light. Cards with one
 share have less than .04 if it is seen well enough."""
 
-WELL_KNOWN = 0.3
+LARGEST_LOG_SHARE_SIGMA = 0.3
 """Largest standard deviation of that logarithm, by noise, at which a patch counts."""
 
 LEAST_KNOWN = 64
@@ -34,34 +34,34 @@ LEAST_KNOWN = 64
 CERTAINTY = 3.0
 """Standard deviations between the estimate of a scatter and its bounds."""
 
-QUARTILES = 1.349
+QUARTILE_DISTANCE = 1.349
 """Distance between the quartiles of normal numbers, in standard deviations."""
 
-UNSURE = 2.33
+VARIANCE_SIGMA = 2.33
 """Relative standard deviation of a variance that is estimated from the quartiles of n normal numbers, times √n."""
 
-FORETOLD = 1.35
+LARGEST_FURTHER_MISFIT = 1.35
 """Largest median χ² of the further harmonics about what two paths predict, over that of noise, at which there are two
 paths. Cards have .8 to 1.1; rendered rooms have 2.2 and more."""
 
-FORETOLD_SNR = 5.0
+LEAST_MPI_SNR = 5.0
 """Smallest median of |q_2 − 1| over its noise at which further harmonics tell two paths from a tail."""
 
-FORETOLD_DELAY = 10.0
+LEAST_SNR_DELAY_SQUARE = 10.0
 """Smallest product of that median and the squared median delay, in rad², at which they do. Two paths also predict the
 further harmonics of a tail that is short for its noise, such as that of a corner. Below this limit, a tail comes nearer
 the truth, whether there are two paths or not."""
 
 
-SPREAD = 0.008
+LEAST_SPREAD = 0.008
 """Relative variance of the MPI's delays from which MPI is a tail, however well two paths predict the further harmonics.
 It is 0 for two true paths, .002 if a reflector of 1.5 m sends the second path, .01 and more in corners that fill the
 view, and .18 in rooms."""
 
 SPREAD_CERTAINTY = 2.0
-"""Standard deviations by which that variance must exceed `SPREAD`."""
+"""Standard deviations by which that variance must exceed `LEAST_SPREAD`."""
 
-WIDEST = 0.1
+LARGEST_SPREAD = 0.1
 """Largest magnitude of that variance with which a patch counts; a larger value, positive or negative, is cut to it. A
 patch that shows two surfaces may have any value."""
 
@@ -103,13 +103,13 @@ class SecondPaths:
     """The weaker of the two paths of n patches.
 
     Attributes:
-        strength: logarithm of its amplitude over that of the stronger path, (n,).
+        log_share: logarithm of its amplitude over that of the stronger path, (n,).
         later_rad: how much later it comes than the stronger path, within half a turn; negative if it comes earlier, (n,).
         by_data: derivatives of both with respect to ln|q_2| and arg q_2, (2, 2, n).
         noise: variances of both by noise, (2, n).
     """
 
-    strength: Float
+    log_share: Float
     later_rad: Float
     by_data: Float
     noise: Float
@@ -133,13 +133,13 @@ class SecondPaths:
     @cached_property
     def known(self) -> Bool:
         """Which patches know their share well enough to tell how shares scatter, (n,); none if there are too few of them."""
-        known: Bool = self.noise[0] < WELL_KNOWN**2
+        known: Bool = self.noise[0] < LARGEST_LOG_SHARE_SIGMA**2
         return known & (np.count_nonzero(known) >= LEAST_KNOWN)
 
     @cached_property
-    def strength_scatter(self) -> "Scatter":
+    def log_share_scatter(self) -> "Scatter":
         """Scatter of the logarithm of the share between the patches that know it."""
-        return Scatter.of(self.strength[self.known], self.noise[0, self.known])
+        return Scatter.of(self.log_share[self.known], self.noise[0, self.known])
 
     @cached_property
     def delay_scatter(self) -> "Scatter":
@@ -158,9 +158,10 @@ class Scatter:
     def of(cls, values: Float, noise: Float, /) -> "Scatter":
         """Return the scatter of values, (n,), whose noise has the given variances, (n,)."""
         low, high = quantiles(values, (0.25, 0.75))
-        variance, by_noise = float((high - low) / QUARTILES) ** 2, float(median(noise))
-        unsure = CERTAINTY * UNSURE / float(np.sqrt(values.size))
-        return cls(max(variance - (1.0 + unsure) * by_noise, 0.0), max(variance - by_noise, 0.0) + unsure * by_noise)
+        variance, noise_variance = float((high - low) / QUARTILE_DISTANCE) ** 2, float(median(noise))
+        margin = CERTAINTY * VARIANCE_SIGMA / float(np.sqrt(values.size))
+        least = max(variance - (1.0 + margin) * noise_variance, 0.0)
+        return cls(least, max(variance - noise_variance, 0.0) + margin * noise_variance)
 
 
 def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
@@ -178,58 +179,62 @@ def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
     return lag.reshape(ratio.shape)
 
 
-def has_one_share(found: SecondPaths, /, *, rad_per_ns: float) -> bool:
+def has_one_share(second: SecondPaths, /, *, rad_per_ns: float) -> bool:
     """Return whether second paths have the same share of the light at different delays."""
-    if not found.known.any():
+    if not second.known.any():
         return False
-    return found.strength_scatter.most * rad_per_ns**2 < SAME_PER_NS**2 * found.delay_scatter.least
+    return second.log_share_scatter.most * rad_per_ns**2 < ONE_SHARE_PER_NS**2 * second.delay_scatter.least
 
 
-def foretelling(found: SecondPaths, data: PatchData, /) -> bool:
+def further_harmonics_tell(second: SecondPaths, data: PatchData, /) -> bool:
     """Return whether further harmonics tell two paths from a tail: there are some, and MPI is strong and late enough."""
     if len(data.ratios) == 1:
         return False
-    first, second = data.relative[:2]
-    seen = float(median(np.abs(data.ratios[0] - 1.0) / np.sqrt(2.5 * first + second)))
-    later_rad = found.later_rad[np.isfinite(found.later_rad)]
-    return seen >= FORETOLD_SNR and later_rad.size > 0 and seen * float(median(later_rad)) ** 2 >= FORETOLD_DELAY
+    noise_1, noise_2 = data.relative[:2]
+    snr = float(median(np.abs(data.ratios[0] - 1.0) / np.sqrt(2.5 * noise_1 + noise_2)))
+    later_rad = second.later_rad[np.isfinite(second.later_rad)]
+    return snr >= LEAST_MPI_SNR and later_rad.size > 0 and snr * float(median(later_rad)) ** 2 >= LEAST_SNR_DELAY_SQUARE
 
 
-def foretells(found: SecondPaths, data: PatchData, /) -> bool:
+def predict_further_harmonics(second: SecondPaths, data: PatchData, /) -> bool:
     """Return whether second paths predict q_h of the further harmonics, apart from noise, and have one delay each."""
-    if not float(median(missed(found, data))) < FORETOLD * median_of_noise(2 * len(data.ratios) - 2):
+    if not float(median(further_chi_squared(second, data))) < LARGEST_FURTHER_MISFIT * median_of_noise(
+        2 * len(data.ratios) - 2
+    ):
         return False
-    spread, sigma = delay_spread(found, data)
-    return spread - SPREAD_CERTAINTY * sigma < SPREAD
+    spread, sigma = delay_spread(second, data)
+    return spread - SPREAD_CERTAINTY * sigma < LEAST_SPREAD
 
 
-def delay_spread(found: SecondPaths, data: PatchData, /) -> tuple[float, float]:
+def delay_spread(second: SecondPaths, data: PatchData, /) -> tuple[float, float]:
     """Return the variance of the MPI's delays within a patch, over their square, and its standard deviation.
 
     Both come from what further harmonics show; (0, inf) if they show nothing. Delays that are spread by a variance of
     κθ² about θ make the MPI at the harmonic h smaller by the factor 1 − κ(hθ)²/2.
     """
-    shown = weight = np.zeros(found.strength.size)
+    projected = weight = np.zeros(second.log_share.size)
     for row in range(1, len(data.ratios)):
-        differs = _Difference.of(found, data, row)
-        by_spread = _by_spread(found, data.harmonics[row + 1])
-        by_spread -= np.einsum("ijn,jn->in", differs.follows, _by_spread(found, 2))
-        shown = shown + np.einsum("in,ijn,jn->n", by_spread, differs.precision, differs.off)
-        weight = weight + np.einsum("in,ijn,jn->n", by_spread, differs.precision, by_spread)
-    seen = np.isfinite(shown) & np.isfinite(weight) & (weight > 0.0)
+        difference = _Difference.of(second, data, row)
+        by_spread = _by_spread(second, data.harmonics[row + 1])
+        by_spread -= np.einsum("ijn,jn->in", difference.by_data, _by_spread(second, 2))
+        projected = projected + np.einsum("in,ijn,jn->n", by_spread, difference.precision, difference.residual)
+        weight = weight + np.einsum("in,ijn,jn->n", by_spread, difference.precision, by_spread)
+    seen = np.isfinite(projected) & np.isfinite(weight) & (weight > 0.0)
     if not seen.any():
         return 0.0, math.inf
-    shown, weight = shown[seen], weight[seen]
+    projected, weight = projected[seen], weight[seen]
     total = float(weight.sum())
-    return float((weight * np.clip(shown / weight, -WIDEST, WIDEST)).sum()) / total, 1.0 / math.sqrt(total)
+    return float(
+        (weight * np.clip(projected / weight, -LARGEST_SPREAD, LARGEST_SPREAD)).sum()
+    ) / total, 1.0 / math.sqrt(total)
 
 
-def missed(found: SecondPaths, data: PatchData, /) -> Float:
+def further_chi_squared(second: SecondPaths, data: PatchData, /) -> Float:
     """Return χ², (n,), of the q_h of further harmonics, two numbers each, about what the second paths predict."""
     chi_squared = np.zeros(len(data.ratios[0]))
     for row in range(1, len(data.ratios)):
-        differs = _Difference.of(found, data, row)
-        chi_squared += np.einsum("in,ijn,jn->n", differs.off, differs.precision, differs.off)
+        difference = _Difference.of(second, data, row)
+        chi_squared += np.einsum("in,ijn,jn->n", difference.residual, difference.precision, difference.residual)
     return chi_squared
 
 
@@ -242,39 +247,39 @@ def median_of_noise(numbers: int, /) -> float:
 class _Difference:
     """The difference of ln|q_h| and arg q_h of a further harmonic from what the second paths predict.
 
-    `off`, (2, n), is the difference and `precision`, (2, 2, n), the inverse of its covariance. `follows`, (2, 2, n),
+    `residual`, (2, n), is the difference and `precision`, (2, 2, n), the inverse of its covariance. `by_data`, (2, 2, n),
     are the derivatives of the prediction with respect to ln|q_2| and arg q_2.
     """
 
-    off: Float
+    residual: Float
     precision: Float
-    follows: Float
+    by_data: Float
 
     @classmethod
-    def of(cls, found: SecondPaths, data: PatchData, row: int, /) -> "_Difference":
+    def of(cls, second: SecondPaths, data: PatchData, row: int, /) -> "_Difference":
         """Return the difference for the ratios in a row."""
-        share = np.exp(found.strength)
-        expected, slopes = of_two_paths(share, found.later_rad, data.harmonics[row + 1])
+        share = np.exp(second.log_share)
+        expected, slopes = of_two_paths(share, second.later_rad, data.harmonics[row + 1])
         slopes[:, 0] *= share
         ratio = data.ratios[row]
-        off = np.stack([np.log(np.abs(ratio)) - expected[0], wrapped(np.angle(ratio) - expected[1])])
-        follows = np.einsum("ikn,kjn->ijn", slopes, found.by_data)
-        shared = follows * data.noise(row, 0)
-        covariance = np.einsum("ikn,kn,jkn->ijn", follows, data.noise(0, 0), follows) - shared - shared.swapaxes(0, 1)
+        residual = np.stack([np.log(np.abs(ratio)) - expected[0], wrapped(np.angle(ratio) - expected[1])])
+        by_data = np.einsum("ikn,kjn->ijn", slopes, second.by_data)
+        shared = by_data * data.noise(row, 0)
+        covariance = np.einsum("ikn,kn,jkn->ijn", by_data, data.noise(0, 0), by_data) - shared - shared.swapaxes(0, 1)
         covariance[(0, 1), (0, 1)] += data.noise(row, row)
-        return cls(off, _inverse(covariance), follows)
+        return cls(residual, _inverse(covariance), by_data)
 
 
-def _by_spread(found: SecondPaths, h: int) -> Float:
+def _by_spread(second: SecondPaths, h: int) -> Float:
     """Return the derivatives of ln|q_h| and arg q_h with respect to the relative variance of the delays, (2, n)."""
-    first, further = (_logarithm_by_spread(found, k) for k in (1, h))
+    first, further = (_logarithm_by_spread(second, k) for k in (1, h))
     return np.stack([further.real - first.real, further.imag - h * first.imag])
 
 
-def _logarithm_by_spread(found: SecondPaths, h: int) -> Complex:
+def _logarithm_by_spread(second: SecondPaths, h: int) -> Complex:
     """Return the derivative of ln H_h with respect to the relative variance of the delays, (n,)."""
-    second = np.exp(found.strength + 1j * h * found.later_rad)
-    return np.asarray(-0.5 * (h * found.later_rad) ** 2 * second / (1.0 + second), np.complex128)
+    phasor = np.exp(second.log_share + 1j * h * second.later_rad)
+    return np.asarray(-0.5 * (h * second.later_rad) ** 2 * phasor / (1.0 + phasor), np.complex128)
 
 
 def of_two_paths(share: Float, later_rad: Float, h: int, /) -> tuple[Float, Float]:
@@ -282,21 +287,21 @@ def of_two_paths(share: Float, later_rad: Float, h: int, /) -> tuple[Float, Floa
 
     The derivatives are with respect to the share and the delay of the second path.
     """
-    found, slopes = np.zeros((2, share.size)), np.zeros((2, 2, share.size))
-    for k, of_size, of_phase in ((1, -1.0, -float(h)), (h, 1.0, 1.0)):
+    values, slopes = np.zeros((2, share.size)), np.zeros((2, 2, share.size))
+    for k, size_factor, phase_factor in ((1, -1.0, -float(h)), (h, 1.0, 1.0)):
         turn = k * later_rad
         cos, sin = np.cos(turn), np.sin(turn)
         re, im = 1.0 + share * cos, share * sin
         square = re * re + im * im
         # real and imaginary part of exp(ikθ)/(1 + share·exp(ikθ))
         along, across, by_delay = (cos + share) / square, sin / square, share * k
-        found[0] += of_size * 0.5 * np.log(square)
-        found[1] += of_phase * np.arctan2(im, re)
-        slopes[0, 0] += of_size * along
-        slopes[1, 0] += of_phase * across
-        slopes[0, 1] -= of_size * by_delay * across
-        slopes[1, 1] += of_phase * by_delay * along
-    return found, slopes
+        values[0] += size_factor * 0.5 * np.log(square)
+        values[1] += phase_factor * np.arctan2(im, re)
+        slopes[0, 0] += size_factor * along
+        slopes[1, 0] += phase_factor * across
+        slopes[0, 1] -= size_factor * by_delay * across
+        slopes[1, 1] += phase_factor * by_delay * along
+    return values, slopes
 
 
 def _inverse(matrices: Float) -> Float:
