@@ -155,9 +155,9 @@ def patch_kinds(
         return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
     misfits = misfits_without_mpi(means, lit, variances, harmonics=settings.harmonics)
     misfit = float(np.mean(misfits))
-    likely = mpi_probability(misfit, numbers=misfits.size)
+    probability = mpi_probability(misfit, numbers=misfits.size)
     if settings.model == "diffuse":
-        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail", likely)
+        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail", probability)
     separate = separate_patches(means, lit, sigma)
     reason: Reason = "tail"
     share = float(separate.sum() / lit.sum())
@@ -171,7 +171,7 @@ def patch_kinds(
         kernel=kernel,
     ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=settings, kernel=kernel):
         reason = "separate paths"
-    return PatchKinds(lit, separate, share, reason, likely)
+    return PatchKinds(lit, separate, share, reason, probability)
 
 
 def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMPY) -> bool:
@@ -181,13 +181,13 @@ def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMP
     """
     with np.errstate(all="ignore"):
         # if a patch has one path, the delay of the other is NaN
-        found = SecondPaths.of(data, kernel=kernel)
-        if has_one_share(found, rad_per_ns=places.rad_per_ns):
+        second = SecondPaths.of(data, kernel=kernel)
+        if has_one_share(second, rad_per_ns=places.rad_per_ns):
             return True
         return (
-            predict_further_harmonics(found, data)
-            if further_harmonics_tell(found, data)
-            else are_even(found, data, places)
+            predict_further_harmonics(second, data)
+            if further_harmonics_tell(second, data)
+            else are_even(second, data, places)
         )
 
 
@@ -233,8 +233,8 @@ def mpi_probability(misfit: float, /, *, numbers: int) -> float:
     the values of a frame weigh as n = 2/(2/numbers + .1²).
     """
     count = 2.0 / (2.0 / numbers + NOISE_KNOWN**2)
-    more = max(misfit - 1.0, 0.0)
-    return 1.0 / (1.0 + math.sqrt(count) * math.exp(-0.5 * count * (more - math.log1p(more))))
+    excess = max(misfit - 1.0, 0.0)
+    return 1.0 / (1.0 + math.sqrt(count) * math.exp(-0.5 * count * (excess - math.log1p(excess))))
 
 
 def separate_patches(means: PatchMeans, lit: Bool, noise_sigma: float, /) -> Bool:

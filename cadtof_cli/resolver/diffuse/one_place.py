@@ -10,7 +10,7 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.quantiles import median
 
-AT_FIRST = 1.5 * np.array([(1.0, 0.0, 0.5), (-1.0, 0.0, 0.5)])
+STARTS = 1.5 * np.array([(1.0, 0.0, 0.5), (-1.0, 0.0, 0.5)])
 """Where the search for the place starts, in median ranges of the surfaces: once to the right, once to the left."""
 
 STEPS = 8
@@ -27,7 +27,7 @@ TINY = 1e-300
 """Keeps data without noise or distance, and a fit that is exact to the bit, from dividing by zero."""
 
 
-def missed_by_one_place(later_rad: Float, variance: Float, positions: Float, /) -> Float:
+def residual_after_one_place(later_rad: Float, variance: Float, positions: Float, /) -> Float:
     """Return the residuals of delays, (n,), with these variances, (n,), after the one place that explains most of them.
 
     `positions`, (3, n), are those of the surfaces: right, down and away from the camera.
@@ -35,28 +35,30 @@ def missed_by_one_place(later_rad: Float, variance: Float, positions: Float, /) 
     range_rad = np.sqrt((positions * positions).sum(axis=0))
     scale = float(median(range_rad)) + TINY
     weight = 1.0 / np.maximum(variance, float(median(variance)) / 9.0 + TINY)
-    missed = [_missed(later_rad, weight, positions, range_rad, scale * place, scale) for place in AT_FIRST]
-    return min(missed, key=lambda one: float(median(one * one)))
+    residual = [_residual_from(later_rad, weight, positions, range_rad, scale * place, scale) for place in STARTS]
+    return min(residual, key=lambda one: float(median(one * one)))
 
 
-def _missed(later_rad: Float, weight: Float, positions: Float, range_rad: Float, place: Float, scale: float) -> Float:
+def _residual_from(
+    later_rad: Float, weight: Float, positions: Float, range_rad: Float, place: Float, scale: float
+) -> Float:
     """Return the residuals, (n,), after the place that a search from `place`, (3,), finds; outliers have little weight."""
-    away, distance = _seen_from(place, positions)
-    before = float(median(later_rad - distance + range_rad))
+    to_place, distance = _vectors_to(place, positions)
+    way_before = float(median(later_rad - distance + range_rad))
     for _ in range(STEPS):
-        missed = later_rad - (before + distance - range_rad)
-        slopes = np.concatenate([np.ones((1, range_rad.size)), away / distance])
-        weighted = slopes * (weight / (1.0 + missed * missed / (4.0 * float(median(missed * missed)) + TINY)))
+        residual = later_rad - (way_before + distance - range_rad)
+        slopes = np.concatenate([np.ones((1, range_rad.size)), to_place / distance])
+        weighted = slopes * (weight / (1.0 + residual * residual / (4.0 * float(median(residual * residual)) + TINY)))
         normal = weighted @ slopes.T
         normal[range(1, 4), range(1, 4)] += DAMPING * np.trace(normal) / 4.0
-        step = np.linalg.solve(normal, weighted @ missed)
+        step = np.linalg.solve(normal, weighted @ residual)
         step /= max(1.0, float(np.sqrt((step[1:] ** 2).sum())) / (FARTHEST_STEP * scale))
-        before, place = before + float(step[0]), place + step[1:]
-        away, distance = _seen_from(place, positions)
-    return later_rad - (before + distance - range_rad)
+        way_before, place = way_before + float(step[0]), place + step[1:]
+        to_place, distance = _vectors_to(place, positions)
+    return later_rad - (way_before + distance - range_rad)
 
 
-def _seen_from(place: Float, positions: Float) -> tuple[Float, Float]:
+def _vectors_to(place: Float, positions: Float) -> tuple[Float, Float]:
     """Return the vectors from positions, (3, n), to a place, and their lengths, (n,)."""
-    away = place[:, None] - positions
-    return away, np.sqrt((away * away).sum(axis=0)) + TINY
+    to_place = place[:, None] - positions
+    return to_place, np.sqrt((to_place * to_place).sum(axis=0)) + TINY

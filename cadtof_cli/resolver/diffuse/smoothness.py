@@ -19,11 +19,11 @@ from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, ran
 from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.kernels import NUMPY
 
-SMOOTHER = {1: 0.08, 2: 0.04}
+LARGEST_LEFT = {1: 0.08, 2: 0.04}
 """Threshold on the median square of the bends of 1/z that two paths leave, over that before; by the distance of the
 patches. Below it, there are two paths. Rendered rooms have .14 and .07 or more, corners that fill the view .23 and .047."""
 
-SMOOTHER_WITHIN = 0.1
+LARGEST_LEFT_WITHIN = 0.1
 """The same threshold for the bends of the phase from pixel to pixel within patches. Rooms have .24 and more."""
 
 LEAST_BENDS = 64
@@ -47,20 +47,25 @@ def are_smoothed_by_two_paths(
     """
     with np.errstate(all="ignore"):
         # if there is one path, the delay of the other is NaN
-        return _smoothed_between(means, lit, grid, settings, kernel) or _smoothed_within(light, lit, kernel)
+        return _smoothed_between_patches(means, lit, grid, settings, kernel) or _smoothed_within_patches(
+            light, lit, kernel
+        )
 
 
-def _smoothed_between(means: PatchMeans, lit: Bool, grid: PatchGrid, settings: DiffuseSettings, kernel: str) -> bool:
+def _smoothed_between_patches(
+    means: PatchMeans, lit: Bool, grid: PatchGrid, settings: DiffuseSettings, kernel: str
+) -> bool:
     """Return whether two paths make 1/z smooth from patch to patch."""
     lag = two_path_lag(means.ratios[0], kernel=kernel)
     seen = lit & np.isfinite(lag)
-    shown, direct = (_inverse_depth(phase, grid, settings) for phase in (means.phase_rad, means.phase_rad - lag))
+    recorded, direct = (_inverse_depth(phase, grid, settings) for phase in (means.phase_rad, means.phase_rad - lag))
     return any(
-        _are_smoother(_bends(direct, seen, apart), _bends(shown, seen, apart), most) for apart, most in SMOOTHER.items()
+        _are_smoother(_bends(direct, seen, distance), _bends(recorded, seen, distance), limit)
+        for distance, limit in LARGEST_LEFT.items()
     )
 
 
-def _smoothed_within(light: PatchLight, lit: Bool, kernel: str) -> bool:
+def _smoothed_within_patches(light: PatchLight, lit: Bool, kernel: str) -> bool:
     """Return whether two paths make the phases along the middle row of each patch smooth."""
     side = math.isqrt(len(light.seen))
     row = slice(side // 2 * side, (side // 2 + 1) * side)
@@ -70,13 +75,13 @@ def _smoothed_within(light: PatchLight, lit: Bool, kernel: str) -> bool:
     lag = two_path_lag(ratio, kernel=kernel)
     seen = light.seen[row] & lit & np.isfinite(lag)
     phase = light.phase_rad[row].astype(np.float64)
-    direct, shown = (wrapped(_bends_along(one, seen, 1)) for one in (phase - lag, phase))
-    return _are_smoother(direct, shown, SMOOTHER_WITHIN)
+    direct, recorded = (wrapped(_bends_along(one, seen, 1)) for one in (phase - lag, phase))
+    return _are_smoother(direct, recorded, LARGEST_LEFT_WITHIN)
 
 
-def _are_smoother(direct: Float, shown: Float, most: float) -> bool:
+def _are_smoother(direct: Float, recorded: Float, limit: float) -> bool:
     """Return whether at most this share of the median square of the bends is left; enough of them must be seen."""
-    return direct.size >= LEAST_BENDS and float(median(direct * direct)) < most * float(median(shown * shown))
+    return direct.size >= LEAST_BENDS and float(median(direct * direct)) < limit * float(median(recorded * recorded))
 
 
 def _inverse_depth(phase_rad: Float, grid: PatchGrid, settings: DiffuseSettings) -> Float:
@@ -84,13 +89,13 @@ def _inverse_depth(phase_rad: Float, grid: PatchGrid, settings: DiffuseSettings)
     return np.asarray(1.0 / (np.maximum(range_from_phase(phase_rad, settings), NEAREST_M) * grid.ray[2]))
 
 
-def _bends(image: Float, seen: Bool, apart: int) -> Float:
-    """Return the second differences of an image, down and across, between places so far apart, where it is seen."""
-    return np.concatenate([_bends_along(image, seen, apart), _bends_along(image.T, seen.T, apart)])
+def _bends(image: Float, seen: Bool, distance: int) -> Float:
+    """Return the second differences of an image over this distance, down and across, where it is seen."""
+    return np.concatenate([_bends_along(image, seen, distance), _bends_along(image.T, seen.T, distance)])
 
 
-def _bends_along(values: Float, seen: Bool, apart: int) -> Float:
+def _bends_along(values: Float, seen: Bool, distance: int) -> Float:
     """Return the second differences along the first axis, where all three values are seen."""
-    before, middle, after = slice(-2 * apart), slice(apart, -apart), slice(2 * apart, None)
+    before, middle, after = slice(-2 * distance), slice(distance, -distance), slice(2 * distance, None)
     bends: Float = values[after] - 2.0 * values[middle] + values[before]
     return bends[seen[after] & seen[middle] & seen[before]]

@@ -163,7 +163,9 @@ def test_the_middle_row_of_patches_tells(row: int) -> None:
     hidden = (np.arange(len(light.seen)) // SIDE == row)[:, None, None]
     every = np.ones(means.amplitude.shape, np.bool_)
     with np.errstate(all="ignore"):
-        told = smoothness._smoothed_within(replace(light, seen=light.seen & ~hidden), every, available_kernels()[0])
+        told = smoothness._smoothed_within_patches(
+            replace(light, seen=light.seen & ~hidden), every, available_kernels()[0]
+        )
     assert told is (row != SIDE // 2)
 
 
@@ -174,7 +176,7 @@ def test_within_patches_only_pixels_that_are_seen_count() -> None:
 
     def said(columns: Bool, lit: Bool) -> bool:
         with np.errstate(all="ignore"):
-            return smoothness._smoothed_within(
+            return smoothness._smoothed_within_patches(
                 replace(light, seen=light.seen & columns[:, None, None]), lit, available_kernels()[0]
             )
 
