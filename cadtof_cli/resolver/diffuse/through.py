@@ -96,8 +96,8 @@ def freed_paths(phasors: Complex, tails: Tails, /, *, kernel: str = NUMPY) -> Fr
     with np.errstate(all="ignore"):
         # a patch without light divides zero by zero
         for _ in range(STEPS if excess.any() else 0):
-            behind = _farther(decomposed(free[0], free[1], kernel=kernel))
-            free = base - _times(_at_harmonics(behind, tails.harmonics), excess)
+            farther = _farther(decomposed(free[0], free[1], kernel=kernel))
+            free = base - _times(_at_harmonics(farther, tails.harmonics), excess)
         paths = decomposed(free[0], free[1], kernel=kernel)
         x, y = paths.phases()
         ahead = np.mod(y - x, FULL_TURN)
@@ -164,24 +164,26 @@ def seen_through(
     """
     paths = freed_paths(phasors, tails, kernel=kernel)
     apart_ns = paths.later_rad / settings.rad_per_ns
-    two: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
-    two &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])
-    if not _side_by_side(two):
+    two_paths: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
+    two_paths &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])
+    if not _large_groups(two_paths):
         return None
     phase_rad = np.angle(phasors[0])
     phase_rad[valid] -= lag_rad
     range_m = range_from_phase(phase_rad, settings)
     near_m = range_from_phase(paths.near_rad, settings)
     far_m = near_m + paths.later_rad * settings.m_per_rad
-    wall, missed = _nearest_wall(far_m, range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two, grid)
+    wall_amplitude, off_wall_m = _nearest_wall(
+        far_m, range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two_paths, grid
+    )
     with np.errstate(invalid="ignore"):
-        left = paths.far_amplitude / wall
-    found = np.zeros_like(two)
-    for these in _side_by_side(two & (missed < ON_WALL_M)):
-        found[these] = np.median(left[these]) >= LEAST_LEFT
+        amplitude_left = paths.far_amplitude / wall_amplitude
+    found = np.zeros_like(two_paths)
+    for group in _large_groups(two_paths & (off_wall_m < ON_WALL_M)):
+        found[group] = np.median(amplitude_left[group]) >= LEAST_LEFT
     if not found.any():
         return None
-    off_rad = float(np.median(missed[found])) / settings.m_per_rad
+    off_rad = float(np.median(off_wall_m[found])) / settings.m_per_rad
     typical_rad = float(np.angle(tails.far[0]))
     more = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - BESIDE_SHARE) & (apart_ns > APART_NS[0])
     found = _grown(found, more, near_m)
@@ -217,12 +219,12 @@ def _nearest_wall(far_m: Float, range_m: Float, amplitude: Float, among: Bool, g
     if not len(walls):
         return np.full(far_m.shape, np.inf), np.full(far_m.shape, np.inf)
     on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
-    bright = np.array([median(amplitude[these]) if these.any() else np.inf for these in on_wall])
-    off = np.abs(walls - far_m)
-    return bright[off.argmin(axis=0)], off.min(axis=0)
+    amplitudes = np.array([median(amplitude[members]) if members.any() else np.inf for members in on_wall])
+    distance_m = np.abs(walls - far_m)
+    return amplitudes[distance_m.argmin(axis=0)], distance_m.min(axis=0)
 
 
-def _side_by_side(patches: Bool) -> list[tuple[Index, ...]]:
+def _large_groups(patches: Bool) -> list[tuple[Index, ...]]:
     """Return the groups of at least `LEAST_PATCHES` patches side by side, corners included, as (rows, columns) each."""
     if np.count_nonzero(patches) < LEAST_PATCHES:
         return []
