@@ -53,25 +53,25 @@ PATCH_SHARE = (0.0, 0.1)
 """Share of a patch's posterior variance that all its pixels have in common, apart from χ²: with two harmonics, and with
 more."""
 
-SURPRISE = (2.5, 0.1)
+SHARE_PER_CHI_SQUARED = (2.5, 0.1)
 """How much the share `PATCH_SHARE` grows per unit of χ²: with two harmonics, and with more. With more harmonics, each
 patch has its own χ². With two, so many unknowns hardly miss two data, so a small misfit says much. But the errors of a
 frame's patches have common causes, so it says this of all patches, and the mean over the frame counts."""
 
-LARGEST_SURPRISE = 1.0
+LARGEST_CHI_SQUARED = 1.0
 """Largest χ² that a patch brings into this mean with two harmonics. Beyond it, the data are known to be missed, and by
 how much says nothing of the lag."""
 
-STANDING_OUT, LARGEST_LOCAL = 3.0, 20.0
+USUAL_CHI_SQUARED, LARGEST_LOCAL_CHI_SQUARED = 3.0, 20.0
 """Mean χ² of a patch and its neighbours above which they show something that the rest of the room does not show, such
 as a net close to its wall; and the largest χ² that counts in this mean, so that a single patch does not make its
 neighbours stand out."""
 
-STANDING_OUT_OF_MANY = 4.0
+USUAL_OVER_MEDIAN = 4.0
 """The same limit in units of the median χ² of the frame; the larger limit counts. If all patches are missed, none
 stands out."""
 
-UNEXPECTED = 12.0
+VARIANCE_PER_EXCESS = 12.0
 """Variance that patches which stand out get in addition, over their posterior variance, per unit of χ² above these limits."""
 
 LAG_ERROR = (0.0, 0.05)
@@ -86,7 +86,7 @@ Chosen with 42 rooms at periods of 50 to 100 ns."""
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class LagParts:
     """Which surfaces cause how much of the lag arg H_1 of n patches, (n,) each.
 
     Attributes:
@@ -124,13 +124,13 @@ class CoarsePlanes:
         """How many of the values are data."""
         return self.values - 2
 
-    def less_sure(self, variance: Float32, /) -> "CoarsePlanes":
+    def with_added_variance(self, variance: Float32, /) -> "CoarsePlanes":
         """Return the planes with `variance`, (rows, columns), added to the variance of arg H_1 that a patch's pixels share."""
         planes = self.planes.copy()
         planes[-2] += variance
         return replace(self, planes=planes)
 
-    def if_likely(self, probability: float, /) -> "CoarsePlanes":
+    def weighted_by(self, probability: float, /) -> "CoarsePlanes":
         """Return the planes for a tail that is there with this probability p; otherwise there is direct light alone.
 
         Means and covariances of the tail are multiplied by p. Whether the tail is there is the same for all pixels.
@@ -161,7 +161,7 @@ def patch_posterior(data: Float, error: Float, fit: PatchFit, /) -> Conditioned:
 
 
 def coarse_planes(
-    fit: PatchFit, posterior: Conditioned, beside: Beside, valid: Bool, leaning: Leaning | None, /, *, slowness: float
+    fit: PatchFit, posterior: Conditioned, lags: LagParts, valid: Bool, leaning: Leaning | None, /, *, slowness: float
 ) -> CoarsePlanes:
     """Return what pixels need from n valid patches, (rows, columns); all other patches get the mean of these.
 
@@ -172,37 +172,39 @@ def coarse_planes(
     # without this, blending two patches whose phases differ by a turn would give the opposite direction halfway
     values[phases] = wrapped(values[phases])
     following = (count - 2) // 2
-    more = min(following, 2) - 1
+    with_more = min(following, 2) - 1
     lag = values[-1].copy()
-    values[-1] += BESIDE_MORE * beside.open_share * beside.continued_rad / following**2
+    values[-1] += BESIDE_MORE * lags.open_share * lags.continued_rad / following**2
     if leaning is not None:
-        early = MOST_EARLY * beside.open_share**4 * (1.0 - beside.open_share)
-        missed = UNSEEN_MORE * early * beside.unseen_rad + GUESSED_SHARE * beside.guessed_rad
-        values[-1] += slowness**-SLOWER_EARLY * missed
+        early = MOST_EARLY * lags.open_share**4 * (1.0 - lags.open_share)
+        missing = UNSEEN_MORE * early * lags.unseen_rad + GUESSED_SHARE * lags.guessed_rad
+        values[-1] += slowness**-SLOWER_EARLY * missing
         values[-1] += leaning.share * lag
-    values[-1] -= LATE_START_PER_NS[more] * (fit.room[-1] - MEAN[-1]) * lag
-    values[-1] += FACING_MORE[more] * (beside.cosine - FACING_MIDDLE) * lag
-    spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH[more] ** 2, fit.jacobian)
-    kept = PATCH_SHARE[more] + SURPRISE[more] * _surprise(posterior, common=leaning is not None)
-    left = {key: kept * value for key, value in posterior.covariance.items()}
-    grown = slowness ** SLOWER_ERROR[more]
-    shared = (
-        grown * LAG_ERROR[more] * lag,
-        grown * BESIDE_ERROR[more] * beside.continued_rad,
-        grown * GUESSED_ERROR[more] * beside.guessed_rad,
-        0.0 if leaning is None else leaning.left_rad,
+    values[-1] -= LATE_START_PER_NS[with_more] * (fit.room[-1] - MEAN[-1]) * lag
+    values[-1] += FACING_MORE[with_more] * (lags.cosine - FACING_MIDDLE) * lag
+    spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH[with_more] ** 2, fit.jacobian)
+    counted = _counted_chi_squared(posterior, common=leaning is not None)
+    common_share = PATCH_SHARE[with_more] + SHARE_PER_CHI_SQUARED[with_more] * counted
+    common = {key: common_share * value for key, value in posterior.covariance.items()}
+    growth = slowness ** SLOWER_ERROR[with_more]
+    errors_rad = (
+        growth * LAG_ERROR[with_more] * lag,
+        growth * BESIDE_ERROR[with_more] * lags.continued_rad,
+        growth * GUESSED_ERROR[with_more] * lags.guessed_rad,
+        0.0 if leaning is None else leaning.sigma_rad,
     )
-    left[1, 1] = left[1, 1] + sum(part**2 for part in shared)
+    common[1, 1] = common[1, 1] + sum(part**2 for part in errors_rad)
     if leaning is not None:
-        left[1, 1] = left[1, 1] + UNEXPECTED * _standing_out(posterior.chi_squared, valid) * posterior.covariance[1, 1]
-    rows = [*values, *(spread[entry] for entry in entries), left[1, 1], _mpi_variance(values, spread, left)]
-    held = np.array(rows)
-    planes = np.empty((len(held), valid.size), np.float32)
-    planes[:], planes[:, np.flatnonzero(valid)] = held.mean(axis=1)[:, None], held
+        excess = _excess_chi_squared(posterior.chi_squared, valid)
+        common[1, 1] = common[1, 1] + VARIANCE_PER_EXCESS * excess * posterior.covariance[1, 1]
+    mpi_variance = _mpi_variance(values, spread, common)
+    rows = np.array([*values, *(spread[entry] for entry in entries), common[1, 1], mpi_variance])
+    planes = np.empty((len(rows), valid.size), np.float32)
+    planes[:], planes[:, np.flatnonzero(valid)] = rows.mean(axis=1)[:, None], rows
     return CoarsePlanes(planes.reshape(-1, *valid.shape), count, entries)
 
 
-def _surprise(posterior: Conditioned, *, common: bool) -> Float:
+def _counted_chi_squared(posterior: Conditioned, *, common: bool) -> Float:
     """Return the χ² that counts for every patch, (n,).
 
     With `common`, it is such that χ² times the variance of the lag is the same for all patches: the mean over the frame.
@@ -210,26 +212,26 @@ def _surprise(posterior: Conditioned, *, common: bool) -> Float:
     if not common:
         return np.asarray(posterior.chi_squared, np.float64)
     variance = posterior.covariance[1, 1]
-    mean: Float = np.mean(variance * np.minimum(posterior.chi_squared, LARGEST_SURPRISE)) / variance
+    mean: Float = np.mean(variance * np.minimum(posterior.chi_squared, LARGEST_CHI_SQUARED)) / variance
     return mean
 
 
-def _standing_out(chi_squared: Float, valid: Bool) -> Float:
+def _excess_chi_squared(chi_squared: Float, valid: Bool) -> Float:
     """Return by how much the mean χ² of n valid patches, (rows, columns), and their neighbours exceeds that of rooms, (n,)."""
     local = np.zeros(valid.shape)
-    local[valid] = np.minimum(chi_squared, LARGEST_LOCAL)
+    local[valid] = np.minimum(chi_squared, LARGEST_LOCAL_CHI_SQUARED)
     total, count = over_neighbours(np.array([local, valid]))[:, valid]
-    usual = max(STANDING_OUT, STANDING_OUT_OF_MANY * float(median(chi_squared)))
+    usual = max(USUAL_CHI_SQUARED, USUAL_OVER_MEDIAN * float(median(chi_squared)))
     more: Float = np.maximum(total / count - usual, 0.0)
     return more
 
 
-def _mpi_variance(values: Float, spread: Float, left: dict[Entry, Float]) -> Float:
+def _mpi_variance(values: Float, spread: Float, common: dict[Entry, Float]) -> Float:
     """Return the variance of the phase of the MPI light A·e^if·(H_1 − 1), which is p_1·(1 − 1/H_1)."""
     lever = 1.0 / (np.exp(values[-2] + 1j * values[-1]) - 1.0)
     variance: Float = (
-        lever.imag**2 * (left[0, 0] + spread[-2, -2])
-        + 2.0 * lever.imag * lever.real * (left[1, 0] + spread[-1, -2])
-        + lever.real**2 * (left[1, 1] + spread[-1, -1])
+        lever.imag**2 * (common[0, 0] + spread[-2, -2])
+        + 2.0 * lever.imag * lever.real * (common[1, 0] + spread[-1, -2])
+        + lever.real**2 * (common[1, 1] + spread[-1, -1])
     )
     return variance

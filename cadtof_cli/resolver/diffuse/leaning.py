@@ -20,7 +20,7 @@ LEAST_CONTRAST = 0.05
 """Scatter of the logarithms of the patches' amplitudes below which a view shows one even surface, and no room. All
 rooms have more than .07."""
 
-ENOUGH_MORE = 0.27
+ENOUGH_EXCESS = 0.27
 """Share of itself by which the lag must exceed that of two paths for all of the missed share to count. Below it, the
 missed share counts in proportion. If two paths say what the tail says, as in a plain corner, nothing is missed. One
 room in forty has less."""
@@ -42,7 +42,7 @@ class ViewNumbers:
     Attributes:
         near: logarithm of the nearest range, in m.
         contrast: logarithm of the scatter of the logarithms of the patches' amplitudes.
-        more: share of the lag by which it exceeds that of two paths.
+        excess: share of the lag by which it exceeds that of two paths.
         deep: logarithm of the farthest range over the nearest.
         facing: mean square of the cosines between the patches' normals and the direction that most of them face.
         albedo: ln s of the room.
@@ -52,7 +52,7 @@ class ViewNumbers:
 
     near: float
     contrast: float
-    more: float
+    excess: float
     deep: float
     facing: float
     albedo: float
@@ -63,18 +63,20 @@ class ViewNumbers:
 MEAN = 0.038
 """Share of the lag that is missed in a view with the numbers `MIDDLE`."""
 
-MIDDLE = ViewNumbers(near=0.405, contrast=-1.386, more=0.42, deep=0.693, facing=0.55, albedo=-0.45, seen=0.0, decay=2.6)
+MIDDLE = ViewNumbers(
+    near=0.405, contrast=-1.386, excess=0.42, deep=0.693, facing=0.55, albedo=-0.45, seen=0.0, decay=2.6
+)
 """Numbers of a view from which the slopes count: its nearest surfaces are 1.5 m away, its farthest twice that."""
 
 SLOPES = ViewNumbers(
-    near=0.068, contrast=-0.026, more=-0.195, deep=0.023, facing=0.105, albedo=-0.045, seen=-0.128, decay=0.024
+    near=0.068, contrast=-0.026, excess=-0.195, deep=0.023, facing=0.105, albedo=-0.045, seen=-0.128, decay=0.024
 )
 """How the missed share changes with each number. Near rooms keep their light for a shorter time than the prior has it, and
 it comes to them from nearer: less is missed. If all that is seen is alike or faces one way, more of the room is unseen. If
 the albedo is fitted low, early light was taken for none. The slopes are three quarters of those of the regression."""
 
-LEAST = ViewNumbers(near=-0.6, contrast=-1.0, more=-0.15, deep=-0.5, facing=-0.2, albedo=-0.5, seen=0.0, decay=-0.7)
-MOST = ViewNumbers(near=0.3, contrast=0.7, more=0.15, deep=0.7, facing=0.4, albedo=0.5, seen=0.45, decay=0.9)
+LEAST = ViewNumbers(near=-0.6, contrast=-1.0, excess=-0.15, deep=-0.5, facing=-0.2, albedo=-0.5, seen=0.0, decay=-0.7)
+MOST = ViewNumbers(near=0.3, contrast=0.7, excess=0.15, deep=0.7, facing=0.4, albedo=0.5, seen=0.45, decay=0.9)
 """Least and largest departure from the middle that counts. Nineteen of twenty rooms are within. Nearest surfaces at 2 m
 and more count alike."""
 
@@ -83,12 +85,12 @@ and more count alike."""
 class Leaning:
     """What all patches of a frame have in common.
 
-    `share` is the share of the lag that the fit misses. `left_rad` is the standard deviation of the lag, in rad, once
+    `share` is the share of the lag that the fit misses. `sigma_rad` is the standard deviation of the lag, in rad, once
     this share is added.
     """
 
     share: float
-    left_rad: float
+    sigma_rad: float
 
 
 def missed_share(view: ViewNumbers, /, *, slowness: float) -> float:
@@ -97,13 +99,13 @@ def missed_share(view: ViewNumbers, /, *, slowness: float) -> float:
     rows = (vars(numbers).values() for numbers in (view, MIDDLE, SLOPES, LEAST, MOST))
     for value, middle, slope, least, most in zip(*rows, strict=True):
         share += slope * min(max(value - middle, least), most)
-    return share * min(max(view.more / ENOUGH_MORE, 0.0), 1.0)
+    return share * min(max(view.excess / ENOUGH_EXCESS, 0.0), 1.0)
 
 
-def left_rad(lag_rad: Float, two_path_rad: Float, /, *, rad_per_ns: float, slowness: float) -> float:
+def remaining_sigma_rad(lag_rad: Float, two_path_rad: Float, /, *, rad_per_ns: float, slowness: float) -> float:
     """Return the standard deviation of what is left of the lag, from the lags of n patches and those of two paths, (n,)."""
-    more_ns = abs(float(median(lag_rad - two_path_rad))) / rad_per_ns
-    return rad_per_ns * (slowness * LEFT_NS) * more_ns / (more_ns + slowness * ENOUGH_NS)
+    difference_ns = abs(float(median(lag_rad - two_path_rad))) / rad_per_ns
+    return rad_per_ns * (slowness * LEFT_NS) * difference_ns / (difference_ns + slowness * ENOUGH_NS)
 
 
 def view_numbers(
@@ -128,7 +130,7 @@ def view_numbers(
     return ViewNumbers(
         near=float(np.log(nearest)),
         contrast=float(np.log(contrast)),
-        more=float(median(lag_rad - two_path_rad)) / lag,
+        excess=float(median(lag_rad - two_path_rad)) / lag,
         deep=float(np.log(farthest / nearest)),
         facing=float(np.linalg.eigvalsh(among)[-1]),
         albedo=float(room[0]),

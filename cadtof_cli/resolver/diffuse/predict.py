@@ -16,9 +16,9 @@ from cadtof_cli.resolver.diffuse.choice import (
     RoomNumbers,
     tail_fits,
 )
-from cadtof_cli.resolver.diffuse.coarse import Beside, CoarsePlanes, coarse_planes, patch_posterior
+from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
+from cadtof_cli.resolver.diffuse.leaning import Leaning, missed_share, remaining_sigma_rad, view_numbers
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
@@ -53,7 +53,7 @@ hardly changes the ratios of the fitted harmonics, but at those multiples it is 
 NO_RATIO = 1e-9
 """Floor for |q_h| in the data: its logarithm must be finite, and below this it is of no interest."""
 
-UNHEARD = 1e6
+COVERED_ERROR = 1e6
 """Factor on the error of patches with two surfaces, so that they say nothing of the room."""
 
 
@@ -135,40 +135,39 @@ def _model(
         kernel=frame.kernel,
     )
     ratios, amplitude, seen = means.ratios[:, valid], means.amplitude[valid], planes.surfaces[valid]
-    tail, of_terms = _tails(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
-    rule = pattern(tail.light.direct)
+    model, term_model = _tail_models(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
+    rule = pattern(model.light.direct)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), NO_RATIO)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
-    fit = fitted_patches(data, error, tail, rule, known_optics=known, kernel=frame.kernel)
+    fit = fitted_patches(data, error, model, rule, known_optics=known, kernel=frame.kernel)
     phasors = patch_phasors(means, harmonics=frame.settings.harmonics)
     through = _seen_through(phasors, valid, fit, frame) if auto else None
-    heard = np.ones(amplitude.size, np.bool_)
+    uncovered = np.ones(amplitude.size, np.bool_)
     if through is not None:
-        heard = ~through.found[valid]
-        error = np.where(heard, error, _unheard(error))
-        fit = fitted_patches(data, error, tail, rule, known_optics=known, kernel=frame.kernel)
-        again = (_seen_through(phasors, valid, fit, frame, own) for own in (heard, None))
-        through = max(filter(None, again), key=lambda one: one.found.sum(), default=through)
+        uncovered = ~through.found[valid]
+        error = np.where(uncovered, error, _covered_error(error))
+        fit = fitted_patches(data, error, model, rule, known_optics=known, kernel=frame.kernel)
+        candidates = (_seen_through(phasors, valid, fit, frame, patches) for patches in (uncovered, None))
+        through = max(filter(None, candidates), key=lambda one: one.found.sum(), default=through)
     posterior = patch_posterior(data, error, fit)
     if auto:
-        by_two_paths = _missed_by_two_paths(means, valid, frame)
-        if not tail_fits(posterior.chi_squared[heard], by_two_paths[heard], len(data)):
+        by_two_paths = _two_path_chi_squared(means, valid, frame)
+        if not tail_fits(posterior.chi_squared[uncovered], by_two_paths[uncovered], len(data)):
             return None
     guessed = surfaces_guessed(planes.surfaces, valid, frame.grid, seen=seen)
-    beside = _beside(fit, tail, seen, guessed, frame, mpi_share(ratios))
+    lags = _lag_parts(fit, model, seen, guessed, frame, mpi_share(ratios))
     two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
     leaning = None
     if len(ratios) == 1:
-        view = seen if through is None else seen[heard]
-        leaning = _leaning(fit, view, amplitude, beside.seen_rad, two_path_rad, heard, frame)
-    coarse = coarse_planes(fit, posterior, beside, valid, leaning, slowness=frame.settings.slowness)
-    coarse = coarse.if_likely(kinds.mpi_probability)
-    tails = None if of_terms is None else _term_tails(of_terms, fit, coarse, planes, valid, frame)
-    if tails is not None:
-        coarse = coarse.less_sure(_mistaken(tails, frame.settings))
+        leaning = _leaning(fit, seen, amplitude, lags.seen_rad, two_path_rad, uncovered, frame)
+    coarse = coarse_planes(fit, posterior, lags, valid, leaning, slowness=frame.settings.slowness)
+    coarse = coarse.weighted_by(kinds.mpi_probability)
+    term_tails = None if term_model is None else _term_tails(term_model, fit, coarse, planes, valid, frame)
+    if term_tails is not None:
+        coarse = coarse.with_added_variance(_term_variance(term_tails, frame.settings))
     covered = 0 if through is None else int(through.found.sum())
-    gap = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[heard]
+    difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[uncovered]
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
@@ -176,27 +175,38 @@ def _model(
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
         kinds.separate,
-        float(median(gap**2)),
+        float(median(difference_rad**2)),
         range_offset_m,
         through,
-        tails,
+        term_tails,
     )
 
 
 def _leaning(
-    fit: PatchFit, view: Surfaces, amplitude: Float, seen_rad: Float, two_path_rad: Float, heard: Bool, frame: _Frame
+    fit: PatchFit,
+    seen: Surfaces,
+    amplitude: Float,
+    seen_rad: Float,
+    two_path_rad: Float,
+    uncovered: Bool,
+    frame: _Frame,
 ) -> Leaning:
-    """Return the correction of the lag with two harmonics, from the patches in `heard`; `view` holds their surfaces."""
-    lag_rad, two_path_rad = fit.posterior[-1, heard], two_path_rad[heard]
+    """Return the correction of the lag with two harmonics, from the patches that are `uncovered`."""
+    lag_rad, two_path_rad = fit.posterior[-1, uncovered], two_path_rad[uncovered]
     numbers = view_numbers(
-        fit.room, view, amplitude[heard], lag_rad=lag_rad, seen_rad=seen_rad[heard], two_path_rad=two_path_rad
+        fit.room,
+        seen[uncovered],
+        amplitude[uncovered],
+        lag_rad=lag_rad,
+        seen_rad=seen_rad[uncovered],
+        two_path_rad=two_path_rad,
     )
     slowness = frame.settings.slowness
-    left = left_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns, slowness=slowness)
+    left = remaining_sigma_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns, slowness=slowness)
     return Leaning(0.0 if numbers is None else missed_share(numbers, slowness=slowness), left)
 
 
-def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
+def _two_path_chi_squared(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
     """Return χ², (n,), of the further harmonics about what two paths predict; the paths may have the errors of a tail."""
     if len(frame.settings.harmonics) == 2:
         # there are no further harmonics
@@ -208,15 +218,15 @@ def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float
 
 
 def _seen_through(
-    phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, heard: Bool | None = None
+    phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, uncovered: Bool | None = None
 ) -> SeenThrough | None:
     """Return the surface that lets light through in a frame; None if there is none.
 
-    By default, both paths get the tail that is typical of the frame. With `heard`, (n,), the nearer path gets the tail
-    that is typical of the patches outside `heard`, and the farther path that of the patches in it.
+    By default, both paths get the tail that is typical of the frame. With `uncovered`, (n,), the nearer path gets the
+    tail that is typical of the covered patches, and the farther path that of the uncovered ones.
     """
-    far = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
-    near = far if heard is None else typical_tail(fit.posterior[:, ~heard], frame.settings.harmonics)
+    far = typical_tail(fit.posterior if uncovered is None else fit.posterior[:, uncovered], frame.settings.harmonics)
+    near = far if uncovered is None else typical_tail(fit.posterior[:, ~uncovered], frame.settings.harmonics)
     return seen_through(
         phasors,
         fit.posterior[-1],
@@ -228,7 +238,9 @@ def _seen_through(
     )
 
 
-def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float) -> Beside:
+def _lag_parts(
+    fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float
+) -> LagParts:
     """Return the lags by light that the view does not show.
 
     Light of guessed walls counts if a patch faces little that is known. If a frame has little MPI, it has less early
@@ -236,8 +248,8 @@ def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, f
     """
     light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m, kernel=frame.kernel)
     open_share = tail.light.open_share
-    shown, continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
-    return Beside(shown, continued, share * unseen, share * would_be, open_share, seen.cosine)
+    seen_rad, continued_rad, unseen_rad, guessed_rad = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
+    return LagParts(seen_rad, continued_rad, share * unseen_rad, share * guessed_rad, open_share, seen.cosine)
 
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
@@ -247,35 +259,37 @@ def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
 
-def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> tuple[TailModel, TailModel | None]:
+def _tail_models(
+    seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame
+) -> tuple[TailModel, TailModel | None]:
     """Return the model of patches with these surfaces, and the model at the multiples that other terms see; None for a sine."""
-    asked = frame.settings
-    multiples = tuple(h for h, _ in asked.terms or ())
-    harmonics = tuple(sorted({*asked.harmonics, *multiples}))
+    settings = frame.settings
+    multiples = tuple(h for h, _ in settings.terms or ())
+    harmonics = tuple(sorted({*settings.harmonics, *multiples}))
     light = interreflections(
-        seen, beyond, amplitude, harmonics=harmonics, rad_per_m=asked.rad_per_m, kernel=frame.kernel
+        seen, beyond, amplitude, harmonics=harmonics, rad_per_m=settings.rad_per_m, kernel=frame.kernel
     )
 
-    def model(some: tuple[int, ...]) -> TailModel:
-        return TailModel(light.at([harmonics.index(h) for h in some]), some, asked.rad_per_ns, frame.kernel)
+    def model(chosen: tuple[int, ...]) -> TailModel:
+        return TailModel(light.at([harmonics.index(h) for h in chosen]), chosen, settings.rad_per_ns, frame.kernel)
 
-    return model(asked.harmonics), None if asked.terms is None else model(multiples)
+    return model(settings.harmonics), None if settings.terms is None else model(multiples)
 
 
 def _term_tails(
     tail: TailModel, fit: PatchFit, coarse: CoarsePlanes, planes: PatchPlanes, valid: Bool, frame: _Frame
 ) -> TermTails:
     """Return the tail that other terms of a response see, at the fitted state; invalid patches get the mean."""
-    held = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
-    held[:2] = coarse.planes[coarse.data : coarse.data + 2]
+    values = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
+    values[:2] = coarse.planes[coarse.data : coarse.data + 2]
     if tail.harmonics:
-        light = tail.light_at(fit.state).reshape(len(held) - 2, -1)
-        held[2:] = light.mean(axis=1)[:, None, None]
-        held[2:, valid] = light
-    return TermTails(tail.harmonics, held, upsampler(held, planes.surfaces.range_m, valid, frame.grid))
+        light = tail.light_at(fit.state).reshape(len(values) - 2, -1)
+        values[2:] = light.mean(axis=1)[:, None, None]
+        values[2:, valid] = light
+    return TermTails(tail.harmonics, values, upsampler(values, planes.surfaces.range_m, valid, frame.grid))
 
 
-def _mistaken(tails: TermTails, settings: DiffuseSettings) -> Float32:
+def _term_variance(tails: TermTails, settings: DiffuseSettings) -> Float32:
     """Return the variance of the direct phase, rad², (rows, columns), by errors of the tail that other terms see."""
     count, variance = len(tails.harmonics), np.zeros(tails.planes.shape[1:], np.float32)
     parts = zip(tails.planes[2 : 2 + count], tails.planes[2 + count :], strict=True)
@@ -297,11 +311,11 @@ def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> F
     return covariance
 
 
-def _unheard(error: Float) -> Float:
+def _covered_error(error: Float) -> Float:
     """Return the errors (data + 2, data + 2, n) of patches whose data must say nothing."""
-    silent = np.zeros_like(error)
-    silent[:-2, :-2], silent[-2:, -2:] = UNHEARD * error[:-2, :-2], error[-2:, -2:]
-    return silent
+    covered = np.zeros_like(error)
+    covered[:-2, :-2], covered[-2:, -2:] = COVERED_ERROR * error[:-2, :-2], error[-2:, -2:]
+    return covered
 
 
 def _room_numbers(fit: PatchFit) -> RoomNumbers:
