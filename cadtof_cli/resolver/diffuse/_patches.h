@@ -56,8 +56,8 @@ INLINE void slopes_of_group(const Slopes *restrict all, int64_t start, int m) {
             const double s = all->natural[at], b = all->natural[n + at], u = all->natural[2 * n + at];
             const double v = all->natural[3 * n + at], decay = all->natural[4 * n + at];
             const double turns = rad_per_ns * decay, own = 1.0 / (1.0 + turns * turns), height = onset * (v * decay);
-            const Number held = {own, turns * own};
-            const Number unseen = times((Number){height * all->cos[place], height * all->sin[place]}, held);
+            const Number decayed = {own, turns * own};
+            const Number unseen = times((Number){height * all->cos[place], height * all->sin[place]}, decayed);
             const Number seen = scaled(s, all->seen + 2 * place), beyond = scaled(s * b, all->beyond + 2 * place);
             const Number later = scaled(s * s * u, all->later + 2 * place);
             const Number total = {seen.re + beyond.re + later.re + unseen.re + 1.0, seen.im + beyond.im + later.im + unseen.im};
@@ -65,7 +65,7 @@ INLINE void slopes_of_group(const Slopes *restrict all, int64_t start, int m) {
             const Number inverse = {total.re / power, -total.im / power};
             const Number around = {seen.re + beyond.re + 2.0 * later.re, seen.im + beyond.im + 2.0 * later.im};
             const Number start_ns = {rad_per_ns * -unseen.im, rad_per_ns * unseen.re};
-            const Number slope[STATES] = {around, beyond, later, unseen, times(unseen, held), start_ns};
+            const Number slope[STATES] = {around, beyond, later, unseen, times(unseen, decayed), start_ns};
             for (int j = 0; j < STATES; j++) {
                 const Number of_logarithm = times(slope[j], inverse);
                 re[j][i] = of_logarithm.re;
@@ -101,13 +101,13 @@ INLINE void slopes_of_patches(const Slopes *restrict all) {
 
 /* --- patch_steps.py ------------------------------------------------------------------------------------------------------- */
 
-enum step { SAID, MOVED, POSTERIOR };
+enum step { EVIDENCE, MOVED, POSTERIOR };
 
 /* The arrays of a step for n patches. Arrays that the step does not need are NULL. */
 typedef struct {
     enum step step;
     const double *data, *error, *within, *pattern, *values, *jacobian, *state, *linear, *room, *spread;
-    double *answer, *second, *third;  /* SAID: white, linear. MOVED: state. POSTERIOR: values before and after, covariance. */
+    double *answer, *second, *third;  /* EVIDENCE: white, linear. MOVED: state. POSTERIOR: values before and after, covariance. */
     int64_t harmonics, patches;
 } Steps;
 
@@ -168,7 +168,7 @@ INLINE void add_error(PatchGroup *restrict g, const Steps *restrict all, int64_t
         }
 }
 
-INLINE void said(PatchGroup *restrict g, const Steps *restrict all, int64_t start, int m, int data) {
+INLINE void evidence(PatchGroup *restrict g, const Steps *restrict all, int64_t start, int m, int data) {
     const int64_t n = all->patches;
     take(g->missed, all->values + start, data, n, m);
     differ(g->missed, all->data + start, n, data, m);
@@ -250,7 +250,7 @@ INLINE void step_with(const Steps *restrict all, int data) {
         take(g->pattern, all->pattern + start, STATES, all->patches, m);
         for (int j = 0; j < STATES; j++)
             take(g->jacobian[j], all->jacobian + j * (data + 2) * all->patches + start, data + 2, all->patches, m);
-        if (all->step == SAID) said(g, all, start, m, data);
+        if (all->step == EVIDENCE) evidence(g, all, start, m, data);
         else if (all->step == MOVED) moved(g, all, start, m, data);
         else posterior(g, all, start, m, data);
     }

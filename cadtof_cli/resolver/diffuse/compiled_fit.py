@@ -34,7 +34,7 @@ def compiled_slopes(
     """
     harmonics, patches = given[1].shape
     total, jacobian = np.empty((3, harmonics, patches)), np.empty((6, 2 * harmonics, patches))
-    extension().tail_slopes(kernel, *_neighbours(*constants, *given), total, jacobian)
+    extension().tail_slopes(kernel, *_contiguous(*constants, *given), total, jacobian)
     return total, jacobian
 
 
@@ -48,8 +48,8 @@ class CompiledSteps:
     pattern: Float
     kernel: str
 
-    def said(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
-        """Return the same as `PatchSteps.said`."""
+    def evidence(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
+        """Return the same as `PatchSteps.evidence`."""
         white, linear = np.empty((len(self.data), 7, self.data.shape[1])), np.empty(self.data.shape)
         self._step(0, (values, jacobian, state, None, None, None), (white, linear, None))
         return white, linear
@@ -71,8 +71,8 @@ class CompiledSteps:
     def _step(self, step: int, given: tuple[Float | None, ...], answers: tuple[Float | None, ...]) -> None:
         """Take one of the steps in `_patches.h`; None stands for an array that the step does not need."""
         fixed = (self.data, self.error, self.within, self.pattern)
-        extension().step_patches(self.kernel, step, *_neighbours(*fixed, *given), *answers)
+        extension().step_patches(self.kernel, step, *_contiguous(*fixed, *given), *answers)
 
 
-def _neighbours(*arrays: NDArray[Any] | None) -> list[NDArray[Any] | None]:
+def _contiguous(*arrays: NDArray[Any] | None) -> list[NDArray[Any] | None]:
     return [None if array is None else np.ascontiguousarray(array) for array in arrays]

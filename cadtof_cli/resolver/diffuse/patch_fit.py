@@ -65,11 +65,11 @@ def fitted_patches(
     state = MEAN[:, None] + pattern
     for _ in range(STEPS):
         values, jacobian = model.values(state)
-        said, linear = steps.said(values, jacobian, state)
-        room, spread = prior.given(said)
+        evidence, linear = steps.evidence(values, jacobian, state)
+        room, spread = prior.given(evidence)
         state = steps.moved(state, linear, jacobian, room, spread)
     values, jacobian = model.values(state)
-    room, spread = prior.given(steps.said(values, jacobian, state)[0])
+    room, spread = prior.given(steps.evidence(values, jacobian, state)[0])
     expected, posterior, covariance = steps.posterior(values, jacobian, state, room, spread)
     return PatchFit(room, state, expected, posterior, covariance, jacobian)
 
@@ -86,13 +86,13 @@ class _RoomPrior:
     precision: Float
     farthest: Float
 
-    def given(self, said: Float) -> tuple[Float, Float]:
+    def given(self, evidence: Float) -> tuple[Float, Float]:
         """Return the state of the room, (6,), and the covariance of a patch's state before its own data are seen, (6, 6).
 
-        Both are given what all patches say of the room, whitened, (data, 7, n): their Jacobians, then their data.
+        Both are given the evidence of all patches, whitened, (data, 7, n): their Jacobians, then their data.
         """
-        normal = np.matmul(said[:, :-1], said.swapaxes(1, 2)).sum(0)
-        normal *= min(1.0, INDEPENDENT_PATCHES / said.shape[2])
+        normal = np.matmul(evidence[:, :-1], evidence.swapaxes(1, 2)).sum(0)
+        normal *= min(1.0, INDEPENDENT_PATCHES / evidence.shape[2])
         covariance = np.linalg.inv(self.precision + normal[:, :-1])
         room = covariance @ (self.precision @ MEAN + normal[:, -1])
         room = np.minimum(np.maximum(room, MEAN - self.farthest), MEAN + self.farthest)

@@ -30,8 +30,8 @@ class PatchSteps:
     within: Float
     pattern: Float
 
-    def said(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
-        """Return what the patches say of the room's state: whitened, (data, 7, n), and their linearised data, (data, n).
+    def evidence(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
+        """Return what the patches tell of the room's state, whitened, (data, 7, n), and their linearised data, (data, n).
 
         The whitened part holds the Jacobians of the patches, then their data.
 
@@ -50,7 +50,7 @@ class PatchSteps:
 
         Args:
             state: before the step, (6, n).
-            linear: linearised data, from `said`.
+            linear: linearised data, from `evidence`.
             jacobian: of the model's values, (6, data + 2, n).
             room: the room's state, (6,).
             spread: covariance of a patch's state before its own data are seen, (6, 6).

@@ -104,12 +104,12 @@ class TailModel:
         s, b, u, v, decay = natural
         # 1/(1 − ihωτ)
         turns = self._rad_per_ns * decay
-        held = np.empty((2, *cos.shape))
-        np.divide(1.0, 1.0 + turns * turns, out=held[0])
-        np.multiply(turns, held[0], out=held[1])
-        start = np.empty_like(held)
+        decayed = np.empty((2, *cos.shape))
+        np.divide(1.0, 1.0 + turns * turns, out=decayed[0])
+        np.multiply(turns, decayed[0], out=decayed[1])
+        start = np.empty_like(decayed)
         start[0], start[1] = cos, sin
-        unseen = _product(self._onset * (v * decay) * start, held)
+        unseen = _product(self._onset * (v * decay) * start, decayed)
         seen, beyond, later = self._light
         seen, beyond, later = s * seen, (s * b) * beyond, (s * s * u) * later
         answer = np.empty((3, *cos.shape))
@@ -119,7 +119,7 @@ class TailModel:
         np.add(total[0] * total[0], total[1] * total[1], out=power)
         terms = np.empty((2, len(STATE), *cos.shape))
         terms[:, 0] = seen + beyond + 2.0 * later
-        terms[:, 1], terms[:, 2], terms[:, 3], terms[:, 4] = beyond, later, unseen, _product(unseen, held)
+        terms[:, 1], terms[:, 2], terms[:, 3], terms[:, 4] = beyond, later, unseen, _product(unseen, decayed)
         terms[0, 5], terms[1, 5] = self._rad_per_ns * -unseen[1], self._rad_per_ns * unseen[0]
         inverse = total / power
         np.negative(inverse[1], out=inverse[1])
