@@ -90,12 +90,12 @@ def diffuse_pixels(
     for entry, value in noise_covariance(seen.relative_noise, harmonics=model.settings.harmonics).items():
         if entry in entries:
             entries[entry] = entries[entry] + value
-    left = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
-    shrink, lag = exponential(-(means[count] + left.shifts[0])), means[count + 1] + left.shifts[1]
+    posterior = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
+    shrink, lag = exponential(-(means[count] + posterior.shifts[0])), means[count + 1] + posterior.shifts[1]
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
-    direct = _direct(seen, shrink, lag, np.maximum(left.covariance[1, 1], floor) + planes[-2])
+    direct = _direct(seen, shrink, lag, np.maximum(posterior.covariance[1, 1], floor) + planes[-2])
     mpi = _mpi(seen, direct[1], shrink, lag, planes[-1])
-    answer = DiffusePixels(model.separate_variance, answered, *direct, *mpi, left.chi_squared)
+    answer = DiffusePixels(model.separate_variance, answered, *direct, *mpi, posterior.chi_squared)
     if not every:
         answer.clear(~answered)
     return answer

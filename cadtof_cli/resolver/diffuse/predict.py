@@ -26,12 +26,7 @@ from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import (
-    DiffuseModel,
-    SeenThrough,
-    Tails,
-    TermTails,
-)
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, SeenThrough, Tails, TermTails
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, further_chi_squared, two_path_lag
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import TailModel

@@ -55,9 +55,9 @@ def freed_pixels(
         seen, net_m = phasors[:, there], net_m[there]
         paths = freed_paths(seen, through.tails, kernel=kernel)
         near_m = range_from_phase(paths.near_rad, model.settings)
-        two = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
-        two &= np.abs(near_m - net_m) < OF_NET * net_m
-        where[there] = two
-        free[:, there] = np.where(two, paths.phasors, seen)
+        two_paths = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
+        two_paths &= np.abs(near_m - net_m) < OF_NET * net_m
+        where[there] = two_paths
+        free[:, there] = np.where(two_paths, paths.phasors, seen)
         size[there] = np.abs(seen[0]) / np.abs(free[0, there])
     return free, ThroughPixels(where, size, through.variance)
