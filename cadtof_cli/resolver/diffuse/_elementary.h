@@ -21,7 +21,7 @@ INLINE float within_f(float value, float most) {
     return value < most ? value : most;
 }
 
-/* elementary.py: _odd, of an x with the square z and the series in it. */
+/* elementary.py: _odd; z is the square of x, and `series` the value of the series at z. */
 INLINE float odd(float series, float z, float x) { return series * z * x + x; }
 
 INLINE float negated(float x, uint32_t sign) { return float_of((int32_t)((uint32_t)bits_of(x) ^ sign)); }

@@ -1,4 +1,4 @@
-/* What the fit of a frame's patches works out patch by patch: the operations of tail.py and patch_steps.py, in their order. */
+/* What the fit of a frame's patches computes patch by patch: the operations of tail.py and patch_steps.py, in their order. */
 #define STATES 6
 #define MOST_VALUES (MOST_DATA + 2)
 #define LARGEST_STEP 0.8
@@ -11,7 +11,7 @@ typedef struct {
     Row left[MOST_DATA][MOST_DATA], white[MOST_DATA][MOST_VALUES + 1], missed[MOST_DATA], scale;
 } PatchGroup;
 
-/* Rows of n patches, one after the other, and the part of them from `start` on that a group of m holds. */
+/* Copy m patches of consecutive rows of n patches into a group. Unused columns of the group repeat the first patch. */
 INLINE void take(Row *restrict row, const double *restrict from, int rows, int64_t n, int m) {
     for (int r = 0; r < rows; r++) {
         for (int i = 0; i < m; i++) row[r][i] = from[r * n + i];
@@ -30,11 +30,11 @@ INLINE double wrapped_d(double phase) { return phase - FULL_TURN * rint(phase / 
 /* --- tail.py: TailModel._slopes ------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    const double *number, *rad_per_ns, *onset;      /* of each harmonic */
+    const double *number, *rad_per_ns, *onset;      /* one per harmonic */
     const double *natural;                          /* s, b, u, v, decay: planes of n patches */
-    const double *cos, *sin;                        /* a plane per harmonic */
-    const double *seen, *beyond, *later;            /* the same, re and im */
-    double *total;                                  /* re, im, square: planes of harmonics */
+    const double *cos, *sin;                        /* one plane per harmonic */
+    const double *seen, *beyond, *later;            /* one plane per harmonic, re and im */
+    double *total;                                  /* re, im, squared magnitude: one plane per harmonic each */
     double *jacobian;                               /* states x values */
     int64_t harmonics, patches;
 } Slopes;
@@ -56,8 +56,8 @@ INLINE void slopes_of_group(const Slopes *restrict all, int64_t start, int m) {
             const double s = all->natural[at], b = all->natural[n + at], u = all->natural[2 * n + at];
             const double v = all->natural[3 * n + at], decay = all->natural[4 * n + at];
             const double turns = rad_per_ns * decay, own = 1.0 / (1.0 + turns * turns), height = onset * (v * decay);
-            const Number held = {own, turns * own};
-            const Number unseen = times((Number){height * all->cos[place], height * all->sin[place]}, held);
+            const Number decayed = {own, turns * own};
+            const Number unseen = times((Number){height * all->cos[place], height * all->sin[place]}, decayed);
             const Number seen = scaled(s, all->seen + 2 * place), beyond = scaled(s * b, all->beyond + 2 * place);
             const Number later = scaled(s * s * u, all->later + 2 * place);
             const Number total = {seen.re + beyond.re + later.re + unseen.re + 1.0, seen.im + beyond.im + later.im + unseen.im};
@@ -65,7 +65,7 @@ INLINE void slopes_of_group(const Slopes *restrict all, int64_t start, int m) {
             const Number inverse = {total.re / power, -total.im / power};
             const Number around = {seen.re + beyond.re + 2.0 * later.re, seen.im + beyond.im + 2.0 * later.im};
             const Number start_ns = {rad_per_ns * -unseen.im, rad_per_ns * unseen.re};
-            const Number slope[STATES] = {around, beyond, later, unseen, times(unseen, held), start_ns};
+            const Number slope[STATES] = {around, beyond, later, unseen, times(unseen, decayed), start_ns};
             for (int j = 0; j < STATES; j++) {
                 const Number of_logarithm = times(slope[j], inverse);
                 re[j][i] = of_logarithm.re;
@@ -101,13 +101,13 @@ INLINE void slopes_of_patches(const Slopes *restrict all) {
 
 /* --- patch_steps.py ------------------------------------------------------------------------------------------------------- */
 
-enum step { SAID, MOVED, POSTERIOR };
+enum step { EVIDENCE, MOVED, POSTERIOR };
 
-/* n patches; what a step does not need is NULL. */
+/* The arrays of a step for n patches. Arrays that the step does not need are NULL. */
 typedef struct {
     enum step step;
     const double *data, *error, *within, *pattern, *values, *jacobian, *state, *linear, *room, *spread;
-    double *answer, *second, *third;  /* SAID: white, linear. MOVED: state. POSTERIOR: values before and after, covariance. */
+    double *answer, *second, *third;  /* EVIDENCE: white, linear. MOVED: state. POSTERIOR: values before and after, covariance. */
     int64_t harmonics, patches;
 } Steps;
 
@@ -121,7 +121,7 @@ INLINE void add_share(double *restrict to, double a, const double *restrict b, i
     else EACH_PIXEL to[i] += a * b[i];
 }
 
-/* patch_steps.py: whitened; right sides of k numbers in `white`, covariances in `left`. */
+/* patch_steps.py: whitened. The covariances are in `left`, the right sides of k numbers in `white`. */
 INLINE void whiten(PatchGroup *restrict g, int data, int k) {
     for (int from = 0; from < data; from++) {
         EACH_PIXEL g->scale[i] = 1.0 / sqrt(g->left[from][from][i]);
@@ -135,7 +135,7 @@ INLINE void whiten(PatchGroup *restrict g, int data, int k) {
     }
 }
 
-/* Differences of data: phases by the short way round. */
+/* Replace predicted data by observed minus predicted data; differences of phases are wrapped. */
 INLINE void differ(Row *restrict to, const double *restrict observed, int64_t n, int data, int m) {
     Row seen;
     for (int a = 0; a < data; a++) {
@@ -145,7 +145,7 @@ INLINE void differ(Row *restrict to, const double *restrict observed, int64_t n,
     }
 }
 
-/* Covariances of values with those Jacobians, of states that scatter by `spread`, of which `rows` are wanted. */
+/* The first rows and columns of the covariance of values, from the Jacobian and the covariance `spread` of the states. */
 INLINE void scatter(PatchGroup *restrict g, const double *restrict spread, int rows, int columns) {
     for (int k = 0; k < STATES; k++)
         for (int a = 0; a < rows; a++)
@@ -155,7 +155,7 @@ INLINE void scatter(PatchGroup *restrict g, const double *restrict spread, int r
             for (int j = 0; j < STATES; j++) add_product(g->covariance[a][b], g->pushed[j][a], g->jacobian[j][b], j == 0);
 }
 
-/* Covariances with the errors on top, whose data are whitened. */
+/* Add the errors to the covariances: those of the data with the data into `left`, right sides into `white`. */
 INLINE void add_error(PatchGroup *restrict g, const Steps *restrict all, int64_t start, int m, int data, int columns) {
     const int64_t n = all->patches;
     Row error;
@@ -168,7 +168,7 @@ INLINE void add_error(PatchGroup *restrict g, const Steps *restrict all, int64_t
         }
 }
 
-INLINE void said(PatchGroup *restrict g, const Steps *restrict all, int64_t start, int m, int data) {
+INLINE void evidence(PatchGroup *restrict g, const Steps *restrict all, int64_t start, int m, int data) {
     const int64_t n = all->patches;
     take(g->missed, all->values + start, data, n, m);
     differ(g->missed, all->data + start, n, data, m);
@@ -250,14 +250,14 @@ INLINE void step_with(const Steps *restrict all, int data) {
         take(g->pattern, all->pattern + start, STATES, all->patches, m);
         for (int j = 0; j < STATES; j++)
             take(g->jacobian[j], all->jacobian + j * (data + 2) * all->patches + start, data + 2, all->patches, m);
-        if (all->step == SAID) said(g, all, start, m, data);
+        if (all->step == EVIDENCE) evidence(g, all, start, m, data);
         else if (all->step == MOVED) moved(g, all, start, m, data);
         else posterior(g, all, start, m, data);
     }
 }
 
 INLINE void step_of_patches(const Steps *restrict all) {
-    /* the same twice: where the number of harmonics is known, compilers unroll */
+    /* the same call twice: if the number of harmonics is a constant, compilers unroll the loops */
     if (all->harmonics == 2) step_with(all, 2);
     else step_with(all, data_of((int)all->harmonics));
 }

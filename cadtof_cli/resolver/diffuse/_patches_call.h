@@ -57,15 +57,15 @@ static const Wanted STEP_BUFFER[STEP_BUFFERS] = {
     {"third answer", "d ", 0, 1, 1},
 };
 
-/* What a step needs besides what all need, and how many values its answers have, by data and values. */
+/* Check that a step has the arrays that it alone needs, and that every array has the right number of values. */
 static int step_fits(enum step step, const Py_buffer *view, int64_t data, int64_t patches) {
     const int64_t values = data + 2, square = values * values * patches;
     const int64_t answer[][3] = {
-        [SAID] = {data * (STATES + 1) * patches, data * patches, 0},
+        [EVIDENCE] = {data * (STATES + 1) * patches, data * patches, 0},
         [MOVED] = {STATES * patches, 0, 0},
         [POSTERIOR] = {values * patches, values * patches, square},
     };
-    const int needed[][4] = {[SAID] = {PATCH_VALUES, SECOND_OUT, STEP_OUT, STEP_OUT}, [MOVED] = {LINEAR, ROOM, SPREAD, STEP_OUT},
+    const int needed[][4] = {[EVIDENCE] = {PATCH_VALUES, SECOND_OUT, STEP_OUT, STEP_OUT}, [MOVED] = {LINEAR, ROOM, SPREAD, STEP_OUT},
                              [POSTERIOR] = {PATCH_VALUES, ROOM, SPREAD, SECOND_OUT}};
     for (int which = 0; which < 4; which++)
         if (!view[needed[step][which]].obj || (step == POSTERIOR && !view[LAST_OUT].obj)) {
@@ -80,7 +80,7 @@ static int step_fits(enum step step, const Py_buffer *view, int64_t data, int64_
 
 static PyObject *step_checked(const Level *level, const void *options, const Py_buffer *view) {
     const int asked = *(const int *)options;
-    if (asked < SAID || asked > POSTERIOR) return PyErr_Format(PyExc_ValueError, "found step %d, expected 0, 1 or 2", asked);
+    if (asked < EVIDENCE || asked > POSTERIOR) return PyErr_Format(PyExc_ValueError, "found step %d, expected 0, 1 or 2", asked);
     const enum step step = (enum step)asked;
     const int64_t patches = values_in(&view[PATTERN]) / STATES, data = patches ? values_in(&view[PATCH_DATA]) / patches : 2;
     if (!is_of_patches(patches, data / 2 + 1) || !step_fits(step, view, data / 2 * 2, patches)) return NULL;

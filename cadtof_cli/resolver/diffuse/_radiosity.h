@@ -1,15 +1,15 @@
 #define NEAREST_M2 1e-6f /* radiosity.py */
 
-/* What radiosity.py works out for every pair of surfaces: the operations of _light_matrix, in their order. */
+/* What radiosity.py computes for every pair of surfaces: the operations of _light_matrix, in their order. */
 typedef struct {
-    const float *facing, *square, *area, *albedo; /* onto x sources, but areas and albedos: of the sources */
-    float *over;                                  /* onto x sources: become form factors */
-    float *matrix, *turn;                         /* the same, re and im */
+    const float *facing, *square, *area, *albedo; /* onto x sources; areas and albedos: one per source */
+    float *over;                                  /* onto x sources: heights over planes, then form factors */
+    float *matrix, *turn;                         /* onto x sources, re and im */
     float rad_per_m;
     int64_t onto, sources;
 } Pairs;
 
-/* Pairs from `start` on, m of them, of one row. */
+/* m pairs of one row, from `start` on; `source` is the source of the first. */
 INLINE void matrix_of_group(const Pairs *restrict all, int64_t start, int64_t source, int m) {
     FloatRow over, facing, area, r2, albedo, cos, sin;
     FROM(over, all->over + start);

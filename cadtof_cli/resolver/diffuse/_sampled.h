@@ -1,22 +1,22 @@
-/* The first look at a frame, sample by sample of its patches: stored values -> their light. The operations of phasors/voltages.py,
- * resolver/resolve.py: screened and diffuse/light.py, in their order.
+/* The first look at a frame, sample by sample of its patches: from stored values to light. The operations are those of
+ * phasors/voltages.py, of `screened` in resolver/resolve.py and of diffuse/light.py, in their order.
  */
 typedef struct {
     const void *stored;              /* two planes per harmonic, of `type` */
-    const double *own, *other, *constant; /* phasors from them; a plane each or one number, as `own_pixels` says; NULL: zeros */
-    const uint8_t *hot;              /* NULL: none is */
-    const double *samples;           /* recorded pixels that each is a mean of; NULL: 1 */
-    const int64_t *place, *number;   /* of each sample in the frame, -1 for outside; of each harmonic */
+    const double *own, *other, *constant; /* map to phasors: planes, or one number each, see `own_pixels`; NULL: zeros */
+    const uint8_t *hot;              /* NULL: no pixel is hot */
+    const double *samples;           /* number of recorded pixels that each pixel is a mean of; NULL: 1 */
+    const int64_t *place, *number;   /* index of each sample in the frame, -1 outside; number of each harmonic */
     const double *per_variance;      /* 1 / dark variance of each harmonic */
     double saturated_low, saturated_high, least_power, least_modulus;
-    float *weighted, *phase_rad;     /* 1 + 2 x harmonics planes of samples; one */
+    float *weighted, *phase_rad;     /* 1 + 2 x harmonics planes of samples; one plane */
     uint8_t *seen;
     int64_t harmonics, pixels, count;
     enum type type;
-    int own_pixels;
+    int own_pixels;                  /* 1: the map has planes of pixels */
 } Sampled;
 
-/* A plane of a map at samples that stand at `at`; NULL: it is the same for all. */
+/* A plane of the map at the samples whose indices are `at`. If `at` is NULL, the map is the same for all pixels. */
 INLINE void map_at(double *restrict row, const double *restrict plane, const int64_t *restrict at) {
     if (at) EACH_PIXEL row[i] = plane[at[i]];
     else EACH_PIXEL row[i] = plane[0];
@@ -120,13 +120,13 @@ INLINE void look_at_group(const Sampled *restrict all, int64_t start, int m, int
 INLINE void look_at_samples(const Sampled *restrict all) {
     for (int64_t start = 0; start < all->count; start += GROUP) {
         const int m = all->count - start < GROUP ? (int)(all->count - start) : GROUP;
-        /* the same twice: where the number of harmonics is known, compilers unroll */
+        /* the same call twice: if the number of harmonics is a constant, compilers unroll the loops */
         if (all->harmonics == 2) look_at_group(all, start, m, 2);
         else look_at_group(all, start, m, (int)all->harmonics);
     }
 }
 
-/* light.py: patch_means. Sums over those samples of every patch that count, and how many do: the last plane. */
+/* light.py: patch_means. Sums over the samples of every patch that count; the last plane is the number of these samples. */
 typedef struct {
     const float *weighted;   /* planes x samples x patches */
     const uint8_t *counted;  /* samples x patches */
@@ -157,7 +157,7 @@ INLINE void sum_group(const Sums *restrict all, int64_t start, int m, int planes
 INLINE void sum_patches(const Sums *restrict all) {
     for (int64_t start = 0; start < all->patches; start += GROUP) {
         const int m = all->patches - start < GROUP ? (int)(all->patches - start) : GROUP;
-        /* the same twice: where the number of planes is known, compilers unroll */
+        /* the same call twice: if the number of planes is a constant, compilers unroll the loops */
         if (all->planes == 5) sum_group(all, start, m, 5);
         else sum_group(all, start, m, (int)all->planes);
     }

@@ -10,7 +10,7 @@ static const Wanted LOOK_BUFFER[LOOK_BUFFERS] = {
     {"seen", "? ", 1, 0, 1},
 };
 
-/* Whether every sample lies in the frame or nowhere, and numbers of harmonics go up from 1; or set an error. */
+/* Return 1 if every sample is a pixel of the frame or -1, and the numbers of the harmonics ascend from 1; else set an error. */
 static int look_is_sound(const int64_t *number, int64_t harmonics, const int64_t *place, int64_t count, int64_t pixels) {
     int64_t last = 0, sound = 1;
     for (int64_t h = 0; h < harmonics; last = number[h++]) sound &= number[h] > last && number[h] <= LARGEST_NUMBER;

@@ -1,9 +1,9 @@
-/* A pixel's answer through its patches' model of the tail: the operations of the modules named below, in their order.
+/* The answer of a pixel through the model of the tail that its patches give: the operations of these modules, in their order.
  *
  *   pixels.py   data of a pixel, its answer        upsampling.py  from patches to pixels
  *   noise.py    noise of the data                  condition.py   Gaussian conditioning
  *
- * All pixels of a group stand in one row of the frame, so that the patches above and below are the same for all of them.
+ * All pixels of a group stand in one row of the frame. So all of them have the same row of patches above and below.
  */
 #include "_elementary.h"
 
@@ -11,19 +11,19 @@
 #define MOST_DATA (2 * (MOST_HARMONICS - 1))
 #define MOST_PLANES (MOST_DATA + 2 + MOST_DATA * (MOST_DATA + 1) / 2 + 2 * MOST_DATA + 1 + 2)
 
-/* The constants of the modules named beside them, which say what each is for. */
+/* Constants of the modules named beside them, where their docstrings are. */
 #define LARGEST_AMPLITUDE 1e3f              /* light.py */
 #define LEAST_AMPLITUDE_SQUARE 0.01f        /* pixels.py: LEAST_AMPLITUDE; LEAST_HARMONIC is 1 */
 #define LEAST_SHARE 0.05f
 #define UNKNOWN_PHASE_RAD 1.8137993642342178f
-#define NEAREST_M 0.05f                     /* records.py */
+#define NEAREST_M 0.05f                     /* settings.py */
 #define SAME_SURFACE 0.1f                   /* planes.py */
 #define EVEN_WEIGHT 1e-3f                   /* upsampling.py */
 
-/* How the planes over the patches lie in memory, and the frame over them. `first` is the place of the first pixel in the frame. */
+/* Sizes of the frame and of the planes over its patches. `first` is the flat index of the first pixel in the frame. */
 #define TAIL_SIZES(X) X(first) X(height) X(width) X(side) X(left) X(rows) X(columns) X(harmonics)
-/* What all pixels share: variance that the tail adds where paths are separate, metres of a radian, the nearest range and its phase. */
-#define TAIL_CONSTANTS(X) X(separate_variance) X(metres) X(nearest_m) X(nearest_rad)
+/* For all pixels: the variance that the tail adds to separate paths, and metres per radian. */
+#define TAIL_CONSTANTS(X) X(separate_variance) X(metres)
 
 #define SIZE_MEMBER(name) int64_t name;
 #define CONSTANT_MEMBER(name) double name;
@@ -37,21 +37,21 @@ typedef struct {
 typedef struct {
     const TailSizes *sizes;
     const TailConstants *constants;
-    const int64_t *number;      /* of each harmonic */
-    const double *variance;     /* noise of a channel of each harmonic */
+    const int64_t *number;      /* number of each harmonic */
+    const double *variance;     /* noise variance of a channel, for each harmonic */
     const float *planes;        /* planes x rows x columns, see upsampling.py */
     const float *range_m;       /* rows x columns */
-    const float *down, *right;  /* of each row and column of pixels: how far from the patch before to that after */
-    const int64_t *above;       /* of each row of pixels: the row of patches above it */
+    const float *down, *right;  /* for each row and column of pixels: how far it lies from the patch before to the patch after */
+    const int64_t *above;       /* for each row of pixels: the row of patches above it */
     const uint8_t *separate;    /* patches with separate paths; NULL: there are none */
-    const double *offset_m;     /* what is added to every pixel's range; NULL: nothing */
+    const double *offset_m;     /* added to the range of each pixel; NULL: nothing is added */
 } Tail;
 
 /* One pixel per column. re, im, answered and samples come in. */
 typedef struct {
     Row re[MOST_HARMONICS], im[MOST_HARMONICS], answered, samples;
     FloatRow part[MOST_HARMONICS][2], square[MOST_HARMONICS];  /* re and im of pixels with an answer, and the sum of their squares */
-    FloatRow plane[MOST_PLANES];                 /* of the pixel; then what the data leave of them */
+    FloatRow plane[MOST_PLANES];                 /* at the pixel; later what the data leave of them */
     FloatRow data[MOST_DATA], relative[MOST_HARMONICS], moved[MOST_DATA + 2];
     FloatRow weight[4], right, range_m;
     FloatRow cos, sin, shrink, lag;
@@ -61,7 +61,7 @@ typedef struct {
 
 INLINE int data_of(int harmonics) { return 2 * (harmonics - 1); }
 
-/* coarse.py: needed_entries, in their order after the means. Row j, column k. */
+/* The plane of the covariance in row j and column k: coarse.py: needed_entries, in their order after the means. */
 INLINE int entry(int data, int j, int k) {
     const int among = data * (data + 1) / 2, means = data + 2;
     if (j < data) return means + j * (j + 1) / 2 + k;
@@ -98,7 +98,7 @@ INLINE void choose(TailGroup *restrict g, const Tail *restrict tail, int64_t pix
     }
 }
 
-/* The noise of a pixel's phasors of a harmonic: of one recorded pixel, or of the mean of some. */
+/* Noise variance of the phasors of a harmonic: of one recorded pixel, or of a mean over `samples` pixels if pooled. */
 INLINE void noise_of(float *restrict variance, const TailGroup *restrict g, double of_one, int pooled) {
     if (pooled) EACH_PIXEL variance[i] = (float)(of_one / g->samples[i]);
     else EACH_PIXEL variance[i] = (float)of_one;
@@ -133,8 +133,7 @@ INLINE void look(TailGroup *restrict g, const Tail *restrict tail, int pooled, i
 INLINE void first_range(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, const float *upper_left) {
     const TailSizes *sizes = tail->sizes;
     const float *lower_left = upper_left + sizes->columns, down = tail->down[pixel / sizes->width];
-    const float metres = (float)tail->constants->metres, nearest_m = (float)tail->constants->nearest_m;
-    const float nearest_rad = (float)tail->constants->nearest_rad;
+    const float metres = (float)tail->constants->metres;
     FloatRow a, b, c, d, offset;
     FROM(g->right, tail->right + pixel % sizes->width);
     FROM(a, upper_left);
@@ -146,8 +145,8 @@ INLINE void first_range(TailGroup *restrict g, const Tail *restrict tail, int64_
     EACH_PIXEL {
         const float right = g->right[i], upper = a[i] + right * (b[i] - a[i]);
         const float lag = upper + down * (c[i] + right * (d[i] - c[i]) - upper);
-        const float turns = (g->phase_rad[i] - lag - nearest_rad) / FULL_TURN_F;
-        const float range_m = nearest_m + (turns - floorf(turns)) * FULL_TURN_F * metres + offset[i];
+        const float turns = (g->phase_rad[i] - lag) / FULL_TURN_F;
+        const float range_m = (turns - floorf(turns)) * FULL_TURN_F * metres + offset[i];
         g->range_m[i] = at_least_f(range_m, NEAREST_M);
     }
 }
@@ -224,7 +223,7 @@ INLINE void add_noise(TailGroup *restrict g, const Tail *restrict tail, int harm
     EACH_PIXEL of_lag[i] = of_lag[i] + first[i];
 }
 
-/* condition.py: conditioned. The shifts, with the other sign, in moved[data] and moved[data + 1]. */
+/* condition.py: conditioned. moved[data] and moved[data + 1] are the negative shifts. */
 INLINE void condition(TailGroup *restrict g, int harmonics) {
     const int data = data_of(harmonics);
     for (int j = 0; j < data; j++) EACH_PIXEL {
@@ -290,14 +289,14 @@ INLINE void answer_with(TailGroup *restrict g, const Tail *restrict tail, int64_
     answer(g, harmonics);
 }
 
-/* Pixels from `pixel` of the frame on, m of them, in one row. */
+/* m pixels in one row, from `pixel` of the frame on. */
 INLINE void answer_group(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, int pooled) {
-    /* the same twice: where the number of harmonics is known, compilers unroll */
+    /* the same call twice: if the number of harmonics is a constant, compilers unroll the loops */
     if (tail->sizes->harmonics == 2) answer_with(g, tail, pixel, m, pooled, 2);
     else answer_with(g, tail, pixel, m, pooled, (int)tail->sizes->harmonics);
 }
 
-/* How many pixels from the p-th of a part on stand in one group. */
+/* How many pixels form a group, from pixel p of the call on: at most GROUP, and all in one row of the frame. */
 INLINE int in_group(const Tail *restrict tail, int64_t p, int64_t stop) {
     const int64_t in_row = tail->sizes->width - (tail->sizes->first + p) % tail->sizes->width;
     const int64_t left = stop - p < in_row ? stop - p : in_row;
@@ -306,7 +305,7 @@ INLINE int in_group(const Tail *restrict tail, int64_t p, int64_t stop) {
 
 #define TAIL_ANSWERS 7
 
-/* Pixels whose phasors are known: `pixels` of them, in planes as of pixels.py's DiffusePixels. */
+/* Phasors of `pixels` pixels, and their answers, in planes like those of DiffusePixels in records.py. */
 typedef struct {
     const Tail *tail;
     const double *phasors;  /* harmonics x pixels, re and im */

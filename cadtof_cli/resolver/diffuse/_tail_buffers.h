@@ -1,4 +1,5 @@
-/* A frame's tail as Python hands it over, buffers in the order of TAIL_WANTED; see pixels.py. After _tail.h and _buffers.h. */
+/* A frame's tail as Python hands it over: buffers in the order of TAIL_WANTED, see tail_buffers in pixels.py. Include this
+ * after _tail.h and _buffers.h. */
 
 #define LARGEST_SIDE ((int64_t)1 << 20)
 #define LARGEST_NUMBER 1000
@@ -6,7 +7,7 @@
 #define COUNT_ONE(name) +1
 enum { TAIL_SIZE_COUNT = 0 TAIL_SIZES(COUNT_ONE), TAIL_CONSTANT_COUNT = 0 TAIL_CONSTANTS(COUNT_ONE) };
 enum { SIZES, SHARED, NUMBERS, VARIANCES, PLANES, RANGES, DOWN, RIGHT, ABOVE, SEPARATE, OFFSET, TAIL_BUFFERS };
-/* `optional`: whether there need be no tail. */
+/* `optional` is 1 if the call may come without a tail. */
 #define TAIL_WANTED(optional) \
     {"tail sizes", "l q ", 8, optional, 0}, {"tail constants", "d ", 0, optional, 0}, {"tail harmonics", "l q ", 8, optional, 0}, \
     {"tail variances", "d ", 0, optional, 0}, {"tail planes", "f ", 0, optional, 0}, {"tail ranges", "f ", 0, optional, 0}, \
@@ -18,7 +19,7 @@ static int fails(const char *what) {
     return 0;
 }
 
-/* Whether a part of `pixels` pixels lies in the frame, and its patches under it. */
+/* Return 1 if the pixels lie in the frame and the planes over the patches cover the frame; else set an error. */
 static int sizes_fit(const TailSizes *sizes, int64_t pixels) {
     const int64_t side[] = {sizes->height, sizes->width, sizes->side, sizes->rows, sizes->columns};
     for (size_t i = 0; i < sizeof side / sizeof *side; i++)
@@ -30,7 +31,7 @@ static int sizes_fit(const TailSizes *sizes, int64_t pixels) {
     return 1;
 }
 
-/* Say how many values the buffers of a tail have, for a part of `pixels` pixels; or set an error and return 0. */
+/* Fill `expected` with the number of values of each buffer of a tail, for `pixels` pixels; or set an error and return 0. */
 static int expect_tail(const Py_buffer *view, int64_t pixels, int64_t *expected) {
     for (int which = SIZES; which < SEPARATE; which++)
         if (!view[which].obj) return fails("some buffers");
@@ -51,7 +52,7 @@ static int expect_tail(const Py_buffer *view, int64_t pixels, int64_t *expected)
     return 1;
 }
 
-/* Fill `tail` from views of buffers that have as many values as they should, or set an error and return 0. */
+/* Fill `tail` from buffers with the expected numbers of values; or set an error and return 0. */
 static int make_tail(Tail *tail, const Py_buffer *view) {
     const TailSizes *sizes = view[SIZES].buf;
     const int64_t *number = view[NUMBERS].buf, *above = view[ABOVE].buf;

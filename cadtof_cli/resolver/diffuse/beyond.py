@@ -1,4 +1,4 @@
-"""Surfaces outside the view: the planes of the patches at its border, continued, and walls that none of them continues."""
+"""Surfaces outside the view: continued planes of the patches at its border, and walls that none of them continues."""
 
 from functools import lru_cache
 
@@ -11,20 +11,20 @@ from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.planes import LEAST_COSINE, Surfaces
 
 RINGS = 2
-"""Rings of pieces around the view: what lies further out is far away, or ends at the next wall."""
+"""Rings of pieces around the view. A surface farther out is far away, or ends at the next wall."""
 
 PIECE_PATCHES = 3
 """Side of a piece in patches."""
 
 NEAREST_M = 0.25
-"""Least range of a piece: nearer than that a continued plane would run into the camera."""
+"""Smallest range of a piece: at a smaller one, a continued plane would run into the camera."""
 
 
 def surfaces_beyond(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /) -> Surfaces:
     """Return pieces of surface around the view, (n,), from the surfaces of the patches, (rows, columns).
 
-    Each piece lies where its ray meets the plane of the nearest patch at the border; those without a valid patch, or whose
-    plane their ray does not meet, are left out.
+    Each piece lies where its ray meets the plane of the nearest patch at the border. A piece is left out if that patch
+    is not valid, or if its ray does not meet the plane.
     """
     pieces = _pieces(grid)
     distance, normal = _continued(pieces, surfaces, valid)
@@ -32,7 +32,7 @@ def surfaces_beyond(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /) -> Surf
 
 
 def surfaces_guessed(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /, *, seen: Surfaces) -> Surfaces:
-    """Return pieces around the view, (n,), of walls that it does not show, where they stand before what is continued.
+    """Return pieces of walls around the view that it does not show, (n,), where they stand before the continued planes.
 
     `seen`, (n,), are the surfaces of valid patches.
     """
@@ -43,7 +43,10 @@ def surfaces_guessed(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /, *, see
 
 
 def _continued(pieces: "_Pieces", surfaces: Surfaces, valid: Bool) -> tuple[Float, Float]:
-    """Return the distance at which each piece lies on the plane of the nearest patch, and its normal; infinity for nowhere."""
+    """Return the distance at which each piece lies on the plane of the nearest patch, and its normal.
+
+    The distance is infinite if the piece lies nowhere on it.
+    """
     column, row = pieces.patch
     normal = surfaces.normal[:, row, column]
     cosine = -(normal * pieces.ray).sum(0)
@@ -82,7 +85,7 @@ def _pieces(grid: PatchGrid) -> _Pieces:
 
 
 def _middles(grid: PatchGrid, side: int) -> tuple[Float, Float]:
-    """Return the middles (x, y) of the pieces in pixels from the frame's corner, (n,) each."""
+    """Return the middles (x, y) of the pieces, in pixels from the frame's corner, (n,) each."""
     x, y = (np.arange(-RINGS * side + 0.5 * side, extent + RINGS * side, side) for extent in (grid.width, grid.height))
     x, y = (values.ravel() for values in np.meshgrid(x, y))
     outside = (x < 0) | (x > grid.width) | (y < 0) | (y > grid.height)

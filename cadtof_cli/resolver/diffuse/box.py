@@ -1,4 +1,7 @@
-"""The walls of a room that a view does not show: guessed at right angles to those that it does, so that the room is a box."""
+"""The walls of a room that a view does not show.
+
+They are guessed at right angles to the walls that it shows, so that the room is a box.
+"""
 
 import numpy as np
 
@@ -7,36 +10,39 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 
 PARALLEL = 0.97
-"""Least cosine between normals of one direction: 14°, what MPI bends a wall by before it is known."""
+"""Smallest cosine between normals of one direction: 14°, by which MPI bends a wall as long as the MPI is not known."""
 
 UPRIGHT = 0.25
-"""Largest cosine between the first two directions of walls before the second is turned to a right angle."""
+"""Largest cosine between the first direction of walls and the second, before the second is turned to a right angle."""
 
 LEAST_SHARE = 0.04
-"""Share of the patches that must face one way for a second direction to be taken from them."""
+"""Share of the patches of which more must face one way, for a second direction to be taken from them."""
 
 FARTHEST_SHARE = 0.98
-"""Share of the patches that a wall must lie behind: some ranges are wrong."""
+"""Share of the patches that a wall must lie behind; the rest may have wrong ranges."""
 
 FACING = 0.9
-"""Least cosine between a patch's normal and that of the wall that it lies on."""
+"""Smallest cosine between the normal of a patch and that of the wall on which it lies."""
 
 ON_WALL = 0.1
-"""Relative distance from a wall within which a patch lies on it."""
+"""Largest distance of a patch from the wall on which it lies, over the distance of the wall."""
 
 SEEN_SHARE = 0.02
-"""Share of the patches that must lie on a wall for it to be seen."""
+"""A wall is seen if more than this share of the patches lies on it."""
 
 BEHIND_M = 0.2
-"""How far behind the outermost patch a wall is guessed: near ones give most of the early light that would be missed."""
+"""How far behind the outermost patch a wall is guessed. Near walls give most of the early light that would be missed."""
 
 NEAREST_M = 0.7
-"""Least distance of a wall from the camera: somebody holds it."""
+"""Smallest distance of a wall from the camera: somebody holds the camera."""
 
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Walls around the camera: unit normals away from it, (6, 3), and distances in m, (6,); infinite where they are seen."""
+    """Walls around the camera: unit normals away from it, (6, 3), and distances in m, (6,).
+
+    The distance of a wall that is seen is infinite.
+    """
 
     outward: Float
     distance_m: Float
@@ -51,7 +57,7 @@ class Box:
 
 
 def unseen_walls(seen: Surfaces, /) -> Box:
-    """Return the walls of the box that surfaces, (n,), lie in, as far as none of them lies on a wall."""
+    """Return the walls of the box that surfaces, (n,), lie in; a wall on which enough of them lie is seen."""
     axes = _axes(seen.normal)
     outward = np.concatenate([axes, -axes])
     along = outward @ (seen.ray * seen.range_m)
@@ -63,12 +69,12 @@ def unseen_walls(seen: Surfaces, /) -> Box:
 
 
 def _axes(normal: Float) -> Float:
-    """Return three directions at right angles, rows, that most of the normals, (3, n), lie along.
+    """Return three directions at right angles, as rows, along which most of the normals, (3, n), lie.
 
-    Where only one is seen, the second is the camera's own horizontal one: cameras are held level.
+    If only one direction is seen, the second is the camera's own horizontal: cameras are held level.
     """
     single = normal.astype(np.float32)
-    # a copy: of an array with itself, numpy takes three times as long
+    # a copy: numpy takes three times as long for the product of an array with itself
     alike = (np.abs(single.T @ single.copy()) > PARALLEL).astype(np.float32)
     most = alike.sum(0).argmax()
     first = _mean_direction(normal, most, alike[most])
@@ -81,13 +87,16 @@ def _axes(normal: Float) -> Float:
         second = np.array([1.0, 0.0, 0.0]) if abs(first[0]) < PARALLEL else np.array([0.0, 0.0, 1.0])
     second = second - (second * first).sum() * first
     second /= np.sqrt((second * second).sum())
-    # numpy's own product of vectors takes ten times as long
+    # written out: numpy.cross takes ten times as long
     (a, b, c), (d, e, f) = first, second
     return np.array([first, second, [b * f - c * e, c * d - a * f, a * e - b * d]])
 
 
 def _mean_direction(normal: Float, most: np.intp, alike: Float32) -> Float:
-    """Return the mean of the normals `alike`, (n,), that one of them is parallel to; opposite ones count as one direction."""
+    """Return the mean of the normals in `alike`, (n,), all parallel to normal number `most`.
+
+    Opposite normals count as one direction.
+    """
     total = normal @ (np.sign(normal[:, most] @ normal) * alike)
     direction: Float = total / np.sqrt((total * total).sum())
     return direction

@@ -1,7 +1,8 @@
-"""Which model a frame gets: a tail where there is MPI, and no sign that it comes by separate paths.
+"""The choice of the model for a frame: a tail if there is MPI and no sign that it comes by separate paths.
 
-A tail lowers |H_2| below |H_1| and makes it lag. Two paths can do otherwise: a weak first return before a strong one, or a strong
-second one 12 to 28 ns late (T1 = 40 ns), makes H_2 lead, or larger than H_1. Those that do not are told by all patches together.
+For a tail that decays, the magnitude |H_2|/|H_1| of q_2 is below 1, and its phase arg H_2 − 2·arg H_1 is at most 0. Two
+paths can exceed either limit: a weak first return before a strong one does, and so does a strong second return 12 to 28
+ns late (T1 = 40 ns). Two paths that exceed neither limit are found from all patches together.
 """
 
 import math
@@ -18,66 +19,76 @@ from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     SecondPaths,
-    foretelling,
-    foretells,
+    further_harmonics_tell,
     has_one_share,
     median_of_noise,
+    predict_further_harmonics,
 )
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
 from cadtof_cli.resolver.kernels import NUMPY
 
 LARGEST_LEAD_RAD = 0.1
-"""Largest arg q_2 of a tail: 0 for one that decays, and what renderings of 30 rooms leave of it."""
+"""Largest arg q_2 of a tail. A tail that decays has at most 0; the rest is the margin that renderings of 30 rooms need."""
 
 LARGEST_RATIO = 1.2
-"""Largest |q_2| of a tail: below 1 for one that decays; strong light from one far wall reaches 1.15."""
+"""Largest |q_2| of a tail. A tail that decays has less than 1; strong light from one far wall reaches 1.15."""
 
 SEPARATE_SHARE = 0.2
-"""Share of separate patches above which a whole frame is taken as two paths: .14 at the most in 473 of 475 rendered rooms, .17
-and .19 in the others; up to .51 on true ones. Those below are told by `are_two_paths`: no frame of `scripts/second_paths.py`
-needs less than this."""
+"""Share of separate patches above which a whole frame is taken for two paths. Of 475 rendered rooms, 473 have at most
+.14, the other two .17 and .19; frames of two true paths have up to .51. Two true paths with a smaller share are found
+by `are_two_paths`: no frame of `scripts/second_paths.py` needs a lower limit than this one."""
 
 LEAST_PATCHES = 64
-"""Patches with light below which there is no room to predict from: a view of 32 × 32 pixels, or a fifth of a larger one."""
+"""Smallest number of patches with light from which a room can be predicted: a view of 32 × 32 pixels, or a fifth of a
+larger one."""
 
 LEAST_MISFIT = 2.0
-"""Square of what patches differ from light without MPI, over its noise, below which there is no MPI to be seen: 1 without any;
-rooms at an integration length of 2e3 show 20 and more. As the mean of all, and as the median of the patches, over that of noise:
-the light of a room reaches all that is seen, by 3 and more at that length; where half a view has none, the rest has no tail."""
+"""Threshold on the mean squared deviation of the patches from light without MPI, in units of its noise variance. Below it,
+the frame counts as free of MPI. Expected value without MPI: 1. Rooms at an integration length of 2e3 show 20 and more.
+
+The same threshold holds for the median over the patches, in units of the median by noise alone; rooms show 3 and more
+at that length. The light of a room reaches every surface that is seen. So if half of a view has no MPI, the MPI of the
+other half is no tail."""
 
 NOISE_KNOWN = 0.1
-"""Share of the noise's variance to which it is known; a mean square of the patches' departures from light without MPI that is
-closer to 1 than that says nothing against there being none."""
+"""Relative error with which the variance of the noise is known. If the mean squared deviation of the patches from light
+without MPI is closer to 1 than this, it is no evidence for MPI."""
 
 SEEN_SNR = 3.0
-"""Amplitude over noise from which a patch counts."""
+"""A patch counts if its amplitude exceeds this multiple of the noise of a pixel."""
 
 SEEN_SHARE = 0.1
-"""Share of a patch's pixels that must have a signal for it to count."""
+"""A patch counts if more than this share of its pixels has a signal."""
 
 NOISE_MARGIN = 7.0
-"""Three standard deviations of arg q_2 in σ/|p1| of a pixel: its variance is 1 + 4 times that of a phase; √5 · 3."""
+"""Margin for noise on both limits of q_2, in units of σ/|p1| of the patch's mean: three standard deviations of arg q_2.
+The variance of arg q_2 is 1 + 4 times that of a phase, and 3·√5 is 6.7."""
 
 LARGEST_MISFIT = 3.0
-"""Median over the patches of χ² per datum, against what the frame expects of them, above which no tail explains it: at most 2
-with three harmonics in rendered rooms, and 3.6 to 40 where there are strong second paths after 6 to 11 ns. The two data of two
-harmonics say nothing about that: some tail comes near any of them."""
+"""Largest median over the patches of χ² per datum, about the values that the frame expects. Above it, no tail explains
+the frame. With three harmonics, rendered rooms have at most 2, and frames with strong second paths after 6 to 11 ns
+have 3.6 to 40. With two harmonics the limit is not used: some tail comes near any two data."""
 
 UNEXPLAINED, UNEXPLAINED_SHARE = (10.0, 5.0), (0.065, 0.165)
-"""χ² per datum above which no tail of the frame's room explains a patch, and the share of such patches above which the frame has
-none: with two harmonics, and with more. At most .043 and .153 are so in 90 rendered rooms; .083 and .174 where second paths of a
-twentieth of the light come 3 to 20 ns late, each like a tail alone."""
+"""χ² per datum above which no tail of the frame's room explains a patch, and the largest share of such patches in a
+frame with a tail: with two harmonics, and with more. In 90 rendered rooms the share is at most .043 and .153. It is .083
+and .174 if second paths with a twentieth of the light come 3 to 20 ns late; each patch alone then looks like a tail."""
 
 Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", "few patches with light"]
-"""Why a frame got its model: the first is diffuse."""
+"""Why a frame got its model. Only the first reason stands for the diffuse model."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchKinds:
-    """Which patches count, (rows, columns), which of them have separate paths, what share, and what that says of the frame.
+    """What kinds of patches a frame has, and what that says of the frame.
 
-    `mpi_probability` is how likely it is that any MPI is in the frame at all, where it is taken for one with a tail.
+    Attributes:
+        lit: patches that count, (rows, columns).
+        separate: patches with separate paths, (rows, columns).
+        separate_share: share of the lit patches that have separate paths.
+        reason: why the frame gets its model.
+        mpi_probability: probability that the frame has any MPI, if it is taken for a frame with a tail.
     """
 
     lit: Bool
@@ -89,9 +100,9 @@ class PatchKinds:
 
 @dataclass(frozen=True)
 class RoomNumbers:
-    """The frame's state as medians over its patches, and their scatter (half the way from the 16th to the 84th percentile).
+    """The state of a frame: `albedo` s, `beside` b, `later` u, `unseen` v, `decay_ns` τ and `start_ns` t.
 
-    `albedo` s, `beside` b, `later` u, `unseen` v, `decay_ns` τ and `start_ns` t; each (median, scatter).
+    Each is (median over the patches, scatter). The scatter is half the distance from the 16th to the 84th percentile.
     """
 
     albedo: tuple[float, float]
@@ -104,8 +115,10 @@ class RoomNumbers:
 
 @dataclass(frozen=True)
 class DiffuseChoice:
-    """Which model a frame got and why: `patches` with light, the share of them with separate paths, the room's numbers, and how
-    many patches something covers that lets light through.
+    """Which model a frame got, and why.
+
+    `patches` is the number of patches with light, `separate_share` the share of them with separate paths, and `room`
+    the numbers of the room. `through_patches` is the number of patches covered by a surface that lets light through.
     """
 
     reason: Reason
@@ -116,7 +129,7 @@ class DiffuseChoice:
 
     @property
     def taken(self) -> Literal["discrete", "diffuse"]:
-        """The model."""
+        """Name of the model."""
         return "diffuse" if self.reason == "tail" else "discrete"
 
 
@@ -131,21 +144,20 @@ def patch_kinds(
     alike: float = 0.0,
     kernel: str = NUMPY,
 ) -> PatchKinds:
-    """Look at the light of every patch of a grid, and at its means; `variances` are those of a channel of each harmonic.
+    """Return the kinds of the patches of a grid, from their light and its means.
 
-    With `settings.model` `diffuse`, nothing but too little light speaks against a tail. `alike` is the correlation of the noise
-    of neighbours, `kernel` of `available_kernels`.
+    `variances` are the noise variances of a channel of each harmonic. `alike` is the correlation of the noise of neighbouring
+    patches. `kernel` is of `available_kernels`. If `settings.model` is `diffuse`, every frame with enough light gets a tail.
     """
     sigma = float(np.sqrt(variances[0]))
-    # enough of a patch's pixels are lit enough
     lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.seen > SEEN_SHARE)
     if lit.sum() < LEAST_PATCHES:
         return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
     misfits = misfits_without_mpi(means, lit, variances, harmonics=settings.harmonics)
     misfit = float(np.mean(misfits))
-    likely = mpi_probability(misfit, numbers=misfits.size)
+    probability = mpi_probability(misfit, numbers=misfits.size)
     if settings.model == "diffuse":
-        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail", likely)
+        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail", probability)
     separate = separate_patches(means, lit, sigma)
     reason: Reason = "tail"
     share = float(separate.sum() / lit.sum())
@@ -159,24 +171,34 @@ def patch_kinds(
         kernel=kernel,
     ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=settings, kernel=kernel):
         reason = "separate paths"
-    return PatchKinds(lit, separate, share, reason, likely)
+    return PatchKinds(lit, separate, share, reason, probability)
 
 
 def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMPY) -> bool:
-    """Return whether patches have two true paths each: of one share, or as further harmonics tell, or else evenness."""
+    """Return whether the patches have two true paths each.
+
+    One share of the light shows it. Otherwise further harmonics show it, if they can tell; if they cannot, evenness shows it.
+    """
     with np.errstate(all="ignore"):
-        # of one path alone, the other has no delay
-        found = SecondPaths.of(data, kernel=kernel)
-        if has_one_share(found, rad_per_ns=places.rad_per_ns):
+        # if a patch has one path, the delay of the other is NaN
+        second = SecondPaths.of(data, kernel=kernel)
+        if has_one_share(second, rad_per_ns=places.rad_per_ns):
             return True
-        return foretells(found, data) if foretelling(found, data) else are_even(found, data, places)
+        return (
+            predict_further_harmonics(second, data)
+            if further_harmonics_tell(second, data)
+            else are_even(second, data, places)
+        )
 
 
 def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:
-    """Return whether a tail explains a frame whose patches, (n,), leave these χ² of so many data each.
+    """Return whether a tail explains a frame.
 
-    `by_two_paths`, (n,), is what two paths leave of the data that follow those of q_2, none with two harmonics. A patch that they
-    explain no better than a tail does says nothing for them.
+    Args:
+        chi_squared: χ² that the tail leaves in the data of each patch, (n,).
+        by_two_paths: χ² that two paths leave in the data of the harmonics after the second, (n,); 0 with two harmonics.
+            A patch that two paths explain no better than the tail is no evidence against the tail.
+        data: number of data of a patch.
     """
     if data > 2 and float(median(chi_squared)) > LARGEST_MISFIT * data:
         return False
@@ -185,7 +207,10 @@ def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:
 
 
 def misfits_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, harmonics: tuple[int, ...]) -> Float:
-    """Return the squares, over the noise, of how far the lit patches' q_h are from 1, in size and in phase, (2·H − 2, n)."""
+    """Return the squared deviations of the lit patches' q_h from 1, over the noise variance, (2·H − 2, n).
+
+    For each h, there is one row for the deviation of |q_h| and one for that of arg q_h.
+    """
     noise = 1.0 / (means.amplitude[lit] ** 2 * means.pixels[lit])
     misfits = []
     for ratio, h, variance in zip(means.ratios[:, lit], harmonics[1:], variances[1:], strict=True):
@@ -195,24 +220,25 @@ def misfits_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, ha
 
 
 def _is_noise_in_half(misfits: Float) -> bool:
-    """Return whether the misfits of patches without MPI, (numbers, n), are those of noise in half of them."""
+    """Return whether the deviations from light without MPI, (numbers, n), are noise in half of the patches."""
     return float(median(misfits.sum(axis=0))) < LEAST_MISFIT * median_of_noise(len(misfits))
 
 
 def mpi_probability(misfit: float, /, *, numbers: int) -> float:
-    """Return how likely MPI is in a frame, one to one before it was seen, from the misfit of so many numbers without it.
+    """Return the probability that a frame has MPI; the prior probability is one half.
 
-    Without MPI the misfit m is that of noise, χ²/n; with it, noise and MPI together have some variance, whatever it is: m times
-    the noise's explains the numbers by exp(n/2·(m − 1 − ln m)) better, at a cost of √n for being free to choose. Since the noise
-    itself is known to a tenth, a frame's numbers weigh as n = 2/(2/numbers + .1²).
+    `misfit` m is χ²/n of `numbers` values about light without MPI. Without MPI, the values have the variance of the
+    noise. With MPI, their variance is unknown. The best one, m times that of the noise, explains them better by the
+    factor exp(n/2·(m − 1 − ln m)); because it is free, it costs the factor √n. The noise is known to a tenth only, so
+    the values of a frame weigh as n = 2/(2/numbers + .1²).
     """
     count = 2.0 / (2.0 / numbers + NOISE_KNOWN**2)
-    more = max(misfit - 1.0, 0.0)
-    return 1.0 / (1.0 + math.sqrt(count) * math.exp(-0.5 * count * (more - math.log1p(more))))
+    excess = max(misfit - 1.0, 0.0)
+    return 1.0 / (1.0 + math.sqrt(count) * math.exp(-0.5 * count * (excess - math.log1p(excess))))
 
 
 def separate_patches(means: PatchMeans, lit: Bool, noise_sigma: float, /) -> Bool:
-    """Return which of the lit patches no tail explains, beyond what noise does to them, (rows, columns)."""
+    """Return which lit patches no tail explains, (rows, columns): q_2 exceeds a limit by more than the noise margin."""
     margin = (
         NOISE_MARGIN * noise_sigma / np.where(lit, means.amplitude * np.sqrt(np.maximum(means.pixels, 1.0)), np.inf)
     )

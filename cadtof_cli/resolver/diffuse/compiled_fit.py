@@ -1,4 +1,4 @@
-"""The front of the compiled twin of what is worked out patch by patch in `tail` and `patch_steps`, `_patches.h`."""
+"""The front of the compiled twin of the computations patch by patch in `tail` and `patch_steps`, `_patches.h`."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY, extension
 
 MOST_HARMONICS = 8
-"""Harmonics that the compiled twins have room for; numpy has for any."""
+"""Largest number of harmonics for which the compiled twins have room; numpy has no limit."""
 
 
 def is_compiled_for(harmonics: int, kernel: str, /) -> bool:
@@ -25,16 +25,16 @@ def compiled_slopes(
     *,
     kernel: str,
 ) -> tuple[Float, Float]:
-    """Return what `TailModel._slopes` does, with the same bits.
+    """Return the same as `TailModel._slopes`, with the same bits.
 
     Args:
-        given: state, (5, n); cosines and sines, (H, n) each; and the light of n patches, (H, n) each.
-        constants: of the harmonics, (H, 1) each: their numbers, hω, and by how much unseen light is weaker for setting in slowly.
-        kernel: of `available_kernels`, but `numpy`.
+        given: state, (5, n); cosines and sines, (H, n) each; and the light of n patches, three times (H, n).
+        constants: for each harmonic, (H, 1) each: its number, hω, and the factor `TailModel._onset`.
+        kernel: of `available_kernels`, but not `numpy`.
     """
     harmonics, patches = given[1].shape
     total, jacobian = np.empty((3, harmonics, patches)), np.empty((6, 2 * harmonics, patches))
-    extension().tail_slopes(kernel, *_neighbours(*constants, *given), total, jacobian)
+    extension().tail_slopes(kernel, *_contiguous(*constants, *given), total, jacobian)
     return total, jacobian
 
 
@@ -48,14 +48,14 @@ class CompiledSteps:
     pattern: Float
     kernel: str
 
-    def said(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
-        """Return what `PatchSteps.said` does."""
+    def evidence(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
+        """Return the same as `PatchSteps.evidence`."""
         white, linear = np.empty((len(self.data), 7, self.data.shape[1])), np.empty(self.data.shape)
         self._step(0, (values, jacobian, state, None, None, None), (white, linear, None))
         return white, linear
 
     def moved(self, state: Float, linear: Float, jacobian: Float, room: Float, spread: Float, /) -> Float:
-        """Return what `PatchSteps.moved` does."""
+        """Return the same as `PatchSteps.moved`."""
         moved = np.empty(state.shape)
         self._step(1, (None, jacobian, state, linear, room, spread), (moved, None, None))
         return moved
@@ -63,16 +63,16 @@ class CompiledSteps:
     def posterior(
         self, values: Float, jacobian: Float, state: Float, room: Float, spread: Float, /
     ) -> tuple[Float, Float, Float]:
-        """Return what `PatchSteps.posterior` does."""
+        """Return the same as `PatchSteps.posterior`."""
         expected, posterior, covariance = np.empty(values.shape), np.empty(values.shape), np.empty(self.error.shape)
         self._step(2, (values, jacobian, state, None, room, spread), (expected, posterior, covariance))
         return expected, posterior, covariance
 
     def _step(self, step: int, given: tuple[Float | None, ...], answers: tuple[Float | None, ...]) -> None:
-        """Take one of the steps in `_patches.h`; None stands for what it does not need."""
+        """Take one of the steps in `_patches.h`; None stands for an array that the step does not need."""
         fixed = (self.data, self.error, self.within, self.pattern)
-        extension().step_patches(self.kernel, step, *_neighbours(*fixed, *given), *answers)
+        extension().step_patches(self.kernel, step, *_contiguous(*fixed, *given), *answers)
 
 
-def _neighbours(*arrays: NDArray[Any] | None) -> list[NDArray[Any] | None]:
+def _contiguous(*arrays: NDArray[Any] | None) -> list[NDArray[Any] | None]:
     return [None if array is None else np.ascontiguousarray(array) for array in arrays]

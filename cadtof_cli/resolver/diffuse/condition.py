@@ -1,4 +1,4 @@
-"""Gaussian conditioning, one datum after the other: the same few operations on every pixel, whatever stands beside it."""
+"""Gaussian conditioning, one datum after the other: the same few operations for every pixel, whatever stands beside it."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +12,11 @@ Array = Any
 
 @dataclass(frozen=True, eq=False)
 class Conditioned:
-    """What the data say of the targets: by how much their means move, the covariances left, and χ² of the data."""
+    """What the data say of the targets.
+
+    `shifts` are the changes of the targets' means, `covariance` is what is left of their covariance, and `chi_squared`
+    is χ² of the data.
+    """
 
     shifts: tuple[Array, ...]
     covariance: Mapping[Entry, Array]
@@ -20,13 +24,13 @@ class Conditioned:
 
 
 def conditioned(residuals: Sequence[Array], covariance: Mapping[Entry, Array], /, *, targets: int) -> Conditioned:
-    """Condition the last `targets` variables on the others, by elimination in the order of the data.
+    """Condition the last `targets` variables on all others, by elimination in the order of the data.
 
     Args:
         residuals: data minus their means, in order.
-        covariance: lower triangle of the covariance of data and targets. Entries between targets may be left out; they are
-            not computed then.
-        targets: how many variables follow the data.
+        covariance: lower triangle of the covariance of data and targets. Entries between targets may be left out; they
+            are not computed then.
+        targets: number of variables after the data.
     """
     count = len(residuals)
     left = dict(covariance)

@@ -1,8 +1,8 @@
 """Logarithm, exponential, rotor and phase in single precision, by polynomials of our own.
 
-Those of C libraries and of numpy's vectorised loops differ in their last bits; additions, products, quotients and square roots of
-IEEE 754 do not. `_elementary.h` holds the same operations in the same order, so that pixels get the same bits from numpy and from
-C. All are right to 2e-7 of their value or of 1, a thousandth of the noise of any frame.
+Those of C libraries and of numpy's vectorised loops differ in their last bits. Additions, products, quotients and
+square roots of IEEE 754 do not. `_elementary.h` holds the same operations in the same order, so that pixels get the
+same bits from numpy and from C. All are right to 2e-7 of their value or of 1, a thousandth of the noise of any frame.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,8 @@ import numpy as np
 from cadtof_cli.arrays import Float32
 
 LOGARITHM = (0.33333343, 0.19994386, 0.147902)
-"""artanh s = s + s·z·Σ_k LOGARITHM[k]·z^k with z = s², |s| ≤ .1716: the polynomial through it at Chebyshev's nodes, as all."""
+"""artanh s = s + s·z·Σ_k LOGARITHM[k]·z^k with z = s², |s| ≤ .1716. This polynomial, like all others here, goes through
+the function at Chebyshev's nodes."""
 
 EXPONENTIAL = (0.5, 0.16666578, 0.041666556, 0.008363173, 0.0013926176)
 """exp r = 1 + r + r²·Σ_k EXPONENTIAL[k]·r^k, |r| ≤ ½·ln 2."""
@@ -25,29 +26,29 @@ COSINE = (0.041666668, -0.0013888812, 2.4786083e-05, -2.6546067e-07)
 """cos r = 1 − ½·z + z²·Σ_k COSINE[k]·z^k with z = r², |r| ≤ π/2."""
 
 ARCTANGENT = (-0.3333333, 0.19998683, -0.14257045, 0.108657576, -0.08009682, 0.04891432, -0.020027727, 0.0038677573)
-"""arctan t = t + t·z·Σ_k ARCTANGENT[k]·z^k with z = t², |t| ≤ 1; last digits are such that arctan 1 is π/4."""
+"""arctan t = t + t·z·Σ_k ARCTANGENT[k]·z^k with z = t², |t| ≤ 1; the last digits are such that arctan 1 is π/4."""
 
 LN_2 = (0.693359375, -0.00021219444)
-"""ln 2 as a number of few digits, whose product with a small integer is exact, and the rest."""
+"""ln 2 in two parts: a number of few digits, whose product with a small integer is exact, and the rest."""
 
 HALF_TURN = (3.140625, 0.00096765359)
-"""π in the same way."""
+"""π in the same two parts."""
 
 HALF_ROOT_BITS = 0x3F3504F3
-"""√½ as its bits are counted: mantissas are taken from here to √2."""
+"""The bits of √½ as an integer: mantissas lie between √½ and √2."""
 
 MANTISSA_BITS = 23
 
 SIGN_BIT = np.uint32(1 << 31)
 
 LARGEST_EXPONENT = 80.0
-"""Exponents beyond this have no meaning here, but an answer that is the same everywhere."""
+"""Largest exponent; one beyond it has no meaning here, but gives the same answer everywhere."""
 
 LARGEST_PHASE = 1e4
-"""Phases beyond this, in rad, have no meaning here, but an answer that is the same everywhere."""
+"""Largest phase, in rad; one beyond it has no meaning here, but gives the same answer everywhere."""
 
 Array = Any
-"""float32 (…): numpy's stubs take such an array times a Python number for float64, which it is not."""
+"""float32 (…). numpy's stubs take such an array times a Python number for float64, which it is not."""
 
 TINY = np.float32(np.finfo(np.float32).tiny)
 
@@ -99,7 +100,7 @@ def phase_of(cos: Float32, sin: Float32, /) -> Float32:
 
 
 def _negated(x: Float32, sign: Any) -> Float32:
-    """Return x negated where the first of the bits in `sign`, uint32, is set: several times faster than by choice."""
+    """Return x, negated if the first bit of `sign`, uint32, is set: several times faster than a choice."""
     found: Float32 = (x.view(np.uint32) ^ sign).view(np.float32)
     return found
 

@@ -1,9 +1,10 @@
-"""Second paths that change evenly over the view, as those of a mirror, a pane or the lens do; a tail's delays never do.
+"""Second paths that change evenly over the view, as those by a mirror, a pane or the lens do. A tail's delays never do.
 
-What a patch's q_2 says of a second path, if there is one, is its share of the light and its delay. Where light goes by one even
-surface, delays lie evenly over the view, on a + b·X + c·Y + d/cos, whatever the shares; in rooms they follow from many surfaces.
-Nearly so they lie where a mirror or a bright surface beside the view sends the light, and then this one place explains them.
-Where noise hides each patch's delay, all patches together tell: two paths of even share and delay explain them, but for noise.
+The q_2 of a patch tells the share and the delay of a second path, if there is one. If the light comes by one even
+surface, the delays lie on a + b·X + c·Y + d/cos, whatever the shares. In rooms, the delays follow from many surfaces.
+If a mirror or a bright surface beside the view sends the light, the delays are nearly even, and this one place explains
+them. If noise hides the delay of each patch, all patches together still tell: two paths with even shares and delays
+explain them, apart from noise.
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.one_place import missed_by_one_place
+from cadtof_cli.resolver.diffuse.one_place import residual_after_one_place
 from cadtof_cli.resolver.diffuse.second_paths import (
     LEAST_KNOWN,
     PatchData,
@@ -23,119 +24,135 @@ from cadtof_cli.resolver.diffuse.second_paths import (
 from cadtof_cli.resolver.diffuse.tail import wrapped
 
 EVEN_NS = 0.1
-"""Scatter of delays about what is even over the view, in ns for every unit that the logarithm of the share scatters by, below
-which they are even: .2 and more in 518 rendered rooms and in corners, at any light."""
+"""Threshold on the scatter of delays about an even function of the view, in ns for every unit that the logarithm of the
+share scatters. Below it, delays are even. 518 rendered rooms and corners have .2 and more, at any light."""
 
 NEARLY_EVEN_NS = 0.3
-"""The same, below which one place is looked for that sends the light; …"""
+"""Threshold on the same number, below which one place is looked for that sends the light."""
 
 ONE_PLACE_NS = 0.125
-"""… and the same of what that place leaves, below which there is one: .17 and more in 2016 frames of rooms, of which a dozen have
-delays that are so nearly even."""
+"""Threshold on the same number for the delays minus those by this place. Below it, there is such a place. 2016 frames
+of rooms have .17 and more; only a dozen of them have delays that are even enough to look for a place."""
 
-ALLOWED = (0.012, 0.04)
-"""How far two true paths may be from evenness: ln of their share, and ns. The least uneven of 518 rooms has .03 and .13."""
+ALLOWED_UNEVENNESS = (0.012, 0.04)
+"""Standard deviations by which two true paths may differ from evenness: logarithm of their share, and ns. The least
+uneven of 518 rooms has .03 and .13."""
 
-IN_ROOMS = (0.1, 0.2)
-"""The scatter of ln of the share and of the delay, ns, that nearly all rooms have more of: typical are .45 and 1."""
+SCATTER_IN_ROOMS = (0.1, 0.2)
+"""Scatter of the logarithm of the share, and of the delay in ns, that nearly all rooms exceed. Typical are .45 and 1."""
 
-EXPLAINED = 1.1
-"""Median χ² of patches, over that of noise, up to which even second paths explain them: .6 to 1.05 where they are there. Of one
-share, they leave 1.2 and more in 1555 frames of rooms, at integration lengths of 2e3 and more."""
+LARGEST_MISFIT = 1.1
+"""Largest median χ² of the patches, over that of noise, at which even second paths explain them. Frames with such paths have
+.6 to 1.05. In 1555 frames of rooms at integration lengths of 2e3 and more, second paths of one share leave 1.2 and more."""
 
-ALIKE = 0.12
-"""Largest mean product of what neighbours are missed by, over the noise: up to .11 on cards, and .14 and more in corners and
-rooms whose tail noise hides from each patch, with second paths of one share."""
+LARGEST_NEIGHBOUR_PRODUCT = 0.12
+"""Largest mean product of the residuals of neighbours, over the noise, at which even second paths explain them. Cards have
+up to .11. With second paths of one share, corners and rooms whose tail is hidden by noise in each patch have .14 and more."""
 
-VISIBLE = (0.1, 5.0)
-"""Least χ² that the scatter in rooms would bring, for that to say something: with second paths of one share; and with even
-shares, which come near the least uneven rooms, so that these must be told, too."""
+LEAST_FOR_ONE_SHARE, LEAST_FOR_EVEN_SHARES = 0.1, 5.0
+"""Smallest χ² that the scatter in rooms must add for the test to say something: with second paths of one share, and with
+even shares. Even shares come near the least uneven rooms, so such rooms must be told from them, too."""
 
 STEPS = 5
 """Gauss–Newton steps; most patches are near the answer from the beginning."""
 
 ROBUST_STEPS = 2
-"""Steps of the linear fit, which weigh what is far off less each time."""
+"""Steps of the linear fit; each one lowers the weight of values that are far off."""
 
-FARTHEST = 3.0
-"""Standard deviations of noise from which a patch is not compared with its neighbours."""
+LARGEST_RESIDUAL = 3.0
+"""Residual, in standard deviations of the noise, from which a patch is not compared with its neighbours."""
 
-FAR_OFF = 6.0
-"""χ² over that of noise from which a patch weighs less: edges, and surfaces without a second path."""
+OUTLIER_CHI_SQUARED = 6.0
+"""χ² at which a patch keeps a quarter of its weight, in units of the noise level that the median patch shows. Such
+patches show edges, or surfaces without a second path."""
 
 TINY = 1e-300
-"""Keeps what fits to the bit from dividing by zero."""
+"""Keeps a fit that is exact to the bit from dividing by zero."""
 
-COLUMNS = 3
-"""How many of the view's columns, 1, X, Y and 1/cos, make what is even where noise is large."""
+EVEN_COLUMNS = 3
+"""How many of the view's columns, 1, X, Y and 1/cos, count as even if noise is large: the first three."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchPlaces:
-    """Where n patches lie, and the fundamental's ω, `rad_per_ns`.
+    """Where n patches lie.
 
-    `columns`, (n, 4), is what is even over the view there: 1, the slopes X and Y of their rays, and 1/cos, by which all ranges
-    grow that lie on a plane across the view. `phase_rad`, (n,), is arg p1; `lit`, (rows, columns), says where in the frame they
-    are; `alike` is the correlation of the noise of neighbours.
+    Attributes:
+        columns: what is even over the view at each patch, (n, 4): 1, the slopes X and Y of its ray, and 1/cos, by which
+            all ranges of a plane across the view grow.
+        phase_rad: arg p1, (n,).
+        lit: which patches of the frame these are, (rows, columns).
+        rad_per_ns: ω of the fundamental.
+        noise_correlation: correlation of the noise of neighbours.
     """
 
     columns: Float
     phase_rad: Float
     lit: Bool
     rad_per_ns: float
-    alike: float = 0.0
+    noise_correlation: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Explained:
-    """How well even second paths explain patches: median χ² over that of noise, what the scatter in rooms would add to it, and
-    the mean product of what neighbours are missed by, beyond that of their noise.
+class _JointFit:
+    """How well even second paths explain patches.
+
+    Attributes:
+        misfit: median χ², over that of noise.
+        room_chi_squared: what the scatter in rooms would add to χ².
+        neighbour_product: mean product of the residuals of neighbours, beyond that of their noise.
     """
 
     misfit: float
-    visible: float
-    alike: float
+    room_chi_squared: float
+    neighbour_product: float
 
-    def beyond_doubt(self, visible: float, /) -> bool:
-        """Return whether there are such second paths, where so much would be seen of a tail."""
-        return self.visible >= visible and self.misfit <= EXPLAINED and self.alike <= ALIKE
-
-
-def are_even(found: SecondPaths, data: PatchData, places: PatchPlaces, /) -> bool:
-    """Return whether second paths lie evenly over the view, or come by one place, each by itself; or evenly, all together."""
-    if found.known.any():
-        uneven = _uneven(found, places, found.known)
-        if uneven.most < (EVEN_NS * places.rad_per_ns) ** 2 * found.strength_scatter.least:
-            return True
-        if _are_by_one_place(found, places):
-            return True
-        if uneven.least > (ALLOWED[1] * places.rad_per_ns) ** 2:
+    def is_certain(self, least: float, /) -> bool:
+        """Return whether there are such second paths; the scatter in rooms must add at least this χ²."""
+        if not (self.room_chi_squared >= least and self.misfit <= LARGEST_MISFIT):
             return False
-    return _are_even_together(found, data, places)
+        return self.neighbour_product <= LARGEST_NEIGHBOUR_PRODUCT
 
 
-def _uneven(found: SecondPaths, places: PatchPlaces, patches: Bool) -> Scatter:
-    """Return how some patches' delays scatter about what is even over the view."""
-    columns, delays, noise = places.columns[patches], _in_a_row(found.later_rad[patches]), found.noise[1, patches]
+def are_even(second: SecondPaths, data: PatchData, places: PatchPlaces, /) -> bool:
+    """Return whether second paths lie evenly over the view, or come by one place.
+
+    This is asked of each patch by itself first. If that does not decide, the patches are fitted together.
+    """
+    if second.known.any():
+        uneven = _unevenness(second, places, second.known)
+        if uneven.most < (EVEN_NS * places.rad_per_ns) ** 2 * second.log_share_scatter.least:
+            return True
+        if _are_by_one_place(second, places):
+            return True
+        if uneven.least > (ALLOWED_UNEVENNESS[1] * places.rad_per_ns) ** 2:
+            return False
+    return _are_even_together(second, data, places)
+
+
+def _unevenness(second: SecondPaths, places: PatchPlaces, patches: Bool) -> Scatter:
+    """Return the scatter of some patches' delays about an even function of the view."""
+    columns, delays, noise = places.columns[patches], _unwrapped(second.later_rad[patches]), second.noise[1, patches]
     return Scatter.of(delays - columns @ _even_part(delays, noise, columns), noise)
 
 
-def _are_by_one_place(found: SecondPaths, places: PatchPlaces) -> bool:
-    """Return whether one place explains the delays, which are nearly even, of the patches that see one surface each."""
-    inside = _inside(found.known, places.lit)
-    if np.count_nonzero(inside) < LEAST_KNOWN:
+def _are_by_one_place(second: SecondPaths, places: PatchPlaces) -> bool:
+    """Return whether one place explains the nearly even delays of the patches that show one surface each."""
+    surrounded = _surrounded(second.known, places.lit)
+    if np.count_nonzero(surrounded) < LEAST_KNOWN:
         return False
-    scatter = Scatter.of(found.strength[inside], found.noise[0, inside]).least * places.rad_per_ns**2
-    if not _uneven(found, places, inside).most < NEARLY_EVEN_NS**2 * scatter:
+    scatter = Scatter.of(second.log_share[surrounded], second.noise[0, surrounded]).least * places.rad_per_ns**2
+    if not _unevenness(second, places, surrounded).most < NEARLY_EVEN_NS**2 * scatter:
         return False
-    delays, noise = _in_a_row(found.later_rad[inside]), found.noise[1, inside]
-    missed = missed_by_one_place(delays, noise, _positions(places, inside))
-    return Scatter.of(missed, noise).most < ONE_PLACE_NS**2 * scatter
+    delays, noise = _unwrapped(second.later_rad[surrounded]), second.noise[1, surrounded]
+    residual = residual_after_one_place(delays, noise, _positions(places, surrounded))
+    return Scatter.of(residual, noise).most < ONE_PLACE_NS**2 * scatter
 
 
-def _inside(known: Bool, lit: Bool) -> Bool:
-    """Return which of the known patches, (n,), have such neighbours on all sides, or the border of the view: the others may see
-    an edge, before something else.
+def _surrounded(known: Bool, lit: Bool) -> Bool:
+    """Return which of the known patches, (n,), have a known patch or the border of the view on all four sides.
+
+    Other patches may show the edge of one surface before another.
     """
     image: Bool = np.zeros(lit.shape, np.bool_)
     image[lit] = known
@@ -144,102 +161,121 @@ def _inside(known: Bool, lit: Bool) -> Bool:
     return whole[lit]
 
 
-def _in_a_row(delays_rad: Float) -> Float:
-    """Return the same delays, (n,), on one turn about the middle of all, so that those a turn apart are side by side."""
+def _unwrapped(delays_rad: Float) -> Float:
+    """Return delays, (n,), within half a turn of their circular mean, so that delays a turn apart become neighbours."""
     middle = float(np.arctan2(np.sin(delays_rad).sum(), np.cos(delays_rad).sum()))
     return middle + wrapped(delays_rad - middle)
 
 
 def _positions(places: PatchPlaces, patches: Bool) -> Float:
-    """Return where some patches' surfaces lie, (3, n), as the phase of light that goes there: by arg p1, which is near enough."""
+    """Return the positions of some patches' surfaces, (3, n), in rad of phase along the way from the camera.
+
+    They come from arg p1, which is near enough.
+    """
     _, across, down, slant = places.columns[patches].T
     range_rad = np.mod(places.phase_rad[patches], 2.0 * np.pi) / 2.0
     return np.asarray(np.stack([across, down, np.ones_like(slant)]) * (range_rad / slant))
 
 
-def _are_even_together(found: SecondPaths, data: PatchData, places: PatchPlaces) -> bool:
+def _are_even_together(second: SecondPaths, data: PatchData, places: PatchPlaces) -> bool:
     """Return whether second paths of even shares and delays, or of one share, explain all patches together."""
-    even = _explained(found, data, places, COLUMNS)
-    # one share is even, too
-    if not even.misfit <= EXPLAINED:
+    even = _joint_fit(second, data, places, EVEN_COLUMNS)
+    # one share is also even, so it need not be tried if this fails
+    if not even.misfit <= LARGEST_MISFIT:
         return False
-    return even.beyond_doubt(VISIBLE[1]) or _explained(found, data, places, 1).beyond_doubt(VISIBLE[0])
+    if even.is_certain(LEAST_FOR_EVEN_SHARES):
+        return True
+    return _joint_fit(second, data, places, 1).is_certain(LEAST_FOR_ONE_SHARE)
 
 
-def _explained(found: SecondPaths, data: PatchData, places: PatchPlaces, share_columns: int) -> _Explained:
-    """Return how well second paths explain all patches' q_2 whose share is of so many of the view's columns."""
+def _joint_fit(second: SecondPaths, data: PatchData, places: PatchPlaces, share_columns: int) -> _JointFit:
+    """Return how well even second paths explain the q_2 of all patches.
+
+    The shares are a sum of the first `share_columns` of the view's columns.
+    """
     noise, observed = data.noise(0, 0), np.stack([np.log(np.abs(data.ratios[0])), np.angle(data.ratios[0])])
-    share, later_rad = _fitted(found, observed, noise, places.columns[:, :share_columns], places.columns[:, :COLUMNS])
-    off, slopes = _off(observed, share, later_rad)
-    by_each = (slopes * np.stack([np.abs(share), np.full_like(share, places.rad_per_ns)])) ** 2
-    noise = noise + np.einsum("ikn,k->in", by_each, np.square(ALLOWED))
-    in_rooms = (np.einsum("ikn,k->in", by_each, np.square(IN_ROOMS)) / noise).sum(axis=0)
-    # some surfaces of the view may be without a second path
-    alone = (observed * observed / noise).sum(axis=0) < (off * off / noise).sum(axis=0)
-    missed = np.where(alone, observed, off) / np.sqrt(noise)
-    misfit = float(median((missed * missed).sum(axis=0))) / median_of_noise(2)
-    return _Explained(misfit, float(median(in_rooms)), _alike(missed, places.lit) - places.alike)
+    columns = places.columns[:, :EVEN_COLUMNS]
+    share, later_rad = _jointly_fitted(second, observed, noise, columns[:, :share_columns], columns)
+    residual, slopes = _residual(observed, share, later_rad)
+    squared_slopes = (slopes * np.stack([np.abs(share), np.full_like(share, places.rad_per_ns)])) ** 2
+    noise = noise + np.einsum("ikn,k->in", squared_slopes, np.square(ALLOWED_UNEVENNESS))
+    in_rooms = (np.einsum("ikn,k->in", squared_slopes, np.square(SCATTER_IN_ROOMS)) / noise).sum(axis=0)
+    # some surfaces of the view may have no second path; their patches are compared with q_2 = 1
+    single = (observed * observed / noise).sum(axis=0) < (residual * residual / noise).sum(axis=0)
+    normalised = np.where(single, observed, residual) / np.sqrt(noise)
+    misfit = float(median((normalised * normalised).sum(axis=0))) / median_of_noise(2)
+    return _JointFit(
+        misfit, float(median(in_rooms)), _neighbour_product(normalised, places.lit) - places.noise_correlation
+    )
 
 
-def _fitted(found: SecondPaths, observed: Float, noise: Float, shares: Float, delays: Float) -> tuple[Float, Float]:
-    """Return the share and the delay, rad, of every patch by a fit of the given columns to ln|q_2| and arg q_2, (2, n)."""
+def _jointly_fitted(
+    second: SecondPaths, observed: Float, noise: Float, shares: Float, delays: Float
+) -> tuple[Float, Float]:
+    """Return the share and the delay, rad, of every patch by a fit to ln|q_2| and arg q_2, (2, n).
+
+    `shares` and `delays` are the columns whose sums the shares and the delays are.
+    """
     split = shares.shape[1]
-    state = _begin(found, shares, delays)
+    state = _start(second, shares, delays)
     for _ in range(STEPS):
-        off, slopes = _off(observed, shares @ state[:split], delays @ state[split:])
-        chi_squared = (off * off / noise).sum(axis=0)
-        far = FAR_OFF * float(median(chi_squared)) / median_of_noise(2)
+        residual, slopes = _residual(observed, shares @ state[:split], delays @ state[split:])
+        chi_squared = (residual * residual / noise).sum(axis=0)
+        far = OUTLIER_CHI_SQUARED * float(median(chi_squared)) / median_of_noise(2)
         weight = (1.0 / (1.0 + chi_squared / far) ** 2) / noise
         columns = np.concatenate([slopes[:, 0, :, None] * shares, slopes[:, 1, :, None] * delays], axis=2)
-        state = state + _solved(columns.reshape(-1, state.size), weight.ravel(), off.ravel())
+        state = state + _least_squares(columns.reshape(-1, state.size), weight.ravel(), residual.ravel())
     return shares @ state[:split], delays @ state[split:]
 
 
-def _alike(missed: Float, lit: Bool) -> float:
-    """Return the mean product of what neighbours are missed by, over its noise, (2, n): 0 but for what is left of a tail.
+def _neighbour_product(residual: Float, lit: Bool) -> float:
+    """Return the mean product of the residuals of neighbours, over their noise, (2, n): 0 unless a tail is left.
 
-    What is missed by far is another surface, whose patches are alike in any case.
+    Patches with large residuals are left out: they show another surface, whose patches are alike in any case.
     """
-    near: Bool = np.zeros(lit.shape, np.bool_)
-    near[lit] = (np.abs(missed) < FARTHEST).all(axis=0)
-    image = np.zeros((len(missed), *lit.shape))
-    image[:, near] = missed[:, near[lit]]
-    pairs = int((near[1:] & near[:-1]).sum() + (near[:, 1:] & near[:, :-1]).sum())
+    compared: Bool = np.zeros(lit.shape, np.bool_)
+    compared[lit] = (np.abs(residual) < LARGEST_RESIDUAL).all(axis=0)
+    image = np.zeros((len(residual), *lit.shape))
+    image[:, compared] = residual[:, compared[lit]]
+    pairs = int((compared[1:] & compared[:-1]).sum() + (compared[:, 1:] & compared[:, :-1]).sum())
     products = (image[:, 1:] * image[:, :-1]).sum() + (image[:, :, 1:] * image[:, :, :-1]).sum()
-    return float(products) / (len(missed) * max(pairs, 1))
+    return float(products) / (len(residual) * max(pairs, 1))
 
 
-def _begin(found: SecondPaths, shares: Float, delays: Float) -> Float:
-    """Return where the fit begins: what is even of the second paths that patches have, each by itself."""
-    strength_noise, delay_noise = found.noise
-    seen = np.isfinite(found.strength) & np.isfinite(delay_noise) & (strength_noise < 1.0)
+def _start(second: SecondPaths, shares: Float, delays: Float) -> Float:
+    """Return the start of the fit: the even part of the second paths that the patches have, each by itself.
+
+    It is NaN if too few patches show one.
+    """
+    share_noise, delay_noise = second.noise
+    seen = np.isfinite(second.log_share) & np.isfinite(delay_noise) & (share_noise < 1.0)
     if int(seen.sum()) < shares.shape[1] + delays.shape[1]:
         return np.full(shares.shape[1] + delays.shape[1], np.nan)
-    share = _even_part(np.exp(found.strength[seen]), strength_noise[seen], shares[seen])
-    return np.concatenate([share, _even_part(found.later_rad[seen], delay_noise[seen], delays[seen])])
+    share = _even_part(np.exp(second.log_share[seen]), share_noise[seen], shares[seen])
+    return np.concatenate([share, _even_part(second.later_rad[seen], delay_noise[seen], delays[seen])])
 
 
-def _off(observed: Float, share: Float, later_rad: Float) -> tuple[Float, Float]:
-    """Return what ln|q_2| and arg q_2, (2, n), differ by from those of two paths, and their slopes along share and delay."""
+def _residual(observed: Float, share: Float, later_rad: Float) -> tuple[Float, Float]:
+    """Return what ln|q_2| and arg q_2, (2, n), differ by from those of two paths, and the slopes along share and delay."""
     expected, slopes = of_two_paths(share, later_rad, 2)
-    off = observed - expected
-    off[1] = wrapped(off[1])
-    return off, slopes
+    residual = observed - expected
+    residual[1] = wrapped(residual[1])
+    return residual, slopes
 
 
 def _even_part(values: Float, variance: Float, columns: Float) -> Float:
-    """Return the factors of columns, (n, m), whose sum comes near values, (n,), whatever a few of them are."""
+    """Return the factors of columns, (n, m), whose sum comes near values, (n,); a few outliers do not matter."""
     noise = np.maximum(variance, float(median(variance)) / 9.0)
     weight = 1.0 / noise
-    factors = _solved(columns, weight, values)
+    factors = _least_squares(columns, weight, values)
     for _ in range(ROBUST_STEPS):
         squared = (values - columns @ factors) ** 2
-        factors = _solved(columns, weight / (1.0 + squared / (4.0 * float(median(squared)) + TINY)), values)
+        factors = _least_squares(columns, weight / (1.0 + squared / (4.0 * float(median(squared)) + TINY)), values)
     return factors
 
 
-def _solved(columns: Float, weight: Float, values: Float) -> Float:
-    """Return the factors of columns, (n, m), of least weighted squares to values, (n,)."""
+def _least_squares(columns: Float, weight: Float, values: Float) -> Float:
+    """Return the factors of columns, (n, m), whose sum has the least weighted squared distance from values, (n,)."""
     weighted = columns.T * weight
     normal = weighted @ columns
     normal[np.diag_indices_from(normal)] += 1e-12 * np.trace(normal) + TINY

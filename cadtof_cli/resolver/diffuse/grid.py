@@ -1,4 +1,4 @@
-"""Rays, and the patches that a frame is cut into."""
+"""Rays of pixels, and the patches that a frame is cut into."""
 
 import math
 from functools import cached_property, lru_cache
@@ -11,21 +11,23 @@ from cadtof_cli.arrays import Float, Float32, Index, sealed
 from cadtof_cli.records import dataclass
 
 PATCHES = 300
-"""Patches per frame: 16 × 16 pixels each in QVGA. Radiosity costs their square; more of them changed no error by a tenth."""
+"""Number of patches per frame; in QVGA, a patch has 16 × 16 pixels. Radiosity costs the square of this number. More
+patches changed no error by a tenth."""
 
 LEAST_PATCH = 4
-"""Least side of a patch in pixels: a plane needs points."""
+"""Smallest side of a patch in pixels: the fit of a plane needs points."""
 
 SAMPLES = 8
-"""Pixels that a patch is sampled at along each side: their mean is quiet enough, and large frames cost as little as small."""
+"""Number of pixels that are sampled along each side of a patch. Their mean has little noise, and a large frame costs no
+more than a small one."""
 
 UNKNOWN_WIDTH_RAD = math.radians(60.0)
-"""Horizontal field of view where the optics are unknown: that of common time-of-flight modules, 55° to 70°."""
+"""Horizontal field of view that is assumed if the optics are unknown. Common time-of-flight modules have 55° to 70°."""
 
 
 @dataclass(frozen=True)
 class View:
-    """The pinhole that a frame was seen through, in pixels; `known` is false where it had to be assumed."""
+    """The pinhole camera of a frame, in pixels; `known` is false if it had to be assumed."""
 
     focal_length_px: float
     principal_point_px: tuple[float, float]
@@ -33,19 +35,23 @@ class View:
 
 
 def assumed_view(height: int, width: int, /) -> View:
-    """Return the view taken where the optics are unknown: `UNKNOWN_WIDTH_RAD` across, centred."""
+    """Return the view that is assumed if the optics are unknown: `UNKNOWN_WIDTH_RAD` across, centred."""
     focal = 0.5 * width / math.tan(0.5 * UNKNOWN_WIDTH_RAD)
     return View(focal, (0.5 * (width - 1), 0.5 * (height - 1)), known=False)
 
 
 @dataclass(frozen=True, eq=False)
 class PatchGrid:
-    """A frame of `height` × `width` pixels cut into `rows` × `columns` square patches of `side` pixels; the last may stick out.
+    """A frame of `height` × `width` pixels, cut into `rows` × `columns` square patches of `side` pixels.
 
-    With the slopes X = (x − cx)/f and Y = (y − cy)/f of a pixel's ray, `cosine`, (n, rows, columns) float32, is
-    1/√(1 + X² + Y²) of the sampled pixels; `slope`, (2, rows, columns), are X and Y in their middle, patch by patch; `place`,
-    (2, n), is where they lie about it, x right, y down, in strides. `ray`, (3, rows, columns), is the unit vector through the
-    middle of each patch.
+    The last row and the last column of patches may extend beyond the frame. Of every patch, n pixels are sampled,
+    `stride` apart. X = (x − cx)/f and Y = (y − cy)/f are the slopes of a pixel's ray.
+
+    Attributes:
+        cosine: 1/√(1 + X² + Y²) of the sampled pixels, float32 (n, rows, columns).
+        slope: X and Y of the middle of each patch, (2, rows, columns).
+        place: positions of the samples about the middle of their patch, x right and y down, in strides, (2, n).
+        ray: unit vector through the middle of each patch, (3, rows, columns).
     """
 
     view: View
@@ -62,18 +68,18 @@ class PatchGrid:
 
     @cached_property
     def even(self) -> Float:
-        """What changes evenly over the view: 1, X and Y of the patches' middles, and 1/cos, (rows, columns, 4)."""
+        """The functions that count as even over the view: 1, X, Y and 1/cos of the patches' middles, (rows, columns, 4)."""
         one = np.ones_like(self.slope[0])
         return sealed(np.stack([one, *self.slope, 1.0 / self.ray[2]], axis=-1))
 
     @cached_property
     def powers(self) -> Float:
-        """1, x, y, x², y² and xy of the places of the sampled pixels about the middle of their patch, (6, n)."""
+        """1, x, y, x², y² and xy of the positions of the samples about the middle of their patch, (6, n)."""
         x, y = self.place
         return sealed(np.stack([np.ones_like(x), x, y, x * x, y * y, x * y]))
 
     def patch_of(self, pixels: Index, /) -> tuple[Index, Index]:
-        """Return the row and the column of the patch that each pixel lies in, flat indices."""
+        """Return the row and the column of the patch of each pixel; pixels are flat indices."""
         row, column = np.divmod(pixels, self.width)
         return row // self.side, column // self.side
 
@@ -83,7 +89,7 @@ class PatchGrid:
         return self.by_patch(image[..., rows, columns])
 
     def by_patch(self, sampled: NDArray[Any], /) -> NDArray[Any]:
-        """Return images of the sampled pixels alone, (…, rows, columns), by patch, (…, n, rows, columns)."""
+        """Return images of the sampled pixels alone, (…, rows, columns), sorted by patch, (…, n, rows, columns)."""
         per_side = self.side // self.stride
         height, width = sampled.shape[-2:]
         shape = (*sampled.shape[:-2], self.rows * per_side, self.columns * per_side)
@@ -105,7 +111,7 @@ def patch_grid(height: int, width: int, view: View, /) -> PatchGrid:
     cx, cy = view.principal_point_px
     across = (np.arange(columns * side, dtype=np.float64) - cx) / view.focal_length_px
     down = (np.arange(rows * side, dtype=np.float64) - cy) / view.focal_length_px
-    # views: of a large frame, images of slopes would take more than the frame itself
+    # broadcast views: full images of slopes would take more memory than a large frame itself
     slope_x, slope_y = (
         bare.samples(np.broadcast_to(slope, (len(down), len(across)))) for slope in (across, down[:, np.newaxis])
     )

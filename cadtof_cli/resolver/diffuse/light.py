@@ -1,5 +1,6 @@
-"""The light of patches: their phasors' ratios to the fundamental, free of the direct phase; and the front of its compiled twin,
-`_sampled.h`, which looks at stored values and sums over patches.
+"""The light of patches: the ratios of their phasors to the fundamental, which do not depend on the direct phase.
+
+The module is also the front of the compiled twin `_sampled.h`, which looks at stored values and sums over patches.
 """
 
 from functools import lru_cache
@@ -18,19 +19,20 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, saturation
 
 LARGEST_AMPLITUDE = 1e3
-"""Largest |p_h| of light, whose phasors are 1 at most: what lies beyond is damage, and would drown a patch."""
+"""Largest |p_h| of light. Phasors of light are 1 at most; a larger value is damage, and would dominate the mean of its
+patch."""
 
 TINY = 1e-30
-"""Keeps empty patches from dividing by zero; they are never used."""
+"""Keeps patches without pixels from dividing by zero; their values are never used."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchLight:
-    """The sampled pixels of every patch, (n, rows, columns) each, in single precision, whose rounding is far below their noise.
+    """The sampled pixels of every patch, (n, rows, columns) each, in single precision: its rounding is far below their noise.
 
-    `seen` is false where a pixel has no answer; `phase_rad` is arg p1. `weighted`, (1 + 2·H, n, rows, columns), holds |p1|², by
-    which pixels are weighted, and the real and imaginary parts of p1·|p1| and of q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times
-    that weight: 0 where not seen.
+    `seen` is false for a pixel without an answer; `phase_rad` is arg p1. `weighted`, (1 + 2·H, n, rows, columns), holds
+    the weight |p1|² of each pixel; then the real and imaginary part of p1·|p1|; then, for each further harmonic, those
+    of q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times the weight. All are 0 for a pixel that is not seen.
     """
 
     seen: Bool
@@ -44,10 +46,10 @@ class PatchMeans:
 
     Attributes:
         ratios: q_h, (H − 1, rows, columns).
-        amplitude: |p1|, (rows, columns).
-        pixels: over how many pixels with noise of their own, (rows, columns).
+        amplitude: |p1|, root mean square, (rows, columns).
+        pixels: number of pixels in the mean; pixels that share their noise count as one, (rows, columns).
         phase_rad: arg p1, (rows, columns).
-        seen: which share of the sampled pixels that is, whosever their noise, (rows, columns).
+        seen: share of the sampled pixels that are in the mean, whether or not they share their noise, (rows, columns).
     """
 
     ratios: Complex
@@ -59,17 +61,17 @@ class PatchMeans:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What a frame is looked at with, besides its stored values.
+    """What the kernel needs for the first look at a frame, besides the stored values.
 
     Attributes:
-        phasor_map: from stored values to phasors.
+        phasor_map: map from stored values to phasors.
         saturated: stored values at or beyond these are saturated, in the values' own type; NaN: none are.
-        least_power: sum of all |p_h|² over their variances at and below which there is no signal.
-        least_modulus: |p_1| below which there is none.
-        variances: of the phasors of each harmonic.
-        harmonics: their numbers.
-        hot: pixels that get no answer, (n,); None: none do.
-        samples: over how many recorded pixels each is a mean, (n,); None: 1.
+        least_power: a pixel has no signal if the sum of |p_h|² over their variances is this or less.
+        least_modulus: a pixel has no signal if |p_1| is below this.
+        variances: noise variances of the phasors of each harmonic.
+        harmonics: numbers of the harmonics.
+        hot: pixels that get no answer, (n,); None: there are none.
+        samples: number of recorded pixels that each pixel is a mean of, (n,); None: 1.
     """
 
     phasor_map: PhasorMap
@@ -94,7 +96,7 @@ class Look:
         stored: np.dtype[np.generic],
         kernel: str,
     ) -> "Look | None":
-        """Return what a kernel looks at a frame with that noise and type with; None where only numpy can look at it."""
+        """Return the record for a kernel and a frame with this noise and type; None if only numpy can look at the frame."""
         if not is_compiled_for(len(noise.each), kernel) or stored not in STORED_TYPES[:-1]:
             return None
         saturated = saturation(saturated_counts, stored)
@@ -104,23 +106,26 @@ class Look:
 
 
 def is_light(phasors: Complex | Complex64, /) -> Bool:
-    """Return which phasors (H, …) can be those of light at all, and of some."""
+    """Return which phasors (H, …) can be light: no part is too large for light, and p_1 is not 0."""
     sound = (np.abs(phasors.real) < LARGEST_AMPLITUDE) & (np.abs(phasors.imag) < LARGEST_AMPLITUDE)
     return np.asarray(sound.all(axis=0) & (phasors[0] != 0.0))
 
 
 def sampled_light(phasors: Complex, usable: Bool, grid: PatchGrid, /, *, harmonics: tuple[int, ...]) -> PatchLight:
-    """Return the light of the phasors (H, rows, columns) of a frame's `sampled_pixels`, of which some are `usable`."""
+    """Return the light of the phasors (H, rows, columns) of a frame's `sampled_pixels`; pixels that are not `usable`
+    are not seen.
+    """
     with np.errstate(over="ignore"):
-        # what no camera stores becomes infinite, and is not seen
+        # values that no camera stores become infinite, and are not seen
         taken = grid.by_patch(phasors.astype(np.complex64))
     return patch_light(taken, grid.by_patch(usable) & is_light(taken), harmonics=harmonics)
 
 
 def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple[int, ...]) -> PatchLight:
-    """Return the light of sampled phasors (H, n, rows, columns); those not `seen` may hold anything.
+    """Return the light of sampled phasors (H, n, rows, columns); a pixel that is not `seen` may hold anything.
 
-    In real numbers, whose every operation is rounded alone: numpy's products of complex ones differ from machine to machine.
+    The computation uses real numbers, whose operations are each rounded alone: numpy's products of complex numbers
+    differ from machine to machine.
     """
     p = np.where(seen, samples, np.complex64(0.0)).astype(np.complex64)
     re, im = p.real.copy(), p.imag.copy()
@@ -141,7 +146,7 @@ def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple
 
 
 def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /, *, kernel: str) -> PatchLight:
-    """Return the light of a frame's stored values (H, 2, n), with the bits that numpy gives it."""
+    """Return the light of a frame's stored values (H, 2, n), with the same bits as numpy gives."""
     places = sample_places(grid)
     weighted = np.empty((1 + 2 * len(stored), *places.shape), np.float32)
     phase_rad, seen = np.empty(places.shape, np.float32), np.empty(places.shape, np.bool_)
@@ -171,7 +176,7 @@ def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /, *, kernel: st
 
 @lru_cache(maxsize=4)
 def sample_places(grid: PatchGrid, /) -> Index:
-    """Return where the samples of every patch stand in the frame, flat, (n, rows, columns); −1 outside."""
+    """Return the flat indices of the samples of every patch, (n, rows, columns); −1 outside the frame."""
     size = (grid.height, grid.width)
     return sealed(np.ascontiguousarray(grid.samples(np.arange(1, 1 + grid.height * grid.width).reshape(size)) - 1))
 
@@ -186,18 +191,19 @@ def patch_means(
     shared: float = 1.0,
     kernel: str = NUMPY,
 ) -> PatchMeans:
-    """Return the means over the pixels `among`, (n, rows, columns), whose ratios noise does not make smaller.
+    """Return the means over the pixels `among`, (n, rows, columns), with ratios that are corrected for the bias by noise.
 
-    With noise ε along and δ across p_1 = A, |p_1|·exp(−ih·arg p_1) is A·(1 + ε + δ²/2 − h²δ²/2) in real part and to second order,
-    and |p_1|² has the mean A² + ε² + δ²: in the dark, q_h is too small by (h² + 3)/2 · σ²/A², which a fit would take for a tail.
-    Light makes δ² weaker by 1 − A, and ε² + δ² by 1 − A².
+    Let ε along p_1 and δ across it be the relative noise of p_1 = A. To second order, the real part of
+    |p_1|·exp(−ih·arg p_1) is A·(1 + ε + δ²/2 − h²δ²/2), and the mean of |p_1|² is A²·(1 + ε² + δ²). So in the dark, q_h
+    is too small by (h² + 3)/2 · σ²/A², which a fit would take for a tail. With light, noise is weaker: δ² by the factor
+    1 − A, and ε² + δ² by the factor 1 − A².
 
     Args:
-        light: of the patches.
-        among: pixels that count, where they are seen.
-        variance: of p_1, a channel where there is no light.
-        harmonics: their numbers.
-        shared: how many pixels share their noise, as `SharedNoise` has it.
+        light: light of the patches.
+        among: pixels that count if they are seen.
+        variance: noise variance of p_1, of one channel without light.
+        harmonics: numbers of the harmonics.
+        shared: how many pixels share their noise, as in `SharedNoise`.
         kernel: of `available_kernels`.
     """
     counted = among & light.seen

@@ -1,4 +1,4 @@
-"""Noise of the data ln|p_h/p_1| and arg p_h − h·arg p_1, all of which hold that of p_1, and of ln|p_1| and arg p_1."""
+"""Noise of the data ln|p_h/p_1| and arg p_h − h·arg p_1, which all contain the noise of p_1, and of ln|p_1| and arg p_1."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ def noise_covariance(relative: list[Values], /, *, harmonics: tuple[int, ...]) -
 
     Args:
         relative: σ²/|p_h|² of every harmonic: the variance of ln|p_h| and of arg p_h.
-        harmonics: their numbers.
+        harmonics: numbers of the harmonics.
     """
     first, count = relative[0], len(harmonics) - 1
     size, phase = 2 * count, 2 * count + 1

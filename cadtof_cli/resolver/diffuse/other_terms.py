@@ -1,11 +1,12 @@
 """Direct light and its tail under a response that is no pure sine: what its other terms make of both.
 
-Term k of harmonic h sees light at k·h times the fundamental. With direct light a·exp(ix), over which that light is H_kh,
+Term k of harmonic h sees light at k·h times the fundamental. With direct light a·exp(ix), and H_kh the light at that
+multiple over the direct light,
 
-    p_h = a·Σ_k c_hk·H_kh·exp(ikθ_h)        θ_h = hx and the pixel's own phase; c_h1 = 1; H_−m is the conjugate of H_m
+    p_h = a·Σ_k c_hk·H_kh·exp(ikθ_h)        θ_h = hx plus the pixel's own phase; c_h1 = 1; H_−m is the conjugate of H_m
 
-Where the tail is predicted, a and x are all that is unknown, and p_1 alone says what they are; the other terms of every harmonic
-follow from them. So no path has to be fitted to the noise of a pixel, nor to a tail, which is none.
+If the tail is predicted, only a and x are unknown, and p_1 alone determines them. The other terms of every harmonic
+follow from a and x. So no path is fitted to the noise of a pixel, nor to a tail, which is no path.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -21,24 +22,25 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.response.table import ResponseBlock, ResponseTable
 
 LEAST_TERM = 0.03
-"""Least |c_hk| of terms that are taken to see a tail: what weaker ones see is taken for direct light, within .5 cm."""
+"""Least |c_hk| of terms that see a tail. The light that weaker terms see is taken for direct light, within .5 cm."""
 
 HIGHEST = 9
 """Highest multiple of the fundamental at which a tail is predicted: little of it is left beyond."""
 
 STEPS = 3
-"""Newton steps for the direct phase: from that of a single path less the lag, they leave less than the noise of any frame."""
+"""Newton steps for the direct phase. They start from the phase of a single path minus the lag, and leave less than the
+noise of any frame."""
 
 LARGEST_TURN = 0.5
-"""Most that a step may turn the direct phase, rad: half the way between neighbouring extremes of a triangle's slope."""
+"""Largest change of the direct phase in a step, rad: half the distance between neighbouring extremes of a triangle's slope."""
 
 LEAST_SLOPE = 0.2
-"""Least slope of arg p_1 over the direct phase that is reckoned with; it is .6 to 1.3 for a triangle without a tail."""
+"""Least slope of arg p_1 over the direct phase that is used. For a triangle without a tail, the slope is .6 to 1.3."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Σ_k c_hk·H_kh·exp(ikθ) of n pixels without its sine's part, its derivative by x, and that sine's exp(iθ)."""
+    """Σ_k c_hk·H_kh·exp(ikθ) of n pixels without exp(iθ), its derivative by x, and exp(iθ), which a sine alone would see."""
 
     value: Parts
     slope: Parts
@@ -46,7 +48,10 @@ class _Seen:
 
 
 def harmonics_seen(response: "ResponseBlock", /) -> tuple[tuple[int, float], ...]:
-    """Return at which multiples of the fundamental the other terms of a response see a tail, in order, and the largest |c_hk|."""
+    """Return the multiples of the fundamental at which other terms of a response see a tail, with the largest |c_hk|.
+
+    The multiples are in ascending order.
+    """
     seen: dict[int, float] = {}
     for table in response.stages[-1]:
         for k, share in _orders(table).items():
@@ -58,15 +63,15 @@ def harmonics_seen(response: "ResponseBlock", /) -> tuple[tuple[int, float], ...
 def freed_of_other_terms(
     phasors: Complex, tails: PixelTails, /, *, response: "ResponseBlock", alone_rad: Float
 ) -> tuple[Complex, Float32]:
-    """Return what a sine would have recorded, complex128 (H, n), and by how much the noise of its phase exceeds a sine's.
+    """Return what a sine would have recorded, complex128 (H, n), and a ratio of variances of the direct phase, (n,).
 
-    The latter is a ratio of variances of the direct phase, (n,). NaN stays NaN.
+    The ratio says by how much the noise of the phase exceeds that of a sine. NaN stays NaN.
 
     Args:
         phasors: (H, n), of the same pixels as the response.
-        tails: predicted for them.
+        tails: predicted for these pixels.
         response: of the channel pairs.
-        alone_rad: the phases of a single path, `response.as_sine.first_phase` of the first phasors, (n,).
+        alone_rad: phases of a single path, (n,): `response.as_sine.first_phase` of the first phasors.
     """
     first_re, first_im = rotor(tails.lag_rad)
     strength = exponential(tails.size)
@@ -77,7 +82,7 @@ def freed_of_other_terms(
         seen = _seen(0, phase, tails, response)
         of_sine = _times(first, seen.sine)
         total = _plus(seen.value, of_sine)
-        # of H_1·exp(ix), the derivative by x
+        # i·H_1·exp(ix) is the derivative of H_1·exp(ix) by x
         slope = _over(_plus(seen.slope, (-of_sine[1], of_sine[0])), total)
         turn = np.maximum(slope[1], np.float32(LEAST_SLOPE))
         if step < STEPS:
@@ -114,7 +119,7 @@ def _seen(row: int, phase: Float32, tails: PixelTails, response: "ResponseBlock"
 
 
 def _orders(table: "ResponseTable") -> dict[int, complex]:
-    """Return the terms k of a harmonic that see a tail, and their shares c_hk."""
+    """Return the terms k of a harmonic that see a tail, and their c_hk."""
     return {
         k: share
         for k, share in table.other_terms.items()

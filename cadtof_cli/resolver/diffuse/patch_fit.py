@@ -1,9 +1,9 @@
-"""The state of the room and of every patch: most probable values, by Gauss–Newton on all patches at once.
+"""The most probable state of the room and of every patch, by Gauss–Newton on all patches at once.
 
-The frame's state is x ~ N(MEAN, BETWEEN_ROOMS²); a patch's is x + pattern + N(0, WITHIN_ROOM²); its data are those of `tail` plus
-noise. Each step linearises every patch, finds x from all of them, and then the patches given x. Their errors are mostly common to
-them (the model is wrong in the same way for neighbours), so together they weigh as a few independent ones; what that leaves
-uncertain of x stays in every patch's prior.
+The state of the frame is x ~ N(MEAN, BETWEEN_ROOMS²). The state of a patch is x + pattern + N(0, WITHIN_ROOM²). Its data
+are those of `tail` plus noise. Each step linearises every patch, finds x from all of them, and then the patches given x.
+The errors of the patches are mostly common to them, because the model is wrong in the same way for neighbours. So all
+patches together weigh as a few independent ones. The uncertainty of x that this leaves stays in the prior of every patch.
 """
 
 from functools import lru_cache
@@ -19,13 +19,13 @@ from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.kernels import NUMPY
 
 STEPS = 4
-"""Gauss–Newton steps; with more the state still moves along what the data leave open, and depth gets no better."""
+"""Gauss–Newton steps. With more, the state still moves along what the data leave open, and depth does not improve."""
 
 INDEPENDENT_PATCHES = 4.0
 """Weight of all patches of a frame together, in independent patches."""
 
 FARTHEST = 3.0
-"""How far the frame's state may go from the prior's mean, in standard deviations between rooms."""
+"""Largest distance of the frame's state from the prior's mean, in standard deviations between rooms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +33,15 @@ class PatchFit:
     """The fit of n patches.
 
     Attributes:
-        room: the frame's state, (6,), and its covariance `room_covariance`, (6, 6).
-        state: every patch's state, (6, n).
-        expected: the model's values before a patch's own data are seen, (data + 2, n).
-        posterior: the same after, where the model is linear.
+        room: state of the frame, (6,).
+        state: state of every patch, (6, n).
+        expected: values of the model before a patch's own data are seen, (data + 2, n).
+        posterior: values after its own data are seen, by the linear model, (data + 2, n).
         covariance: prior covariance of the values, without noise, (data + 2, data + 2, n).
         jacobian: of the values, (6, data + 2, n).
     """
 
     room: Float
-    room_covariance: Float
     state: Float
     expected: Float
     posterior: Float
@@ -55,8 +54,8 @@ def fitted_patches(
 ) -> PatchFit:
     """Fit the state of a frame and its patches to their data, (data, n).
 
-    `error`, (data + 2, data + 2, n), is the covariance of what the model's values are wrong by, and of noise; `pattern`, (6, n),
-    how the state differs between patches by rule. `kernel` is of `available_kernels`, all of which give the same bits.
+    `error`, (data + 2, data + 2, n), is the covariance of the errors of the model's values, and of noise. `pattern`, (6, n),
+    is how the state differs between patches by rule. `kernel` is of `available_kernels`, all of which give the same bits.
     """
     prior = _room_prior(known_optics=known_optics)
     within = np.diag(prior.within)
@@ -66,42 +65,38 @@ def fitted_patches(
     state = MEAN[:, None] + pattern
     for _ in range(STEPS):
         values, jacobian = model.values(state)
-        said, linear = steps.said(values, jacobian, state)
-        given = prior.given(said)
-        state = steps.moved(state, linear, jacobian, given.room, given.spread)
+        evidence, linear = steps.evidence(values, jacobian, state)
+        room, spread = prior.given(evidence)
+        state = steps.moved(state, linear, jacobian, room, spread)
     values, jacobian = model.values(state)
-    given = prior.given(steps.said(values, jacobian, state)[0])
-    expected, posterior, covariance = steps.posterior(values, jacobian, state, given.room, given.spread)
-    return PatchFit(given.room, given.room_covariance, state, expected, posterior, covariance, jacobian)
-
-
-@dataclass(frozen=True, eq=False)
-class _Given:
-    """The room given all patches, linearised: its state, (6,), and covariance, (6, 6); and the covariance of a patch's state
-    before its own data are seen, `spread`, (6, 6).
-    """
-
-    room: Float
-    room_covariance: Float
-    spread: Float
+    room, spread = prior.given(steps.evidence(values, jacobian, state)[0])
+    expected, posterior, covariance = steps.posterior(values, jacobian, state, room, spread)
+    return PatchFit(room, state, expected, posterior, covariance, jacobian)
 
 
 @dataclass(frozen=True, eq=False)
 class _RoomPrior:
-    """What is known of a room: covariance `within` it, `precision` and `farthest` departures between rooms."""
+    """What is known of a room before its data are seen.
+
+    `within` is the covariance within a room. `precision` is the inverse covariance between rooms, and `farthest` the
+    largest departures from the mean.
+    """
 
     within: Float
     precision: Float
     farthest: Float
 
-    def given(self, said: Float) -> _Given:
-        """Return the room, given what all patches say of it, whitened, (data, 7, n): Jacobians and data."""
-        normal = np.matmul(said[:, :-1], said.swapaxes(1, 2)).sum(0)
-        normal *= min(1.0, INDEPENDENT_PATCHES / said.shape[2])
+    def given(self, evidence: Float) -> tuple[Float, Float]:
+        """Return the state of the room, (6,), and the covariance of a patch's state before its own data are seen, (6, 6).
+
+        Both are given the evidence of all patches, whitened, (data, 7, n): their Jacobians, then their data.
+        """
+        normal = np.matmul(evidence[:, :-1], evidence.swapaxes(1, 2)).sum(0)
+        normal *= min(1.0, INDEPENDENT_PATCHES / evidence.shape[2])
         covariance = np.linalg.inv(self.precision + normal[:, :-1])
         room = covariance @ (self.precision @ MEAN + normal[:, -1])
         room = np.minimum(np.maximum(room, MEAN - self.farthest), MEAN + self.farthest)
-        return _Given(room, covariance, self.within + covariance)
+        return room, self.within + covariance
 
 
 @lru_cache(maxsize=2)

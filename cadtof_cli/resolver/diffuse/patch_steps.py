@@ -1,7 +1,7 @@
-"""What the fit of the patches works out patch by patch: the same few operations for each, in an order of their own.
+"""What the fit of the patches computes patch by patch: the same few operations for each, in their own order.
 
-`_patches.h` is the compiled twin. Sums are written out term by term: what numpy's products of matrices round differs from machine
-to machine.
+`_patches.h` is the compiled twin. Sums are written out term by term: the rounding in numpy's matrix products differs
+from machine to machine.
 """
 
 import numpy as np
@@ -19,8 +19,8 @@ class PatchSteps:
     """The steps of a fit of n patches to their data.
 
     Attributes:
-        data: (data, n).
-        error: covariance of what the model's values are wrong by, and of noise, (data + 2, data + 2, n).
+        data: the data, (data, n).
+        error: covariance of the errors of the model's values, and of noise, (data + 2, data + 2, n).
         within: variances of the states in one room, (6,).
         pattern: how states differ between patches by rule, (6, n).
     """
@@ -30,13 +30,14 @@ class PatchSteps:
     within: Float
     pattern: Float
 
-    def said(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
-        """Return what the patches say of the room's state, whitened, (data, 7, n): their Jacobians and then their data; and
-        these data as they are, linear, (data, n).
+    def evidence(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
+        """Return what the patches tell of the room's state, whitened, (data, 7, n), and their linearised data, (data, n).
+
+        The whitened part holds the Jacobians of the patches, then their data.
 
         Args:
-            values: of the model at the states, (data + 2, n).
-            jacobian: of these, (6, data + 2, n).
+            values: values of the model at the states, (data + 2, n).
+            jacobian: of these values, (6, data + 2, n).
             state: (6, n).
         """
         seen, noise = self._of_data(jacobian)
@@ -45,11 +46,11 @@ class PatchSteps:
         return whitened(scatter, _with(seen.swapaxes(0, 1), linear)), linear
 
     def moved(self, state: Float, linear: Float, jacobian: Float, room: Float, spread: Float, /) -> Float:
-        """Return the states after a step towards the most probable ones, (6, n), given the room's.
+        """Return the states after a step towards the most probable ones, (6, n), given the room's state.
 
         Args:
             state: before the step, (6, n).
-            linear: the data, linear, as `said` has them.
+            linear: linearised data, from `evidence`.
             jacobian: of the model's values, (6, data + 2, n).
             room: the room's state, (6,).
             spread: covariance of a patch's state before its own data are seen, (6, 6).
@@ -64,8 +65,10 @@ class PatchSteps:
     def posterior(
         self, values: Float, jacobian: Float, state: Float, room: Float, spread: Float, /
     ) -> tuple[Float, Float, Float]:
-        """Return the model's values before and after a patch's own data are seen, (data + 2, n) each, where it is linear, and
-        their covariance before, without noise, (data + 2, data + 2, n).
+        """Return the model's values before and after a patch's own data are seen, and their covariance before.
+
+        The values, (data + 2, n) each, are those of the linear model. The covariance, (data + 2, data + 2, n), is
+        without noise.
         """
         count = len(self.data)
         expected = values + _total((room[:, None] + self.pattern - state)[:, None] * jacobian)
@@ -81,7 +84,7 @@ class PatchSteps:
 
 
 def whitened(covariance: Float, right: Float, /) -> Float:
-    """Return L⁻¹·right for covariances L·Lᵀ, (data, data, n), and right sides, (data, k, n); both are taken over."""
+    """Return L⁻¹·right for covariances L·Lᵀ, (data, data, n), and right sides, (data, k, n); both arrays are overwritten."""
     left, white = covariance, right
     for i, row in enumerate(left):
         scale = 1.0 / np.sqrt(row[i])
@@ -94,14 +97,14 @@ def whitened(covariance: Float, right: Float, /) -> Float:
 
 
 def _with(vectors: Float, last: Float) -> Float:
-    """Return vectors (data, k, n) and one more, (data, n), in order: products of matrices may round others in another way."""
+    """Return vectors (data, k, n) and one more, (data, n), in C order; matrix products may round another order differently."""
     together = np.empty((vectors.shape[0], vectors.shape[1] + 1, *vectors.shape[2:]))
     together[:, :-1], together[:, -1] = vectors, last
     return together
 
 
 def _scatter(spread: Float, jacobian: Float) -> Float:
-    """Return the covariance (k, k, n) of values with these Jacobians, (6, k, n), of states that scatter so, (6, 6)."""
+    """Return the covariance (k, k, n) of values with these Jacobians, (6, k, n), for states of covariance `spread`, (6, 6)."""
     return _total(_times(spread, jacobian)[:, :, None] * jacobian[:, None])
 
 
@@ -111,6 +114,6 @@ def _times(matrix: Float, vectors: Float) -> Float:
 
 
 def _total(terms: Float) -> Float:
-    """Return the sum over the first axis, along which numpy adds one after the other."""
+    """Return the sum over the first axis, along which numpy adds one term after the other."""
     total: Float = terms.sum(axis=0)
     return total

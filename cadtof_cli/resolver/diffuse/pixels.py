@@ -1,7 +1,8 @@
-"""A pixel's answer: its own data through its patches' linear model of the tail.
+"""The answer of a pixel: its own data, conditioned through the linear model of the tail that its patches give.
 
-Every pixel alone, by the same operations wherever it stands, so that blocks of any size give the same bits; and in single
-precision from the data on, whose rounding is a thousandth of their noise. `_tail.h` is the compiled twin, and this its front.
+Every pixel is computed alone, by the same operations wherever it stands, so blocks of any size give the same bits. From
+the data on, precision is single; its rounding is a thousandth of their noise. `_tail.h` is the compiled twin, and this
+module is its front.
 """
 
 from typing import TYPE_CHECKING
@@ -17,7 +18,7 @@ from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
-from cadtof_cli.resolver.diffuse.settings import NEAREST_M
+from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import residuals
 from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.response.as_sine import first_phase
@@ -27,14 +28,15 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.response.table import ResponseBlock
 
 LEAST_AMPLITUDE = 0.1
-"""Least |p_1| in standard deviations of its noise that the noise of its data is taken for; fainter pixels have no answer."""
+"""Floor for |p_1| in a pixel's data and their noise, in standard deviations of the noise of p_1. Fainter pixels have no
+answer."""
 
 LEAST_HARMONIC = 1.0
-"""Least |p_h| in standard deviations of its noise that the noise of its data is taken for: all noise, its phase is known to
-about a radian."""
+"""Floor for |p_h| in a pixel's data and their noise, in standard deviations of the noise of p_h: a phasor that is all
+noise has a phase that is known to about a radian."""
 
 LEAST_SHARE = 0.05
-"""Least variance of the direct phase, as a share of that of arg p_1: a tail cannot cancel the noise of the data."""
+"""Least variance of the direct phase, over that of arg p_1: a tail cannot cancel the noise of the data."""
 
 UNKNOWN_PHASE_RAD = np.pi / np.sqrt(3.0)
 """Standard deviation of a phase of which nothing is known."""
@@ -42,7 +44,14 @@ UNKNOWN_PHASE_RAD = np.pi / np.sqrt(3.0)
 
 @dataclass(frozen=True, eq=False)
 class PixelData:
-    """What n pixels were seen at: |p_1| and arg p_1, (n,); their data, (data, n); σ²/|p_h|² of every harmonic, (n,) each."""
+    """The data of n pixels.
+
+    Attributes:
+        amplitude: |p_1|, (n,).
+        phase_rad: arg p_1, (n,).
+        data: ln|p_h/p_1| and arg p_h − h·arg p_1, (data, n).
+        relative_noise: σ²/|p_h|² of every harmonic, (n,) each.
+    """
 
     amplitude: Float32
     phase_rad: Float32
@@ -53,13 +62,13 @@ class PixelData:
 def diffuse_pixels(
     phasors: Complex, /, *, tail: DiffuseBlock, usable: Bool, samples: Float | None = None, kernel: str = NUMPY
 ) -> DiffusePixels:
-    """Return the answers of the pixels that a block of a frame's model is for; inputs are not changed.
+    """Return the answers of the pixels for which a block of a frame's model was made; inputs are not changed.
 
     Args:
         phasors: (H, n), normalised by the modulation amplitude and corrected for the pulse.
         tail: the frame's model, and which of its pixels these are.
-        usable: (n,); the others get NaN.
-        samples: over how many recorded pixels each phasor is a mean, (n,); None: 1.
+        usable: (n,); all other pixels get NaN.
+        samples: number of recorded pixels that each phasor is a mean of, (n,); None: 1.
         kernel: of `available_kernels`, all of which give the same bits.
     """
     model, pixels = tail.model, tail.pixels
@@ -81,12 +90,12 @@ def diffuse_pixels(
     for entry, value in noise_covariance(seen.relative_noise, harmonics=model.settings.harmonics).items():
         if entry in entries:
             entries[entry] = entries[entry] + value
-    left = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
-    shrink, lag = exponential(-(means[count] + left.shifts[0])), means[count + 1] + left.shifts[1]
+    posterior = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
+    shrink, lag = exponential(-(means[count] + posterior.shifts[0])), means[count + 1] + posterior.shifts[1]
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
-    direct = _direct(seen, shrink, lag, np.maximum(left.covariance[1, 1], floor) + planes[-2])
+    direct = _direct(seen, shrink, lag, np.maximum(posterior.covariance[1, 1], floor) + planes[-2])
     mpi = _mpi(seen, direct[1], shrink, lag, planes[-1])
-    answer = DiffusePixels(model.separate_variance, answered, *direct, *mpi, left.chi_squared)
+    answer = DiffusePixels(model.separate_variance, answered, *direct, *mpi, posterior.chi_squared)
     if not every:
         answer.clear(~answered)
     return answer
@@ -95,7 +104,9 @@ def diffuse_pixels(
 def pixels_of_sine(
     phasors: Complex, /, *, tail: DiffuseBlock, response: "ResponseBlock", samples: Float | None = None
 ) -> tuple[Complex, Float]:
-    """Return what a sine would have recorded of pixels (H, n), and of how many recorded pixels each then has the noise, (n,).
+    """Return what a sine would have recorded of pixels, (H, n), and a number of recorded pixels for each, (n,).
+
+    The result for a pixel has the noise of a mean over that number of recorded pixels.
 
     Raises:
         ValueError: the model was made for a sine.
@@ -118,7 +129,7 @@ def _by_kernel(phasors: Complex, tail: DiffuseBlock, usable: Bool, samples: Floa
 
 
 def tail_buffers(tail: DiffuseBlock, /) -> Buffers:
-    """Return the model of a frame for a stretch of its pixels as the compiled twin takes it."""
+    """Return the model of a frame for consecutive pixels, as buffers for the compiled twin."""
     compiled, model = extension(), tail.model
     up, settings = model.upsampler, model.settings
     height, width = up.grid.height, up.grid.width
@@ -126,7 +137,6 @@ def tail_buffers(tail: DiffuseBlock, /) -> Buffers:
     sizes = {"first": tail.pixels.start, "height": height, "width": width, "side": up.grid.side, "left": up.first}
     sizes |= {"rows": rows, "columns": columns, "harmonics": len(settings.harmonics)}
     constants = {"separate_variance": model.separate_variance, "metres": settings.m_per_rad}
-    constants |= {"nearest_m": settings.nearest_m, "nearest_rad": settings.nearest_m / settings.m_per_rad}
     offset = model.range_offset_m
     return (
         np.array([sizes[name] for name in compiled.tail_sizes()], np.int64),
@@ -151,7 +161,7 @@ def _direct(seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -
 def _mpi(
     seen: PixelData, direct_rad: Float32, shrink: Float32, lag: Float32, variance: Float32
 ) -> tuple[Float32, Float32, Float32]:
-    """Return amplitude, phase and sigma of p_1·(1 − 1/H_1), the phasor of the MPI light, its phase behind the direct one."""
+    """Return amplitude, phase and sigma of the MPI light's phasor, p_1·(1 − 1/H_1); its phase follows the direct one."""
     cos, sin = rotor(lag)
     re, im = 1.0 - shrink * cos, shrink * sin
     sigma = np.sqrt(np.maximum(variance, 0.0) + seen.relative_noise[0])
@@ -163,7 +173,7 @@ def _mpi(
 
 
 def _pixel_data(phases: Float32, square: Float32, model: DiffuseModel, samples: Float | None) -> PixelData:
-    """Return what the phases and squared amplitudes of phasors, (H, n), say of the tail."""
+    """Return the data of pixels from the phases and squared amplitudes of their phasors, (H, n)."""
     over = 1.0 if samples is None else samples
     variances = [np.asarray(variance / over, np.float32) for variance in model.variances]
     first = np.maximum(square[0], np.float32(LEAST_AMPLITUDE**2) * variances[0])
@@ -181,5 +191,5 @@ def _pixel_data(phases: Float32, square: Float32, model: DiffuseModel, samples: 
 def _first_range(phase_rad: Float32, model: DiffuseModel, pixels: slice, /) -> Float32:
     """Return the ranges of pixels by the lag of the nearest patches: good enough to tell surfaces apart."""
     lag = model.upsampler.linear(model.coarse.data + 1, pixels)
-    range_m = model.range_m(phase_rad - lag) + model.range_offset(pixels)
+    range_m = range_from_phase(phase_rad - lag, model.settings) + model.range_offset(pixels)
     return np.asarray(np.maximum(range_m, np.float32(NEAREST_M)))

@@ -1,4 +1,7 @@
-"""The surface of every patch: a plane through its points, since 1/z of a plane is linear in the slopes X and Y of the rays."""
+"""The surface of every patch: a plane through its points.
+
+1/z of a plane is linear in the slopes X and Y of the rays.
+"""
 
 import numpy as np
 
@@ -7,21 +10,29 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 
 SAME_SURFACE = 0.1
-"""Relative difference of depth within which points, or a pixel and a patch, belong to one surface."""
+"""Largest relative difference of depth between points, or between a pixel and a patch, of one surface."""
 
 LEAST_COSINE = 0.08
-"""Least cosine of incidence: grazing surfaces would have areas and albedos without bound."""
+"""Smallest cosine of incidence that is used: at a grazing angle, areas and albedos would grow without limit."""
 
 LEAST_SHARE = 0.3
-"""Share of a patch's sampled pixels that must lie on its plane."""
+"""Share of a patch's sampled pixels of which more must lie on its plane."""
 
 TINY = 1e-12
-"""Keeps patches without points, or with all in one line, from dividing by zero."""
+"""Keeps patches without points, or with all points on one line, from dividing by zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """Flat pieces of surface: range m, unit normal and unit ray (3, …), cosine of incidence, area m²; (…) each."""
+    """Flat pieces of surface, (…) each.
+
+    Attributes:
+        range_m: range of the middle.
+        normal: unit normal, (3, …).
+        ray: unit vector from the camera, (3, …).
+        cosine: cosine of incidence.
+        area_m2: area.
+    """
 
     range_m: Float
     normal: Float
@@ -30,7 +41,7 @@ class Surfaces:
     area_m2: Float
 
     def __getitem__(self, chosen: Bool, /) -> "Surfaces":
-        """Return some of the pieces, (n,)."""
+        """Return the pieces that are chosen, (n,)."""
         places = np.flatnonzero(chosen)
         normal, ray = (part.reshape(3, -1).take(places, axis=1) for part in (self.normal, self.ray))
         range_m, cosine, area_m2 = (part.ravel().take(places) for part in (self.range_m, self.cosine, self.area_m2))
@@ -39,7 +50,11 @@ class Surfaces:
 
 @dataclass(frozen=True, eq=False)
 class PatchPlanes:
-    """The surfaces of the patches, (rows, columns); which of them are `found`; and the sampled pixels `on_plane`, (n, …)."""
+    """The surfaces of the patches, (rows, columns).
+
+    `found` says which patches have a surface, (rows, columns), and `on_plane` which sampled pixels lie on it, (n, rows,
+    columns).
+    """
 
     surfaces: Surfaces
     found: Bool
@@ -47,7 +62,7 @@ class PatchPlanes:
 
 
 def patch_planes(range_m: Float | Float32, seen: Bool, grid: PatchGrid, /) -> PatchPlanes:
-    """Fit a plane to the sampled ranges of every patch, (n, rows, columns); pixels not `seen` are left out."""
+    """Fit a plane to the sampled ranges of every patch, (n, rows, columns); pixels that are not `seen` are left out."""
     inverse = np.where(seen, 1.0 / (range_m * grid.cosine), np.float32(np.inf))
     middle = _median(inverse, seen)
     off = inverse / middle - 1.0
@@ -62,7 +77,7 @@ def patch_planes(range_m: Float | Float32, seen: Bool, grid: PatchGrid, /) -> Pa
 
 
 def _median(inverse: Float32, seen: Bool) -> Float32:
-    """Return the (upper) median over the seen pixels of every patch; 1 where there are none."""
+    """Return the (upper) median over the seen pixels of every patch; 1 if a patch has none."""
     place = seen.sum(0) // 2
     ordered = np.sort(np.ascontiguousarray(inverse.reshape(len(inverse), -1).T))
     median = ordered[np.arange(place.size), place.ravel()].reshape(place.shape)
@@ -73,8 +88,8 @@ def _median(inverse: Float32, seen: Bool) -> Float32:
 def _normals(off: Float, counted: Float, grid: PatchGrid) -> Float:
     """Return unit normals towards the camera, (3, rows, columns), by least squares, from 1/z = (1 + off)/z_middle.
 
-    `off` is 0 where not `counted`, (n, rows, columns) each. Within its patch, a sample has the same place in all of them, so
-    that the sums over all patches are products with a few common vectors.
+    `counted` and `off` are (n, rows, columns); `off` is 0 if a pixel is not `counted`. A sample has the same position
+    in all patches. So the sums over all patches are products with a few common vectors.
     """
     powers, shape = grid.powers, (-1, *counted.shape[1:])
     count, x, y, xx, yy, xy = (powers @ counted.reshape(len(counted), -1)).reshape(shape)

@@ -1,4 +1,4 @@
-"""A frame's diffuse MPI: which model it gets, and the coarse one that its pixels are answered from."""
+"""The diffuse MPI of a frame: whether a tail fits, and the coarse model from which the pixels are answered."""
 
 from dataclasses import replace
 
@@ -16,9 +16,9 @@ from cadtof_cli.resolver.diffuse.choice import (
     RoomNumbers,
     tail_fits,
 )
-from cadtof_cli.resolver.diffuse.coarse import Beside, CoarsePlanes, coarse_planes, patch_posterior
+from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
+from cadtof_cli.resolver.diffuse.leaning import Leaning, missed_share, remaining_sigma_rad, view_numbers
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
@@ -26,13 +26,8 @@ from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import (
-    DiffuseModel,
-    SeenThrough,
-    Tails,
-    TermTails,
-)
-from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, missed, two_path_lag
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, SeenThrough, Tails, TermTails
+from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, further_chi_squared, two_path_lag
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
@@ -40,26 +35,35 @@ from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.kernels import NUMPY
 
 LEAST_RATIO = 0.05
-"""Least |q_h| that the noise of a patch's data is taken for."""
+"""Floor for |q_h| in the noise of a patch's data: the noise of ln|q_h| grows without limit as |q_h| goes to 0."""
 
 GUESSED_POWER = 4
-"""Power of the share of what a patch faces that is unknown, with which the light of guessed walls counts: a view that shows
-walls at right angles holds most of the early light, one of a single wall nothing of it."""
+"""Power of the unknown share of what a patch faces, with which the light of guessed walls counts. A view that shows
+walls at right angles holds most of the early light. A view of a single wall holds none of it."""
 
 TERM_ERROR = 0.5
-"""Standard deviation of the tail at a harmonic that only other terms of a response see, as a share of it: early light hardly
-changes the ratios of the harmonics that are fitted, but is all that is left of a tail at those."""
+"""Standard deviation of the tail at a multiple that only other terms of a response see, as a share of it. Early light
+hardly changes the ratios of the fitted harmonics, but at those multiples it is all that is left of a tail."""
 
 NO_RATIO = 1e-9
-"""|q_h| below which its logarithm is of no interest: it must be finite."""
+"""Floor for |q_h| in the data: its logarithm must be finite, and below this it is of no interest."""
 
-UNHEARD = 1e6
-"""Factor by which the noise of patches with two surfaces is raised, so that they say nothing of the room."""
+COVERED_ERROR = 1e6
+"""Factor on the error of patches with two surfaces, so that they say nothing of the room."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """What is known of a frame besides its light: grid, settings, noise, offsets of the sampled ranges, and which kernel runs."""
+    """What is known of a frame besides its light.
+
+    Attributes:
+        grid: its patches.
+        settings: what is asked for.
+        variances: noise variance of a channel of each harmonic, (H,), of a pixel as it is resolved.
+        offset_m: what is added to the ranges of the sampled pixels.
+        shared: how many pixels share their noise.
+        kernel: of `available_kernels`.
+    """
 
     grid: PatchGrid
     settings: DiffuseSettings
@@ -86,15 +90,15 @@ def diffuse_model(
     """Return the model of a frame, or why it is left to separate paths after all; inputs are not changed.
 
     Args:
-        light: of the frame's sampled pixels, whose phasors are normalised by the modulation amplitude, corrected for the pulse,
-            and those of a sine; those without an answer (saturated, hot, without signal) are not seen.
-        means: of all that is seen of each patch.
-        kinds: of the patches, a tail.
+        light: of the frame's sampled pixels. Their phasors are those of a sine, normalised by the modulation amplitude
+            and corrected for the pulse. Pixels without an answer (saturated, hot, without signal) are not seen.
+        means: over all pixels of each patch that are seen.
+        kinds: of the patches of a frame that is taken for a tail.
         grid: how the frame is cut.
-        variances: noise of one channel of each harmonic, in squared units of the phasors, of one recorded pixel.
+        variances: noise variance of one channel of one recorded pixel, for each harmonic, in squared units of the phasors.
         settings: which model is asked for, and the harmonics' periods.
-        samples: over how many recorded pixels most phasors are a mean.
-        shared: how many of them share their noise, as `SharedNoise` has it.
+        samples: number of recorded pixels that most phasors are a mean of.
+        shared: how many pixels share their noise, as in `SharedNoise`.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
         kernel: of `available_kernels`, all of which give the same bits.
     """
@@ -116,7 +120,7 @@ def _model(
     variances: tuple[float, ...],
     range_offset_m: Float | None,
 ) -> DiffuseModel | None:
-    """Return the model of a frame, None where no tail fits it."""
+    """Return the model of a frame; None if no tail fits it."""
     means = patch_means(
         light,
         planes.on_plane,
@@ -126,40 +130,39 @@ def _model(
         kernel=frame.kernel,
     )
     ratios, amplitude, seen = means.ratios[:, valid], means.amplitude[valid], planes.surfaces[valid]
-    tail, of_terms = _tails(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
-    rule = pattern(tail.light.direct)
+    model, term_model = _tail_models(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
+    rule = pattern(model.light.direct)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), NO_RATIO)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
-    fit = fitted_patches(data, error, tail, rule, known_optics=known, kernel=frame.kernel)
+    fit = fitted_patches(data, error, model, rule, known_optics=known, kernel=frame.kernel)
     phasors = patch_phasors(means, harmonics=frame.settings.harmonics)
     through = _seen_through(phasors, valid, fit, frame) if auto else None
-    heard = np.ones(amplitude.size, np.bool_)
+    uncovered = np.ones(amplitude.size, np.bool_)
     if through is not None:
-        heard = ~through.found[valid]
-        error = np.where(heard, error, _unheard(error))
-        fit = fitted_patches(data, error, tail, rule, known_optics=known, kernel=frame.kernel)
-        again = (_seen_through(phasors, valid, fit, frame, own) for own in (heard, None))
-        through = max(filter(None, again), key=lambda one: one.found.sum(), default=through)
+        uncovered = ~through.found[valid]
+        error = np.where(uncovered, error, _covered_error(error))
+        fit = fitted_patches(data, error, model, rule, known_optics=known, kernel=frame.kernel)
+        candidates = (_seen_through(phasors, valid, fit, frame, patches) for patches in (uncovered, None))
+        through = max(filter(None, candidates), key=lambda one: one.found.sum(), default=through)
     posterior = patch_posterior(data, error, fit)
     if auto:
-        by_two_paths = _missed_by_two_paths(means, valid, frame)
-        if not tail_fits(posterior.chi_squared[heard], by_two_paths[heard], len(data)):
+        by_two_paths = _two_path_chi_squared(means, valid, frame)
+        if not tail_fits(posterior.chi_squared[uncovered], by_two_paths[uncovered], len(data)):
             return None
     guessed = surfaces_guessed(planes.surfaces, valid, frame.grid, seen=seen)
-    beside = _beside(fit, tail, seen, guessed, frame, mpi_share(ratios))
+    lags = _lag_parts(fit, model, seen, guessed, frame, mpi_share(ratios))
     two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
     leaning = None
     if len(ratios) == 1:
-        view = seen if through is None else seen[heard]
-        leaning = _leaning(fit, view, amplitude, beside.seen_rad, two_path_rad, heard, frame)
-    coarse = coarse_planes(fit, posterior, beside, valid, leaning, slowness=frame.settings.slowness)
-    coarse = coarse.if_likely(kinds.mpi_probability)
-    tails = None if of_terms is None else _term_tails(of_terms, fit, coarse, planes, valid, frame)
-    if tails is not None:
-        coarse = coarse.less_sure(_mistaken(tails, frame.settings))
+        leaning = _leaning(fit, seen, amplitude, lags.seen_rad, two_path_rad, uncovered, frame)
+    coarse = coarse_planes(fit, posterior, lags, valid, leaning, slowness=frame.settings.slowness)
+    coarse = coarse.weighted_by(kinds.mpi_probability)
+    term_tails = None if term_model is None else _term_tails(term_model, fit, coarse, planes, valid, frame)
+    if term_tails is not None:
+        coarse = coarse.with_added_variance(_term_variance(term_tails, frame.settings))
     covered = 0 if through is None else int(through.found.sum())
-    gap = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[heard]
+    difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[uncovered]
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
@@ -167,47 +170,58 @@ def _model(
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
         kinds.separate,
-        float(median(gap**2)),
+        float(median(difference_rad**2)),
         range_offset_m,
         through,
-        tails,
+        term_tails,
     )
 
 
 def _leaning(
-    fit: PatchFit, view: Surfaces, amplitude: Float, seen_rad: Float, two_path_rad: Float, heard: Bool, frame: _Frame
+    fit: PatchFit,
+    seen: Surfaces,
+    amplitude: Float,
+    seen_rad: Float,
+    two_path_rad: Float,
+    uncovered: Bool,
+    frame: _Frame,
 ) -> Leaning:
-    """Return which way two harmonics lean, by what the patches that are `heard`, whose surfaces are `view`, show."""
-    lag_rad, two_path_rad = fit.posterior[-1, heard], two_path_rad[heard]
+    """Return the correction of the lag with two harmonics, from the patches that are `uncovered`."""
+    lag_rad, two_path_rad = fit.posterior[-1, uncovered], two_path_rad[uncovered]
     numbers = view_numbers(
-        fit.room, view, amplitude[heard], lag_rad=lag_rad, seen_rad=seen_rad[heard], two_path_rad=two_path_rad
+        fit.room,
+        seen[uncovered],
+        amplitude[uncovered],
+        lag_rad=lag_rad,
+        seen_rad=seen_rad[uncovered],
+        two_path_rad=two_path_rad,
     )
     slowness = frame.settings.slowness
-    left = left_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns, slowness=slowness)
+    left = remaining_sigma_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns, slowness=slowness)
     return Leaning(0.0 if numbers is None else missed_share(numbers, slowness=slowness), left)
 
 
-def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
-    """Return χ², (n,), of what further harmonics differ by from what two paths foretell, with the errors that a tail may have."""
+def _two_path_chi_squared(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
+    """Return χ², (n,), of the further harmonics about what two paths predict; the paths may have the errors of a tail."""
     if len(frame.settings.harmonics) == 2:
-        # there are none
+        # there are no further harmonics
         return np.zeros(np.count_nonzero(valid))
     patches = PatchData.of(means, valid, frame.variances, frame.settings.harmonics)
     tolerated = np.diagonal(model_error(patches.ratios)).T[:-2].reshape(2, *patches.ratios.shape)
     with np.errstate(all="ignore"):
-        return missed(SecondPaths.of(patches, kernel=frame.kernel), replace(patches, tolerated=tolerated))
+        return further_chi_squared(SecondPaths.of(patches, kernel=frame.kernel), replace(patches, tolerated=tolerated))
 
 
 def _seen_through(
-    phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, heard: Bool | None = None
+    phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, uncovered: Bool | None = None
 ) -> SeenThrough | None:
-    """Return what lets light through in a frame, None where nothing does.
+    """Return the surface that lets light through in a frame; None if there is none.
 
-    Where patches that were not `heard`, (n,), are taken for what is near, it gets the tail that is typical of them, and what is
-    behind that of the others; else both get that of the frame.
+    By default, both paths get the tail that is typical of the frame. With `uncovered`, (n,), the nearer path gets the
+    tail that is typical of the covered patches, and the farther path that of the uncovered ones.
     """
-    far = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
-    near = far if heard is None else typical_tail(fit.posterior[:, ~heard], frame.settings.harmonics)
+    far = typical_tail(fit.posterior if uncovered is None else fit.posterior[:, uncovered], frame.settings.harmonics)
+    near = far if uncovered is None else typical_tail(fit.posterior[:, ~uncovered], frame.settings.harmonics)
     return seen_through(
         phasors,
         fit.posterior[-1],
@@ -219,55 +233,59 @@ def _seen_through(
     )
 
 
-def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float) -> Beside:
+def _lag_parts(
+    fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float
+) -> LagParts:
     """Return the lags by light that the view does not show.
 
-    Light of guessed walls counts where a patch faces little that is known; where there is little MPI, less of it is early light
-    that the fit does not see.
+    Light of guessed walls counts if a patch faces little that is known. If a frame has little MPI, it has less early
+    light that the fit does not see.
     """
     light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m, kernel=frame.kernel)
     open_share = tail.light.open_share
-    shown, continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
-    return Beside(shown, continued, share * unseen, share * would_be, open_share, seen.cosine)
+    seen_rad, continued_rad, unseen_rad, guessed_rad = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
+    return LagParts(seen_rad, continued_rad, share * unseen_rad, share * guessed_rad, open_share, seen.cosine)
 
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
-    """Return the surfaces by the first depth: that of two paths, from the mean light of every patch."""
+    """Return the surfaces from a first depth: that of two paths, from the mean light of every patch."""
     lag = two_path_lag(means.ratios[0], kernel=frame.kernel)
     range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
 
-def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> tuple[TailModel, TailModel | None]:
-    """Return the model of patches with these surfaces, and one of what other terms of a response see there, None for a sine."""
-    asked = frame.settings
-    multiples = tuple(h for h, _ in asked.terms or ())
-    harmonics = tuple(sorted({*asked.harmonics, *multiples}))
+def _tail_models(
+    seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame
+) -> tuple[TailModel, TailModel | None]:
+    """Return the model of patches with these surfaces, and the model at the multiples that other terms see; None for a sine."""
+    settings = frame.settings
+    multiples = tuple(h for h, _ in settings.terms or ())
+    harmonics = tuple(sorted({*settings.harmonics, *multiples}))
     light = interreflections(
-        seen, beyond, amplitude, harmonics=harmonics, rad_per_m=asked.rad_per_m, kernel=frame.kernel
+        seen, beyond, amplitude, harmonics=harmonics, rad_per_m=settings.rad_per_m, kernel=frame.kernel
     )
 
-    def model(some: tuple[int, ...]) -> TailModel:
-        return TailModel(light.at([harmonics.index(h) for h in some]), some, asked.rad_per_ns, frame.kernel)
+    def model(chosen: tuple[int, ...]) -> TailModel:
+        return TailModel(light.at([harmonics.index(h) for h in chosen]), chosen, settings.rad_per_ns, frame.kernel)
 
-    return model(asked.harmonics), None if asked.terms is None else model(multiples)
+    return model(settings.harmonics), None if settings.terms is None else model(multiples)
 
 
 def _term_tails(
     tail: TailModel, fit: PatchFit, coarse: CoarsePlanes, planes: PatchPlanes, valid: Bool, frame: _Frame
 ) -> TermTails:
-    """Return the tail that other terms of a response see, in the state that was fitted; invalid patches get the mean."""
-    held = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
-    held[:2] = coarse.planes[coarse.data : coarse.data + 2]
+    """Return the tail that other terms of a response see, at the fitted state; invalid patches get the mean."""
+    values = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
+    values[:2] = coarse.planes[coarse.data : coarse.data + 2]
     if tail.harmonics:
-        light = tail.light_at(fit.state).reshape(len(held) - 2, -1)
-        held[2:] = light.mean(axis=1)[:, None, None]
-        held[2:, valid] = light
-    return TermTails(tail.harmonics, held, upsampler(held, planes.surfaces.range_m, valid, frame.grid))
+        light = tail.light_at(fit.state).reshape(len(values) - 2, -1)
+        values[2:] = light.mean(axis=1)[:, None, None]
+        values[2:, valid] = light
+    return TermTails(tail.harmonics, values, upsampler(values, planes.surfaces.range_m, valid, frame.grid))
 
 
-def _mistaken(tails: TermTails, settings: DiffuseSettings) -> Float32:
-    """Return the variance of the direct phase, rad², (rows, columns), by what the tail is wrong by where other terms see it."""
+def _term_variance(tails: TermTails, settings: DiffuseSettings) -> Float32:
+    """Return the variance of the direct phase, rad², (rows, columns), by errors of the tail that other terms see."""
     count, variance = len(tails.harmonics), np.zeros(tails.planes.shape[1:], np.float32)
     parts = zip(tails.planes[2 : 2 + count], tails.planes[2 + count :], strict=True)
     for (_, share), (re, im) in zip(settings.terms or (), parts, strict=True):
@@ -276,7 +294,7 @@ def _mistaken(tails: TermTails, settings: DiffuseSettings) -> Float32:
 
 
 def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:
-    """Return the covariance of errors of the patches' values, (data + 2, data + 2, n): the model's, and noise of means."""
+    """Return the covariance of the errors of the patches' values, (data + 2, data + 2, n): of the model, and noise."""
     strength = np.concatenate([np.ones((1, ratios.shape[1])), np.maximum(np.abs(ratios), LEAST_RATIO)]) * amplitude
     relative = frame.variances[:, None] / (strength**2 * pixels)
     count = 2 * len(ratios)
@@ -288,11 +306,11 @@ def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> F
     return covariance
 
 
-def _unheard(error: Float) -> Float:
-    """Return the errors (data + 2, data + 2, n) of patches whose data are to say nothing."""
-    silent = np.zeros_like(error)
-    silent[:-2, :-2], silent[-2:, -2:] = UNHEARD * error[:-2, :-2], error[-2:, -2:]
-    return silent
+def _covered_error(error: Float) -> Float:
+    """Return the errors (data + 2, data + 2, n) of patches whose data must say nothing."""
+    covered = np.zeros_like(error)
+    covered[:-2, :-2], covered[-2:, -2:] = COVERED_ERROR * error[:-2, :-2], error[-2:, -2:]
+    return covered
 
 
 def _room_numbers(fit: PatchFit) -> RoomNumbers:

@@ -1,7 +1,7 @@
-"""What rooms are like before their data are seen: the state's mean, its spread between rooms, and its pattern within one.
+"""What rooms are like before their data are seen: the state's mean, its spread between rooms, and its pattern within a room.
 
-The components are those of `tail.STATE`. The numbers are those with which the depths of rendered rooms came out best, and
-hold for rooms that were rendered afterwards.
+The components are those of `tail.STATE`. The numbers are those that gave the best depths of rendered rooms. They hold
+for rooms that were rendered afterwards.
 """
 
 import numpy as np
@@ -9,36 +9,38 @@ import numpy as np
 from cadtof_cli.arrays import Float
 
 MEAN = np.array([np.log(0.95), 0.0, 0.0, np.log(0.1), np.log(12.0), 4.4])
-"""Mean albedo .95 as the radiosity sees it (rooms are closed, and it knows a part of their walls alone); light beside the view
-as within it; later bounces as they come; unseen light of .1 of the direct light, which decays with 12 ns and starts 4.4 ns late,
-as that of a surface .65 m beside the target does."""
+"""Mean over rooms. The albedo is .95 as the radiosity sees it: rooms are closed, but it knows only a part of their
+walls. Light beside the view is as within it, and later bounces are as they come. Unseen light is .1 of the direct
+light, decays with 12 ns and starts 4.4 ns late, as the light of a surface .65 m beside the target does."""
 
 BETWEEN_ROOMS = np.array([0.38, 0.3, 0.42, 1.8, 0.65, 1.5])
-"""Standard deviations between rooms: ln s, ln b, ln u, ln v, ln τ, and ns. What the view does not show varies most."""
+"""Standard deviations between rooms: ln s, ln b, ln u, ln v, ln τ, and t in ns. Light that the view does not show
+varies most."""
 
 CORRELATIONS = {(0, 3): 0.45, (3, 5): -0.6, (4, 5): 0.5}
-"""Correlations between rooms. Unseen light has bounced more often, so bright rooms have more of it (s and v); near walls give
-more and earlier (v and t); large rooms keep light longer, and give it later (τ and t)."""
+"""Correlations between rooms. Unseen light has bounced more often, so bright rooms have more of it (s and v). Near
+walls give more of it, and earlier (v and t). Large rooms keep light longer, and give it later (τ and t)."""
 
 WITHIN_ROOM = np.array([0.15, 0.42, 0.35, 1.2, 0.42, 1.75])
-"""Standard deviations between the patches of one room: the scale of the albedo is more common to them than the rest."""
+"""Standard deviations between the patches of one room. The scale of the albedo differs least between them."""
 
 WITHIN_PATCH = (1.1 * WITHIN_ROOM, 0.8 * WITHIN_ROOM)
-"""Standard deviations between a pixel and its patch, which may lie on an edge: with two harmonics, and with more. Those know a
-patch better, and what edges would need in addition brings every pixel more of its own noise."""
+"""Standard deviations between a pixel and its patch, which may lie on an edge: with two harmonics, and with more. With more
+harmonics, a patch is better known. The additional width that edges would need brings every pixel more of its own noise."""
 
 UNKNOWN_OPTICS = np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0])
-"""Standard deviations that come on top where the field of view is assumed: 15 % of focal length are 30 % of every area."""
+"""Standard deviations that are added, squared, if the field of view is assumed: 15 % of focal length are 30 % of every area."""
 
 UNSEEN_GAMMA = 0.7
-"""v ~ E^−γ: where a surface gets weak direct light E, unseen light is more of the whole; less than in proportion."""
+"""γ in v ~ E^−γ. If a surface gets weak direct light E, unseen light is a larger share; it is less than in proportion
+to 1/E."""
 
 TYPICAL_DIRECT = 1.0 / 9.0
-"""Direct light cos θ/d² for which the pattern changes nothing: a surface 3 m away, m⁻²."""
+"""Direct light cos θ/d², in m⁻², for which the pattern changes nothing: that of a surface 3 m away."""
 
 
 def pattern(direct: Float, /) -> Float:
-    """Return how a room's state differs from patch to patch by rule, (6, n), from their direct light (n,)."""
+    """Return how a room's state differs from patch to patch by rule, (6, n), from the direct light of the patches, (n,)."""
     rule = np.zeros((len(MEAN), direct.size))
     rule[3] = -UNSEEN_GAMMA * np.log(direct / TYPICAL_DIRECT)
     return rule

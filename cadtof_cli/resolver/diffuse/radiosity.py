@@ -14,33 +14,36 @@ from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.kernels import NUMPY, extension
 
 LATER_ALBEDO = 0.65
-"""Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""
+"""Mean albedo inside the later bounces; it makes their sum finite. Their strength is free in the fit."""
 
 LATER_BOUNCES = 5
-"""Bounces summed after the second: .65⁵ of the light is left then, spread over all directions and delays."""
+"""Bounces that are summed after the second one. .65⁵ of the light is left then, spread over all directions and delays."""
 
 ALBEDO_RANGE = (0.1, 4.0)
-"""Least and largest albedo of a patch over their median: what lies beyond is a mirror, a lamp or a wrong depth."""
+"""Smallest and largest albedo of a patch, over the median albedo. A value beyond is a mirror, a lamp or a wrong depth."""
 
 NEAREST_M2 = 1e-6
-"""Least squared distance of two patches."""
+"""Smallest squared distance of two patches."""
 
 ROWS_AT_ONCE = 60
-"""Rows of a matrix whose rotors numpy works out at once: few enough to stay in a processor's cache."""
+"""Rows of a matrix whose rotors numpy computes at once: few enough to stay in a processor's cache."""
 
 MOST_AT_ONCE = 4000
-"""Entries of a matrix that are multiplied at once: of more, the order of sums may depend on how many threads share them."""
+"""Entries of a matrix that are multiplied at once. With more, the order of sums may depend on the number of threads."""
 
 T = TypeVar("T", np.float32, np.complex64)
 
 
 @dataclass(frozen=True, eq=False)
 class Interreflections:
-    """Light that comes back by way of other surfaces, over direct light, at unit albedo; complex (H, n) each.
+    """Light that comes back by way of other surfaces, over direct light, at unit albedo.
 
-    `seen` is g_h, light of two bounces by way of surfaces in the view; `beyond` is b_h, by way of those continued outside;
-    `later` is m_h, light of three bounces and more. `direct` is a patch's own direct light, cos θ/d², float64 (n,); `open_share`
-    the share of what it faces that is none of these surfaces, 0 to 1.
+    Attributes:
+        seen: g_h, light of two bounces by way of surfaces in the view, complex (H, n).
+        beyond: b_h, light of two bounces by way of continued surfaces outside the view, complex (H, n).
+        later: m_h, light of three bounces and more, complex (H, n).
+        direct: direct light of a patch, cos θ/d², float64 (n,).
+        open_share: share of what a patch faces that is none of these surfaces, 0 to 1.
     """
 
     seen: Complex
@@ -50,7 +53,7 @@ class Interreflections:
     open_share: Float
 
     def at(self, rows: list[int], /) -> "Interreflections":
-        """Return the light at some of the harmonics, by their rows."""
+        """Return the light at some of the harmonics, given by their rows."""
         return replace(self, seen=self.seen[rows], beyond=self.beyond[rows], later=self.later[rows])
 
 
@@ -66,10 +69,10 @@ def interreflections(
 ) -> Interreflections:
     """Solve the radiosity between the patches, whose first phasors have the given amplitudes (n,), and the pieces beyond them.
 
-    With E_j = cos θ_j/d_j² the direct light on patch j and d_j its way from the lamp, what reaches i after one more bounce
-    is Σ_j K_ij·E_j·exp(ihω d_j/c), K_ij = F_ij·a_j·exp(ihω r_ij/c), where F_ij = cos θ_i·cos θ_j·A_j/(π r² + A_j) is the form
-    factor and a_j a relative albedo, |p1|·d²/cos θ. The receiver's own albedo cancels against its direct light. Later
-    bounces repeat K.
+    E_j = cos θ_j/d_j² is the direct light on patch j, and d_j its way from the lamp. After one more bounce, Σ_j
+    K_ij·E_j·exp(ihω d_j/c) reaches patch i, with K_ij = F_ij·a_j·exp(ihω r_ij/c). F_ij = cos θ_i·cos θ_j·A_j/(π r² +
+    A_j) is the form factor, and a_j a relative albedo, |p1|·d²/cos θ. The albedo of the receiver cancels against its
+    direct light. Later bounces repeat K.
     """
     count = len(seen.range_m)
     both = _joined(seen, beyond)
@@ -97,7 +100,7 @@ def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float, kernel: 
 
 
 def _direct_light(onto: Surfaces, rad_per_m: float) -> Complex:
-    """Return the direct light on surfaces, cos θ/d², turned by its way from the lamp, (n,)."""
+    """Return the direct light on surfaces, cos θ/d², with the phase of its way from the lamp, (n,)."""
     direct, phase = onto.cosine / onto.range_m**2, rad_per_m * onto.range_m
     light = np.empty(direct.shape, np.complex128)
     light.real, light.imag = direct * np.cos(phase), direct * np.sin(phase)
@@ -105,9 +108,9 @@ def _direct_light(onto: Surfaces, rad_per_m: float) -> Complex:
 
 
 def _bounces(matrix: Complex64, arrival: Complex, count: int) -> tuple[Complex64, Complex64, Complex64]:
-    """Return the light of the second bounce from the first `count` surfaces, from the others, and the light of all later bounces.
+    """Return the second bounce from the first `count` surfaces, that from the other surfaces, and all later bounces.
 
-    The later ones are at unit albedo for the first of them.
+    The first of the later bounces has unit albedo.
     """
     lit = arrival.astype(np.complex64)
     seen, beyond = _gathered(matrix[:, :count], lit[:count]), _gathered(matrix[:, count:], lit[count:])
@@ -131,7 +134,7 @@ def _gathered(matrix: NDArray[T], light: NDArray[T]) -> NDArray[T]:
 
 
 def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
-    """Return albedos over their mean by area, float32; those beyond the view are taken as the mean."""
+    """Return albedos over their mean by area, float32; the mean stands for surfaces beyond the view."""
     albedo = amplitude * seen.range_m**2 / seen.cosine
     least, largest = ALBEDO_RANGE
     albedo = np.minimum(np.maximum(albedo / median(albedo), least), largest)
@@ -142,15 +145,15 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
 def _light_matrix(
     onto: Surfaces, sources: Surfaces, albedo: Float32, rad_per_m: float, kernel: str
 ) -> tuple[Float32, Complex64, Complex64]:
-    """Return form factors F_ij, from source j to i, K_ij of the fundamental, and exp(iω r_ij/c), (onto, sources) each.
+    """Return form factors F_ij from source j to i, K_ij of the fundamental, and exp(iω r_ij/c), (onto, sources) each.
 
-    A point over a plane, and squared distances, are inner products of vectors with a few more components.
+    The height of a point over a plane is an inner product of two vectors of four components. A squared distance is one of five.
     """
     points, planes, square = _points_and_planes(onto)
     lit_points, lit_planes, lit_square = _points_and_planes(sources)
     form, facing = _inner_products(planes, lit_points), _inner_products(points, lit_planes)
     if onto is sources:
-        # of itself, a surface sees nothing
+        # a surface does not see itself
         form.ravel()[:: len(form) + 1] = 0.0
     ends = np.concatenate([-2.0 * points[:3], points[3:], square])
     r2 = _inner_products(ends, np.concatenate([lit_points[:3], lit_square, lit_points[3:]]))
@@ -187,7 +190,7 @@ def _points_and_planes(of: Surfaces) -> tuple[Float32, Float32, Float32]:
 def _inner_products(first: Float32, second: Float32) -> Float32:
     """Return the inner products of all pairs of vectors, (few, n) each, (n, n).
 
-    Of so few components that no number of threads changes the order in which they are summed.
+    They have so few components that no number of threads changes the order of the sums.
     """
     products: Float32 = np.matmul(first.T, second)
     return products

@@ -1,21 +1,21 @@
-"""What the prediction gives: the frame's model, the answers of pixels, and the numbers behind them."""
+"""Records that the prediction returns: the model of a frame, and the answers of its pixels."""
 
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Values
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings, range_from_phase
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.upsampling import Upsampler
 
 
 @dataclass(frozen=True, eq=False)
 class Tails:
-    """H_h of the nearer and of the farther of two paths, (H,) each, for so numbered harmonics."""
+    """H_h of the nearer and of the farther of two paths, complex (H,) each, at the given harmonics."""
 
     near: Complex
     far: Complex
@@ -24,13 +24,13 @@ class Tails:
 
 @dataclass(frozen=True, eq=False)
 class SeenThrough:
-    """What lets light through, such as a net.
+    """A surface that lets light through, such as a net.
 
     Attributes:
-        found: patches that it covers, (rows, columns).
-        near_m: its range there and in the patches around, NaN elsewhere.
-        tails: H_h of the light that it sends back, and of what lies behind it.
-        variance: of the phase of its direct light, rad², besides that of noise.
+        found: patches that the surface covers, (rows, columns).
+        near_m: range of the surface in these patches and in the patches around them; NaN elsewhere.
+        tails: H_h of the light that the surface sends back, and H_h of the light from behind it.
+        variance: variance of the phase of the direct light, rad², in addition to that of noise.
     """
 
     found: Bool
@@ -40,12 +40,16 @@ class SeenThrough:
 
 
 Parts = tuple[Any, Any]
-"""Real and imaginary part, float32 (n,) each: numpy's products of complex numbers differ from machine to machine."""
+"""Real part and imaginary part, float32 (n,) each. numpy's products of complex numbers differ from machine to machine."""
 
 
 @dataclass(frozen=True, eq=False)
 class PixelTails:
-    """The tail of n pixels: ln|H_1| and arg H_1, (n,), and H_m by the multiple m of the fundamental that other terms see."""
+    """The tail of n pixels.
+
+    `size` is ln|H_1| and `lag_rad` is arg H_1, (n,) each. `of_terms` gives H_m for every multiple m of the fundamental
+    that other terms of the response see.
+    """
 
     size: Float32
     lag_rad: Float32
@@ -53,7 +57,10 @@ class PixelTails:
 
     @classmethod
     def of(cls, planes: Float32, harmonics: tuple[int, ...], /) -> "PixelTails":
-        """Return what planes (2 + 2·M, n) hold: ln|H_1|, arg H_1, then the real, then the imaginary parts of H_m."""
+        """Return the tail from `planes`, (2 + 2·M, n), for the M multiples in `harmonics`.
+
+        The planes are ln|H_1|, arg H_1, then the real parts of all H_m, then their imaginary parts.
+        """
         size, lag, *parts = planes
         count = len(harmonics)
         return cls(size, lag, dict(zip(harmonics, zip(parts[:count], parts[count:], strict=True), strict=True)))
@@ -61,10 +68,10 @@ class PixelTails:
 
 @dataclass(frozen=True, eq=False)
 class TermTails:
-    """The tail of patches as the other terms of a response see it, at so many multiples m of the fundamental, `harmonics`.
+    """The tail of patches at the multiples m of the fundamental that other terms of a response see; `harmonics` lists them.
 
-    `planes`, float32 (2 + 2·M, rows, columns), are ln|H_1|, arg H_1, then the real, then the imaginary parts of H_m; `upsampler`
-    brings them to the pixels.
+    `planes`, float32 (2 + 2·M, rows, columns), are ln|H_1|, arg H_1, then the real parts of all H_m, then their
+    imaginary parts. `upsampler` interpolates them at the pixels.
     """
 
     harmonics: tuple[int, ...]
@@ -78,15 +85,15 @@ class DiffuseModel:
 
     Attributes:
         settings: what was asked for.
-        choice: which model was taken.
-        variances: noise of a channel of each harmonic, in squared units of the phasors, of one recorded pixel.
-        coarse: what the planes of `upsampler` hold.
-        upsampler: brings them to the pixels.
-        separate: patches with separate paths, (rows, columns): their pixels are left to the solver of separate paths.
-        separate_variance: variance in rad² that the room's tail adds to those pixels' direct phase.
-        range_offset_m: what is added to every pixel's range, (Y, X); None for nothing.
-        through: what lets light through; None where nothing does.
-        terms: the tail at the multiples of the fundamental that other terms of a response see; None for a sine.
+        choice: which model the frame got, and why.
+        variances: noise variance of one channel of one recorded pixel, for each harmonic, in squared units of the phasors.
+        coarse: planes over the patches, and what they mean.
+        upsampler: interpolates these planes at the pixels.
+        separate: patches with separate paths, (rows, columns). The solver of separate paths answers their pixels.
+        separate_variance: variance in rad² that the room's tail adds to the direct phase of these pixels.
+        range_offset_m: correction that is added to the range of every pixel, (Y, X); None if there is none.
+        through: the surface that lets light through; None if there is none.
+        terms: the tail at the multiples of the fundamental that other terms of the response see; None for a sine.
     """
 
     settings: DiffuseSettings
@@ -101,11 +108,11 @@ class DiffuseModel:
     terms: TermTails | None = None
 
     def block(self, pixels: slice, /) -> "DiffuseBlock":
-        """Return the model for a stretch of the frame's pixels, flat indices row by row."""
+        """Return the model for consecutive pixels of the frame; the slice holds flat indices, row by row."""
         return DiffuseBlock(self, pixels)
 
     def tails_of_patches(self, pixels: Index, /) -> PixelTails:
-        """Return the tail of pixels, flat indices: each has that of its patch.
+        """Return the tail of pixels, given by flat indices; each pixel gets the tail of its patch.
 
         Raises:
             ValueError: the model was made for a sine.
@@ -116,26 +123,25 @@ class DiffuseModel:
         return PixelTails.of(self.terms.planes[:, row, column], self.terms.harmonics)
 
     def of_paths(self, pixels: Index, /) -> Bool:
-        """Return which pixels, flat indices, lie in patches whose light is more than what the tail goes with, (n,)."""
+        """Return which pixels, given by flat indices, have light that a tail alone does not explain, (n,).
+
+        These are the pixels of patches with separate paths, or with a surface that lets light through.
+        """
         found = self.separate if self.through is None else self.separate | self.through.found
         return np.asarray(found[self.upsampler.grid.patch_of(pixels)])
 
-    def range_m(self, phase_rad: Values, /) -> Values:
-        """Return the range of a fundamental phase."""
-        return range_from_phase(phase_rad, self.settings)
-
     def range_offset(self, pixels: slice, /) -> Float32 | float:
-        """Return what is added to the ranges of a stretch of pixels, flat indices row by row, (n,)."""
+        """Return what is added to the ranges of consecutive pixels, flat indices row by row, (n,)."""
         return 0.0 if self.range_offset_m is None else self.range_offset_m.ravel()[pixels].astype(np.float32)
 
     def is_separate(self, pixels: slice, /) -> Bool:
-        """Return which of a stretch of pixels lie in patches with separate paths, (n,)."""
+        """Return which of consecutive pixels, flat indices row by row, lie in patches with separate paths, (n,)."""
         return np.asarray(self.separate[self.upsampler.grid.patch_of(np.arange(pixels.start, pixels.stop))])
 
 
 @dataclass(frozen=True, eq=False)
 class DiffuseBlock:
-    """A frame's model, and which stretch of its pixels it is to answer: flat indices row by row."""
+    """The model of a frame, and the consecutive pixels that it is to answer: flat indices row by row."""
 
     model: DiffuseModel
     pixels: slice
@@ -145,9 +151,10 @@ class DiffuseBlock:
 class DiffusePixels:
     """Answers for n pixels, float32 (n,) each, NaN where `answered` is not set; amplitudes in units of the phasors.
 
-    `direct_phase_rad` lies in [0, 2π); the MPI light is its phasor at the fundamental, its phase within a turn behind.
-    `chi_squared` is the pixel's data against what its patches expect; `separate_variance`, rad², what the room's tail adds to
-    the phases of pixels that are left to separate paths.
+    `direct_phase_rad` lies in [0, 2π). The MPI light is given by its phasor at the fundamental; its phase lies between
+    the direct phase and a turn later. `chi_squared` is χ² of the pixel's data about the values that its patches expect.
+    `separate_variance`, rad², is what the room's tail adds to the variance of the phases of pixels that are left to
+    separate paths.
     """
 
     separate_variance: float
@@ -171,6 +178,6 @@ class DiffusePixels:
         return self.mpi_amplitude, self.mpi_phase_rad, self.mpi_sigma_rad
 
     def clear(self, pixels: Bool, /) -> None:
-        """Take the answers of some pixels back."""
+        """Set the answers of the given pixels, a mask (n,), to NaN."""
         for field in fields(self)[2:]:
             getattr(self, field.name)[pixels] = np.nan

@@ -1,9 +1,9 @@
-"""What two true paths show and a tail does not, though any q_2 can be that of two paths.
+"""Signs of two true paths that a tail does not show, although any q_2 can be that of two paths.
 
-A second path that comes by a mirror, a pane or the lens has the same share of the light all over the view, whatever its delay.
-In a room, both follow from where a surface lies. And two true paths foretell a third harmonic; two paths that explain
-the first two harmonics of a tail miss its third. By how little, where the tail is short for its noise, all patches tell together:
-they miss it to the same side, by as much as the delays of the MPI are spread.
+A second path that comes by a mirror, a pane or the lens has the same share of the light all over the view, whatever its
+delay. In a room, share and delay both depend on where a surface lies. Two true paths also predict the third harmonic. Two
+paths that are fitted to the first two harmonics of a tail miss its third harmonic. If the tail is short for its noise,
+each patch misses it by little. But all patches miss it to the same side, by as much as the delays of the MPI are spread.
 """
 
 import math
@@ -20,53 +20,58 @@ from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.two_path.decomposition import decomposed
 
-SAME_PER_NS = 0.05
-"""Scatter of the logarithm of the second paths' share of light, for every ns that their delays scatter by, below which it is the
-same share: rendered rooms have .09 and more, at any light; cards with one share less than .04, where it is seen well enough."""
+ONE_SHARE_PER_NS = 0.05
+"""Threshold on the scatter of the logarithm of the second paths' share of the light, for every ns that their delays
+scatter. Below it, all second paths have the same share. Rendered rooms have .09 and more, at any light. Cards with one
+share have less than .04 if it is seen well enough."""
 
-WELL_KNOWN = 0.3
-"""Largest standard deviation of that logarithm, by noise, in a patch that counts."""
+LARGEST_LOG_SHARE_SIGMA = 0.3
+"""Largest standard deviation of that logarithm, by noise, at which a patch counts."""
 
 LEAST_KNOWN = 64
-"""Patches that must count: fewer do not tell how their shares scatter."""
+"""Smallest number of patches that must count: fewer do not tell how their shares scatter."""
 
 CERTAINTY = 3.0
-"""Standard deviations by which the scatter must be smaller."""
+"""Standard deviations between the estimate of a scatter and its bounds."""
 
-QUARTILES = 1.349
-"""Distance of the quartiles of normal numbers, in standard deviations."""
+QUARTILE_DISTANCE = 1.349
+"""Distance between the quartiles of normal numbers, in standard deviations."""
 
-UNSURE = 2.33
-"""Relative standard deviation of the variance that the quartiles of n normal numbers tell, times √n."""
+VARIANCE_SIGMA = 2.33
+"""Relative standard deviation of a variance that is estimated from the quartiles of n normal numbers, times √n."""
 
-FORETOLD = 1.35
-"""Median χ² of what further harmonics differ by from what two paths foretell, over that of noise, up to which there are two
-paths: .8 to 1.1 on cards; 2.2 and more in rendered rooms."""
+LARGEST_FURTHER_MISFIT = 1.35
+"""Largest median χ² of the further harmonics about what two paths predict, over that of noise, at which there are two
+paths. Cards have .8 to 1.1; rendered rooms have 2.2 and more."""
 
-FORETOLD_SNR = 5.0
-"""Median of |q_2 − 1| over its noise from which that tells two paths from a tail, …"""
+LEAST_MPI_SNR = 5.0
+"""Smallest median of |q_2 − 1| over its noise at which further harmonics tell two paths from a tail."""
 
-FORETOLD_DELAY = 10.0
-"""… where that median times the square of the delay in rad is as large, too. What is short for its noise, as a corner's tail,
-two paths foretell as well. Up to there a tail comes nearer the truth, be there two paths or not."""
+LEAST_SNR_DELAY_SQUARE = 10.0
+"""Smallest product of that median and the squared median delay, in rad², at which they do. Two paths also predict the
+further harmonics of a tail that is short for its noise, such as that of a corner. Below this limit, a tail comes nearer
+the truth, whether there are two paths or not."""
 
 
-SPREAD = 0.008
-"""Relative variance of the MPI's delays from which on MPI is a tail however well two paths foretell the rest: 0 of two true
-paths, .002 where a reflector of 1.5 m sends the second one, .01 and more in corners that fill the view, .18 in rooms."""
+LEAST_SPREAD = 0.008
+"""Relative variance of the MPI's delays from which MPI is a tail, however well two paths predict the further harmonics.
+It is 0 for two true paths, .002 if a reflector of 1.5 m sends the second path, .01 and more in corners that fill the
+view, and .18 in rooms."""
 
 SPREAD_CERTAINTY = 2.0
-"""Standard deviations by which it must be larger."""
+"""Standard deviations by which that variance must exceed `LEAST_SPREAD`."""
 
-WIDEST = 0.1
-"""Largest such variance of a patch, up or down, that counts: of what patches see that show two surfaces, it may be any."""
+LARGEST_SPREAD = 0.1
+"""Largest magnitude of that variance with which a patch counts; a larger value, positive or negative, is cut to it. A
+patch that shows two surfaces may have any value."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchData:
-    """What n patches show: q_h, (H − 1, n), and σ²/|p_h|² of every harmonic, (H, n), so numbered.
+    """The data of n patches: `ratios` q_h, (H − 1, n), and `relative` σ²/|p_h|² of every harmonic, (H, n).
 
-    `tolerated`, (2, H − 1, n), are variances of ln|q_h| and arg q_h besides noise: what a model may get wrong.
+    `harmonics` are the numbers of the harmonics. `tolerated`, (2, H − 1, n), are variances of ln|q_h| and arg q_h in
+    addition to noise: what a model may get wrong.
     """
 
     ratios: Complex
@@ -76,7 +81,7 @@ class PatchData:
 
     @classmethod
     def of(cls, means: PatchMeans, lit: Bool, variances: Float, harmonics: tuple[int, ...], /) -> "PatchData":
-        """Return the data of the lit patches; `variances` are those of a channel of each harmonic."""
+        """Return the data of the lit patches; `variances` are the noise variances of a channel of each harmonic."""
         ratios = means.ratios[:, lit]
         relative = variances[:, None] / (means.amplitude[lit] ** 2 * means.pixels[lit])
         with np.errstate(divide="ignore"):
@@ -84,7 +89,7 @@ class PatchData:
         return cls(ratios, relative, harmonics)
 
     def noise(self, first: int, second: int, /) -> Float:
-        """Return the covariance of ln|q_h| of two ratios, by their rows, and that of their arg q_h, (2, n)."""
+        """Return the covariances between two ratios, given by their rows: of ln|q_h| and of arg q_h, (2, n)."""
         entries = noise_covariance(list(self.relative), harmonics=self.harmonics)
         count = len(self.ratios)
         noise = np.stack([entries[first, second], entries[count + first, count + second]])
@@ -95,19 +100,26 @@ class PatchData:
 
 @dataclass(frozen=True, eq=False)
 class SecondPaths:
-    """The weaker paths of n patches: ln of their amplitude over the stronger ones', and how much later they come, rad, (n,) each.
+    """The weaker of the two paths of n patches.
 
-    `by_data`, (2, 2, n), says how both follow from ln|q_2| and arg q_2; `noise`, (2, n), are their variances by noise.
+    Attributes:
+        log_share: logarithm of its amplitude over that of the stronger path, (n,).
+        later_rad: how much later it comes than the stronger path, within half a turn; negative if it comes earlier, (n,).
+        by_data: derivatives of both with respect to ln|q_2| and arg q_2, (2, 2, n).
+        noise: variances of both by noise, (2, n).
     """
 
-    strength: Float
+    log_share: Float
     later_rad: Float
     by_data: Float
     noise: Float
 
     @classmethod
     def of(cls, data: PatchData, /, *, kernel: str = NUMPY) -> "SecondPaths":
-        """Return the second paths that explain q_2, (n,); `kernel` is of `available_kernels`, all of which give the same bits."""
+        """Return the second paths that explain q_2, (n,).
+
+        `kernel` is of `available_kernels`, all of which give the same bits.
+        """
         ratio = data.ratios[0]
         paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
         share = np.minimum(paths.a, paths.b) / np.maximum(paths.a, paths.b)
@@ -120,24 +132,24 @@ class SecondPaths:
 
     @cached_property
     def known(self) -> Bool:
-        """Patches whose share is known well enough to tell how shares scatter, (n,); none where they are too few for that."""
-        known: Bool = self.noise[0] < WELL_KNOWN**2
+        """Which patches know their share well enough to tell how shares scatter, (n,); none if there are too few of them."""
+        known: Bool = self.noise[0] < LARGEST_LOG_SHARE_SIGMA**2
         return known & (np.count_nonzero(known) >= LEAST_KNOWN)
 
     @cached_property
-    def strength_scatter(self) -> "Scatter":
-        """How ln of the share scatters between the patches where it is known."""
-        return Scatter.of(self.strength[self.known], self.noise[0, self.known])
+    def log_share_scatter(self) -> "Scatter":
+        """Scatter of the logarithm of the share between the patches that know it."""
+        return Scatter.of(self.log_share[self.known], self.noise[0, self.known])
 
     @cached_property
     def delay_scatter(self) -> "Scatter":
-        """How delays scatter between the same patches, in rad."""
+        """Scatter of the delays between the same patches, in rad."""
         return Scatter.of(self.later_rad[self.known], self.noise[1, self.known])
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """The variance of numbers besides that of their noise: at the least and at the most, with certainty."""
+    """Lower and upper bound of the variance of numbers in addition to that of their noise, with certainty."""
 
     least: float
     most: float
@@ -146,13 +158,17 @@ class Scatter:
     def of(cls, values: Float, noise: Float, /) -> "Scatter":
         """Return the scatter of values, (n,), whose noise has the given variances, (n,)."""
         low, high = quantiles(values, (0.25, 0.75))
-        variance, by_noise = float((high - low) / QUARTILES) ** 2, float(median(noise))
-        unsure = CERTAINTY * UNSURE / float(np.sqrt(values.size))
-        return cls(max(variance - (1.0 + unsure) * by_noise, 0.0), max(variance - by_noise, 0.0) + unsure * by_noise)
+        variance, noise_variance = float((high - low) / QUARTILE_DISTANCE) ** 2, float(median(noise))
+        margin = CERTAINTY * VARIANCE_SIGMA / float(np.sqrt(values.size))
+        least = max(variance - (1.0 + margin) * noise_variance, 0.0)
+        return cls(least, max(variance - noise_variance, 0.0) + margin * noise_variance)
 
 
 def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
-    """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1²."""
+    """Return arg H_1 if there are two paths and the stronger is direct, from q_2 = p_2|p_1|/p_1²; same shape.
+
+    This is by how much MPI turns arg p_1, in rad.
+    """
     flat = ratio.ravel()
     paths = decomposed(np.ones_like(flat), flat, kernel=kernel)
     sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
@@ -163,120 +179,129 @@ def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
     return lag.reshape(ratio.shape)
 
 
-def has_one_share(found: SecondPaths, /, *, rad_per_ns: float) -> bool:
+def has_one_share(second: SecondPaths, /, *, rad_per_ns: float) -> bool:
     """Return whether second paths have the same share of the light at different delays."""
-    if not found.known.any():
+    if not second.known.any():
         return False
-    return found.strength_scatter.most * rad_per_ns**2 < SAME_PER_NS**2 * found.delay_scatter.least
+    return second.log_share_scatter.most * rad_per_ns**2 < ONE_SHARE_PER_NS**2 * second.delay_scatter.least
 
 
-def foretelling(found: SecondPaths, data: PatchData, /) -> bool:
-    """Return whether there are further harmonics, and so much and so late MPI is seen that they tell two paths from a tail."""
+def further_harmonics_tell(second: SecondPaths, data: PatchData, /) -> bool:
+    """Return whether further harmonics tell two paths from a tail: there are some, and MPI is strong and late enough."""
     if len(data.ratios) == 1:
         return False
-    first, second = data.relative[:2]
-    seen = float(median(np.abs(data.ratios[0] - 1.0) / np.sqrt(2.5 * first + second)))
-    later_rad = found.later_rad[np.isfinite(found.later_rad)]
-    return seen >= FORETOLD_SNR and later_rad.size > 0 and seen * float(median(later_rad)) ** 2 >= FORETOLD_DELAY
+    noise_1, noise_2 = data.relative[:2]
+    snr = float(median(np.abs(data.ratios[0] - 1.0) / np.sqrt(2.5 * noise_1 + noise_2)))
+    later_rad = second.later_rad[np.isfinite(second.later_rad)]
+    return snr >= LEAST_MPI_SNR and later_rad.size > 0 and snr * float(median(later_rad)) ** 2 >= LEAST_SNR_DELAY_SQUARE
 
 
-def foretells(found: SecondPaths, data: PatchData, /) -> bool:
-    """Return whether the second paths say, but for noise, what q_h of further harmonics is, and have one delay each."""
-    if not float(median(missed(found, data))) < FORETOLD * median_of_noise(2 * len(data.ratios) - 2):
+def predict_further_harmonics(second: SecondPaths, data: PatchData, /) -> bool:
+    """Return whether second paths predict q_h of the further harmonics, apart from noise, and have one delay each."""
+    if not float(median(further_chi_squared(second, data))) < LARGEST_FURTHER_MISFIT * median_of_noise(
+        2 * len(data.ratios) - 2
+    ):
         return False
-    spread, sigma = delay_spread(found, data)
-    return spread - SPREAD_CERTAINTY * sigma < SPREAD
+    spread, sigma = delay_spread(second, data)
+    return spread - SPREAD_CERTAINTY * sigma < LEAST_SPREAD
 
 
-def delay_spread(found: SecondPaths, data: PatchData, /) -> tuple[float, float]:
-    """Return the variance of the MPI's delays within a patch, over their square, that further harmonics show, and its standard
-    deviation; (0, inf) where they show nothing.
+def delay_spread(second: SecondPaths, data: PatchData, /) -> tuple[float, float]:
+    """Return the variance of the MPI's delays within a patch, over their square, and its standard deviation.
 
-    Delays that are spread by a variance of κθ² about θ make MPI at the harmonic h smaller by 1 − κ(hθ)²/2.
+    Both come from what further harmonics show; (0, inf) if they show nothing. Delays that are spread by a variance of
+    κθ² about θ make the MPI at the harmonic h smaller by the factor 1 − κ(hθ)²/2.
     """
-    shown = weight = np.zeros(found.strength.size)
+    projected = weight = np.zeros(second.log_share.size)
     for row in range(1, len(data.ratios)):
-        differs = _Difference.of(found, data, row)
-        by_spread = _by_spread(found, data.harmonics[row + 1])
-        by_spread -= np.einsum("ijn,jn->in", differs.follows, _by_spread(found, 2))
-        shown = shown + np.einsum("in,ijn,jn->n", by_spread, differs.precision, differs.off)
-        weight = weight + np.einsum("in,ijn,jn->n", by_spread, differs.precision, by_spread)
-    seen = np.isfinite(shown) & np.isfinite(weight) & (weight > 0.0)
+        difference = _Difference.of(second, data, row)
+        by_spread = _by_spread(second, data.harmonics[row + 1])
+        by_spread -= np.einsum("ijn,jn->in", difference.by_data, _by_spread(second, 2))
+        projected = projected + np.einsum("in,ijn,jn->n", by_spread, difference.precision, difference.residual)
+        weight = weight + np.einsum("in,ijn,jn->n", by_spread, difference.precision, by_spread)
+    seen = np.isfinite(projected) & np.isfinite(weight) & (weight > 0.0)
     if not seen.any():
         return 0.0, math.inf
-    shown, weight = shown[seen], weight[seen]
+    projected, weight = projected[seen], weight[seen]
     total = float(weight.sum())
-    return float((weight * np.clip(shown / weight, -WIDEST, WIDEST)).sum()) / total, 1.0 / math.sqrt(total)
+    return float(
+        (weight * np.clip(projected / weight, -LARGEST_SPREAD, LARGEST_SPREAD)).sum()
+    ) / total, 1.0 / math.sqrt(total)
 
 
-def missed(found: SecondPaths, data: PatchData, /) -> Float:
-    """Return χ², (n,), of what q_h of further harmonics, two numbers each, differ by from what the second paths make of them."""
+def further_chi_squared(second: SecondPaths, data: PatchData, /) -> Float:
+    """Return χ², (n,), of the q_h of further harmonics, two numbers each, about what the second paths predict."""
     chi_squared = np.zeros(len(data.ratios[0]))
     for row in range(1, len(data.ratios)):
-        differs = _Difference.of(found, data, row)
-        chi_squared += np.einsum("in,ijn,jn->n", differs.off, differs.precision, differs.off)
+        difference = _Difference.of(second, data, row)
+        chi_squared += np.einsum("in,ijn,jn->n", difference.residual, difference.precision, difference.residual)
     return chi_squared
 
 
 def median_of_noise(numbers: int, /) -> float:
-    """Return the median χ² of so many independent numbers, as Wilson and Hilferty have it."""
+    """Return the median χ² of so many independent normal numbers, by the approximation of Wilson and Hilferty."""
     return numbers * (1.0 - 2.0 / (9.0 * numbers)) ** 3
 
 
 @dataclass(frozen=True, eq=False)
 class _Difference:
-    """What ln|q_h| and arg q_h of a further harmonic differ by from what second paths make of them: `off`, (2, n), the inverse
-    of its covariance, `precision`, (2, 2, n), and how what they make of them follows from ln|q_2| and arg q_2, (2, 2, n).
+    """The difference of ln|q_h| and arg q_h of a further harmonic from what the second paths predict.
+
+    `residual`, (2, n), is the difference and `precision`, (2, 2, n), the inverse of its covariance. `by_data`, (2, 2, n),
+    are the derivatives of the prediction with respect to ln|q_2| and arg q_2.
     """
 
-    off: Float
+    residual: Float
     precision: Float
-    follows: Float
+    by_data: Float
 
     @classmethod
-    def of(cls, found: SecondPaths, data: PatchData, row: int, /) -> "_Difference":
-        """Return that of the ratios in a row."""
-        share = np.exp(found.strength)
-        expected, slopes = of_two_paths(share, found.later_rad, data.harmonics[row + 1])
+    def of(cls, second: SecondPaths, data: PatchData, row: int, /) -> "_Difference":
+        """Return the difference for the ratios in a row."""
+        share = np.exp(second.log_share)
+        expected, slopes = of_two_paths(share, second.later_rad, data.harmonics[row + 1])
         slopes[:, 0] *= share
         ratio = data.ratios[row]
-        off = np.stack([np.log(np.abs(ratio)) - expected[0], wrapped(np.angle(ratio) - expected[1])])
-        follows = np.einsum("ikn,kjn->ijn", slopes, found.by_data)
-        shared = follows * data.noise(row, 0)
-        covariance = np.einsum("ikn,kn,jkn->ijn", follows, data.noise(0, 0), follows) - shared - shared.swapaxes(0, 1)
+        residual = np.stack([np.log(np.abs(ratio)) - expected[0], wrapped(np.angle(ratio) - expected[1])])
+        by_data = np.einsum("ikn,kjn->ijn", slopes, second.by_data)
+        shared = by_data * data.noise(row, 0)
+        covariance = np.einsum("ikn,kn,jkn->ijn", by_data, data.noise(0, 0), by_data) - shared - shared.swapaxes(0, 1)
         covariance[(0, 1), (0, 1)] += data.noise(row, row)
-        return cls(off, _inverse(covariance), follows)
+        return cls(residual, _inverse(covariance), by_data)
 
 
-def _by_spread(found: SecondPaths, h: int) -> Float:
-    """Return by how much ln|q_h| and arg q_h grow, (2, n), per unit of the delays' relative variance."""
-    first, further = (_logarithm_by_spread(found, k) for k in (1, h))
+def _by_spread(second: SecondPaths, h: int) -> Float:
+    """Return the derivatives of ln|q_h| and arg q_h with respect to the relative variance of the delays, (2, n)."""
+    first, further = (_logarithm_by_spread(second, k) for k in (1, h))
     return np.stack([further.real - first.real, further.imag - h * first.imag])
 
 
-def _logarithm_by_spread(found: SecondPaths, h: int) -> Complex:
-    """Return by how much ln H_h grows, (n,), per unit of the delays' relative variance."""
-    second = np.exp(found.strength + 1j * h * found.later_rad)
-    return np.asarray(-0.5 * (h * found.later_rad) ** 2 * second / (1.0 + second), np.complex128)
+def _logarithm_by_spread(second: SecondPaths, h: int) -> Complex:
+    """Return the derivative of ln H_h with respect to the relative variance of the delays, (n,)."""
+    phasor = np.exp(second.log_share + 1j * h * second.later_rad)
+    return np.asarray(-0.5 * (h * second.later_rad) ** 2 * phasor / (1.0 + phasor), np.complex128)
 
 
 def of_two_paths(share: Float, later_rad: Float, h: int, /) -> tuple[Float, Float]:
-    """Return ln|q_h| and arg q_h of two paths, (2, n), and their slopes along the second's share and delay, (2, 2, n)."""
-    found, slopes = np.zeros((2, share.size)), np.zeros((2, 2, share.size))
-    for k, of_size, of_phase in ((1, -1.0, -float(h)), (h, 1.0, 1.0)):
+    """Return ln|q_h| and arg q_h of two paths, (2, n), and their derivatives, (2, 2, n).
+
+    The derivatives are with respect to the share and the delay of the second path.
+    """
+    values, slopes = np.zeros((2, share.size)), np.zeros((2, 2, share.size))
+    for k, size_factor, phase_factor in ((1, -1.0, -float(h)), (h, 1.0, 1.0)):
         turn = k * later_rad
         cos, sin = np.cos(turn), np.sin(turn)
         re, im = 1.0 + share * cos, share * sin
         square = re * re + im * im
-        # exp(ikθ) over 1 + share·exp(ikθ)
+        # real and imaginary part of exp(ikθ)/(1 + share·exp(ikθ))
         along, across, by_delay = (cos + share) / square, sin / square, share * k
-        found[0] += of_size * 0.5 * np.log(square)
-        found[1] += of_phase * np.arctan2(im, re)
-        slopes[0, 0] += of_size * along
-        slopes[1, 0] += of_phase * across
-        slopes[0, 1] -= of_size * by_delay * across
-        slopes[1, 1] += of_phase * by_delay * along
-    return found, slopes
+        values[0] += size_factor * 0.5 * np.log(square)
+        values[1] += phase_factor * np.arctan2(im, re)
+        slopes[0, 0] += size_factor * along
+        slopes[1, 0] += phase_factor * across
+        slopes[0, 1] -= size_factor * by_delay * across
+        slopes[1, 1] += phase_factor * by_delay * along
+    return values, slopes
 
 
 def _inverse(matrices: Float) -> Float:

@@ -1,4 +1,4 @@
-"""What the prediction is asked for, and how phases become metres in it."""
+"""Settings of the prediction, and the conversion of phases to metres."""
 
 import math
 
@@ -11,31 +11,29 @@ from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.units import C_M_PER_NS, metres_per_radian
 
 CHOSEN_NS = 40.0
-"""Period of the fundamental with which all numbers of the prediction were chosen."""
+"""Period of the fundamental, in ns, for which all constants of the prediction were chosen."""
 
 NEAREST_M = 0.05
-"""Least range that a pixel is taken to have: with the phase 0 it would have none."""
+"""Smallest range of a pixel, in m. A phase of 0 would otherwise give the range 0, and the prediction divides by ranges."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiffuseSettings:
-    """What to predict, and from which harmonics.
+    """Which model is asked for, and the harmonics from which the tail is predicted.
 
     Attributes:
-        model: `discrete` leaves every pixel to the solver of separate paths, `diffuse` predicts a tail for all, `auto` asks
-            the data, patch by patch and then for the frame.
+        model: `discrete` leaves every pixel to the solver of separate paths. `diffuse` predicts a tail for every pixel.
+            `auto` lets the data decide, first for every patch and then for the frame.
         period_ns: T1, period of the fundamental.
         harmonics: numbers h of the phasors; the first two must be 1 and 2.
-        terms: multiples of the fundamental at which the other terms of a response see the tail, in order, each with the share
-            |c| of its term; None for a sine.
-        nearest_m: range at which the unambiguous range c·T1/2 starts.
+        terms: for a response that is no pure sine: the multiples of the fundamental at which its other terms see the
+            tail, in ascending order, each with the magnitude |c| of its term. None for a sine.
     """
 
     model: MpiModel = "auto"
     period_ns: float
     harmonics: tuple[int, ...]
     terms: tuple[tuple[int, float], ...] | None = None
-    nearest_m: float = 0.0
 
     def __post_init__(self) -> None:
         if self.harmonics[:2] != (1, 2):
@@ -46,28 +44,27 @@ class DiffuseSettings:
 
     @property
     def rad_per_ns(self) -> float:
-        """ω1, the fundamental's phase per delay."""
+        """ω1: phase of the fundamental per ns of delay."""
         return 2.0 * math.pi / self.period_ns
 
     @property
     def slowness(self) -> float:
-        """How many times as long the period is as the one that all numbers were chosen with; 1 for shorter ones."""
+        """Period of the fundamental over `CHOSEN_NS`, but at least 1."""
         return max(self.period_ns / CHOSEN_NS, 1.0)
 
     @property
     def rad_per_m(self) -> float:
-        """The fundamental's phase per way of light, from surface to surface: ω1/c."""
+        """ω1/c: phase of the fundamental per metre that light travels one way, from surface to surface."""
         return self.rad_per_ns / C_M_PER_NS
 
     @property
     def m_per_rad(self) -> float:
-        """Range per phase of the fundamental, out and back."""
+        """Range per radian of the fundamental's phase, for light that goes out and back."""
         return metres_per_radian(self.period_ns)
 
 
 def range_from_phase(phase_rad: Values, settings: DiffuseSettings, /) -> Values:
-    """Return the range of a fundamental phase, in [nearest, nearest + c·T1/2)."""
-    turns = (phase_rad - settings.nearest_m / settings.m_per_rad) / (2.0 * np.pi)
-    ahead: Values = (turns - np.floor(turns)) * (2.0 * np.pi)
-    range_m: Values = settings.nearest_m + ahead * settings.m_per_rad
+    """Return the range of a fundamental phase, in [0, c·T1/2)."""
+    turns = phase_rad / (2.0 * np.pi)
+    range_m: Values = (turns - np.floor(turns)) * (2.0 * np.pi) * settings.m_per_rad
     return range_m

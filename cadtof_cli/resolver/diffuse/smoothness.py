@@ -1,8 +1,9 @@
-"""Surfaces that two paths make smooth: second paths that change from pixel to pixel, or from place to place, bend what is seen of
-them, by as much as they add to its depth.
+"""Surfaces that become smooth once two paths are taken out.
 
-Without them, surfaces are what they are: mostly flat, and 1/z of a flat one is even over the view. A tail is smooth itself, so
-that little of what a room's surfaces are bent by is its doing, and two paths, which do not explain it, leave most of that.
+Second paths that change from pixel to pixel, or from place to place, bend the surfaces that are seen, by as much as
+they add to the depth. Without them, surfaces have their own shape. Most are flat, and 1/z of a flat surface is even
+over the view. A tail is smooth itself. So little of the bends in a room comes from the tail, and two paths, which do
+not explain the tail, leave most of the bends.
 """
 
 import math
@@ -18,15 +19,15 @@ from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, ran
 from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.kernels import NUMPY
 
-SMOOTHER = {1: 0.08, 2: 0.04}
-"""Median square of the bends of 1/z between patches so far apart that two paths leave of it, below which they are there: .14 and
-.07 or more in rendered rooms, .23 and .047 in corners that fill the view."""
+LARGEST_LEFT = {1: 0.08, 2: 0.04}
+"""Threshold on the median square of the bends of 1/z that two paths leave, over that before; by the distance of the
+patches. Below it, there are two paths. Rendered rooms have .14 and .07 or more, corners that fill the view .23 and .047."""
 
-SMOOTHER_WITHIN = 0.1
-"""The same, of the bends of the phase from pixel to pixel within patches: .24 and more in rooms."""
+LARGEST_LEFT_WITHIN = 0.1
+"""The same threshold for the bends of the phase from pixel to pixel within patches. Rooms have .24 and more."""
 
 LEAST_BENDS = 64
-"""Bends that must be seen: fewer do not tell."""
+"""Smallest number of bends that must be seen: fewer do not tell."""
 
 
 def are_smoothed_by_two_paths(
@@ -39,27 +40,32 @@ def are_smoothed_by_two_paths(
     settings: DiffuseSettings,
     kernel: str = NUMPY,
 ) -> bool:
-    """Return whether surfaces are smooth, but for noise, once two paths are taken out of a frame's light.
+    """Return whether surfaces are smooth, apart from noise, once two paths are taken out of a frame's light.
 
-    `means` are those of its patches, of which those that count are `lit`, (rows, columns). Field curvature stays in both what is
-    seen and what is left: it makes nothing smoother.
+    `means` are those of the frame's patches; `lit`, (rows, columns), are the patches that count. Field curvature stays
+    in the surfaces before and after: it makes nothing smoother.
     """
     with np.errstate(all="ignore"):
-        # of one path alone, the other has no delay
-        return _smoothed_between(means, lit, grid, settings, kernel) or _smoothed_within(light, lit, kernel)
+        # if there is one path, the delay of the other is NaN
+        return _smoothed_between_patches(means, lit, grid, settings, kernel) or _smoothed_within_patches(
+            light, lit, kernel
+        )
 
 
-def _smoothed_between(means: PatchMeans, lit: Bool, grid: PatchGrid, settings: DiffuseSettings, kernel: str) -> bool:
-    """Return whether two paths make what patches show of 1/z smooth."""
+def _smoothed_between_patches(
+    means: PatchMeans, lit: Bool, grid: PatchGrid, settings: DiffuseSettings, kernel: str
+) -> bool:
+    """Return whether two paths make 1/z smooth from patch to patch."""
     lag = two_path_lag(means.ratios[0], kernel=kernel)
     seen = lit & np.isfinite(lag)
-    shown, direct = (_inverse_depth(phase, grid, settings) for phase in (means.phase_rad, means.phase_rad - lag))
+    recorded, direct = (_inverse_depth(phase, grid, settings) for phase in (means.phase_rad, means.phase_rad - lag))
     return any(
-        _are_smoother(_bends(direct, seen, apart), _bends(shown, seen, apart), most) for apart, most in SMOOTHER.items()
+        _are_smoother(_bends(direct, seen, distance), _bends(recorded, seen, distance), limit)
+        for distance, limit in LARGEST_LEFT.items()
     )
 
 
-def _smoothed_within(light: PatchLight, lit: Bool, kernel: str) -> bool:
+def _smoothed_within_patches(light: PatchLight, lit: Bool, kernel: str) -> bool:
     """Return whether two paths make the phases along the middle row of each patch smooth."""
     side = math.isqrt(len(light.seen))
     row = slice(side // 2 * side, (side // 2 + 1) * side)
@@ -69,27 +75,27 @@ def _smoothed_within(light: PatchLight, lit: Bool, kernel: str) -> bool:
     lag = two_path_lag(ratio, kernel=kernel)
     seen = light.seen[row] & lit & np.isfinite(lag)
     phase = light.phase_rad[row].astype(np.float64)
-    direct, shown = (wrapped(_bends_along(one, seen, 1)) for one in (phase - lag, phase))
-    return _are_smoother(direct, shown, SMOOTHER_WITHIN)
+    direct, recorded = (wrapped(_bends_along(one, seen, 1)) for one in (phase - lag, phase))
+    return _are_smoother(direct, recorded, LARGEST_LEFT_WITHIN)
 
 
-def _are_smoother(direct: Float, shown: Float, most: float) -> bool:
-    """Return whether no more than that share of the median square of bends is left, where enough of them are seen."""
-    return direct.size >= LEAST_BENDS and float(median(direct * direct)) < most * float(median(shown * shown))
+def _are_smoother(direct: Float, recorded: Float, limit: float) -> bool:
+    """Return whether at most this share of the median square of the bends is left; enough of them must be seen."""
+    return direct.size >= LEAST_BENDS and float(median(direct * direct)) < limit * float(median(recorded * recorded))
 
 
 def _inverse_depth(phase_rad: Float, grid: PatchGrid, settings: DiffuseSettings) -> Float:
-    """Return 1/z of patches that phases stand for, 1/m."""
+    """Return 1/z of patches, in 1/m, from their phases."""
     return np.asarray(1.0 / (np.maximum(range_from_phase(phase_rad, settings), NEAREST_M) * grid.ray[2]))
 
 
-def _bends(image: Float, seen: Bool, apart: int) -> Float:
-    """Return the second differences of what is seen of an image, down and across, between places so far apart."""
-    return np.concatenate([_bends_along(image, seen, apart), _bends_along(image.T, seen.T, apart)])
+def _bends(image: Float, seen: Bool, distance: int) -> Float:
+    """Return the second differences of an image over this distance, down and across, where it is seen."""
+    return np.concatenate([_bends_along(image, seen, distance), _bends_along(image.T, seen.T, distance)])
 
 
-def _bends_along(values: Float, seen: Bool, apart: int) -> Float:
-    """Return second differences along the first axis, where all three values are seen."""
-    before, middle, after = slice(-2 * apart), slice(apart, -apart), slice(2 * apart, None)
+def _bends_along(values: Float, seen: Bool, distance: int) -> Float:
+    """Return the second differences along the first axis, where all three values are seen."""
+    before, middle, after = slice(-2 * distance), slice(distance, -distance), slice(2 * distance, None)
     bends: Float = values[after] - 2.0 * values[middle] + values[before]
     return bends[seen[after] & seen[middle] & seen[before]]

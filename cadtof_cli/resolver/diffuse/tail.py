@@ -1,15 +1,15 @@
-"""The model: a surface's light at every harmonic over its direct light, and how that depends on the state of the room.
+"""The model: the light of a surface at every harmonic over its direct light, and how it depends on the state of the room.
 
     H_h = 1 + s·(g_h + b·b_h) + s²u·m_h + v·(τ/τ0)·exp(ihωt − (hωΔ)²/2)/(1 − ihωτ)
               surfaces in the view and beside it    unseen surfaces (the room around and behind)
 
-g_h, b_h and m_h come from `radiosity`. s is the mean albedo; b the light on surfaces beside the view, over what it would be
-if the lamp lit them as it lights the view; u the strength of later bounces. Light of surfaces that nothing is known of starts
-t behind the direct light, not at once but over Δ, at a height v, and decays with τ. The height of its start and its decay are
-independent between rooms; its sum and its decay are not.
+g_h, b_h and m_h come from `radiosity`. s is the mean albedo. b is the light on surfaces beside the view, over what it
+would be if the lamp lit them as it lights the view. u is the strength of later bounces. The last term is the light of
+surfaces of which nothing is known. It starts t after the direct light, over Δ rather than at once, has the height v and
+decays with τ. Between rooms, its height at the start and its decay are independent; its sum and its decay are not.
 
-The state of n patches is (ln s, ln b, ln u, ln v, ln τ, t), float64 (6, n). What is seen of it are ln|p_h/p_1| and
-arg p_h − h·arg p_1, which do not depend on the direct phase; what is wanted is ln H_1.
+The state of n patches is (ln s, ln b, ln u, ln v, ln τ, t), float64 (6, n). The data are ln|p_h/p_1| and arg p_h −
+h·arg p_1, which do not depend on the direct phase. The model has to tell ln H_1; its imaginary part arg H_1 is the lag.
 """
 
 from functools import cached_property
@@ -26,7 +26,7 @@ STATE = ("ln s", "ln b", "ln u", "ln v", "ln τ", "t")
 """The state's components, in this order everywhere."""
 
 ONSET_NS = 2.0
-"""Δ: over how long unseen light sets in, for it is many surfaces and not one."""
+"""Δ: how long unseen light takes to set in, because it comes from many surfaces."""
 
 REFERENCE_DECAY_NS = 12.0
 """τ0: decay for which v is the sum of unseen over direct light; the median of rendered rooms."""
@@ -34,7 +34,7 @@ REFERENCE_DECAY_NS = 12.0
 
 @dataclass(frozen=True)
 class TailModel:
-    """The model of n patches: their interreflections, the harmonics' numbers, the fundamental's ω, and what works it out."""
+    """The model of n patches: their interreflections, the numbers of the harmonics, the fundamental's ω, and the kernel."""
 
     light: Interreflections
     harmonics: tuple[int, ...]
@@ -43,7 +43,7 @@ class TailModel:
 
     @property
     def data(self) -> int:
-        """How many numbers are seen per patch; the model's values are these, then ln|H_1| and arg H_1."""
+        """Number of data per patch. The model's values are the data, then ln|H_1| and arg H_1."""
         return 2 * (len(self.harmonics) - 1)
 
     @cached_property
@@ -57,7 +57,7 @@ class TailModel:
 
     @cached_property
     def _onset(self) -> Float:
-        """How much unseen light is weaker because it sets in slowly, over τ0, (H, 1)."""
+        """Factor by which unseen light is weaker because it sets in slowly, over τ0, (H, 1)."""
         return np.exp(-0.5 * (self._rad_per_ns * ONSET_NS) ** 2) / REFERENCE_DECAY_NS
 
     def values(self, state: Float, /) -> tuple[Float, Float]:
@@ -82,9 +82,10 @@ class TailModel:
         return answer[:2]
 
     def lag_parts(self, state: Float, guessed: Complex, /) -> tuple[Float, Float, Float, Float]:
-        """Return how much of arg H_1 is due to surfaces in the view, beside it and unseen, and would be to guessed ones.
+        """Return the parts of arg H_1 by surfaces in the view, beside it, unseen, and guessed ones, in rad, (n,) each.
 
-        In rad, (n,) each, at a state (6, n); `guessed`, (n,), is the light of the last as `Interreflections.beyond` has it.
+        The state is (6, n). `guessed`, (n,), is the light of guessed surfaces, in units of `Interreflections.beyond`.
+        It is not in H_1 itself.
         """
         s, b, u, v, decay = np.exp(state[:5])
         light, turn = self.light, 1j * self.rad_per_ns
@@ -95,20 +96,20 @@ class TailModel:
         return shown, beside, behind, would
 
     def _slopes(self, natural: Float, cos: Float, sin: Float) -> tuple[Float, Float]:
-        """Return the real and imaginary part and the square of H_h, (3, H, n), and the Jacobian of the values.
+        """Return the real part, the imaginary part and the squared magnitude of H_h, (3, H, n), and the Jacobian of the values.
 
-        In real numbers, whose every operation is rounded alone: numpy's products of complex ones differ from machine to machine.
-        `natural`, (5, n), is s, b, u, v and τ; `cos` and `sin`, (H, n), belong to hωt.
+        The computation uses real numbers, whose operations are each rounded alone: numpy's products of complex numbers
+        differ from machine to machine. `natural`, (5, n), is s, b, u, v and τ; `cos` and `sin`, (H, n), are those of hωt.
         """
         s, b, u, v, decay = natural
         # 1/(1 − ihωτ)
         turns = self._rad_per_ns * decay
-        held = np.empty((2, *cos.shape))
-        np.divide(1.0, 1.0 + turns * turns, out=held[0])
-        np.multiply(turns, held[0], out=held[1])
-        start = np.empty_like(held)
+        decayed = np.empty((2, *cos.shape))
+        np.divide(1.0, 1.0 + turns * turns, out=decayed[0])
+        np.multiply(turns, decayed[0], out=decayed[1])
+        start = np.empty_like(decayed)
         start[0], start[1] = cos, sin
-        unseen = _product(self._onset * (v * decay) * start, held)
+        unseen = _product(self._onset * (v * decay) * start, decayed)
         seen, beyond, later = self._light
         seen, beyond, later = s * seen, (s * b) * beyond, (s * s * u) * later
         answer = np.empty((3, *cos.shape))
@@ -118,7 +119,7 @@ class TailModel:
         np.add(total[0] * total[0], total[1] * total[1], out=power)
         terms = np.empty((2, len(STATE), *cos.shape))
         terms[:, 0] = seen + beyond + 2.0 * later
-        terms[:, 1], terms[:, 2], terms[:, 3], terms[:, 4] = beyond, later, unseen, _product(unseen, held)
+        terms[:, 1], terms[:, 2], terms[:, 3], terms[:, 4] = beyond, later, unseen, _product(unseen, decayed)
         terms[0, 5], terms[1, 5] = self._rad_per_ns * -unseen[1], self._rad_per_ns * unseen[0]
         inverse = total / power
         np.negative(inverse[1], out=inverse[1])
@@ -145,7 +146,7 @@ def _product(first: Float, second: Float) -> Float:
 
 
 def free_of_direct(size: Float, phase: Float, harmonic: Float, /) -> Float:
-    """Return from ln|H_h| and arg H_h or their derivatives, (…, H, n), what does not depend on the direct light, and ln H_1.
+    """Return what does not depend on the direct light, and ln H_1, from ln|H_h| and arg H_h or their derivatives, (…, H, n).
 
     The order is ln|H_h/H_1| for h = 2, 3, …; then arg H_h − h·arg H_1; then ln|H_1| and arg H_1.
     """
@@ -158,7 +159,7 @@ def free_of_direct(size: Float, phase: Float, harmonic: Float, /) -> Float:
 
 
 def phase_data(data: int, /) -> slice:
-    """Return which of the data are phases, for so many of them."""
+    """Return which of so many data are phases."""
     return slice(data // 2, data)
 
 
@@ -169,7 +170,7 @@ def wrapped(phase: Values, /) -> Values:
 
 
 def residuals(observed: Values, predicted: Values, /) -> Values:
-    """Return data minus their prediction, (data, …) each, phases by the short way round."""
+    """Return data minus their prediction, (data, …) each; differences of phases are wrapped."""
     difference = observed - predicted
     phases = phase_data(len(observed))
     difference[phases] = wrapped(difference[phases])

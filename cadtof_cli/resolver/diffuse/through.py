@@ -1,8 +1,8 @@
 """Surfaces that let light through, inside a room: a net, or a pane that scatters, before a wall that is seen beside it.
 
-A tail can look like any two paths, so no patch alone tells. But behind a net lies the wall that its neighbours see. So the tail
-that is typical of the frame is taken out of every patch's phasors, by division; what is left is resolved as two paths; and
-where the farther one ends on the plane of such a wall, in patch beside patch, there are two surfaces.
+A tail can look like any two paths, so a single patch does not tell. But behind a net lies the wall that its neighbours see.
+So the tail that is typical of the frame is taken out of every patch's phasors, by division. What is left is resolved as two
+paths. If the farther path ends on the plane of such a wall, in several patches side by side, there are two surfaces.
 """
 
 import numpy as np
@@ -20,44 +20,48 @@ from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
 
 NEAR_SHARE, FAR_SHARE = 0.25, 0.2
-"""Least share of the nearer and of the farther path in a patch's light: less may be an error of the typical tail."""
+"""Least share of the nearer path, and of the farther path, in a patch's light. A smaller share may be an error of the
+typical tail."""
 
 APART_NS = (2.0, 18.0)
-"""Least and largest delay between the two: closer ones cannot be told, and later ones come from round the period."""
+"""Least and largest delay between the two paths. Closer paths cannot be told apart; later ones have wrapped round the
+period."""
 
 ON_WALL_M = 0.15
-"""How far from a wall the farther path may end."""
+"""Largest distance of the farther path's end from a wall."""
 
 LEAST_PATCHES = 12
-"""Patches side by side that must say the same."""
+"""Smallest number of patches side by side that must show two paths."""
 
 LEAST_LEFT = 0.2
-"""Least amplitude of the farther paths over that of the wall where it is seen freely, the median over such patches: in rendered
-rooms, .3 to .8 of it is left behind a net. What a tail makes believe has less, but for a few rooms, which it hardly harms."""
+"""Least amplitude of the farther paths over that of the wall where it is seen freely: the median over a group of
+patches. In rendered rooms, .3 to .8 of the amplitude is left behind a net. Paths that a tail only imitates have less,
+except in a few rooms, which they hardly harm."""
 
 LARGEST_COVER = 0.4
-"""Share of the patches that may be covered at the most: a wall is known to be behind by what is seen of it beside. Nets that were
-rendered or hung cover up to a quarter."""
+"""Largest share of the patches that may be covered: the wall behind is known from its parts that are seen beside. Nets
+that were rendered or hung cover up to a quarter."""
 
 BESIDE_SHARE = 0.15
-"""Least share of the farther path in a patch beside patches that show something, whatever that path ends on."""
+"""Least share of the farther path in a patch beside patches that are found, wherever that path ends."""
 
 SAME_NET = 0.06
-"""Relative difference of range within which a patch with two paths belongs to the net beside it."""
+"""Largest relative difference of range between a patch with two paths and the net beside it to which it belongs."""
 
 STEPS = 3
-"""Steps in which the difference of the two paths' tails is taken away."""
+"""Number of times that the difference between the tails of the two paths is taken away."""
 
 OFF_SHARE, LAG_SHARE = 0.7, 0.2
-"""Standard deviation of the nearer path's phase, as a share of what the farther ones miss the walls by, and of the lag that the
-tail brings: both are wrong by the same tail."""
+"""Two standard deviations of the nearer path's phase: one as a share of the distance of the farther paths from the
+walls, one as a share of the lag by the tail. Both paths are wrong by the same tail."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreedPaths:
-    """Phasors freed of tails, (H, …), and the two paths that they are.
+    """Phasors that are freed of tails, (H, …), and the two paths that they are, (…) each.
 
-    Phase of the nearer and how much later the farther comes, rad; share of the nearer, amplitude of the farther; (…) each.
+    `near_rad` is the phase of the nearer path, and `later_rad` how much later the farther path comes, rad. `near_share`
+    is the share of the nearer path in the sum of both amplitudes.
     """
 
     phasors: Complex
@@ -68,7 +72,9 @@ class FreedPaths:
 
 
 def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
-    """Return the median H_h, (H,), of patches with the model's values (data + 2, n), in the order of `tail.free_of_direct`."""
+    """Return the median H_h, (H,), of patches with the model's values (data + 2, n), in the order of
+    `tail.free_of_direct`.
+    """
     middle, count = median(values), len(harmonics) - 1
     logarithm = middle[-2] + 1j * middle[-1] * np.array(harmonics)
     logarithm[1:] += middle[:count] + 1j * middle[count : 2 * count]
@@ -79,18 +85,19 @@ def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
 def freed_paths(phasors: Complex, tails: Tails, /, *, kernel: str = NUMPY) -> FreedPaths:
     """Resolve phasors (H, …) as two paths, each with its tail, by their first two harmonics.
 
-    p_h = a·exp(ihx)·N_h + b·exp(ihy)·F_h is two paths for the closed form once b·exp(ihy)·(F_h − N_h) is taken away and the rest
-    divided by N_h: solved with the last step's b and y, a few times over. `kernel` is of `available_kernels`.
+    The phasors are p_h = a·exp(ihx)·N_h + b·exp(ihy)·F_h. If b·exp(ihy)·(F_h − N_h) is taken away and the rest is
+    divided by N_h, the closed form finds the two paths. This is done several times, each time with b and y of the time
+    before. `kernel` is of `available_kernels`.
     """
     shape = phasors.shape[1:]
     base = _times(phasors.reshape(len(phasors), -1), 1.0 / tails.near)
     excess = (tails.far - tails.near) / tails.near
     free = base
     with np.errstate(all="ignore"):
-        # without light, zero is divided by zero
+        # a patch without light divides zero by zero
         for _ in range(STEPS if excess.any() else 0):
-            behind = _farther(decomposed(free[0], free[1], kernel=kernel))
-            free = base - _times(_at_harmonics(behind, tails.harmonics), excess)
+            farther = _farther(decomposed(free[0], free[1], kernel=kernel))
+            free = base - _times(_at_harmonics(farther, tails.harmonics), excess)
         paths = decomposed(free[0], free[1], kernel=kernel)
         x, y = paths.phases()
         ahead = np.mod(y - x, FULL_TURN)
@@ -111,7 +118,7 @@ def _times(phasors: Complex, factors: Complex) -> Complex:
 
 
 def _farther(paths: TwoPaths) -> tuple[Float, Float, Float]:
-    """Return amplitude, cosine and sine of the farther of two paths less than half a turn apart."""
+    """Return amplitude, cosine and sine of the farther of two paths that are less than half a turn apart."""
     # sin(y − x) > 0: y is behind x
     y_far = paths.sin_y * paths.cos_x - paths.cos_y * paths.sin_x > 0.0
     return (
@@ -144,37 +151,39 @@ def seen_through(
     settings: DiffuseSettings,
     kernel: str = NUMPY,
 ) -> SeenThrough | None:
-    """Return what lets light through; None where nothing does.
+    """Return the surface that lets light through; None if there is none.
 
     Args:
         phasors: of the patches, (H, rows, columns).
-        lag_rad: of those that count, (n,), where a tail is all their MPI.
+        lag_rad: lags of the valid patches, (n,), if a tail is all their MPI.
         valid: patches that count, (rows, columns).
-        tails: those that are typical of what is near, and of what may lie behind it.
-        grid: where the patches lie.
+        tails: the tails that are typical of near surfaces, and of the surfaces that may lie behind them.
+        grid: the patches of the frame.
         settings: how phases become metres.
         kernel: of `available_kernels`, all of which give the same bits.
     """
     paths = freed_paths(phasors, tails, kernel=kernel)
     apart_ns = paths.later_rad / settings.rad_per_ns
-    two: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
-    two &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])
-    if not _side_by_side(two):
+    two_paths: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
+    two_paths &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])
+    if not _large_groups(two_paths):
         return None
     phase_rad = np.angle(phasors[0])
     phase_rad[valid] -= lag_rad
     range_m = range_from_phase(phase_rad, settings)
     near_m = range_from_phase(paths.near_rad, settings)
     far_m = near_m + paths.later_rad * settings.m_per_rad
-    wall, missed = _nearest_wall(far_m, range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two, grid)
+    wall_amplitude, off_wall_m = _nearest_wall(
+        far_m, range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two_paths, grid
+    )
     with np.errstate(invalid="ignore"):
-        left = paths.far_amplitude / wall
-    found = np.zeros_like(two)
-    for these in _side_by_side(two & (missed < ON_WALL_M)):
-        found[these] = np.median(left[these]) >= LEAST_LEFT
+        amplitude_left = paths.far_amplitude / wall_amplitude
+    found = np.zeros_like(two_paths)
+    for group in _large_groups(two_paths & (off_wall_m < ON_WALL_M)):
+        found[group] = np.median(amplitude_left[group]) >= LEAST_LEFT
     if not found.any():
         return None
-    off_rad = float(np.median(missed[found])) / settings.m_per_rad
+    off_rad = float(np.median(off_wall_m[found])) / settings.m_per_rad
     typical_rad = float(np.angle(tails.far[0]))
     more = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - BESIDE_SHARE) & (apart_ns > APART_NS[0])
     found = _grown(found, more, near_m)
@@ -185,14 +194,14 @@ def seen_through(
 
 
 def _with_surroundings(near_m: Float, found: Bool) -> Float:
-    """Return ranges where found, their means over neighbours in the patches around, and NaN elsewhere."""
+    """Return the ranges of the patches found, their mean over the neighbours in the patches around, and NaN elsewhere."""
     count, total = over_neighbours(found.astype(np.float64)), over_neighbours(np.where(found, near_m, 0.0))
     around = np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)
     return np.where(found, near_m, around)
 
 
 def _grown(found: Bool, more: Bool, near_m: Float) -> Bool:
-    """Return the patches found and those of `more` beside them, and beside those, whose nearer path goes on with theirs."""
+    """Return the patches found, and patches of `more` that join them, directly or by others, at nearly the same range."""
     while True:
         around = _with_surroundings(near_m, found)
         grown = found | (more & (np.abs(near_m - around) < SAME_NET * near_m))
@@ -202,21 +211,21 @@ def _grown(found: Bool, more: Bool, near_m: Float) -> Bool:
 
 
 def _nearest_wall(far_m: Float, range_m: Float, amplitude: Float, among: Bool, grid: PatchGrid) -> tuple[Float, Float]:
-    """Return how bright the wall nearest to each range `far_m` is where it is seen freely, by `among`, and how far it is off.
+    """Return the amplitude of the wall nearest to each range `far_m`, and the distance from that range to the wall.
 
-    All are (rows, columns); infinite where the patches `among` see no wall.
+    The amplitude is that of the patches `among` on the wall. All are (rows, columns); infinite if `among` sees no wall.
     """
     walls = walls_behind(range_m, among, grid)
     if not len(walls):
         return np.full(far_m.shape, np.inf), np.full(far_m.shape, np.inf)
     on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
-    bright = np.array([median(amplitude[these]) if these.any() else np.inf for these in on_wall])
-    off = np.abs(walls - far_m)
-    return bright[off.argmin(axis=0)], off.min(axis=0)
+    amplitudes = np.array([median(amplitude[members]) if members.any() else np.inf for members in on_wall])
+    distance_m = np.abs(walls - far_m)
+    return amplitudes[distance_m.argmin(axis=0)], distance_m.min(axis=0)
 
 
-def _side_by_side(patches: Bool) -> list[tuple[Index, ...]]:
-    """Return (rows, columns) of those of the patches that lie side by side, corners included, with enough others, by group."""
+def _large_groups(patches: Bool) -> list[tuple[Index, ...]]:
+    """Return the groups of at least `LEAST_PATCHES` patches side by side, corners included, as (rows, columns) each."""
     if np.count_nonzero(patches) < LEAST_PATCHES:
         return []
     waiting = {(int(row), int(column)) for row, column in np.argwhere(patches)}

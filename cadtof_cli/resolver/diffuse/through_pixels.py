@@ -1,4 +1,4 @@
-"""Pixels that see through something: freed of the room's tail, so that they can be resolved as separate paths."""
+"""Pixels that see through a surface: freed of the room's tail, so that they can be resolved as separate paths."""
 
 import numpy as np
 
@@ -10,16 +10,20 @@ from cadtof_cli.resolver.diffuse.through import freed_paths
 from cadtof_cli.resolver.kernels import NUMPY
 
 LEAST_SHARE = 0.1
-"""Least share of either path in a pixel's light: below, it may be what the typical tail is wrong by."""
+"""Least share of either path in a pixel's light; a smaller one may be an error of the typical tail."""
 
 OF_NET = 0.1
-"""Relative difference of range within which a pixel belongs to the net of its patch."""
+"""Largest relative difference of range between a pixel and the net of its patch to which it belongs."""
 
 
 @dataclass(frozen=True, eq=False)
 class ThroughPixels:
-    """Which of n pixels see through something, (n,); |p1| over what is left of it, (n,); and the variance of their direct phase
-    besides noise, rad².
+    """Which of n pixels see through a surface.
+
+    Attributes:
+        where: these pixels, (n,).
+        size: |p1| over |p1| without the tail, (n,).
+        own_variance: variance of their direct phase in addition to that of noise, rad².
     """
 
     where: Bool
@@ -27,16 +31,17 @@ class ThroughPixels:
     own_variance: float
 
     def variance(self, others: float, /) -> Float:
-        """Return the variance of the direct phases besides noise, (n,), rad²: `others` where pixels see through nothing."""
+        """Return the variance of the direct phases in addition to noise, (n,), rad²; all other pixels have `others`."""
         return np.where(self.where, self.own_variance, others)
 
 
 def freed_pixels(
     phasors: Complex, tail: DiffuseBlock, /, *, kernel: str = NUMPY
 ) -> tuple[Complex, ThroughPixels | None]:
-    """Return phasors (H, n) of a block of a frame's pixels, freed of tails where these see through something, and where.
+    """Return the phasors (H, n) of a block of a frame's pixels, and which pixels see through a surface.
 
-    They are those that were given, and None, where the frame has nothing that lets light through.
+    Phasors of these pixels are freed of tails. If the frame has no such surface, the phasors are those given, and the
+    second answer is None.
     """
     model, through = tail.model, tail.model.through
     if through is None:
@@ -50,9 +55,9 @@ def freed_pixels(
         seen, net_m = phasors[:, there], net_m[there]
         paths = freed_paths(seen, through.tails, kernel=kernel)
         near_m = range_from_phase(paths.near_rad, model.settings)
-        two = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
-        two &= np.abs(near_m - net_m) < OF_NET * net_m
-        where[there] = two
-        free[:, there] = np.where(two, paths.phasors, seen)
+        two_paths = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
+        two_paths &= np.abs(near_m - net_m) < OF_NET * net_m
+        where[there] = two_paths
+        free[:, there] = np.where(two_paths, paths.phasors, seen)
         size[there] = np.abs(seen[0]) / np.abs(free[0, there])
     return free, ThroughPixels(where, size, through.variance)

@@ -10,17 +10,18 @@ from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.planes import SAME_SURFACE
 
 EVEN_WEIGHT = 1e-3
-"""Weight that each of the four patches has at least, before depth counts: a pixel may agree with the farthest alone."""
+"""Least weight of each of the four patches, before depth counts: a pixel may agree with the farthest patch alone."""
 
 NOWHERE_M = 1e3
-"""Range given to patches without a surface: no pixel agrees with it."""
+"""Range of patches without a surface: no pixel agrees with it."""
 
 
 @dataclass(frozen=True)
 class Band:
-    """A rectangle of pixels, rows `top` … `bottom` and columns `left` … `right` (exclusive), between two rows of patches.
+    """A rectangle of pixels between two rows of patches: rows `top` … `bottom`, columns `left` … `right` (both exclusive).
 
-    `pixels` are their places in the stretch that was cut; `patch_row` is the upper row of patches, of those that planes hold.
+    `pixels` are their positions among the pixels that were cut. `patch_row` is the upper row of patches, as a row of
+    `Upsampler.planes`.
     """
 
     top: int
@@ -38,12 +39,17 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Upsampler:
-    """Planes over the patches and their ranges, brought to every column of pixels, float32.
+    """Planes over the patches and their ranges, repeated for every column of pixels, float32.
 
-    `planes`, (plane, rows + 2, columns), and `range_m`, (rows + 2, columns), hold every patch as often as it has columns of
-    pixels; the first and last row and column of patches count once more beyond the edge. The patch to the left of pixel x
-    stands at `first` + x, that to its right a patch's side further on. `down`, (Y,), and `right`, (X,), are how far rows and
-    columns of pixels lie on the way from one patch to the next.
+    The patch to the left of pixel x stands at `first` + x. The patch to its right stands a patch's side further on.
+
+    Attributes:
+        grid: the patches of the frame.
+        planes: (plane, rows + 2, columns). Every patch stands as often as it has columns of pixels. The first and last
+            row and column of patches stand once more beyond the edge.
+        range_m: ranges of the patches in the same way, (rows + 2, columns).
+        down: how far rows of pixels lie on the way from one row of patches to the next, 0 to 1, (Y,).
+        right: the same for columns, (X,).
     """
 
     grid: PatchGrid
@@ -58,7 +64,7 @@ class Upsampler:
         return (self.grid.side + 1) // 2
 
     def linear(self, plane: int, pixels: slice, /) -> Float32:
-        """Return a plane at a stretch of pixels, flat indices row by row, by distance in the image alone, (n,)."""
+        """Return a plane at consecutive pixels, flat indices row by row, by distance in the image alone, (n,)."""
         found = np.empty(pixels.stop - pixels.start, np.float32)
         for band in self.bands(pixels):
             down, right = self._shares(band)
@@ -69,12 +75,14 @@ class Upsampler:
         return found
 
     def joint(self, pixels: slice, range_m: Float32, /) -> Float32:
-        """Return all planes at a stretch of pixels, (plane, n), by distance and by agreement with their ranges, (n,)."""
+        """Return all planes at consecutive pixels, (plane, n), by distance and by agreement of the patches with their
+        ranges, (n,).
+        """
         found = np.empty((len(self.planes), range_m.size), np.float32)
         for band in self.bands(pixels):
             weights = self._weights(band, range_m[band.pixels].reshape(band.shape))
             *others, last = self._corners(self.planes, band)
-            # the last patch's planes and what the others differ by: fewer passes over many planes than four products
+            # the last patch's planes plus weighted differences from them: fewer passes over many planes than four products
             total = np.multiply(others[0] - last, weights[0], out=found[:, band.pixels].reshape(-1, *band.shape))
             term = np.empty_like(total)
             for weight, values in zip(weights[1:], others[1:], strict=True):
@@ -83,7 +91,7 @@ class Upsampler:
         return found
 
     def bands(self, pixels: slice, /) -> tuple[Band, ...]:
-        """Cut a stretch of pixels, flat indices row by row, into bands, in order."""
+        """Cut consecutive pixels, flat indices row by row, into bands, in order."""
         return _bands(self.grid, pixels.start, pixels.stop)
 
     def above(self, row: int | Index, /) -> int | Index:
@@ -91,7 +99,9 @@ class Upsampler:
         return _above(row, self.grid.side)
 
     def _weights(self, band: Band, range_m: Float32) -> Float32:
-        """Return the shares of the upper left, upper right and lower left patch, (3, rows, columns); the rest is the last's."""
+        """Return the weights of the upper left, upper right and lower left patch, (3, rows, columns); they and the last
+        sum to 1.
+        """
         down, right = self._shares(band)
         near = np.array([1.0 - down, down])[:, None] * np.array([1.0 - right, right])[:, None]
         near += np.float32(EVEN_WEIGHT)
@@ -141,7 +151,7 @@ def _band_end(row: int, side: int) -> int:
 
 
 def upsampler(planes: Float32, range_m: Float, valid: Bool, grid: PatchGrid, /) -> Upsampler:
-    """Make planes (plane, rows, columns) ready for pixels; ranges, (rows, columns), count where valid."""
+    """Make planes (plane, rows, columns) ready for pixels; ranges, (rows, columns), count if they are valid."""
     there = np.where(valid, range_m, NOWHERE_M).astype(np.float32)
     rows, columns, down, right = _stretches(grid)
     stretched, ranges = (
@@ -152,7 +162,7 @@ def upsampler(planes: Float32, range_m: Float, valid: Bool, grid: PatchGrid, /) 
 
 @lru_cache(maxsize=4)
 def _stretches(grid: PatchGrid) -> tuple[Index, Index, Float32, Float32]:
-    """Return which rows and columns of patches an `Upsampler` begins with, in order, and how far pixels lie between them."""
+    """Return the rows and columns of patches with which an `Upsampler` begins, and how far pixels lie between them."""
     rows, columns = (np.r_[0, 0:count, count - 1] for count in (grid.rows, grid.columns))
     down, right = (_shares(extent, grid.side) for extent in (grid.height, grid.width))
     return sealed((rows, columns, down, right))

@@ -1,4 +1,4 @@
-"""Walls: planes that many patches lie on, found from patches and their neighbours, and how far they are in every direction."""
+"""Walls: planes on which many patches lie. They are found from patches and their neighbours."""
 
 import numpy as np
 
@@ -6,34 +6,34 @@ from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 
 MOST_WALLS = 8
-"""Planes looked for: walls, floor, ceiling, and what large furniture shows."""
+"""Largest number of planes: walls, floor, ceiling, and planes of large furniture."""
 
 LEAST_PATCHES = 8
-"""Patches that a wall is seen by."""
+"""Smallest number of patches that must see a wall."""
 
 LEAST_NEIGHBOURS = 6
 """How many of a patch and its eight neighbours must be valid for a plane through them."""
 
 ON_PLANE = 0.03
-"""Relative difference of depth within which a patch lies on a plane."""
+"""Largest relative difference of depth between a patch and a plane on which it lies."""
 
 LARGEST_M = 20.0
-"""Largest depth at which a plane counts: where it turns away it is infinitely far."""
+"""Largest depth of a plane. It stands for directions in which the plane is farther, or is not met."""
 
 RIDGE = 1e-9
-"""Keeps planes through points in one line from dividing by zero."""
+"""Keeps planes through points on one line from dividing by zero."""
 
 
 def walls_behind(range_m: Float, among: Bool, grid: PatchGrid, /) -> Float:
-    """Return how far in the direction of every patch the walls are on which the patches `among` lie, (n, rows, columns).
+    """Return the ranges of the walls on which the patches `among` lie, in the direction of every patch, (n, rows, columns).
 
-    `range_m`, (rows, columns), counts where `among` is set. The walls are in the order of how many patches see them; inf stands
-    where one is not met.
+    `range_m`, (rows, columns), counts for the patches `among`. A wall that is not met has the depth `LARGEST_M`. The
+    walls are in the order in which they were found: each time the one that most of the remaining patches see.
     """
     slopes = (grid.ray / grid.ray[2]).reshape(3, -1)
     inverse = 1.0 / np.where(among, range_m * grid.ray[2], np.inf).ravel()
     left = among.ravel()
-    # for planes 1/z = aX + bY + c of least squares: sums of these over patches
+    # sums of these products over patches give the least squares of 1/z = aX + bY + c
     moments = slopes[:, None] * np.concatenate([slopes, inverse[None]]) * left
     planes = _planes_of_neighbours(moments.reshape(3, 4, *among.shape), among)
     on_plane = _on_planes(planes, slopes, inverse)

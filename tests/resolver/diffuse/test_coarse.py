@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.coarse import Beside, CoarsePlanes, coarse_planes, needed_entries, patch_posterior
+from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, needed_entries, patch_posterior
 from cadtof_cli.resolver.diffuse.condition import Conditioned
 from cadtof_cli.resolver.diffuse.leaning import Leaning
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
@@ -25,7 +25,7 @@ def fit(seed: int = 1, *, targets: tuple[float, float] = (0.3, -0.4), data: int 
     expected = rng.normal(size=(count, PATCHES))
     expected[-2], expected[-1] = targets
     room, state = np.zeros(6), np.zeros((6, PATCHES))
-    return PatchFit(room, np.zeros((6, 6)), state, expected, expected.copy(), covariance, jacobian)
+    return PatchFit(room, state, expected, expected.copy(), covariance, jacobian)
 
 
 def error_of(variance: float, data: int = DATA) -> F:
@@ -46,15 +46,15 @@ def kept(posterior: Conditioned) -> F:
     return share
 
 
-def beside(*lags_rad: float, open_share: float = 0.5, cosine: float = 0.7) -> Beside:
+def beside(*lags_rad: float, open_share: float = 0.5, cosine: float = 0.7) -> LagParts:
     """Lags by light that the view does not show: of its continued border, of what is unseen, and of guessed walls; and what they
     depend on.
     """
     lags = (0.0, *lags_rad, *[0.0] * (3 - len(lags_rad)))
-    return Beside(*(np.full(PATCHES, value) for value in (*lags, open_share, cosine)))
+    return LagParts(*(np.full(PATCHES, value) for value in (*lags, open_share, cosine)))
 
 
-def planes(known: PatchFit, light: Beside, leaning: Leaning = STRAIGHT, *, slowness: float = 1.0) -> CoarsePlanes:
+def planes(known: PatchFit, light: LagParts, leaning: Leaning = STRAIGHT, *, slowness: float = 1.0) -> CoarsePlanes:
     data = known.expected[:-2] + 0.01
     posterior = patch_posterior(data, error_of(1e-3, len(data)), known)
     return coarse_planes(known, posterior, light, VALID, leaning if len(data) < 4 else None, slowness=slowness)
@@ -100,8 +100,8 @@ def test_what_patches_leave_is_what_their_data_do_not_tell_and_common_to_them() 
 def test_a_tail_that_may_not_be_there_counts_by_its_probability() -> None:
     """Means and variances of what is drawn with the tail in one half of the cases, and else with none."""
     certain = planes(fit(), beside())
-    assert certain.if_likely(1.0).planes.tobytes() == certain.planes.tobytes()
-    halved = certain.if_likely(0.5)
+    assert certain.weighted_by(1.0).planes.tobytes() == certain.planes.tobytes()
+    halved = certain.weighted_by(0.5)
     lag, left = (certain.planes[row][0, 0] for row in (DATA + 1, -2))
     rng = np.random.default_rng(5)
     drawn = np.where(rng.random(400_000) < 0.5, lag + np.sqrt(left) * rng.standard_normal(400_000), 0.0)
@@ -128,7 +128,6 @@ def misses(chi_squared: F, leaning: Leaning | None = STRAIGHT) -> F:
     square = (data + 2, data + 2, count)
     known = PatchFit(
         np.zeros(6),
-        np.zeros((6, 6)),
         np.zeros((6, count)),
         values,
         values,
@@ -136,7 +135,7 @@ def misses(chi_squared: F, leaning: Leaning | None = STRAIGHT) -> F:
         np.zeros((6, *square[1:])),
     )
     zero = np.zeros(count)
-    nothing = Beside(zero, zero, zero, zero, zero + 0.5, zero + 0.7)
+    nothing = LagParts(zero, zero, zero, zero, zero + 0.5, zero + 0.7)
     left = {(i, j): np.full(count, 0.01 if i == j else 0.0) for i in range(2) for j in range(i + 1)}
     posterior = Conditioned((np.zeros(count), np.zeros(count)), left, chi_squared.ravel())
     every = np.ones(chi_squared.shape, np.bool_)
@@ -199,7 +198,7 @@ def test_what_views_like_this_one_miss_is_added_in_proportion_to_the_lag() -> No
     ],
 )
 def test_with_slow_modulation_less_is_added_and_more_harmonics_are_less_sure(
-    data: int, light: Beside, moved: float, variance: float
+    data: int, light: LagParts, moved: float, variance: float
 ) -> None:
     """At twice the period; over what it is at the usual one."""
     known = fit(data=data, targets=(0.3, -1e-6))
@@ -232,7 +231,7 @@ def test_with_slow_modulation_the_lag_s_own_error_grows_with_three_harmonics_alo
     ],
 )
 def test_with_two_harmonics_light_that_the_view_does_not_show_moves_arg_h(
-    light: Beside, moved: float, unsure: float
+    light: LagParts, moved: float, unsure: float
 ) -> None:
     """By .3 of what the continued border sends, in proportion to what is unknown; by .14 of what is unseen at the most, where .8
     of what a patch faces is unknown; and by .18 of what guessed walls would send, unsure by .35 of it.
@@ -317,7 +316,6 @@ def test_the_phase_of_the_mpi_light_is_as_unsure_as_repetitions_show(targets: tu
     known = fit(targets=targets)
     small = PatchFit(
         known.room,
-        known.room_covariance,
         known.state,
         known.expected,
         known.posterior,

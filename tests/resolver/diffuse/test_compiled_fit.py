@@ -58,7 +58,6 @@ def test_a_fit_has_the_same_bits(harmonics: tuple[int, ...], patches: int) -> No
         found = fitted_patches(data, error, model, pattern, known_optics=True, kernel=kernel)
         return (
             found.room,
-            found.room_covariance,
             found.state,
             found.expected,
             found.posterior,
@@ -89,8 +88,8 @@ def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, specia
     room, spread, linear = numbers(6), numbers(6, 6), numbers(count, patches)
 
     def steps(one: PatchSteps | CompiledSteps) -> tuple[F, ...]:
-        said, moved = one.said(values, jacobian, state), one.moved(state, linear, jacobian, room, spread)
-        return (*said, moved, *one.posterior(values, jacobian, state, room, spread))
+        evidence, moved = one.evidence(values, jacobian, state), one.moved(state, linear, jacobian, room, spread)
+        return (*evidence, moved, *one.posterior(values, jacobian, state, room, spread))
 
     with np.errstate(all="ignore"):
         expected = steps(PatchSteps(*fixed))
@@ -249,6 +248,6 @@ def test_levels_steps_and_harmonics_that_there_are_not_are_refused(compiled: Mod
 def test_a_state_is_where_the_compiled_fit_starts() -> None:
     """No patches at all are no reason to crash."""
     steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)), kernels()[0])
-    white, linear = steps.said(np.empty((4, 0)), np.empty((6, 4, 0)), MEAN[:, None][:, :0])
+    white, linear = steps.evidence(np.empty((4, 0)), np.empty((6, 4, 0)), MEAN[:, None][:, :0])
     assert white.shape == (2, 7, 0)
     assert linear.size == 0

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.leaning import LEAST, MIDDLE, MOST, ViewNumbers, left_rad, missed_share, view_numbers
+from cadtof_cli.resolver.diffuse.leaning import (
+    LEAST,
+    MIDDLE,
+    MOST,
+    ViewNumbers,
+    missed_share,
+    remaining_sigma_rad,
+    view_numbers,
+)
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from tests.support.diffuse_frames import F
 
@@ -38,7 +46,7 @@ def test_the_numbers_of_a_view_are_those_of_its_surfaces_and_light() -> None:
     found = view(np.linspace(0.1, 0.3, 11), range_m=np.random.default_rng(1).permutation(np.linspace(1.0, 2.0, 11)))
     assert found is not None
     assert_allclose([found.near, found.deep], [np.log(1.1), np.log(1.9 / 1.1)])
-    assert_allclose([found.more, found.seen], [0.4, 0.25])
+    assert_allclose([found.excess, found.seen], [0.4, 0.25])
     assert_allclose(found.contrast, np.log(0.4 * np.sqrt(6 * 5) / 11))
     assert_allclose(found.facing, 6 / 11)
     assert_allclose([found.albedo, found.decay], [-0.3, 2.5])
@@ -63,7 +71,7 @@ def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> N
     [
         ("near", 0.2, 0.0136),
         ("contrast", 0.5, -0.013),
-        ("more", 0.1, -0.0195),
+        ("excess", 0.1, -0.0195),
         ("deep", 0.5, 0.0115),
         ("facing", 0.1, 0.0105),
         ("albedo", 0.2, -0.009),
@@ -75,7 +83,7 @@ def test_the_share_changes_in_proportion_up_to_what_rooms_show(name: str, change
     """Less is missed of near rooms, of high albedo and where much of the light is seen; more where surfaces face one way."""
     there = getattr(MIDDLE, name)
     assert missed_share(replace(MIDDLE, **{name: there + change}), slowness=1.0) - 0.038 == pytest.approx(more)
-    for end, bound in ((LEAST, -0.15 if name == "more" else -9.0), (MOST, 9.0)):
+    for end, bound in ((LEAST, -0.15 if name == "excess" else -9.0), (MOST, 9.0)):
         beyond = missed_share(replace(MIDDLE, **{name: there + bound}), slowness=1.0)
         assert beyond == pytest.approx(
             missed_share(replace(MIDDLE, **{name: there + getattr(end, name)}), slowness=1.0)
@@ -84,21 +92,23 @@ def test_the_share_changes_in_proportion_up_to_what_rooms_show(name: str, change
 
 def test_nothing_is_missed_where_two_paths_say_what_the_tail_says() -> None:
     """As in a plain corner, where all light that counts is of the two surfaces that are seen."""
-    least = missed_share(replace(MIDDLE, more=0.27), slowness=1.0)
+    least = missed_share(replace(MIDDLE, excess=0.27), slowness=1.0)
     assert least > 0.05
-    assert missed_share(replace(MIDDLE, more=0.27 / 3), slowness=1.0) == pytest.approx(least / 3)
-    assert missed_share(replace(MIDDLE, more=0.0), slowness=1.0) == 0.0
-    assert missed_share(replace(MIDDLE, more=-0.5), slowness=1.0) == 0.0
+    assert missed_share(replace(MIDDLE, excess=0.27 / 3), slowness=1.0) == pytest.approx(least / 3)
+    assert missed_share(replace(MIDDLE, excess=0.0), slowness=1.0) == 0.0
+    assert missed_share(replace(MIDDLE, excess=-0.5), slowness=1.0) == 0.0
 
 
 def test_what_is_left_of_the_lag_is_common_where_tail_and_two_paths_differ() -> None:
     """.115 ns, 1.7 cm, where they differ by much; half of that where they do by .067 ns, 1 cm."""
     two = np.linspace(0.1, 0.3, 7)
     per_ns = 2.0 * np.pi / 40.0
-    assert left_rad(two, two, rad_per_ns=per_ns, slowness=1.0) == 0.0
-    assert left_rad(two + 90.0, two, rad_per_ns=per_ns, slowness=1.0) == pytest.approx(0.115 * per_ns, rel=1e-2)
+    assert remaining_sigma_rad(two, two, rad_per_ns=per_ns, slowness=1.0) == 0.0
+    assert remaining_sigma_rad(two + 90.0, two, rad_per_ns=per_ns, slowness=1.0) == pytest.approx(
+        0.115 * per_ns, rel=1e-2
+    )
     for sign in (-1.0, 1.0):
-        assert left_rad(two + sign * 0.067 * per_ns, two, rad_per_ns=per_ns, slowness=1.0) == pytest.approx(
+        assert remaining_sigma_rad(two + sign * 0.067 * per_ns, two, rad_per_ns=per_ns, slowness=1.0) == pytest.approx(
             0.115 / 2 * per_ns
         )
 
@@ -106,11 +116,11 @@ def test_what_is_left_of_the_lag_is_common_where_tail_and_two_paths_differ() -> 
 def test_slow_modulation_misses_less_and_leaves_the_same_phase() -> None:
     """At 100 ns, 2.5 times as slow as where the numbers were chosen; what is left is a phase, 2.5 times as long."""
     assert missed_share(MIDDLE, slowness=2.5) == pytest.approx(0.038 - 1.5 * 0.06)
-    assert missed_share(replace(MIDDLE, more=0.27 / 2), slowness=2.5) < 0.0
+    assert missed_share(replace(MIDDLE, excess=0.27 / 2), slowness=2.5) < 0.0
     two, per_ns = np.linspace(0.1, 0.3, 7), 2.0 * np.pi / 40.0
     for more in (0.003, 0.01, 0.1):
-        usual = left_rad(two + more, two, rad_per_ns=per_ns, slowness=1.0)
-        assert left_rad(two + more, two, rad_per_ns=per_ns / 2.5, slowness=2.5) == pytest.approx(usual)
+        usual = remaining_sigma_rad(two + more, two, rad_per_ns=per_ns, slowness=1.0)
+        assert remaining_sigma_rad(two + more, two, rad_per_ns=per_ns / 2.5, slowness=2.5) == pytest.approx(usual)
 
 
 def test_no_view_whatsoever_moves_the_lag_by_a_half() -> None:

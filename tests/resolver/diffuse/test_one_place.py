@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.resolver.diffuse.one_place import missed_by_one_place
+from cadtof_cli.resolver.diffuse.one_place import residual_after_one_place
 
 X, Y = (side.ravel() for side in np.meshgrid(np.linspace(-0.57, 0.57, 20), np.linspace(-0.43, 0.43, 15)))
 
@@ -33,15 +33,15 @@ def delays(place: tuple[float, float, float], positions: Float, before: float | 
 def test_light_of_one_place_is_explained(place: tuple[float, float, float], shape: dict[str, float]) -> None:
     positions = surfaces(**shape)
     later = delays(place, positions)
-    missed = missed_by_one_place(later, np.full(later.size, 1e-6), positions)
-    assert np.median(np.abs(missed)) < 0.01 * later.std()
+    residual = residual_after_one_place(later, np.full(later.size, 1e-6), positions)
+    assert np.median(np.abs(residual)) < 0.01 * later.std()
 
 
 def test_light_of_a_mirror_comes_from_the_lamp_s_image() -> None:
     positions = surfaces(step=0.2)
     later = delays((2.4, 0.0, 0.3), positions, before=0.0)
-    missed = missed_by_one_place(later, np.full(later.size, 1e-6), positions)
-    assert np.abs(missed).max() < 0.01 * later.std()
+    residual = residual_after_one_place(later, np.full(later.size, 1e-6), positions)
+    assert np.abs(residual).max() < 0.01 * later.std()
 
 
 def test_noise_is_all_that_is_left_and_a_few_other_delays_do_no_harm() -> None:
@@ -50,17 +50,17 @@ def test_noise_is_all_that_is_left_and_a_few_other_delays_do_no_harm() -> None:
     later = delays(BESIDE[0], positions) + sigma * rng.normal(size=X.size)
     other = rng.random(X.size) < 0.1
     later[other] += rng.uniform(0.5, 1.5, int(other.sum()))
-    missed = missed_by_one_place(later, sigma**2, positions) / sigma
+    residual = residual_after_one_place(later, sigma**2, positions) / sigma
     for half in (X < 0.0, X >= 0.0):
-        assert np.mean(missed[half & ~other] ** 2) == pytest.approx(1.0, abs=0.3)
+        assert np.mean(residual[half & ~other] ** 2) == pytest.approx(1.0, abs=0.3)
 
 
 def test_light_of_two_places_is_not_explained() -> None:
     positions = surfaces()
     first, second = (delays(place, positions) for place in BESIDE[:2])
     later = np.where(np.abs(X) < 0.3, first, second)
-    missed = missed_by_one_place(later, np.full(later.size, 1e-6), positions)
-    assert np.abs(missed).mean() > 0.2 * later.std()
+    residual = residual_after_one_place(later, np.full(later.size, 1e-6), positions)
+    assert np.abs(residual).mean() > 0.2 * later.std()
 
 
 @pytest.mark.parametrize("variance", [0.0, 1e-6, 1e300])
@@ -69,5 +69,5 @@ def test_surfaces_without_a_distance_or_delays_without_noise_do_no_harm(scale: f
     positions = scale * surfaces()
     for later in (np.zeros(X.size), delays(BESIDE[0], positions)):
         with np.errstate(all="ignore"):
-            missed = missed_by_one_place(later, np.full(later.size, variance), positions)
-        assert missed.shape == later.shape
+            residual = residual_after_one_place(later, np.full(later.size, variance), positions)
+        assert residual.shape == later.shape

@@ -52,7 +52,7 @@ def test_a_tail_behind_a_wall_is_taken_out(tail: Tail, harmonics: tuple[int, ...
     assert seen.mean() > 0.8
 
 
-@pytest.mark.parametrize(("harmonics", "name"), [((1, 2), "left_rad"), ((1, 2, 3), "coarse_planes")])
+@pytest.mark.parametrize(("harmonics", "name"), [((1, 2), "remaining_sigma_rad"), ((1, 2, 3), "coarse_planes")])
 def test_how_slow_the_modulation_is_counts(
     harmonics: tuple[int, ...], name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

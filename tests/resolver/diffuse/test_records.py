@@ -11,8 +11,8 @@ from tests.support.diffuse_answers import model_of
 from tests.support.diffuse_frames import C_M_PER_NS, Tail, phasors_of, wall_range
 
 
-def settings(nearest_m: float = 0.0, period_ns: float = 40.0) -> DiffuseSettings:
-    return DiffuseSettings(period_ns=period_ns, harmonics=(1, 2), nearest_m=nearest_m)
+def settings(period_ns: float = 40.0) -> DiffuseSettings:
+    return DiffuseSettings(period_ns=period_ns, harmonics=(1, 2))
 
 
 def test_phases_become_metres_by_the_period() -> None:
@@ -28,12 +28,11 @@ def test_numbers_that_were_chosen_at_40_ns_change_above_it_alone(period_ns: floa
     assert settings(period_ns=period_ns).slowness == slowness
 
 
-@pytest.mark.parametrize("nearest_m", [0.0, 2.0, -1.5, 9.0])
-def test_ranges_are_those_of_the_phase_from_the_nearest_on(nearest_m: float) -> None:
+def test_ranges_are_those_of_the_phase_within_a_turn() -> None:
     phase = np.linspace(-7.0, 13.0, 41)
-    found = range_from_phase(phase, settings(nearest_m))
+    found = range_from_phase(phase, settings())
     turn_m = C_M_PER_NS * 20.0
-    assert ((found >= nearest_m) & (found < nearest_m + turn_m)).all()
+    assert ((found >= 0.0) & (found < turn_m)).all()
     off = (found - phase * turn_m / (2 * np.pi)) / turn_m
     assert_allclose(off, np.rint(off), atol=1e-9)
 

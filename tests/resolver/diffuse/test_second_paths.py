@@ -13,11 +13,11 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     SecondPaths,
     delay_spread,
-    foretelling,
-    foretells,
+    further_chi_squared,
+    further_harmonics_tell,
     has_one_share,
     median_of_noise,
-    missed,
+    predict_further_harmonics,
     two_path_lag,
 )
 from cadtof_cli.resolver.kernels import available_kernels
@@ -61,19 +61,19 @@ def two_paths(patches: PatchData) -> bool:
 
 
 def third_is_foretold(patches: PatchData) -> bool:
-    return foretelling(found(patches), patches) and foretells(found(patches), patches)
+    return further_harmonics_tell(found(patches), patches) and predict_further_harmonics(found(patches), patches)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.5])
 def test_second_paths_are_those_that_were_put_in(share: float) -> None:
     paths = found(data(*second(share, LATER), noisy=False))
-    assert_allclose(paths.strength, np.log(share), rtol=1e-6)
+    assert_allclose(paths.log_share, np.log(share), rtol=1e-6)
     assert_allclose(paths.later_rad, OMEGA * LATER, rtol=1e-6)
 
 
 def test_the_stronger_of_two_paths_is_not_the_second() -> None:
     paths = found(data(*second(2.5, 9.0), noisy=False))
-    assert_allclose(paths.strength, -np.log(2.5), rtol=1e-6)
+    assert_allclose(paths.log_share, -np.log(2.5), rtol=1e-6)
     assert_allclose(paths.later_rad, -OMEGA * 9.0, rtol=1e-6)
 
 
@@ -157,8 +157,8 @@ def test_the_shorter_a_delay_the_less_noise_tells_two_paths_from_a_tail(
     """|q_2 − 1| of a share of .3, 3.5 ns late, is .08: 28 times its noise even where it does not tell."""
     patches = data(*second(0.3, later_ns, 3), sigma=sigma)
     paths = found(patches)
-    assert foretells(paths, patches)
-    assert foretelling(paths, patches) is tells
+    assert predict_further_harmonics(paths, patches)
+    assert further_harmonics_tell(paths, patches) is tells
 
 
 def test_misses_of_what_is_foretold_are_those_of_noise() -> None:
@@ -177,9 +177,9 @@ def test_errors_of_a_model_are_tolerated_besides_noise() -> None:
     off = replace(patches, ratios=patches.ratios * np.array([[1.0], [np.exp(0.1j)]]))
     tolerated = np.zeros((2, *patches.ratios.shape))
     tolerated[1, 1] = 0.1**2
-    assert missed(found(patches), patches).max() < 1e-6
-    assert missed(found(off), off).min() > 100.0
-    assert_allclose(missed(found(off), replace(off, tolerated=tolerated)), 1.0, atol=0.05)
+    assert further_chi_squared(found(patches), patches).max() < 1e-6
+    assert further_chi_squared(found(off), off).min() > 100.0
+    assert_allclose(further_chi_squared(found(off), replace(off, tolerated=tolerated)), 1.0, atol=0.05)
 
 
 def of_delays(share: float, later_ns: F, kappa: float, harmonics: int) -> list[Complex]:
@@ -216,10 +216,10 @@ def test_a_tail_that_is_short_for_its_noise_is_no_two_paths_though_they_foretell
     for seed in range(5):
         patches = patch_data(*of_delays(0.1, short, 0.03, 3), sigma=4e-3, seed=seed)
         paths = found(patches)
-        assert np.median(missed(paths, patches)) < 1.35 * median_of_noise(2)
-        assert not foretells(paths, patches)
+        assert np.median(further_chi_squared(paths, patches)) < 1.35 * median_of_noise(2)
+        assert not predict_further_harmonics(paths, patches)
         alone = patch_data(*second(0.1, short, 3), sigma=4e-3, seed=seed)
-        assert foretells(found(alone), alone)
+        assert predict_further_harmonics(found(alone), alone)
 
 
 def test_patches_that_show_two_surfaces_say_little_of_the_spread_of_delays() -> None:
@@ -247,7 +247,7 @@ def test_the_median_of_noise(numbers: int) -> None:
 def test_every_kernel_says_the_same(kernel: str) -> None:
     patches = data(*second(0.1, LATER))
     one, other = SecondPaths.of(patches), SecondPaths.of(patches, kernel=kernel)
-    np.testing.assert_array_equal(one.strength, other.strength)
+    np.testing.assert_array_equal(one.log_share, other.log_share)
     np.testing.assert_array_equal(one.later_rad, other.later_rad)
 
 

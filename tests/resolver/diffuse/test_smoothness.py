@@ -155,17 +155,6 @@ def test_what_is_at_the_camera_is_taken_for_five_centimetres() -> None:
     assert_allclose(smoothness._inverse_depth(nothing, grid, SETTINGS) * grid.ray[2], 20.0)
 
 
-def test_ranges_begin_where_the_settings_say() -> None:
-    """A wall 7 m away seems to be one at 1 m, and bent, where they begin at 0."""
-    _, means, grid = seen(wall(distance_m=7.2), None, n_av=1e12)
-    far = DiffuseSettings(period_ns=T1_NS, harmonics=(1, 2), nearest_m=4.0)
-    flat, bent = (
-        np.median(np.abs(smoothness._bends(shown, np.ones(shown.shape, np.bool_), 2))) / shown.mean()
-        for shown in (smoothness._inverse_depth(means.phase_rad, grid, settings) for settings in (far, SETTINGS))
-    )
-    assert flat < 0.01 * bent
-
-
 @pytest.mark.parametrize("row", range(SIDE))
 def test_the_middle_row_of_patches_tells(row: int) -> None:
     """Also where phases change by a turn from pixel to pixel: those of the wall are just below π, half of what is seen beyond."""
@@ -174,7 +163,9 @@ def test_the_middle_row_of_patches_tells(row: int) -> None:
     hidden = (np.arange(len(light.seen)) // SIDE == row)[:, None, None]
     every = np.ones(means.amplitude.shape, np.bool_)
     with np.errstate(all="ignore"):
-        told = smoothness._smoothed_within(replace(light, seen=light.seen & ~hidden), every, available_kernels()[0])
+        told = smoothness._smoothed_within_patches(
+            replace(light, seen=light.seen & ~hidden), every, available_kernels()[0]
+        )
     assert told is (row != SIDE // 2)
 
 
@@ -185,7 +176,7 @@ def test_within_patches_only_pixels_that_are_seen_count() -> None:
 
     def said(columns: Bool, lit: Bool) -> bool:
         with np.errstate(all="ignore"):
-            return smoothness._smoothed_within(
+            return smoothness._smoothed_within_patches(
                 replace(light, seen=light.seen & columns[:, None, None]), lit, available_kernels()[0]
             )
 
