@@ -16,6 +16,7 @@ _PLANE = r"(?i)(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?"
 
 _HARMONIC_WORD = r"(?i)(?<![a-z])h(?:arm(?:onic)?)?[\s._#:-]*0*([1-9]\d*)"
 _CHANNEL_WORD = r"(?i)(?<![a-z])sc[\s._#:-]*0*([12])(?!\d)"
+_COSINE_OR_SINE_WORD = r"(?i)(?<![a-z])(?:(i|cos(?:ine)?|in[\s_-]?phase)|(q|sin(?:e)?|quad(?:rature)?))(?![a-z])"
 _FREQUENCY_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*MHz(?![a-z])"
 _PERIOD_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*ns(?![a-z])"
 _CHANNEL_BEFORE_NUMBER = rf"{_CHANNEL_WORD}[\s._/:-]*"
@@ -67,35 +68,33 @@ def plane_label(name: str, /) -> PlaneLabel | None:
 
 
 def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[PlaneLabel, ...]:
-    """Return the labels that names such as `sc1_h2`, `Harmonic 2, SC1`, `rec_h2_sc1.tif` or `SC1.50MHz` give.
+    """Return the labels that names such as `sc1_h2`, `Harmonic 2, SC1`, `rec_h2_sc1.tif`, `SC1.50MHz` or `Q 20 ns` give.
 
     Every name must give exactly one harmonic and one channel, and every plane must be named. If not, the result is
     empty.
     """
-    channels = [_only(_CHANNEL_WORD, name) for name in names]
+    channels = [_channel_in_words(name) for name in names]
     numbers = harmonics_in_words(names, harmonics)
     labels = tuple(
-        PlaneLabel(number, int(channel))
-        for number, channel in zip(numbers, channels, strict=False)
-        if channel is not None
+        PlaneLabel(number, channel) for number, channel in zip(numbers, channels, strict=False) if channel is not None
     )
     wanted = {PlaneLabel(number, channel) for number in set(numbers) for channel in range(1, CHANNELS + 1)}
     return labels if len(labels) == len(names) and wanted == set(labels) else ()
 
 
 def channels_in_words(names: Sequence[str], /) -> tuple[PlaneLabel, ...]:
-    """Return the labels that names such as `SC1 A` give, which give only the channel.
+    """Return the labels that names such as `SC1 A` or `I` give, which give only the channel.
 
     Every name must give exactly one channel, and all channels must be named equally often. If not, the result is empty.
     """
-    channels = [int(channel) for name in names if (channel := _only(_CHANNEL_WORD, name))]
+    channels = [channel for name in names if (channel := _channel_in_words(name))]
     even = all(channels.count(channel) * CHANNELS == len(names) for channel in range(1, CHANNELS + 1))
     return tuple(PlaneLabel(None, channel) for channel in channels) if even else ()
 
 
 def says_a_channel(name: str, /) -> bool:
-    """Return whether a text is a name that contains SC1 or SC2, in any spelling, exactly once."""
-    return _only(_CHANNEL_WORD, name) is not None
+    """Return whether a text is a name that gives a channel, in any spelling: SC1 or SC2, or I or Q."""
+    return _channel_in_words(name) is not None
 
 
 def is_of_a_plane(name: str, /) -> bool:
@@ -120,6 +119,15 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     fundamental = different[0] / harmonics[0]
     in_ratio = all(abs(one - number * fundamental) < _ROUNDING * one for one, number in numbers_of.items())
     return tuple(numbers_of[one] for one in frequencies) if in_ratio else ()
+
+
+def _channel_in_words(name: str) -> int | None:
+    """Return the channel that a name gives, as SC1 or SC2 or else as cosine (I) or sine (Q); None: not exactly once."""
+    number = _only(_CHANNEL_WORD, name)
+    if number is not None:
+        return int(number)
+    words = re.findall(_COSINE_OR_SINE_WORD, name) if len(name) <= _LONGEST_NAME else []
+    return (1 if words[0][0] else 2) if len(words) == 1 else None
 
 
 def _frequency_mhz(name: str) -> float | None:
