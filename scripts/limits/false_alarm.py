@@ -55,7 +55,7 @@ def false_alarm(out: Path, *, pixels: int) -> str:
         for rate in measured(numbers, asr, n_av, pixels=pixels // (len(numbers) - 1))
     ]
     write_csv(out / "false_alarm.csv", (asdict(rate) for rate in rates))
-    head = ["harmonics", "ASR, n_av", "asked", "misfit alone", "of asked", "found as two", "of asked"]
+    head = ["harmonics", "ASR, n_av", "P", "misfit alone", "over P", "found as two", "over P"]
     lines = [
         [
             "{1,2}" if rate.harmonics == 2 else "{1,2,3}",
@@ -83,18 +83,30 @@ def false_alarm(out: Path, *, pixels: int) -> str:
 
 PAGE = """# False alarms
 
-Made by `scripts/measure_limits false_alarm`: pixels without MPI, {seeds} seeds × {pixels} pixels a light with harmonics 1
-and 2 ({pixels_three} with three), in [false_alarm.csv](false_alarm.csv).
+For everyone who sets `--false-alarm`: how often light without MPI is taken for two paths.
 
-`--false-alarm P` is used three times: a pixel has a signal where noise alone exceeds its power with probability P; one
-path is not enough where noise alone leaves its misfit with probability P; and then a second path must also move the
-direct one by more than the scatter that it costs. The last makes the share of pixels that **end** as two paths without
-MPI smaller than P: for them P is an upper limit. Where the misfit alone decides, P is what it says:
+Made by `scripts/measure_limits false_alarm` from pixels without MPI. Each light has {seeds} seeds × {pixels} pixels
+with harmonics 1 and 2 ({pixels_three} with three harmonics). All numbers are in [false_alarm.csv](false_alarm.csv).
+
+`--false-alarm P` sets two thresholds:
+
+- A pixel has a signal if its power is above a threshold that noise alone exceeds with probability P.
+- One path is not enough if its misfit is above a threshold that noise alone exceeds with probability P.
+
+For a second path there is one more condition, which does not depend on P: the second path must move the direct path
+by more than the scatter that it adds. So fewer pixels without MPI than P **end** with two paths; for them P is an
+upper limit. If the misfit alone decided, their share would be P:
+
+- "misfit alone": share of the pixels for which one path is not enough;
+- "found as two": share of the pixels that end with two paths;
+- "over P": the share before it, divided by P.
 
 {table}
 
-Asked: the misfit alone within 15 % of P. That is {verdict}: it is off by {off:.0%} at most, where counting alone scatters
-by up to {scatter:.0%}. Found as two are {least:.2f} to {most:.2f} of P, a larger part of it the smaller it is. Making
-that share P itself would mean to take for two paths what makes the depth worse: the second condition is what keeps splits
-of one path from doubling the error of all.
+Asked: the share by the misfit alone is within 15 % of P. That is {verdict}: it is off by {off:.0%} at most, while
+counting alone scatters by up to {scatter:.0%}. The share found as two is {least:.2f} to {most:.2f} of P; the smaller
+P is, the larger is this part.
+
+It would be wrong to raise that share to P: the pixels that were added would get second paths that make the depth
+worse. The condition on the direct path keeps such false second paths from doubling the error over all pixels.
 """

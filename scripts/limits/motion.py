@@ -144,20 +144,27 @@ def _matters(groups: Sequence[tuple[Key, list[Moved]]]) -> str:
                 *(f"{v:g}" if v is not None else f"> {SPEEDS_M_S[-1]:g}" for v in (first, doubled)),
             ]
         )
-    head = ["", "RMSE at rest, cm", "1.2 × from, m/s", "2 × from, m/s"]
+    head = ["", "RMSE at rest, cm", "RMSE 1.2 × as large from, m/s", "RMSE 2 × as large from, m/s"]
     return markdown(head, lines)
 
 
 PAGE = """# A target that moves between harmonics
 
-Made by `scripts/measure_limits motion`: {seeds} seeds × {runs} recordings a condition, in [motion.csv](motion.csv). By hand:
-`cadtof simulate --speed 1 --frame-rate 30`, and the same with `--scene`.
+For everyone who records moving targets: how large the errors are, and from which speed they matter.
 
-Harmonics are recorded one after the other. At {rate:g} frames a second and two harmonics a target of 1 m/s is
-{between:.2f} cm farther away for the second than for the first. Simulated is a scene that moves as a whole along the line
-of sight, the MPI with it; each harmonic sees it where it is when the harmonic is read (the average forgets within n_av
-photons, 0.8 ms at n_av 1e5 and 5 photons a cycle). True is the distance in the middle of the frame, so that what is told
-here is not the delay of the frame, but what is left because the harmonics disagree.
+Made by `scripts/measure_limits motion`: {seeds} seeds × {runs} recordings per condition, in [motion.csv](motion.csv).
+To try one speed, use `cadtof simulate --speed 1 --frame-rate 30`, without or with `--scene`.
+
+Harmonics are recorded one after the other. At {rate:g} frames a second and with two harmonics, a target that moves
+away at 1 m/s is {between:.2f} cm farther away for the second harmonic than for the first.
+
+What is simulated:
+
+- The whole scene, with its MPI, moves along the line of sight.
+- Each harmonic sees the scene where it is when the harmonic is read. (The average forgets within n_av photons: 0.8 ms
+  at n_av 1e5 and 5 photons a cycle.)
+- The true distance is the distance in the middle of the frame. So the errors do not hold the delay of the frame. They
+  hold only what is left because the harmonics disagree.
 
 ![Error over the speed](motion.png)
 
@@ -167,13 +174,17 @@ here is not the delay of the frame, but what is left because the harmonics disag
 
 {matters}
 
-**One path.** Harmonic h knows h² as much of the distance as the first: with two harmonics the depth is off by (−1 + 4)/5
-of half the way between them, 0.3 · v/(2 · frame rate), 0.5 cm at 1 m/s and 30 Hz. With little noise a faster target looks
-like two paths: the phases disagree by more than noise lets them, and the order test takes a second path. **Two paths from
-two harmonics** leave nothing that could disagree: the second path takes up most of the motion, and the direct one hardly
-moves. **Three harmonics** have more precision to lose, and the last knows the most: the depth is that of the end of the
-frame rather than of its middle.
+**One path.** The weight of harmonic h in the distance is h² times the weight of the first. With two harmonics, the
+depth is off by (−1 + 4)/5 of half the way that the target moves between them. That is 0.3 · v/(2 · frame rate): 0.5
+cm at 1 m/s and 30 Hz. With little noise, a faster target looks like two paths: the phases disagree by more than noise
+explains, and the order test takes a second path.
 
-A higher frame rate makes the error smaller in proportion. Where the target's speed is known, its way can be taken out of each
-harmonic's phase; cadtof neither measures nor corrects motion.
+**Two paths from two harmonics.** Two paths fit two harmonics exactly, so nothing can disagree. The second path takes
+up most of the motion, and the direct path hardly moves.
+
+**Three harmonics.** They are more precise, so motion matters earlier. The last harmonic has the largest weight, so
+the depth is that at the end of the frame rather than in its middle.
+
+A higher frame rate makes the error smaller in proportion. If the speed of the target is known, its motion can be
+subtracted from the phase of each harmonic; cadtof neither measures nor corrects motion.
 """

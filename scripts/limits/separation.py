@@ -104,7 +104,7 @@ def page(cells: list[Cell], clean: list[Cell], three: list[Cell], pixels: int) -
             "sigma, cm",
             "beyond 3 sigma",
             "ill-conditioned",
-            "of those beyond 3 sigma",
+            "ill-conditioned, of those beyond 3 sigma",
         ],
         (
             [
@@ -180,7 +180,14 @@ def _reasons(worse: list[Cell]) -> str:
         rmse = f"{worst.rmse_cm:.2f}, {worst.rmse_one_cm:.2f}, {worst.rmse_two_cm:.2f}"
         typical = float(np.median([cell.over_better for cell in some]))
         lines.append([reason, str(len(some)), f"{typical:.2f} ×", f"{worst.over_better:.2f} ×", where, rmse])
-    head = ["", "conditions", "median", "worst", "which", "RMSE of order test, one, two, cm"]
+    head = [
+        "reason",
+        "conditions",
+        "median",
+        "worst",
+        "the worst condition",
+        "its RMSE: order test, one path, two paths, cm",
+    ]
     return markdown(head, lines)
 
 
@@ -193,9 +200,9 @@ def _worst(worse: list[Cell]) -> str:
         "ASR",
         "n_av",
         "order test, cm",
-        "one, cm",
-        "two, cm",
-        "over the better",
+        "one path, cm",
+        "two paths, cm",
+        "over the better order",
         "found as two",
     ]
     return markdown(
@@ -213,21 +220,27 @@ def _worst(worse: list[Cell]) -> str:
 
 PAGE = """# How near two paths may be
 
-Made by `scripts/measure_limits separation`: {cells} conditions, {seeds} seeds × {pixels} pixels each, harmonics 1 and 2 of
-40 ns, pulse 1.7 ns, in [separation.csv](separation.csv). Light is drawn by `tests/support/mixtures.py`, apart from the package.
+For everyone who relies on sigma: from which separation a second path is found, and how wrong the depth is below that.
+
+Made by `scripts/measure_limits separation`: {cells} conditions, {seeds} seeds × {pixels} pixels each, harmonics 1 and
+2 of 40 ns, pulse 1.7 ns, in [separation.csv](separation.csv). `tests/support/mixtures.py` draws the light, not the
+simulator of the package.
 
 ![Error, order and doubt over the separation](separation.png)
 
 ## What sigma holds, and what it leaves out
 
-`direct.sigma` is the scatter that noise gives the depth **when the number of paths is right**. It leaves out what a second
-path does to an answer of one path. Paths that are close compared with what the noise can tell look like one: their depth is
-that of both together, and its sigma is that of one path, which is small. No sigma can know better: two paths D apart differ
-from one by D² in the harmonics' amplitudes, while the depth is off by D. So noise four times smaller still hides separations
-half as large, which are then twice as many sigma.
+`direct.sigma` is the scatter of the depth by noise, **if the number of paths is right**. If one path was found where
+there are two, sigma does not include the error that the second path causes.
 
-Bias / RMSE / median sigma of the direct depth in cm, share of pixels wrong by more than three sigma, share called
-ill-conditioned:
+Two paths that are too close for the noise look like one path. Their depth is the depth of both together, and its
+sigma is that of one path, which is small. No sigma can know better. If two paths are D apart, the amplitudes of the
+harmonics differ from those of one path in proportion to D², and the depth is off in proportion to D. So if the noise
+is four times smaller, it still hides separations that are half as large. The error is then half as large, which is
+twice as many sigma.
+
+Each cell of these tables holds, for the direct depth: bias / RMSE / median sigma in cm; the share of pixels that are
+wrong by more than three sigma; the share of pixels that are called ill-conditioned.
 
 **MPI/laser 0.3**
 
@@ -239,50 +252,58 @@ ill-conditioned:
 
 ## From which separation on sigma is right
 
-Least separation in ns from which on no more than 2 % of pixels are wrong by more than three sigma (0.3 % would be Gaussian).
-The paper says three pulse widths, 5.1 ns, whatever the noise:
+The smallest separation, in ns, from which on at most 2 % of the pixels are wrong by more than three sigma (0.3 % if
+errors were Gaussian). The paper says three pulse widths, 5.1 ns, for any noise:
 
 {least}
 
-The same light shared by three modulation periods, harmonics 1, 2 and 3 ([separation_three.csv](separation_three.csv)):
+The same light, shared by three modulation periods (harmonics 1, 2 and 3;
+[separation_three.csv](separation_three.csv)):
 
 {least_three}
 
 ## What `ill-conditioned` catches
 
-The bit says that the answer is doubtful: two paths nearer than four of their sigmas, or one path whose second harmonic is
-shorter by more than noise makes it in one pixel of ten. Without MPI it is set in {clean:.1%} of pixels, which is the price.
-In the {doubted} conditions in which more than half of the pixels are wrong by more than three sigma, it is set in
-{caught:.0%} of the wrong ones on average, {caught_least:.0%} at the least: where paths are so close that the harmonics show
-next to nothing, nothing can be said of them.
+The bit says that the answer is doubtful. It is set in two cases:
+
+- two paths are nearer than four of their sigmas;
+- a single path has a second harmonic that is so short that noise makes it so in only one pixel of ten.
+
+The second case has a price: without MPI, the bit is set in {clean:.1%} of the pixels.
+
+In {doubted} conditions, more than half of the pixels are wrong by more than three sigma. There the bit is set in
+{caught:.0%} of these wrong pixels on average over the conditions, and in {caught_least:.0%} at least. If paths are so
+close that the harmonics show next to nothing of the second path, nothing can be said about it.
 
 {told}
 
 ## The order test against fixed orders
 
-Asked: RMSE never more than 1.05 × that of the better fixed order. **That is not reached in {worse} of {all} conditions**
-(two standard errors allowed; the {clean_count} without MPI counted too), and in {half:.0%} of those with MPI the order
-test is better than both.
+Asked: the RMSE is at most 1.05 × that of the better fixed order. **That is not reached in {worse} of {all}
+conditions** (two standard errors are allowed; the {clean_count} conditions without MPI count, too). In {half:.0%} of
+the conditions with MPI, the order test is better than both fixed orders. Where it is worse, by reason (× is the RMSE
+of the order test over that of the better fixed order):
 
 {reasons}
 
-**False alarms.** Where one path is as good as it gets, a few pixels in a thousand are taken for two, and those are far
-off: the scatter of two paths is ten times that of one. They are in the RMSE and in no median. `--false-alarm 0.001` makes
-them rarer.
+**False alarms.** One path is the best answer here, but a few pixels in a thousand get two. Those are far off, because
+two paths scatter ten times as much as one. They show in the RMSE and in no median. `--false-alarm 0.001` makes them
+rarer.
 
-**The seam.** Where the misfit of one path is just as large as the noise's, the pixels that the test takes for two are
-those whose noise makes the misfit large, and that same noise throws their second path, and with it the direct one,
-farther than two paths scatter on average. So some pixels have the bias of one path and some more than the scatter of two,
-and the RMSE lies above both. The worst:
+**The seam** between one path and two. The misfit of one path is just as large as that of noise here. The pixels that
+get two paths are those whose noise makes the misfit large. The same noise throws their second path, and with it the
+direct path, farther than two paths scatter on average. So some pixels have the bias of one path, others scatter more
+than two paths do, and the RMSE is above that of both fixed orders. The worst conditions:
 
 {worst_table}
 
-**Half a turn.** At 20 ns of 40 the second path only shortens the first harmonic and lengthens the second, and turns
-neither: one path happens to have no bias there, and scatters less. The misfit cannot know.
+**Half a turn.** At 20 ns of 40 ns, the second path makes the first harmonic shorter and the second harmonic longer,
+and turns neither. So one path happens to have no bias there, and it scatters less than two. The misfit cannot know
+that.
 
-Another threshold moves this seam to other separations and does not remove it:
+Another threshold moves the seam to other separations, but does not remove it:
 
 {thresholds}
 
-What remains to be done there is to collect more light: `--pool`, `--average`, a third modulation period.
+What helps there is more light (`--pool`, `--average`) or a third modulation period.
 """

@@ -102,7 +102,7 @@ def stages(out: Path, *, frequencies: tuple[float, ...] = RIPPLES_HZ) -> str:
     write_csv(out / "stages.csv", (asdict(one) for one in found))
     draw(found, (closed, quiet, switched), out / "stages.png")
     told = markdown(
-        ["", "shot noise of n_av", "90 % of a change after", "of a constant offset"],
+        ["", "shot noise as of n_av", "90 % of a change after", "left of a constant offset"],
         (
             [way.name, f"{way.length:,.0f}", f"{way.memory_ms:.3f} ms", f"{way.settled:.3f}"]
             for way in (closed, quiet, switched)
@@ -144,7 +144,7 @@ def _lengths() -> str:
         )
         way = Way("", np.asarray(averaging.weights(LONG, photon_rate_hz=RATE_HZ)[0]))
         lines.append([f"{f2_hz / 1e3:g} kHz", f"{way.length:,.0f}", f"{way.memory_ms:.2f} ms", f"{way.settled:.3f}"])
-    return markdown(["F2", "shot noise of n_av", "90 % of a change after", "of a constant offset"], lines)
+    return markdown(["F2", "shot noise as of n_av", "90 % of a change after", "left of a constant offset"], lines)
 
 
 def draw(found: list[Ripple], shown: tuple[Way, Way, Way], path: Path) -> None:
@@ -170,30 +170,39 @@ def draw(found: list[Ripple], shown: tuple[Way, Way, Way], path: Path) -> None:
 
 PAGE = """# Switched stages
 
-The paper's camera switches ST1 and ST2 (Fig. 1) at F1 = 1 MHz and F2 = 10 kHz "to reduce the systematic noise" (its
-reference 23), and does not say by how much. Made by `scripts/measure_limits stages`: the exact weights of all photons in
-the voltage that is read (`simulation/pixel/averaging.py`), capacitors of n_av 4000, 125 million photons a second.
+For everyone who designs a pixel: what switching its stages gains.
 
-**What was found.** With the same capacitors, switched stages average longer: {times:.1f} times the n_av at 1 MHz and 10
-kHz, {noise:.0%} less shot noise, and hardly more with a slower F2. That is a gain in area: the same shot noise by DC needs
-larger capacitors. **Against systematic errors nothing was found** that a longer average by DC would not do as well, apart
-from slow ripple: static ones, offsets and gain errors, go through whole; ripple between 1 and 5 kHz is up to {most:.1f}
-times smaller than with DC at the same shot noise; but near multiples of F2 it is up to {worse:.1f} times larger, because
-the second stage samples at that rate and folds such ripple down to a constant; and a change takes {slower:.1f} times as
-long. If reference 23 means an effect inside the pixel, such as charge that switching injects, this model does not have
-it.
+The camera of the paper switches ST1 and ST2 (Fig. 1) at F1 = 1 MHz and F2 = 10 kHz "to reduce the systematic noise"
+(its reference 23). It does not say by how much.
+
+Made by `scripts/measure_limits stages` from the exact weights of all photons in the voltage that is read
+(`simulation/pixel/averaging.py`), with capacitors of n_av 4000 and 125 million photons a second.
+
+**Shot noise: a gain.** With the same capacitors, switched stages average longer: {times:.1f} times the n_av at 1 MHz
+and 10 kHz, which is {noise:.0%} less shot noise. A slower F2 hardly brings more. The gain is one of area: stages
+closed by DC need larger capacitors for the same shot noise.
+
+**Systematic errors: no gain was found** that a longer average by DC would not bring as well, apart from slow ripple:
+
+- Static errors, which are offsets and gain errors, pass unchanged.
+- Ripple between 1 and 5 kHz is up to {most:.1f} times smaller than with DC at the same shot noise.
+- Ripple near multiples of F2 is up to {worse:.1f} times larger. The second stage samples at that rate and folds such
+  ripple down to a constant.
+- A change takes {slower:.1f} times as long.
+
+If reference 23 means an effect inside the pixel, such as charge that switching injects, this model does not have it.
 
 {told}
 
-A disturbance of the sampled voltage, such as ripple of a supply or of another clock: r.m.s. of what is read where its
-amplitude is 1, over its phase and {seeds} draws of the photons' times, in [stages.csv](stages.csv). What stays at high
-frequencies is that photons come at random.
+The next table is about a disturbance of the sampled voltage, such as ripple of a supply or of another clock. It holds
+the r.m.s. of what is read if the amplitude of the ripple is 1, over its phase and over {seeds} draws of the photons'
+times, as in [stages.csv](stages.csv). At high frequencies, what stays comes from the random times of the photons.
 
 ![Weights of photons, and ripple](stages.png)
 
 {table}
 
-The same capacitors with another F2: the last stage averages over few of its steps, however far apart they are.
+The same capacitors with another F2. The last stage averages over few of its steps, however far apart they are.
 
 {lengths}
 """

@@ -54,23 +54,29 @@ def table_1_section(found: list[Table1Row], effort: Effort) -> str:
 
 ![Fig. 6](fig6.png)
 
-The text on Fig. 6 puts the peaks at 10 and 16 ns, Table 1 and Fig. 7 at 5 and 16 ns. The standard deviations of Table 1 fit
-5 and 16 ns; at 10 and 16 ns they would be those of 7(c), 6 ns apart.
+The text of the paper on Fig. 6 puts the peaks at 10 and 16 ns, Table 1 and Fig. 7 put them at 5 and 16 ns. The standard
+deviations of Table 1 fit 5 and 16 ns. At 10 and 16 ns they would be those of 7(c), where the peaks are 6 ns apart.
 
 ![Fig. 7](fig7.png)
 
-Standard deviations in ns; ASR 5, n_av 1e5, MPI/laser 0.3, pulse 1.7 ns; {effort.resolver_runs} solves; photon by photon: as many
-recordings{scaled}. (=) within 15 % of the paper's figure or equal after its rounding.
+The table has standard deviations in ns, at ASR 5, n_av 1e5, MPI/laser 0.3 and a pulse of 1.7 ns, over
+{effort.resolver_runs} solves. Photon by photon, there are as many recordings{scaled}. (=) means: within 15 % of the number
+in the paper, or equal to it after the paper's rounding.
 
 | condition | peak | paper | as the paper | ours, by statistics | ours, photon by photon | Cramér–Rao bound |
 |---|---|---|---|---|---|---|
 {chr(10).join(lines)}
 
-**As the paper** means: Eq. (9) by Levenberg–Marquardt from ten random starts, always two peaks, the stronger called the first,
-the pulse not corrected, times as angles come, within ±20 ns (`cadtof simulate --solver lm --order 2 --return strongest
---no-pulse-correction --wrapped`). A start takes {steps} steps on average in (a), (b), (c); the paper says 20 on
-average without saying how it stops. Ours stops where a step promises to lower the cost by less than a thousandth of it, and gives
-up after 100.
+**As the paper** means:
+
+- Eq. (9) by Levenberg–Marquardt from ten random starts;
+- always two peaks, of which the stronger is called the first;
+- the pulse is not corrected;
+- times are as the angles give them, within ±20 ns.
+
+The command is `cadtof simulate --solver lm --order 2 --return strongest --no-pulse-correction --wrapped`. A start takes
+{steps} steps on average in (a), (b), (c). The paper says 20 on average, without saying when its search stops. Our search
+stops if a step promises to lower the cost by less than a thousandth, and gives up after 100 steps.
 """
 
 
@@ -106,21 +112,21 @@ def maps_section(maps: Maps, effort: Effort) -> str:
 
 ![Fig. 9, as the paper](fig9_as_the_paper.png)
 
-5 and 16 ns, {effort.resolver_runs} solves a cell. The paper does not state its grid. Ours is ASR 1 to 6 and n_av 1e3 to 1e5. All
-values in ns.
+Paths at 5 and 16 ns, {effort.resolver_runs} solves per cell. The paper does not state its grid. Ours is ASR 1 to 6 and
+n_av 1e3 to 1e5. All values are in ns.
 
 | standard deviation | paper | as the paper, n_av 1e3 to 1e4 | as the paper, all n_av | ours, all n_av |
 |---|---|---|---|---|
 {chr(10).join(_range(maps, *given) for given in RANGES)}
 
-Ours without MPI is with the order test, {10 * effort.resolver_runs} solves a cell.
+Ours without MPI is with the order test and {10 * effort.resolver_runs} solves per cell.
 
-| second path at ASR 6, n_av 1e3, the paper's way | paper's largest | {runs}: mean | least and most of a seed |
+| second path at ASR 6, n_av 1e3, as the paper | largest in the paper | mean of {runs} | smallest and largest of a seed |
 |---|---|---|---|
 {chr(10).join(_seeds(maps, *given) for given in WORST)}
 
-Steps of a start of Levenberg–Marquardt, all ten counted (paper: 20 on average):
-{_steps(maps)}.
+Steps per start of Levenberg–Marquardt, with all ten starts counted, on average (and smallest to largest average of a
+cell); the paper says 20 on average: {_steps(maps)}.
 """
     ]
     for figure, ratio, path, paper in RANGES:
@@ -142,7 +148,7 @@ Ours{"" if ratio else ", order test"}:
         )
     low, high = extremes(maps.always_two, 0.0, "direct", "std_ns")
     parts.append(
-        f"""Ours without MPI where two paths are always resolved, pulse corrected ({low:.3f} to {high:.3f}):
+        f"""Ours without MPI if two paths are always resolved, with the pulse corrected ({low:.3f} to {high:.3f}):
 
 {_grid(maps.always_two, 0.0, "direct", "std_ns")}
 """
@@ -179,15 +185,16 @@ def _steps(maps: Maps) -> str:
 
 READINGS = """### What the ranges say about the paper's own conditions
 
-- The paper's smallest direct std, 0.1 ns, is above what its own Table 1 has at n_av 1e5 (0.03 to 0.05 ns), so Figs. 8 and 9 were
-  made with shorter integration. n_av 1e3 to 1e4 comes closest.
-- Its largest second std, 12.8 ns, is above the 11.5 ns of an angle that is uniform over 40 ns. A standard deviation of wrapped
-  angles can only get there if a true 16 ns near the end of a ±20 ns interval falls on both of its ends: a wrap artefact, and the
-  paper's way shows it. We measure differences from the truth within ±20 ns.
-- Its largest std of the second path at MPI/laser 0.3, 3.4 ns, is made of a few such wraps too: the paper's way reaches it
-  between ASR 5 and 6 at n_av 1e3.
-- Without MPI its direct std does not fall below 0.4 ns. A pulse of 1.7 ns that is not divided out looks to a two-path
-  solver like two equal peaks at ±0.72 ns, either of which may be the stronger and is called first: that is the floor, and
-  it is gone once each harmonic is divided by its own r_h (0.994 and 0.975). Eq. (3) has another exponent, and takes the
-  factor as common to all harmonics.
+- **Shorter integration.** The paper's smallest std of the direct path is 0.1 ns. That is more than its own Table 1 has at
+  n_av 1e5 (0.03 to 0.05 ns). So Figs. 8 and 9 were made with a shorter integration; n_av 1e3 to 1e4 comes closest.
+- **Wrapped times.** The paper's largest std of the second path is 12.8 ns. That is more than the 11.5 ns of an angle that
+  is uniform over 40 ns. A std of wrapped angles can be that large only if times about a true 16 ns, near the end of an
+  interval of ±20 ns, fall on both of its ends. This is an artefact of wrapping, and our runs as the paper show it, too.
+  Ours measures differences from the truth within ±20 ns.
+- The paper's largest std of the second path at MPI/laser 0.3, 3.4 ns, comes from a few such wraps, too: our runs as the
+  paper reach it between ASR 5 and 6 at n_av 1e3.
+- **The pulse.** Without MPI, the paper's std of the direct path does not fall below 0.4 ns. If a pulse of 1.7 ns is not
+  divided out, a two-path solver sees two equal peaks at ±0.72 ns. Either of them may be the stronger, and is then called
+  the first. That makes the floor. The floor is gone if each harmonic is divided by its own r_h (0.994 and 0.975). Eq. (3)
+  has another exponent, and takes the factor as common to all harmonics.
 """

@@ -8,12 +8,20 @@ from paper.scene_experiments import Figure4, Figure5
 
 INTRODUCTION = """# The paper, reproduced
 
-Morsy, Blinder, Kuijk: *Multi-Path Interference Challenges and Suggested Solution for Correlation-Assisted Direct
-Time-of-Flight*. Made by `scripts/reproduce_paper` from a fixed seed; every picture has its numbers in a CSV beside it.
+For everyone who knows the paper, or compares another method with it: its figures and tables, made again by our simulator
+and resolver, beside its own numbers.
 
-Photons are mixed as **laser : MPI : ambient = 1 : MPI/laser : ASR** throughout. The captions of the paper are not consistent
-about it: Table 1 fits this reading, but Fig. 2 gives ASR 1 without and 0.8 with an MPI of 0.3, and 1/1.3 = 0.77, so there the
-same ambient light seems to be counted over laser *and* MPI photons.
+The paper is Morsy, Blinder, Kuijk: *Multi-Path Interference Challenges and Suggested Solution for Correlation-Assisted
+Direct Time-of-Flight*. This page and its pictures were made by `scripts/reproduce_paper` from a fixed seed. Every picture
+has its numbers in a CSV beside it. In tables and pictures,
+
+- "paper" is what the paper states;
+- "as the paper" is the method of the paper, run by us (explained at Table 1);
+- "ours" is what our simulator and resolver give.
+
+Photons are mixed as **laser : MPI : ambient = 1 : MPI/laser : ASR** on this page. The captions of the paper do not agree
+on this. Table 1 fits it. But Fig. 2 gives ASR 1 without MPI and ASR 0.8 with an MPI of 0.3. Since 1/1.3 = 0.77, the same
+ambient light seems to be divided by laser *and* MPI photons there.
 """
 
 
@@ -51,7 +59,7 @@ def _figure_2(found: Figure2, effort: Effort) -> str:
 | phase error without MPI | none | {clean:+.2f}° | 0° |
 | phase error, 90° and 153°, MPI/laser 0.3 | a shift, no number | {mpi:.2f}° ± {uncertainty:.2f}° | 13.24° (1.471 ns) |
 
-n_av 4000, 5 photons a cycle, 10,000 cycles, 274.6 mV.
+Simulated with n_av 4000, 5 photons a cycle, 10,000 cycles and an amplitude of 274.6 mV.
 """
 
 
@@ -70,7 +78,8 @@ def _figure_3(found: Figure3, effort: Effort) -> str:
 
 ![Fig. 3](fig3.png)
 
-90° and 153°, n_av 4000, {effort.pixel_runs} recordings a condition, photon by photon; ASR 0.5 to 6.
+Direct light at 90° and MPI at 153°, ASR 0.5 to 6, n_av 4000. Each condition has {effort.pixel_runs} recordings, photon
+by photon.
 
 | | paper | ours, worst condition |
 |---|---|---|
@@ -79,29 +88,33 @@ def _figure_3(found: Figure3, effort: Effort) -> str:
 | phase precision against the model of the whole mix | | {found.precision_mix:.1%} off |
 | phase precision against the one-path model, MPI as signal | similar | {found.precision_single:.1%} off |
 
-The one-path model cannot know that two phasors at 63° add up to less than their sum. At MPI/laser 0.3 they add up to
-{1.1668 / 1.3:.1%} of it, so a deviation of 10.2 % follows from geometry alone: the paper's "less than 10 %" fits if MPI
-counts as signal in its ASR, and the rest is the noise of its 200 runs. A standard deviation from {effort.pixel_runs}
-runs is itself {1 / (2 * effort.pixel_runs) ** 0.5:.0%} uncertain.
+The one-path model cannot know that two phasors 63° apart add up to less than the sum of their lengths. At MPI/laser 0.3
+they add up to {1.1668 / 1.3:.1%} of it, so geometry alone makes a deviation of 10.2 %. The "less than 10 %" of the paper
+fits that if MPI counts as signal in its ASR; the rest is the noise of its 200 runs. A standard deviation from
+{effort.pixel_runs} runs is itself uncertain by {1 / (2 * effort.pixel_runs) ** 0.5:.0%}.
 
 **Where the one-path model of precision fails.** At MPI/laser 0.3:
 
-| ASR | seen | one-path model | off | … by the shorter phasor | … by the scatter across it | both, by the model of the mix |
+| ASR | simulated | one-path model | off by | … by the shorter phasor | … by scatter across it | both, by the model of the mix |
 |---|---|---|---|---|---|---|
 {chr(10).join(precision)}
 
-The model takes the phasor for {found.precision[0].shorter - 1:.0%} longer than it is, at any ASR, so the phase scatters
-by as much more. The rest comes from the light itself: photons of one path all lie in one direction, where noise does not
-turn the phase, but those of two paths scatter along the line between their phasors, and that line lies across the sum.
-Ambient light scatters alike in all directions; with six times as much of it as of laser light it is nearly all the noise
-there is, with half as much it hides little. So the paper's "primarily consistent" holds to within a fifth from ASR 3 on,
-and ever less below.
+The simulated scatter is larger for two reasons:
+
+- **The phasor is shorter.** The model takes it for {found.precision[0].shorter - 1:.0%} longer than it is, at any ASR. So
+  the phase scatters by as much more.
+- **The light itself scatters across the phasor.** Photons of one path all have one direction, along which noise does not
+  turn the phase. Photons of two paths scatter along the line between their phasors, and this line lies across the sum.
+
+Ambient light scatters alike in all directions. If there is six times as much of it as of laser light, it makes nearly all
+of the noise; if there is half as much, it hides little. So the "primarily consistent" of the paper holds to within a fifth
+from ASR 3 on, and less and less below.
 
 | MPI/laser | phase error, mean over ASR | spread over ASR | standard error of one condition |
 |---|---|---|---|
 {chr(10).join(lines)}
 
-The phase error does not depend on ASR: its spread is that of the noise, which is largest at ASR 6.
+The phase error does not depend on ASR. Its spread over ASR is that of the noise, which is largest at ASR 6.
 """
 
 
@@ -118,34 +131,40 @@ def _scenes(four: Figure4, five: Figure5, effort: Effort) -> str:
 |---|---|---|
 | without the second object | 335 cm | {four.without_cm:.1f} cm |
 | with it, first phasor | around 333 cm | {four.with_cm:.1f} cm |
-| with it, resolved as each frame says: MPI {four.taken} | not tried | {four.resolved_cm:.1f} cm |
+| with it, resolved by default: MPI {four.taken} | not tried | {four.resolved_cm:.1f} cm |
 | with it, resolved with `--mpi-model discrete` | not tried | {four.discrete_cm:.1f} cm |
 
-Light that goes by way of another object travels farther, so it should make the panel look farther. It looks nearer, as the
-paper measured, only if that light arrives more than half a period after the direct light, or if it comes from something
-nearer than the panel and reaches its pixels inside the camera. We take the first reading, which fits "positioned farther
-from the target": a reflector 5 m to the side, whose light is 24 ns late at the middle of the panel, with 0.033 of the direct
-photons. **Both numbers were tuned until the first phasor came out at 333 cm**: the paper gives neither distance nor strength,
-so this figure shows that such a scene can be, not that the paper's was it. What was not tuned is what resolving makes of it.
-Here the MPI is one late path, and no frame is taken for one with a tail: the last two lines are the same.
-The distance bends across the panel by field curvature, as in Fig. 4(c).
+Light by way of another object travels farther, so it should make the panel look farther. In the paper's measurement the
+panel looks nearer. That has two possible reasons:
+
+- This light arrives more than half a period after the direct light.
+- This light comes from something nearer than the panel, and reaches the pixels of the panel inside the camera.
+
+We take the first, which fits the paper's words "positioned farther from the target": a reflector 5 m to the side. Its
+light is 24 ns late at the middle of the panel, with 0.033 of the direct photons. **Both numbers were tuned until the first
+phasor came out at 333 cm.** The paper gives neither distance nor strength. So this figure shows that such a scene is
+possible, not that it was the scene of the paper. The resolved distances were not tuned.
+
+Here the MPI is one late path, and no frame is taken for one with a tail. So the last two lines are the same. The distance
+bends across the panel because of field curvature, as in Fig. 4(c).
 
 ## Fig. 5: corner
 
 ![Fig. 5](fig5.png)
 
-Two diffuse planes (albedo 0.8) at 90°, edge at 2 m; the light of one bounce is integrated over the other plane, in 300
-directions a pixel. {effort.frames} frames at n_av 1e5.
+The scene is two diffuse planes (albedo 0.8) at 90°, with their edge at 2 m. The light of one bounce is integrated over
+the other plane, in 300 directions per pixel. {effort.frames} frames at n_av 1e5.
 
 | error of planar depth | median | 90 % | bias | angle of the corner (true {five.opening_deg[0]:.1f}°) |
 |---|---|---|---|---|
 | first phasor, as the paper measured | {first} |
-| resolved as each frame says: MPI {five.taken} | {resolved} |
+| resolved by default: MPI {five.taken} | {resolved} |
 | resolved with `--mpi-model discrete` | {discrete} |
 
-The paper says that the bounces make the path *shorter* than the geometry. A bounced path is longer; what its Fig. 5(d)
-shows, a corner that is rounded off, follows all the same, because the shift vanishes at the edge and grows away from it. The
-MPI here is a distribution of delays, not a second peak, so two ideal paths leave a rest: near the edge the delays are shorter
-than the pulse, and pixels there are sometimes split in two or not split where they should be. The tail that the planes themselves
-predict ([docs/diffuse.md](../diffuse.md)) has no such edge.
+The paper says that the bounces make the path *shorter* than the geometry. A bounced path is longer. Its Fig. 5(d) shows a
+corner that is rounded off. That follows all the same, because the shift vanishes at the edge and grows away from it.
+
+The MPI here is a distribution of delays, not a second peak. So two ideal paths leave an error: near the edge, the delays
+are shorter than the pulse, and pixels there sometimes get two paths wrongly, or one path where there should be two. The
+tail that is predicted from the planes themselves ([docs/diffuse.md](../diffuse.md)) has no such edge.
 """
