@@ -1,4 +1,4 @@
-"""Every solver against what bounds it: Cramér–Rao, scipy, the closed form. Prints the tables of docs/solvers.md."""
+"""Measure every solver against the Cramér–Rao bound, scipy and the closed form, and print the tables of docs/solvers.md."""
 
 import argparse
 import time
@@ -45,7 +45,7 @@ QVGA = 320 * 240
 NS_PER_RAD = 40.0 / (2.0 * np.pi)
 SEEDS = 20
 WRONG = 1e-6
-"""Error of a path, as a share of all light, above which a pixel is wrong: it ended in another minimum."""
+"""A pixel is wrong if the error of a path exceeds this share of all light: the solver then ended in another minimum."""
 
 
 def table(*columns: str) -> None:
@@ -81,20 +81,20 @@ def resolved(phasors: C, harmonics: tuple[int, ...], n_av: float, settings: Reso
 
 
 def wrong(found: NDArray[Any], truth: NDArray[Any]) -> int:
-    """Pixels in which a path is not the closed form's, whichever is called the first."""
+    """Return how many pixels have a path that differs from the closed form's; the order of the two paths does not matter."""
     error = np.minimum(np.abs(found - truth).max(axis=0), np.abs(found[::-1] - truth).max(axis=0))
     return int((~(error <= WRONG * np.abs(truth).sum(axis=0))).sum())
 
 
 def in_closed_form(phasors: C) -> C:
-    """Both paths of every pixel by the closed form, (2, n)."""
+    """Return both paths of every pixel by the closed form, (2, n)."""
     with np.errstate(all="ignore"):
         two = two_paths(fundamental_frame(phasors[0], phasors[1]))
     return np.stack((two.a * (two.cos_x + 1j * two.sin_x), two.b * (two.cos_y + 1j * two.sin_y)))
 
 
 def _eliminated(phasors: C, starts: RandomStarts) -> tuple[TwoShares, float]:
-    """Return the paths by lm, and the seconds that it takes: the least of three, as the first one also fetches memory."""
+    """Return the paths by lm, and its time in s: the shortest of three runs, because the first run also allocates memory."""
     places = np.arange(phasors.shape[1])
     return two_shares(phasors, harmonics=(1, 2), places=places, starts=starts), min(
         seconds(lambda: two_shares(phasors, harmonics=(1, 2), places=places, starts=starts)) for _ in range(3)
@@ -115,7 +115,7 @@ def lm(pixels: int) -> None:
         with np.errstate(all="ignore"):
             ours, fast = _eliminated(phasors, starts)
         began = time.perf_counter()
-        with warnings.catch_warnings(action="ignore"):  # a start that runs out of calls is one of ten
+        with warnings.catch_warnings(action="ignore"):  # of a start that runs out of calls: nine are left
             theirs = np.stack([paper_way(*given) for given in zip(*phasors, each, strict=True)], axis=1)
         slow = time.perf_counter() - began
         row(
@@ -135,7 +135,7 @@ def lm(pixels: int) -> None:
 
 
 def starts(pixels: int) -> None:
-    """What ten random starts achieve: over many seeds, beside the closed form on the same pixels."""
+    """Print how well ten random starts do over many seeds, beside the closed form on the same pixels."""
     table(
         f"{SEEDS} seeds × {pixels} pixels, n_av 1e5, ASR 5",
         "wrong of lm: mean",
@@ -166,7 +166,7 @@ def starts(pixels: int) -> None:
 
 
 def _direct_error(drawn: C, light: Mixture, settings: ResolverSettings) -> float:
-    """RMSE of the direct path's delay, ns."""
+    """Return the RMSE of the direct path's delay, in ns."""
     direct = resolved(drawn, (1, 2), 1e5, settings).paths[0].phase_rad
     error = np.angle(np.exp(1j * (direct - light.delays_ns[0] / NS_PER_RAD)))
     return NS_PER_RAD * float(np.sqrt(np.nanmean(np.square(error))))
@@ -176,7 +176,7 @@ def _direct_error(drawn: C, light: Mixture, settings: ResolverSettings) -> float
 
 
 def spread(light: Mixture, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings, size: int) -> F:
-    """Standard deviation, ns, of every path's delay, the paths in the order of the mixture."""
+    """Return the standard deviation of every path's delay, in ns, in the order of the paths in the mixture."""
     drawn = light.phasors(harmonics, n_av=n_av, size=size, rng=np.random.default_rng(1))
     found: F = np.array([np.nanstd(path.phase_rad) for path in resolved(drawn, harmonics, n_av, settings).paths])
     return NS_PER_RAD * found
@@ -229,7 +229,7 @@ def paths(pixels: int) -> None:
 
 
 def pooling() -> None:
-    """What pooling does to the card below its clean rows, to a wall, and beside an edge."""
+    """Print the effect of pooling on the card below its clean rows, on a wall, and beside an edge."""
     table("the card", "direct RMSE, cm", "of that without pooling (5 × 5: ≤ 0.35)", "true errors over sigma")
     (capture,) = find_captures([CARD])
     stored, truth = read_stored(capture.frames[0], capture.layout), read_layers(CARD / "truth.exr")[DIRECT_DEPTH]
@@ -246,7 +246,7 @@ def pooling() -> None:
 
 
 def _pooled_rows(of: str, stored: Stored, metadata: CaptureMetadata, truth: F, rows: slice) -> None:
-    """Print how far the direct depths of some rows of a frame are off without pooling and with it."""
+    """Print the errors of the direct depth in some rows of a frame, without pooling and with it."""
     alone = 0.0
     for window in (1, 3, 5, 7):
         plan = FramePlan(metadata=metadata, settings=MapSettings(pool=window))
@@ -260,7 +260,8 @@ def _pooled_rows(of: str, stored: Stored, metadata: CaptureMetadata, truth: F, r
 
 
 def _smeared_columns(window: int) -> int:
-    """Return the columns, of 20 on each side of a step of 30 cm, whose median direct depth is off by more than a tenth of it."""
+    """Return how many columns, of 20 on each side of a step of 30 cm, have a median direct depth that is off by more
+    than 3 cm."""
     rng = np.random.default_rng(3)
     harmonics, n_av, height, width, metres = (1, 2), 1e5, 60, 40, C_M_PER_NS / 2.0
     delays = (8.0, 8.0 + 0.3 / metres)

@@ -1,4 +1,4 @@
-"""Calibrate a simulated QVGA camera that has every defect at once, and write docs/calibration.md from what came out."""
+"""Calibrate a simulated QVGA camera with all defects at once, and write docs/calibration.md from the results."""
 
 import argparse
 import subprocess
@@ -42,13 +42,13 @@ CLEAN_ROWS = 40
 
 @dataclass
 class Diary:
-    """The folder that everything happens in, and the commands with what they printed."""
+    """The folder in which the commands run. Each command is printed with its output, unless the diary is `quiet`."""
 
     place: Path
     quiet: bool = False
 
     def run(self, *arguments: str) -> str:
-        """Run `cadtof` and return the command and what it printed, as it goes into the page."""
+        """Run `cadtof`, and return the command with its output as the page shows them."""
         done = subprocess.run(
             [sys.executable, "-m", "cadtof_cli", *arguments],
             cwd=self.place,
@@ -118,7 +118,7 @@ def walk(diary: Diary, out: Path) -> dict[str, str]:
 
 
 def numbers(diary: Diary) -> dict[str, str]:
-    """Return the figures of the last table."""
+    """Return the numbers of the page's tables, by their names in the template."""
     calibration = load_calibration(diary.place / "camera")
     petzval, dark = calibration.petzval, calibration.dark
     assert petzval is not None
@@ -146,7 +146,7 @@ def numbers(diary: Diary) -> dict[str, str]:
 
 
 def flatness(diary: Diary) -> float:
-    """Return the RMS error of frames of a wall that was not fitted over that of their noise, seen from frame to frame."""
+    """Return the RMS error of frames of a wall that was not fitted, divided by the RMS of their noise from frame to frame."""
     seen = camera()
     truth = seen.wall_range_m(2.0, (2.0, 1.0))
     write(diary.place / "fresh", seen, wall(seen, 2.0, (2.0, 1.0), count=10, seed=90))
@@ -187,7 +187,8 @@ def triangle(diary: Diary) -> tuple[float, float, float]:
 
 
 def cost(diary: Diary) -> float:
-    """Return the time of resolving with the calibration over the time without, best of three, on one core."""
+    """Return the time of `resolve` with the calibration divided by the time without, the best of three runs each, on
+    one core."""
     write(diary.place / "many", camera(), card(camera(), count=30, seed=8)[0])
     times: dict[str, list[float]] = {"with": [], "without": []}
     for _ in range(3):
@@ -199,7 +200,7 @@ def cost(diary: Diary) -> float:
 
 
 def triangle_cost(diary: Diary) -> float:
-    """Return the time of resolving frames as triangles over that of the same frames taken for sines, on one core."""
+    """Return the time of resolving frames as triangle waves divided by the time of the same frames as sines, on one core."""
     seen = replace(camera("triangle"), defects=Defects())
     write(diary.place / "triangles", seen, card(seen, count=30, seed=9)[0])
     times: dict[str, list[float]] = {"sine": [], "triangle": []}

@@ -1,4 +1,4 @@
-"""Hold the documentation against what the programs do: see `scripts/check_docs --help`."""
+"""Check the documentation against what the programs do: see `scripts/check_docs --help`."""
 
 import argparse
 import os
@@ -21,7 +21,7 @@ DOCS = ROOT / "docs"
 
 
 PAGES = (ROOT / "README.md", ROOT / "SECURITY.md", *sorted(DOCS.rglob("*.md")))
-"""What is checked. Changes of earlier versions are history."""
+"""The pages that are checked. CHANGELOG.md is not among them: what it says of earlier versions is history."""
 
 OTHERS = frozenset(
     {
@@ -48,25 +48,25 @@ OTHERS = frozenset(
         *("--print0", "--kills", "--privileged", "--lifetime", "--constraint", "--quick", "--model"),
     }
 )
-"""Options on the pages that are those of scripts or of other programs."""
+"""Options on the pages that belong to scripts or to other programs."""
 
 
 @dataclass(frozen=True)
 class Form:
-    """How much is run: everything, or what takes no longer than two minutes together."""
+    """How much is run: everything (`full`), or only what takes no more than two minutes in all."""
 
     full: bool
 
 
 def python(_form: Form) -> Iterator[str]:
-    """The examples of docs/python.md and docs/physics.md, and the notebook, print what they say that they print."""
+    """The examples of docs/python.md and docs/physics.md, and of the notebook, print what the pages show."""
     for page in ("python.md", "physics.md"):
         yield from check_python(DOCS / page, ROOT)
     yield from check_notebook(DOCS / "python.ipynb")
 
 
 def commands(form: Form) -> Iterator[str]:
-    """Commands on the pages work, and print what the page says: words, and numbers within 2 % or one in the last digit."""
+    """Commands on the pages print what the page shows: the same words, and numbers within 2 % or one in the last digit."""
     for page in PAGES:
         is_calibration = page.name == "calibration.md"
         if is_calibration and not form.full:
@@ -80,7 +80,7 @@ def commands(form: Form) -> Iterator[str]:
 
 
 def tables(form: Form) -> Iterator[str]:
-    """Rows of tables are what the script beneath them prints, within 2 % or one in the last digit, residuals times ten."""
+    """Rows of tables are what the script below them prints, within 2 % or one in the last digit, residuals within 10 ×."""
     asked = [table for table in TABLES if form.full or not table.slow]
     printed = {script: printed_by(script, ROOT) for script in dict.fromkeys(table.script for table in asked)}
     for table in asked:
@@ -88,13 +88,13 @@ def tables(form: Form) -> Iterator[str]:
 
 
 def numbers(_form: Form) -> Iterator[str]:
-    """Every section with measured numbers says which script or test makes them, and that is there."""
+    """Every section with measured numbers names the script or test that makes them, and that file exists."""
     for page in PAGES:
         yield from unsourced(page, ROOT)
 
 
 def options(_form: Form) -> Iterator[str]:
-    """Every option on the pages is one that a command has."""
+    """Every option on the pages exists in a command, a script or another program."""
     params = [param for context in contexts() for param in context.command.params]
     known = frozenset(option for param in params for option in (*param.opts, *param.secondary_opts))
     for page in PAGES:
@@ -112,7 +112,7 @@ CHECKS: dict[str, Callable[[Form], Iterator[str]]] = {
 
 
 def main() -> None:
-    """Run the checks that are named, or all."""
+    """Run the named checks, or all."""
     about = "\n".join(f"  {name:10} {check.__doc__}" for name, check in CHECKS.items())
     parser = argparse.ArgumentParser(
         prog="scripts/check_docs",

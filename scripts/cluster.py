@@ -1,4 +1,4 @@
-"""What a cluster costs: per task at the scheduler, and in frames a second against processes without one."""
+"""Measure the cost of a cluster: per task at the scheduler, and in frames per second against processes without a cluster."""
 
 import argparse
 import json
@@ -28,7 +28,15 @@ SAMPLE = ROOT / "sample_data" / "corner"
 
 @dataclass(frozen=True)
 class Cost:
-    """What so many tasks have cost."""
+    """The cost of some tasks.
+
+    Attributes:
+        tasks: number of tasks.
+        seconds: time on the clock.
+        scheduler_s, client_s, workers_s: processor time.
+        scheduler_bytes, client_bytes: resident memory after the last task.
+        moved_bytes: bytes that went over the loopback device.
+    """
 
     tasks: int
     seconds: float
@@ -60,7 +68,10 @@ def main() -> None:
 
 
 def _projection(cluster: LocalCluster, counts: list[int]) -> None:
-    """Run tasks that do nothing, each by itself as frames of 50 ms or more are: what is left is the way there and back."""
+    """Measure tasks that do nothing, so that only the way to a worker and back costs time.
+
+    Every task is a batch of its own, as frames are that take 50 ms or more.
+    """
     ordered.MOST_IN_BATCH = 1
     _cost(cluster, 20)  # imports
     costs = [_cost(cluster, count) for count in counts]

@@ -22,7 +22,7 @@ def main() -> None:
 
 
 def build(out: Path, /) -> list[str]:
-    """Build the site into a folder, which is replaced, and return what is wrong with it."""
+    """Build the site into a folder, which is replaced; return the problems that were found."""
     with tempfile.TemporaryDirectory() as place:
         stage(Path(place) / "pages")
         site = Path(place) / "site"
