@@ -1,4 +1,4 @@
-"""Notebooks run as Jupyter runs them, cell by cell in one namespace: text, last value and figures are what is shown."""
+"""Run notebooks as Jupyter does, cell by cell in one namespace. A cell shows its text, its last value and its figures."""
 
 import ast
 import base64
@@ -14,7 +14,7 @@ from docs_checks.printed import differences
 
 
 def check_notebook(path: Path, /) -> Iterator[str]:
-    """Run a notebook in its own folder and yield how what it shows differs from what it says that it shows."""
+    """Run a notebook in its own folder, and yield the differences between the outputs of its cells and the stored outputs."""
     document = json.loads(path.read_text(encoding="utf-8"))
     before = [cell.get("outputs", []) for cell in document["cells"]]
     run_notebook(document, path.parent)
@@ -27,7 +27,7 @@ def check_notebook(path: Path, /) -> Iterator[str]:
 
 
 def write_notebook(path: Path, /) -> None:
-    """Run a notebook and store what its cells show."""
+    """Run a notebook, and store the outputs of its cells."""
     document = json.loads(path.read_text(encoding="utf-8"))
     run_notebook(document, path.parent)
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -85,6 +85,6 @@ def _figures() -> Iterator[dict[str, Any]]:
 
 
 def _text(outputs: list[dict[str, Any]]) -> str:
-    """Return what is shown as text."""
+    """Return the text of some outputs."""
     parts = [one.get("text") or one.get("data", {}).get("text/plain", []) for one in outputs]
     return "".join("".join(part) for part in parts)

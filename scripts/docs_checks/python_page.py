@@ -1,4 +1,4 @@
-"""Examples in Python on a page, run one after the other, by doctest."""
+"""Run the Python examples of a page one after the other, by doctest."""
 
 import doctest
 import io
@@ -13,7 +13,7 @@ _OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
 def check_python(page: Path, folder: Path, /) -> Iterator[str]:
-    """Run the examples of a page in a folder, in one namespace, and yield what differs from what the page says."""
+    """Run the examples of a page in a folder, in one namespace, and yield the differences from what the page shows."""
     text = page.read_text(encoding="utf-8")
     examples = "\n".join(_FENCE.findall(text))
     if ">>>" not in examples:
