@@ -1,4 +1,4 @@
-"""Measure what the resolver cannot know, and write the pages, tables and figures of docs/limits."""
+"""Measure the limits of the resolver, and write the pages, tables and figures of docs/limits."""
 
 import argparse
 import time
