@@ -1,7 +1,8 @@
-"""How far two renderings of the same room differ, beside the MPI that they render: the scatter of `--scene room`.
+"""Measure the scatter of `--scene room`: how far two renderings of a room differ, beside the MPI that they render.
 
-`python scripts/room_scatter.py --seeds 0-5` prints a row per room: CPU seconds of one rendering without noise, median of
-what MPI adds to the first phasor's depth, and median and 90 % of the scatter of that depth (differences over √2).
+`python scripts/room_scatter.py --seeds 0-5` prints a row per room: CPU seconds of one rendering without noise; the
+median depth that MPI adds to the first phasor; median and 90 % of the scatter of the first phasor's depth (differences
+over √2).
 """
 
 import argparse
