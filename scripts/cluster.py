@@ -73,7 +73,7 @@ def _projection(cluster: LocalCluster, counts: list[int]) -> None:
     Every task is a batch of its own, as frames are that take 50 ms or more.
     """
     ordered.MOST_IN_BATCH = 1
-    _cost(cluster, 20)  # imports
+    _cost(cluster, 20)  # not counted: the first tasks import modules
     costs = [_cost(cluster, count) for count in counts]
     print(
         f"{'tasks':>8}{'tasks/s':>10}{'scheduler':>14}{'client':>14}{'workers':>14}{'moved':>16}{'scheduler':>12}{'client':>10}"

@@ -12,7 +12,7 @@ from docs_site.stage import ROOT, stage
 
 
 def main() -> None:
-    """Build it."""
+    """Build the site, or print the problems that were found."""
     parser = argparse.ArgumentParser(prog="scripts/docs", description=__doc__)
     parser.add_argument("out", nargs="?", type=Path, default=ROOT / "out" / "site", help="folder of the site; replaced")
     out: Path = parser.parse_args().out

@@ -84,7 +84,7 @@ class Drawn:
         )
 
     def paths(self, across: Float, down: Float) -> tuple[Float, Float, Float]:
-        """Return the ranges of both paths, m, and the second's share of the light."""
+        """Return the ranges of both paths in m, and the light of the second path over that of the first."""
         rng = np.random.default_rng(self.seed)
         tilt, distance = rng.uniform(-0.3, 0.3, 2), rng.uniform(1.0, 2.2)
         near, later = plane(across, down, distance, tilt), rng.uniform(0.7, 1.7)
@@ -127,7 +127,7 @@ class Changing(Drawn):
     block_px: int
 
     def paths(self, across: Float, down: Float) -> tuple[Float, Float, Float]:
-        """Return the ranges of both paths, m, and the second's share of the light."""
+        """Return the ranges of both paths in m, and the light of the second path over that of the first."""
         rng = np.random.default_rng(self.seed)
         near = np.minimum(plane(across, down, rng.uniform(1.0, 3.5), rng.uniform(-0.3, 0.3, 2)), FARTHEST_M)
         share, later_ns = (self._of_blocks(rng.uniform(*ends, near.shape)) for ends in ((0.1, 1.0), (3.0, 12.0)))
