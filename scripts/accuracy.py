@@ -30,7 +30,9 @@ TOP_ROWS = 40
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("captures", nargs="*", type=Path, help="default: those of sample_data")
+    parser.add_argument(
+        "captures", nargs="*", type=Path, help="captures with truth.exr [default: those of sample_data]"
+    )
     arguments = parser.parse_args()
     with np.errstate(all="ignore"):
         closed_form()

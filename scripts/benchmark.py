@@ -33,13 +33,17 @@ def main() -> None:
     """Print the table, each row as soon as it is measured."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "parts", nargs="*", help=f"of {', '.join(PARTS)}; with --against of {', '.join(COMPARED)}; default: all"
+        "parts",
+        nargs="*",
+        help=f"which of {', '.join(PARTS)}; with --against which of {', '.join(COMPARED)} [default: all]",
     )
-    parser.add_argument("--against", metavar="REF", help="hold this working tree against a commit, run by run")
-    parser.add_argument("--repeats", type=int, default=3, help="turns that are taken; the least of each side counts")
-    parser.add_argument("--long", type=int, default=1000, help="frames of the memory part")
-    parser.add_argument("--place", type=Path, help="folder that the runs write below; default: that of temporary files")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there, too")
+    parser.add_argument("--against", metavar="REF", help="compare this working tree with a commit")
+    parser.add_argument("--repeats", type=int, default=3, help="number of turns; the shortest time of each side counts")
+    parser.add_argument("--long", type=int, default=1000, help="number of frames of the memory part")
+    parser.add_argument(
+        "--place", type=Path, help="folder below which the runs write [default: that of temporary files]"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")
     arguments = parser.parse_args()
     known = COMPARED if arguments.against else PARTS
     unknown = [name for name in arguments.parts if name not in known]

@@ -36,7 +36,9 @@ MOST_MS = 25.0
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=30, help="turns that are taken; the best of each kernel counts")
+    parser.add_argument(
+        "--repeats", type=int, default=30, help="number of turns; the shortest time of each kernel counts"
+    )
     arguments = parser.parse_args()
     keep_freed_memory()
     print("| what | asked | measured |\n|---|---|---|")

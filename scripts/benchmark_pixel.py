@@ -24,7 +24,7 @@ REPEATS = 5
 def main() -> None:
     """Print the time per photon, the time per voltage, and the time of one whole condition of Table 1."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="without the whole condition")
+    parser.add_argument("--quick", action="store_true", help="leave out the whole condition")
     arguments = parser.parse_args()
     model = PixelModel(averaging=Averaging(integration_length=1.0e5))
     weights = pixel_weights(model)

@@ -19,8 +19,8 @@ def main() -> int:
     """Print a table; return 1 if the page is larger, or opens more slowly, than asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=ASKED_FRAMES)
-    parser.add_argument("--repeats", type=int, default=5, help="times that the page is opened; the median counts")
-    parser.add_argument("--keep", type=Path, help="folder for capture, maps and page; a temporary one without it")
+    parser.add_argument("--repeats", type=int, default=5, help="how often the page is opened; the median counts")
+    parser.add_argument("--keep", type=Path, help="folder for capture, maps and page [default: a temporary one]")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.keep or Path(temporary)

@@ -323,10 +323,12 @@ def _frame(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", help="of lm, starts, harmonics, paths, pooling, speed; default: all")
-    parser.add_argument("--pixels", type=int, default=4000, help="drawn for each row of the accuracy tables")
-    parser.add_argument("--scipy-pixels", type=int, default=4000, help="that scipy solves too, 2 ms each")
-    parser.add_argument("--repeats", type=int, default=5, help="of every frame timed; the fastest counts")
+    parser.add_argument("parts", nargs="*", help="which of lm, starts, harmonics, paths, pooling, speed [default: all]")
+    parser.add_argument("--pixels", type=int, default=4000, help="pixels drawn for each row of the accuracy tables")
+    parser.add_argument("--scipy-pixels", type=int, default=4000, help="pixels that scipy solves as well, 2 ms each")
+    parser.add_argument(
+        "--repeats", type=int, default=5, help="number of runs of every timed frame; the fastest counts"
+    )
     arguments = parser.parse_args()
     keep_freed_memory()
     parts: dict[str, Callable[[], None]] = {

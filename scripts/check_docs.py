@@ -116,16 +116,18 @@ def main() -> None:
     about = "\n".join(f"  {name:10} {check.__doc__}" for name, check in CHECKS.items())
     parser = argparse.ArgumentParser(
         prog="scripts/check_docs",
-        description=f"Hold the documentation against what the programs do.\n\n{about}",
+        description=f"Check the documentation against what the programs do.\n\n{about}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("checks", nargs="*", metavar="CHECK", help="which; all if none is named")
+    parser.add_argument("checks", nargs="*", metavar="CHECK", help="which checks to run [default: all]")
     parser.add_argument(
         "--full",
         action="store_true",
-        help="also what takes long: rooms and boxes that are rendered, the calibration page",
+        help="also run what takes long: rooms and boxes that are rendered, the calibration page",
     )
-    parser.add_argument("--write", action="store_true", help="store what the notebook shows, instead of checking it")
+    parser.add_argument(
+        "--write", action="store_true", help="store the output of the notebook instead of running checks"
+    )
     asked = parser.parse_args()
     unknown = set(asked.checks) - set(CHECKS)
     if unknown:

@@ -51,11 +51,15 @@ class Cost:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parts = parser.add_subparsers(dest="part", required=True)
-    projection = parts.add_parser("projection", help="cost per task, from some runs, and what a million would cost")
+    projection = parts.add_parser(
+        "projection", help="cost per task for several numbers of tasks, and the cost of a million tasks"
+    )
     projection.add_argument("--tasks", type=int, nargs="+", default=[100, 1000, 10_000])
-    throughput = parts.add_parser("throughput", help="two workers of a scheduler here against --jobs 2")
+    throughput = parts.add_parser("throughput", help="two workers of a scheduler on this machine against --jobs 2")
     throughput.add_argument("--frames", type=int, default=500)
-    throughput.add_argument("--repeats", type=int, default=3, help="turns that are taken; the best of each side counts")
+    throughput.add_argument(
+        "--repeats", type=int, default=3, help="number of turns; the shortest time of each side counts"
+    )
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch, local_cluster(Path(scratch) / "cluster", workers=2) as cluster:
         if given.part == "projection":

@@ -79,11 +79,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("captures", type=Path, nargs="+", help="folders of captures with truth.exr")
     parser.add_argument("--figure", type=Path, help="PNG of the errors of the first capture")
-    parser.add_argument("--model", default="auto", choices=("auto", "diffuse"), help="what is held against two paths")
+    parser.add_argument(
+        "--model", default="auto", choices=("auto", "diffuse"), help="model of MPI that is compared with two paths"
+    )
     parser.add_argument(
         "--integration-length",
         type=float,
-        help="n_av of two harmonics, which more of them share, instead of that of the captures: noise is added",
+        help="n_av of two harmonics instead of that of the captures; more harmonics share it, and noise is added",
     )
     chosen = parser.parse_args()
     print("| capture | first phasor, cm: median / 90 % | two paths | as taken; share within 1, 2 sigma | diffuse |")

@@ -58,7 +58,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rooms", type=Path, help="folder of rooms from scripts/render_rooms.py")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the figures")
-    parser.add_argument("--shown", default="", help="room whose tail is drawn, such as room_7002; the first without it")
+    parser.add_argument("--shown", default="", help="room whose tail is drawn, such as room_7002 [default: the first]")
     chosen = parser.parse_args()
     rooms = [measured(capture) for capture in find_captures(sorted(chosen.rooms.iterdir()))]
     shown = chosen.shown or rooms[0].seed

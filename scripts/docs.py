@@ -14,7 +14,13 @@ from docs_site.stage import ROOT, stage
 def main() -> None:
     """Build the site, or print the problems that were found."""
     parser = argparse.ArgumentParser(prog="scripts/docs", description=__doc__)
-    parser.add_argument("out", nargs="?", type=Path, default=ROOT / "out" / "site", help="folder of the site; replaced")
+    parser.add_argument(
+        "out",
+        nargs="?",
+        type=Path,
+        default=ROOT / "out" / "site",
+        help="folder of the site; an existing one is replaced",
+    )
     out: Path = parser.parse_args().out
     problems = build(out)
     print("\n".join(problems) if problems else f"site: {out / 'index.html'}")

@@ -84,15 +84,13 @@ def guided(readers: list[str], seconds: float) -> int:
 def run() -> int:
     """Run the campaign that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--for", dest="seconds", type=float, metavar="SECONDS", help="as many inputs as that time takes"
-    )
+    parser.add_argument("--for", dest="seconds", type=float, metavar="SECONDS", help="read inputs for this time")
     parser.add_argument("--inputs", type=int, metavar="N", help=f"number of inputs (default: {INPUTS:,})")
     parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first input of each reader")
     parser.add_argument("--readers", default=",".join(READERS), metavar="NAME,…")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="children at once")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of child processes at once")
     parser.add_argument("--repeat", metavar="READER:NUMBER")
-    parser.add_argument("--guided", action="store_true", help="by atheris, where it is installed")
+    parser.add_argument("--guided", action="store_true", help="let libFuzzer choose the inputs; needs atheris")
     options = parser.parse_args()
     if options.repeat:
         reader, _, number = options.repeat.rpartition(":")

@@ -24,7 +24,7 @@ _NO_DATE = ""
 def main() -> None:
     """Write the pages into the folder of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path, help="where the pages go, made if need be")
+    parser.add_argument("folder", type=Path, help="folder of the pages; created if it does not exist")
     write_man_pages(parser.parse_args().folder)
 
 

@@ -93,8 +93,10 @@ def run() -> int:
     """Measure what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=10_000, metavar="N")
-    parser.add_argument("--side", type=int, default=4096, metavar="PIXELS", help="0 for none")
-    parser.add_argument("--models", default="discrete,diffuse", metavar="MODEL,…", help="of --mpi-model")
+    parser.add_argument(
+        "--side", type=int, default=4096, metavar="PIXELS", help="side of the large frame; 0 leaves it out"
+    )
+    parser.add_argument("--models", default="discrete,diffuse", metavar="MODEL,…", help="values of --mpi-model")
     options = parser.parse_args()
     sound = True
     with tempfile.TemporaryDirectory(prefix="memory-") as place:

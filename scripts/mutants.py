@@ -57,26 +57,35 @@ def main() -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="scripts/mutants", description=__doc__)
     parser.add_argument("--count", type=int, default=400, help="mutants to draw [default: 400]")
-    parser.add_argument("--seed", type=int, default=1, help="of the draw [default: 1]")
-    parser.add_argument("--room", action="append", help="a room of the package; may be repeated [default: all six]")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes [default: all cores]")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the draw [default: 1]")
+    parser.add_argument(
+        "--room", action="append", help="a room of the package; may be given several times [default: all six]"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=len(os.sched_getaffinity(0)), help="number of processes [default: all cores]"
+    )
     parser.add_argument(
         "--most-seconds",
         type=float,
         default=math.inf,
-        help="of the processor's time for each mutant: the slower of its tests are left out then [default: no limit]",
+        help="processor time of a mutant's tests: the slower tests beyond it are left out [default: no limit]",
     )
-    parser.add_argument("--least", type=float, default=0.9, help="share to be killed; exit 1 below [default: 0.9]")
     parser.add_argument(
-        "--survivors", type=Path, default=ROOT / "out" / "mutants.jsonl", help="list of those that survive"
+        "--least",
+        type=float,
+        default=0.9,
+        help="share of mutants that must be killed; below it, exit with 1 [default: 0.9]",
     )
-    parser.add_argument("--again", type=Path, help="try the mutants of such a list instead of drawing")
+    parser.add_argument(
+        "--survivors", type=Path, default=ROOT / "out" / "mutants.jsonl", help="file for the mutants that survive"
+    )
+    parser.add_argument("--again", type=Path, help="try the mutants of such a file instead of drawing")
     parser.add_argument(
         "--named",
         nargs="?",
         const="",
         metavar="PART",
-        help="make the changes of scripts/mutation/named.toml instead, one at a time; PART: those with it in their names",
+        help="make the changes of scripts/mutation/named.toml instead, one at a time; PART: only those with PART in their names",
     )
     return parser.parse_args()
 

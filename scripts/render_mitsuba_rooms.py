@@ -47,10 +47,12 @@ def main() -> None:
     """Render the rooms that do not exist yet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of the captures")
-    parser.add_argument("--rooms", default=",".join(ROOMS), help="which, by name")
+    parser.add_argument("--rooms", default=",".join(ROOMS), help="names of the kinds of rooms")
     parser.add_argument("--seeds", default="0", help="first and last seed")
-    parser.add_argument("--even-lamp", action="store_true", help="light behind the camera, too, instead of a beam")
-    parser.add_argument("--samples", type=int, default=1024, help="light paths of every pixel")
+    parser.add_argument(
+        "--even-lamp", action="store_true", help="a lamp that shines evenly all around instead of in a beam"
+    )
+    parser.add_argument("--samples", type=int, default=1024, help="number of light paths per pixel")
     parser.add_argument("--integration-length", type=float, default=1e5, help="n_av of a capture of two harmonics")
     parser.add_argument("--asr", type=float, default=3.0, help="ambient photons over the median of direct ones")
     parser.add_argument("--width", type=int, default=160, help="columns; rows are three quarters of it")

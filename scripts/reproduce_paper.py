@@ -27,7 +27,7 @@ def main() -> None:
         "--redraw", action="store_true", help="draw Figs. 3, 7, 8 and 9 again from the CSV files that are there"
     )
     parser.add_argument("--out", type=Path, help="folder [default: docs/paper; --quick: out/paper]")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="number of processes")
     arguments = parser.parse_args()
     out = arguments.out or ROOT / ("out/paper" if arguments.quick else "docs/paper")
     out.mkdir(parents=True, exist_ok=True)

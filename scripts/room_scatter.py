@@ -25,7 +25,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="0-5", help="first and last seed")
-    parser.add_argument("--light-paths", type=int, default=256, help="from every fourth pixel")
+    parser.add_argument("--light-paths", type=int, default=256, help="light paths from every fourth pixel")
     parser.add_argument("--width", type=int, default=320, help="columns; rows are three quarters of it")
     chosen = parser.parse_args()
     print("| seed | CPU s | MPI, median cm | scatter, median cm | 90 % cm |\n|---|---|---|---|---|")

@@ -78,10 +78,10 @@ class Checkout:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("old", help="folder of a checkout, or a git revision")
-    parser.add_argument("new", help="the same")
+    parser.add_argument("new", help="folder of a checkout, or a git revision")
     parser.add_argument("--captures", nargs="*", type=Path, help="folders of captures; default: sample_data/*")
     parser.add_argument("--cases", nargs="*", help="names of cases; default: all")
-    parser.add_argument("--new-options", default="", help="options that NEW's resolve gets besides")
+    parser.add_argument("--new-options", default="", help="further options for the `resolve` of NEW")
     arguments = parser.parse_args()
     captures = arguments.captures or sorted(settings.parent for settings in ROOT.glob("sample_data/*/capture.toml"))
     different = compared = 0

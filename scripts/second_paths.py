@@ -239,9 +239,9 @@ def recordings(
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("frames", choices=tuple(LENGTHS), help="which scenes")
+    parser.add_argument("frames", choices=tuple(LENGTHS), help="which set of frames")
     parser.add_argument("--harmonics", type=int, default=2, choices=(2, 3, 4))
-    parser.add_argument("--seed", type=int, default=3, help="of noise, and of what is drawn")
+    parser.add_argument("--seed", type=int, default=3, help="seed of the noise, and of scenes that are drawn")
     chosen = parser.parse_args()
     by_seed: dict[str, Callable[[int], Scenes]] = {
         "panels": panels,

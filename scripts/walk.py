@@ -114,11 +114,13 @@ def _ends(values: np.ndarray[Any, Any]) -> tuple[int, ...]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("commands", nargs="*", default=["resolve", "petzval"], help="resolve, petzval; default: both")
-    parser.add_argument("--list", action="store_true", help="name what was met")
-    parser.add_argument("--options", default="", help="that the command gets besides, such as '--mpi-model discrete'")
+    parser.add_argument(
+        "commands", nargs="*", default=["resolve", "petzval"], help="resolve or petzval [default: both]"
+    )
+    parser.add_argument("--list", action="store_true", help="name the functions and records that were met")
+    parser.add_argument("--options", default="", help="further options for the command, such as '--mpi-model discrete'")
     parser.add_argument("--first", action="store_true", help="watch the first run of a process")
-    parser.add_argument("--tree", type=Path, default=ROOT, help="another checkout to walk through")
+    parser.add_argument("--tree", type=Path, default=ROOT, help="another checkout to trace")
     arguments = parser.parse_args()
     if arguments.first and len(arguments.commands) > 1:
         others = [word for word in sys.argv[1:] if word not in WAYS]
