@@ -14,8 +14,8 @@ install atheris`). Inputs that fail are kept in fuzz-READER in the current folde
 """
 
 import argparse
+import contextlib
 import importlib.util
-import os
 import re
 import subprocess
 import sys
@@ -33,19 +33,16 @@ GUIDED_S = 600.0
 
 def repeat(reader: str, number: int) -> int:
     """Write one input into the current folder, and read it in this process."""
-    before = Path.cwd()
     with sound_place() as place:
         content = input_of(READERS[reader], number, place)
-        kept = before / f"{number}-{reader}"
+        kept = Path.cwd() / f"{number}-{reader}"
         kept.write_bytes(content)
         print(f"{kept}: {len(content):,} bytes")
-        os.chdir(place)
-        try:
-            READERS[reader].read(place, content)
-        except CadtofError as error:
-            print(f"refused: {error}")
-        finally:
-            os.chdir(before)
+        with contextlib.chdir(place):
+            try:
+                READERS[reader].read(place, content)
+            except CadtofError as error:
+                print(f"refused: {error}")
     return 0
 
 

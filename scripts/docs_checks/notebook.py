@@ -5,7 +5,6 @@ import base64
 import contextlib
 import io
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,8 @@ def check_notebook(path: Path, /) -> Iterator[str]:
     document = json.loads(path.read_text(encoding="utf-8"))
     before = [cell.get("outputs", []) for cell in document["cells"]]
     run_notebook(document, path.parent)
-    for number, (cell, outputs) in enumerate(zip(document["cells"], before, strict=True)):
-        found, expected = cell.get("outputs", []), outputs
+    for number, (cell, expected) in enumerate(zip(document["cells"], before, strict=True)):
+        found = cell.get("outputs", [])
         if [sorted(one.get("data", {})) for one in found] != [sorted(one.get("data", {})) for one in expected]:
             yield f"{path}: cell {number} shows other kinds of things than it says"
         for difference in differences(_text(expected), _text(found)):
@@ -43,17 +42,11 @@ def run_notebook(document: dict[str, Any], folder: Path, /) -> None:
 
     matplotlib.use("agg")
     namespace: dict[str, Any] = {"__name__": "__main__"}
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        count = 0
-        for cell in document["cells"]:
-            if cell["cell_type"] == "code":
-                count += 1
-                cell["execution_count"] = count
-                cell["outputs"] = list(_outputs("".join(cell["source"]), namespace, count))
-    finally:
-        os.chdir(before)
+    cells = (cell for cell in document["cells"] if cell["cell_type"] == "code")
+    with contextlib.chdir(folder):
+        for count, cell in enumerate(cells, start=1):
+            cell["execution_count"] = count
+            cell["outputs"] = list(_outputs("".join(cell["source"]), namespace, count))
 
 
 def _outputs(source: str, namespace: dict[str, Any], count: int) -> Iterator[dict[str, Any]]:

@@ -1,8 +1,8 @@
 """Run the Python examples of a page one after the other, by doctest."""
 
+import contextlib
 import doctest
 import io
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,12 +21,8 @@ def check_python(page: Path, folder: Path, /) -> Iterator[str]:
         return
     namespace: dict[str, object] = {}
     told = io.StringIO()
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
+    with contextlib.chdir(folder):
         test = doctest.DocTestParser().get_doctest(examples, namespace, page.name, str(page), 0)
         doctest.DocTestRunner(optionflags=_OPTIONS, verbose=False).run(test, out=told.write)
-    finally:
-        os.chdir(before)
     if told.getvalue():
         yield f"{page}: {told.getvalue().strip()}"
