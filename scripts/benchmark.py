@@ -7,6 +7,7 @@ import argparse
 import json
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,7 @@ def main() -> None:
         rows.append(row)
         print(row.as_markdown(), flush=True)
         if arguments.json:
-            arguments.json.write_text(json.dumps([one.as_json() for one in rows], indent=2, ensure_ascii=False) + "\n")
+            arguments.json.write_text(json.dumps([asdict(one) for one in rows], indent=2, ensure_ascii=False) + "\n")
 
 
 def _rows(arguments: argparse.Namespace) -> Iterator[Row]:

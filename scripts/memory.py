@@ -8,7 +8,6 @@ or 1 GB.
 """
 
 import argparse
-import contextlib
 import subprocess
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import tifffile
+from speed.measure import tree_memory
 
 from tests.support.captures import TOML, counts_of, record, write_pages
 from tests.support.forward import step_frame
@@ -29,32 +29,13 @@ MOST_RATIO, MOST_BYTES = 1.15, 10**9
 PAUSE_S = 0.02
 
 
-def processes_of(pid: int) -> list[int]:
-    """Return the ids of a process and of all its descendants."""
-    found = [pid]
-    with contextlib.suppress(OSError):
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            for child in (task / "children").read_text().split():
-                found += processes_of(int(child))
-    return found
-
-
-def pss_of(pid: int) -> int:
-    """Return the PSS of a process in bytes; 0 if the process has ended."""
-    with contextlib.suppress(OSError):
-        for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
-            if line.startswith("Pss:"):
-                return int(line.split()[1]) * 1024
-    return 0
-
-
 def peak_of_run(capture: Path, out: Path, *options: object) -> int:
     """Resolve a capture; return the peak memory of all its processes together, in bytes."""
     command = [sys.executable, "-m", "cadtof_cli", "resolve", capture, "-o", out, "-q", *options]
     with subprocess.Popen([*map(str, command)], env=ENVIRONMENT) as run:
         peak = 0
         while run.poll() is None:
-            peak = max(peak, sum(map(pss_of, processes_of(run.pid))))
+            peak = max(peak, tree_memory(run.pid, "Pss"))
             time.sleep(PAUSE_S)
     if run.returncode:
         raise SystemExit(f"{capture}: ended with {run.returncode}")

@@ -8,8 +8,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,10 +29,6 @@ class Row:
     asked: str | None
     measured: str
     values: tuple[float, ...] = ()
-
-    def as_json(self) -> dict[str, object]:
-        """Return the row as a JSON object."""
-        return asdict(self)
 
     def as_markdown(self) -> str:
         """Return the row of a table."""
@@ -105,6 +102,27 @@ def least_seconds(works: Mapping[str, Callable[[], object]], repeats: int) -> di
             work()
             times[name].append(time.thread_time() - began)
     return {name: min(found) for name, found in times.items()}
+
+
+def tree_memory(pid: int, kind: Literal["Rss", "Pss"]) -> int:
+    """Return the memory of a process and all its descendants, in bytes.
+
+    Args:
+        pid: the process.
+        kind: `Rss` counts a shared page for each process. `Pss` shares it out, so that it counts once; but `Pss` also
+            changes when other processes on the machine map the same pages, although nothing is allocated.
+    """
+    total, waiting = 0, [pid]
+    while waiting:
+        pid = waiting.pop()
+        try:
+            lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+            total += 1024 * sum(int(line.split()[1]) for line in lines if line.startswith(f"{kind}:"))
+            for task in Path(f"/proc/{pid}/task").iterdir():
+                waiting += [int(child) for child in (task / "children").read_text().split()]
+        except OSError:
+            continue
+    return total
 
 
 def capture_of(folder: Path, frames: int, *, sample: Path = ROOT / "sample_data" / "corner") -> Path:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from speed.measure import ENVIRONMENT, ROOT, Command, Cost, Row, capture_of, in_turns, resolve
+from speed.measure import ENVIRONMENT, ROOT, Command, Cost, Row, capture_of, in_turns, resolve, tree_memory
 
 COPY = """
 import sys
@@ -196,25 +196,6 @@ def peak(command: Command) -> int:
     environment = {**ENVIRONMENT, **(command.environment or {})}
     with subprocess.Popen(command.words, env=environment, cwd=command.out) as process:
         while process.poll() is None:
-            seen.append(tree_memory(process.pid))
+            seen.append(tree_memory(process.pid, "Rss"))
             time.sleep(0.01)
     return max(seen)
-
-
-def tree_memory(pid: int) -> int:
-    """Return the resident memory of a process and all its descendants, in bytes; shared pages count for each process.
-
-    Shares of pages (PSS) do not serve here: they change when other processes on the machine map the same pages,
-    although nothing is allocated.
-    """
-    total, waiting = 0, [pid]
-    while waiting:
-        pid = waiting.pop()
-        try:
-            lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-            total += 1024 * sum(int(line.split()[1]) for line in lines if line.startswith("Rss:"))
-            for task in Path(f"/proc/{pid}/task").iterdir():
-                waiting += [int(child) for child in (task / "children").read_text().split()]
-        except OSError:
-            continue
-    return total
