@@ -99,9 +99,14 @@ def kill_after(seconds: float, pid: int, victim: str, rng: random.Random) -> int
     return status_of(pid)
 
 
+def undisturbed(capture: Path) -> Path:
+    """Return the folder of the undisturbed run of a capture."""
+    return capture.with_name(f"undisturbed_{capture.name}")
+
+
 def one_kill(kind: str, victim: str, captures: dict[str, Path], out: Path, took: float, rng: random.Random) -> None:
     """Kill one run, resume it, and compare; raises AssertionError if something differs."""
-    capture, fresh = captures["stacks" if kind == "stacks" else "resolve"], out.with_name(f"fresh_{kind == 'stacks'}")
+    capture = captures["stacks" if kind == "stacks" else "frames"]
     overwriting: tuple[str, ...] = ()
     if kind == "overwrite":
         assert status_of(started(capture, "-o", out, "--order", 1)) == 0
@@ -115,7 +120,7 @@ def one_kill(kind: str, victim: str, captures: dict[str, Path], out: Path, took:
         # the kill came before the new run replaced the record of the old run, which has other settings: it is not resumed
         status = status_of(started(capture, "-o", out, "--overwrite"))
     assert status == 0, f"--resume ended with {status}"
-    require_same_run(out, fresh)
+    require_same_run(out, undisturbed(capture))
 
 
 class Clusters:
@@ -159,7 +164,7 @@ def one_kill_on_a_cluster(
     assert status in allowed, f"ended with {status}"
     status = status_of(started(capture, "-o", out, "--resume"))
     assert status == 0, f"--resume ended with {status}"
-    require_same_run(out, out.with_name("fresh_False"))
+    require_same_run(out, undisturbed(capture))
 
 
 def kinds_there() -> tuple[str, ...]:
@@ -175,11 +180,11 @@ def campaign(kills: int, seed: int, say: Callable[[str], None], *, kinds: Sequen
         here = Path(place)
         clusters = Clusters(here / "cluster")
         held.callback(clusters.close)
-        captures = {"resolve": capture_of_frames(here / "frames"), "stacks": capture_of_stacks(here / "stacks")}
+        captures = {"frames": capture_of_frames(here / "frames"), "stacks": capture_of_stacks(here / "stacks")}
         took = 0.0
-        for kind, capture in captures.items():
+        for capture in captures.values():
             began = time.monotonic()
-            assert status_of(started(capture, "-o", here / f"fresh_{kind == 'stacks'}")) == 0
+            assert status_of(started(capture, "-o", undisturbed(capture))) == 0
             took = max(took, time.monotonic() - began)
         for number in range(kills):
             kind, victim = kinds[number % len(kinds)], VICTIMS[number // len(kinds) % len(VICTIMS)]
@@ -187,7 +192,7 @@ def campaign(kills: int, seed: int, say: Callable[[str], None], *, kinds: Sequen
             try:
                 if kind == "cluster":
                     # connecting to the scheduler takes time, too
-                    one_kill_on_a_cluster(victim, captures["resolve"], out, clusters, 3 * took, rng)
+                    one_kill_on_a_cluster(victim, captures["frames"], out, clusters, 3 * took, rng)
                 else:
                     one_kill(kind, victim, captures, out, took, rng)
             except AssertionError as error:
