@@ -54,7 +54,7 @@ class Calls:
             return True
         if self.before.get(path, frozenset()).isdisjoint(lines):
             return False
-        return any(map(reached, {test.split("::", maxsplit=1)[0], *known.lines}))
+        return any(map(reached, {file_of(test), *known.lines}))
 
     def may_be_put_in(self, path: str, lines: range, /) -> bool:
         """Return whether some lines of a file can be changed after the imports, because none of them runs before a test."""
@@ -88,7 +88,7 @@ class Watch:
         """Count the lines that fixtures run for the whole file."""
         _empty_caches(self._package.name)
         self._test = item.nodeid
-        self._coverage.switch_context(_file(item.nodeid))
+        self._coverage.switch_context(file_of(item.nodeid))
         yield
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
@@ -99,14 +99,14 @@ class Watch:
             self._coverage.switch_context(_ONCE + fixturedef.baseid)
         yield
         if once:
-            self._coverage.switch_context(_file(self._test))
+            self._coverage.switch_context(file_of(self._test))
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
         """Note the lines that the test itself runs."""
         self._coverage.switch_context(item.nodeid)
         yield
-        self._coverage.switch_context(_file(item.nodeid))
+        self._coverage.switch_context(file_of(item.nodeid))
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
@@ -122,7 +122,7 @@ class Watch:
         folders = [context.removeprefix(_ONCE) for context in noted if context.startswith(_ONCE)]
         tests = {}
         for name, seconds in self._seconds.items():
-            contexts = [name, _file(name), *(_ONCE + folder for folder in folders if name.startswith(folder))]
+            contexts = [name, file_of(name), *(_ONCE + folder for folder in folders if name.startswith(folder))]
             tests[name] = Test(seconds, _joined([noted.get(context, {}) for context in contexts]), name in self._forks)
         return Calls(tests, noted.get("", {}))
 
@@ -166,7 +166,8 @@ def _joined(parts: list[Lines]) -> Lines:
     return dict(found)
 
 
-def _file(test: str) -> str:
+def file_of(test: str, /) -> str:
+    """Return the file of a test's node id."""
     return test.split("::", maxsplit=1)[0]
 
 

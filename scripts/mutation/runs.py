@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from mutation.calls import Calls, Chosen, Watch
+from mutation.calls import Calls, Chosen, Watch, file_of
 from mutation.mutants import PACKAGE, Mutant, mutated
 from mutation.reach import reaches
 from mutation.session import NOT_PUT_IN, TOOL_FAILED, Request, Session, end_with, ended, limit
@@ -126,7 +126,9 @@ class Bench:
         """Run tests against a mutant that is written into the tree, by the waiting session if that gives the same result."""
         if self._calls.may_be_put_in(mutant.path, _lines(mutant)) and not self._of_kernel(mutant):
             rank = {file: number for number, file in enumerate(files)}
-            ordered = sorted((test for test in self._calls.tests if test in tests), key=lambda test: rank[_file(test)])
+            ordered = sorted(
+                (test for test in self._calls.tests if test in tests), key=lambda test: rank[file_of(test)]
+            )
             code, by_itself = self._waiting.tried(Request(mutant, source, tuple(ordered), patience_s))
             if code not in {NOT_PUT_IN, TOOL_FAILED}:
                 return code, by_itself
@@ -137,7 +139,7 @@ class Bench:
 
     @cached_property
     def _waiting(self) -> Session:
-        files = sorted({_file(test) for test in self._calls.tests})
+        files = sorted({file_of(test) for test in self._calls.tests})
         options = [*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files]
         return Session(self.tree, options, self._log.with_name("session.txt"))
 
@@ -199,15 +201,16 @@ class Bench:
         tests = [
             test
             for test in self._calls.tests
-            if _file(test) in files and (of_kernel or self._calls.may_notice(test, mutant.path, lines, reached=reached))
+            if file_of(test) in files
+            and (of_kernel or self._calls.may_notice(test, mutant.path, lines, reached=reached))
         ]
-        tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(_file(test))])
+        tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(file_of(test))])
         sums = list(itertools.accumulate(self._seconds(test) for test in tests))
         count, most = (sum(1 for total in sums if total <= limit) for limit in (FIRST_S, self._most_s))
         tests = tests[:count] if quick else tests[count:most]
         seconds: dict[str, float] = defaultdict(float)
         for test in tests:
-            seconds[_file(test)] += self._seconds(test)
+            seconds[file_of(test)] += self._seconds(test)
         return sorted(seconds, key=lambda file: (near(file), seconds[file])), frozenset(tests)
 
     def _seconds(self, test: str) -> float:
@@ -245,10 +248,6 @@ def hands_to_kernel(source: str, line: int, /) -> bool:
     around = (node for node in functions if node.lineno <= line <= (node.end_lineno or node.lineno))
     calls = (part.func for node in around for part in ast.walk(node) if isinstance(part, ast.Call))
     return any(isinstance(called, ast.Name) and called.id in KERNEL_CALLS for called in calls)
-
-
-def _file(test: str) -> str:
-    return test.split("::", maxsplit=1)[0]
 
 
 def _lines(mutant: Mutant) -> range:
