@@ -113,7 +113,6 @@ def _cost(cluster: LocalCluster, count: int) -> Cost:
     outcomes = run_ordered(no_work, (task for _ in range(count)), workers=Workers(scheduler=cluster.address))
     assert sum(1 for _ in outcomes) == count
     after = _used(cluster)
-    scheduler, client = psutil.Process(cluster.scheduler.pid), psutil.Process()
     scheduler, client, workers, moved = (now - then for now, then in zip(after, before, strict=True))
     return Cost(
         tasks=count,

@@ -12,6 +12,7 @@ noise.
 import argparse
 import contextlib
 import io
+import math
 import shlex
 import subprocess
 import sys
@@ -105,11 +106,9 @@ def _held(record: object) -> Iterator[object]:
 
 
 def _is_of_every_pixel(value: object) -> bool:
-    return isinstance(value, np.ndarray) and value.ndim > 0 and HEIGHT * WIDTH in {value.shape[-1], *_ends(value)}
-
-
-def _ends(values: np.ndarray[Any, Any]) -> tuple[int, ...]:
-    return (values.shape[-1] * values.shape[-2],) if values.ndim > 1 else ()
+    if not isinstance(value, np.ndarray) or value.ndim == 0:
+        return False
+    return HEIGHT * WIDTH in {value.shape[-1], math.prod(value.shape[-2:])}
 
 
 def main() -> None:

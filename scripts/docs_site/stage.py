@@ -74,7 +74,6 @@ def stage(folder: Path, /) -> None:
     shutil.copytree(DOCS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     before, sections = _sections(readme)
-    shutil.copy(DOCS / "demo.png", folder / "demo.png")
     homes = {anchor(heading): page for page, (_, headings) in OF_README.items() for heading in headings}
     for page, (title, headings) in OF_README.items():
         missing = [heading for heading in headings if heading not in sections]

@@ -141,7 +141,7 @@ def _write_table_1(effort: Effort, made: list[Table1Row]) -> None:
     for row in made:
         second_ns, *paper = TABLE_1[row.name]
         for path, stated in zip(("direct", "second"), paper, strict=True):
-            theirs, ours, counted = (getattr(made, path) for made in (row.paper_way, row.statistics, row.photons))
+            theirs, ours, counted = (getattr(one, path) for one in (row.paper_way, row.statistics, row.photons))
             lines.append(
                 f"7{row.name},{second_ns:g},{path},{stated},{theirs.std_ns:.4f},{ours.std_ns:.4f},{counted.std_ns:.4f},"
                 f"{ours.bound_ns:.4f},{row.photon_length:g}"
