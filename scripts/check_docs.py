@@ -5,7 +5,6 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from docs_checks.console import check_commands
@@ -51,49 +50,42 @@ OTHERS = frozenset(
 """Options on the pages that belong to scripts or to other programs."""
 
 
-@dataclass(frozen=True)
-class Form:
-    """How much is run: everything (`full`), or only what takes no more than two minutes in all."""
-
-    full: bool
-
-
-def python(_form: Form) -> Iterator[str]:
+def python(_full: bool) -> Iterator[str]:
     """The examples of docs/python.md and docs/physics.md, and of the notebook, print what the pages show."""
     for page in ("python.md", "physics.md"):
         yield from check_python(DOCS / page, ROOT)
     yield from check_notebook(DOCS / "python.ipynb")
 
 
-def commands(form: Form) -> Iterator[str]:
+def commands(full: bool) -> Iterator[str]:
     """Commands on the pages print what the page shows: the same words, and numbers within 2 % or one in the last digit."""
     for page in PAGES:
         is_calibration = page.name == "calibration.md"
-        if is_calibration and not form.full:
+        if is_calibration and not full:
             continue
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / "here"
             if is_calibration:
                 printed_by(f"scripts/calibration_walkthrough.py --keep {folder}", ROOT)
             folder.mkdir(exist_ok=True)
-            yield from check_commands(page, ROOT, folder, slow=form.full)
+            yield from check_commands(page, ROOT, folder, slow=full)
 
 
-def tables(form: Form) -> Iterator[str]:
+def tables(full: bool) -> Iterator[str]:
     """Rows of tables are what the script below them prints, within 2 % or one in the last digit, residuals within 10 ×."""
-    asked = [table for table in TABLES if form.full or not table.slow]
+    asked = [table for table in TABLES if full or not table.slow]
     printed = {script: printed_by(script, ROOT) for script in dict.fromkeys(table.script for table in asked)}
     for table in asked:
         yield from check_table(table, ROOT, printed[table.script])
 
 
-def numbers(_form: Form) -> Iterator[str]:
+def numbers(_full: bool) -> Iterator[str]:
     """Every section with measured numbers names the script or test that makes them, and that file exists."""
     for page in PAGES:
         yield from unsourced(page, ROOT)
 
 
-def options(_form: Form) -> Iterator[str]:
+def options(_full: bool) -> Iterator[str]:
     """Every option on the pages exists in a command, a script or another program."""
     params = [param for context in contexts() for param in context.command.params]
     known = frozenset(option for param in params for option in (*param.opts, *param.secondary_opts))
@@ -101,14 +93,15 @@ def options(_form: Form) -> Iterator[str]:
         yield from stale_options(page, known | OTHERS | {"--help", "--version"})
 
 
-def messages(_form: Form) -> Iterator[str]:
+def messages(_full: bool) -> Iterator[str]:
     """docs/troubleshooting.md says what to do about every error message in the source."""
     yield from unexplained(ROOT / "cadtof_cli", DOCS / "troubleshooting.md")
 
 
-CHECKS: dict[str, Callable[[Form], Iterator[str]]] = {
+CHECKS: dict[str, Callable[[bool], Iterator[str]]] = {
     check.__name__: check for check in (python, commands, tables, numbers, options, messages)
 }
+"""The checks by name. Each is told whether to run everything, or only what takes no more than two minutes in all."""
 
 
 def main() -> None:
@@ -139,7 +132,7 @@ def main() -> None:
     wrong = 0
     for name in asked.checks or CHECKS:
         print(f"{name}: {CHECKS[name].__doc__}", flush=True)
-        for difference in CHECKS[name](Form(asked.full)):
+        for difference in CHECKS[name](asked.full):
             print(f"  {difference}", flush=True)
             wrong += 1
     print("all as the pages say" if not wrong else f"{wrong} differences")

@@ -9,7 +9,7 @@ _FENCE = re.compile(r"(?ms)^```(\w*)[^\n]*\n(.*?)^```$")
 _INDENTED = re.compile(r"(?m)(?:^ {4}[^\n]*\n(?:[ \t]*\n(?= {4}))*)+")
 
 SLOW = "<!-- slow -->"
-"""Stands before a block whose commands take too long for the quick form of `scripts/check_docs`."""
+"""Stands before a block whose commands `scripts/check_docs` runs only with --full."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Section:
 class Command:
     """A command on a page, and the output that the page shows.
 
-    `slow`: only the full form of `scripts/check_docs` runs the command.
+    `slow`: `scripts/check_docs` runs it only with --full.
     """
 
     words: str

@@ -21,7 +21,7 @@ class Table:
         script: the script with its arguments, to be run from the root of the repository.
         rows: regular expression that finds the rows of this script in the section.
         relative: how much a number may differ, as a share of it.
-        slow: whether only the full form runs the script.
+        slow: whether the script runs only with --full.
     """
 
     page: str
