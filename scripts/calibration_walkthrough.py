@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
@@ -187,30 +188,27 @@ def triangle(diary: Diary) -> tuple[float, float, float]:
 
 
 def cost(diary: Diary) -> float:
-    """Return the time of `resolve` with the calibration divided by the time without, the best of three runs each, on
-    one core."""
+    """Return the time of `resolve` with the calibration divided by the time without."""
     write(diary.place / "many", camera(), card(camera(), count=30, seed=8)[0])
-    times: dict[str, list[float]] = {"with": [], "without": []}
-    for _ in range(3):
-        for name, more in (("without", ()), ("with", ("--calibration", "camera"))):
-            began = time.perf_counter()
-            diary.run("resolve", "many", "-o", f"many_{name}", "--overwrite", "-q", "-j", "1", *more)
-            times[name].append(time.perf_counter() - began)
-    return min(times["with"]) / min(times["without"])
+    return time_ratio(diary, "many", ("--calibration", "camera"), ())
 
 
 def triangle_cost(diary: Diary) -> float:
-    """Return the time of resolving frames as triangle waves divided by the time of the same frames as sines, on one core."""
+    """Return the time of resolving frames as triangle waves divided by the time of the same frames as sines."""
     seen = replace(camera("triangle"), defects=Defects())
     write(diary.place / "triangles", seen, card(seen, count=30, seed=9)[0])
-    times: dict[str, list[float]] = {"sine": [], "triangle": []}
+    return time_ratio(diary, "triangles", ("--waveform", "triangle"), ("--waveform", "sine"))
+
+
+def time_ratio(diary: Diary, capture: str, options: Sequence[str], reference: Sequence[str]) -> float:
+    """Return the time of `resolve` with options divided by that with others, the best of three runs each, on one core."""
+    times: list[list[float]] = [[], []]
     for _ in range(3):
-        for waveform, taken in times.items():
+        for number, words in enumerate((options, reference)):
             began = time.perf_counter()
-            out = f"triangles_{waveform}"
-            diary.run("resolve", "triangles", "-o", out, "--overwrite", "-q", "-j", "1", "--waveform", waveform)
-            taken.append(time.perf_counter() - began)
-    return min(times["triangle"]) / min(times["sine"])
+            diary.run("resolve", capture, "-o", f"{capture}_maps{number}", "--overwrite", "-q", "-j", "1", *words)
+            times[number].append(time.perf_counter() - began)
+    return min(times[0]) / min(times[1])
 
 
 def camera(waveform: Waveform = "sine") -> DefectiveCamera:
