@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from limits.drawn import resolved
 from numpy.typing import NDArray
 from speed.paper_way import paper_way
 
@@ -25,8 +26,6 @@ from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.paper.solver import TwoShares, two_shares
 from cadtof_cli.resolver.paper.starts import RandomStarts
-from cadtof_cli.resolver.paths import ResolvedPaths
-from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 from cadtof_cli.simulation.scene.camera import Camera
@@ -34,7 +33,7 @@ from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages
 from cadtof_cli.simulation.scene.scenes import Wall
 from cadtof_cli.units import C_M_PER_NS
 from cadtof_cli.workflows.simulate.record import expose
-from tests.support.mixtures import C, F, Mixture, noise_of, recorded
+from tests.support.mixtures import C, F, Mixture, recorded
 
 CARD = Path(__file__).resolve().parent.parent / "sample_data" / "card"
 
@@ -46,6 +45,10 @@ NS_PER_RAD = 40.0 / (2.0 * np.pi)
 SEEDS = 20
 WRONG = 1e-6
 """A pixel is wrong if the error of a path exceeds this share of all light: the solver then ended in another minimum."""
+
+
+LIGHTS = (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,)))
+"""Light on which lm is measured: two paths, two paths nearer each other with less MPI, and one path."""
 
 
 def table(*columns: str) -> None:
@@ -68,15 +71,6 @@ def processor_seconds(run: Callable[[], object]) -> float:
     return time.process_time() - began
 
 
-def resolved(phasors: C, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings) -> ResolvedPaths:
-    return resolve_paths(
-        phasors,
-        status=np.zeros(phasors.shape[1], np.uint32),
-        settings=settings,
-        noise=noise_of(harmonics, n_av=n_av),
-    )
-
-
 # --- lm against scipy ------------------------------------------------------------------------------------------------
 
 
@@ -93,7 +87,11 @@ def in_closed_form(phasors: C) -> C:
     return np.stack((two.a * (two.cos_x + 1j * two.sin_x), two.b * (two.cos_y + 1j * two.sin_y)))
 
 
-def _eliminated(phasors: C, starts: RandomStarts) -> tuple[TwoShares, float]:
+def _named(light: Mixture) -> str:
+    return f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI"
+
+
+def _by_lm(phasors: C, starts: RandomStarts) -> tuple[TwoShares, float]:
     """Return the paths by lm, and its time in s: the shortest of three runs, because the first run also allocates memory."""
     places = np.arange(phasors.shape[1])
     return two_shares(phasors, harmonics=(1, 2), places=places, starts=starts), min(
@@ -109,17 +107,17 @@ def lm(pixels: int) -> None:
     drawn = [starts.of(np.arange(pixels), number) for number in range(starts.count)]
     each = np.moveaxis(np.array(drawn), 2, 0)
     rng = np.random.default_rng(0)
-    for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
+    for light in LIGHTS:
         phasors = light.phasors((1, 2), n_av=1e5, size=pixels, rng=rng)
         truth = in_closed_form(phasors)
         with np.errstate(all="ignore"):
-            ours, fast = _eliminated(phasors, starts)
+            ours, fast = _by_lm(phasors, starts)
         began = time.perf_counter()
         with warnings.catch_warnings(action="ignore"):  # of a start that runs out of calls: nine are left
             theirs = np.stack([paper_way(*given) for given in zip(*phasors, each, strict=True)], axis=1)
         slow = time.perf_counter() - began
         row(
-            f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
+            _named(light),
             f"{slow / pixels * 1e6:.0f}",
             f"{fast / pixels * 1e6:.1f}",
             f"{slow / fast:.0f}",
@@ -145,7 +143,7 @@ def starts(pixels: int) -> None:
         "closed form, order test",
     )
     ways = [ResolverSettings(solver="lm", order="2"), ResolverSettings(order="2"), ResolverSettings()]
-    for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
+    for light in LIGHTS:
         shares, errors = [], []
         for seed in range(SEEDS):
             drawn = light.phasors((1, 2), n_av=1e5, size=pixels, rng=np.random.default_rng([seed, 9]))
@@ -158,7 +156,7 @@ def starts(pixels: int) -> None:
             errors.append([_direct_error(drawn, light, replace(way, seed=seed)) for way in ways])
         rmse = np.sqrt(np.mean(np.square(errors), axis=0))
         row(
-            f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
+            _named(light),
             f"{np.mean(shares):.2%}",
             f"{min(shares):.2%}, {max(shares):.2%}",
             *(f"{error:.3f}" for error in rmse),
@@ -285,23 +283,19 @@ def speed(repeats: int) -> None:
         "QVGA frame, voltages to maps, processor time", "ms", "times the closed form in numpy (three harmonics: ≤ 25)"
     )
     light, one = Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0,), (5.0,))
-    three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0))
+    three, discrete = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0)), ResolverSettings(mpi_model="discrete")
     runs: dict[str, Callable[[], object]] = {
-        "closed form {1,2} in numpy, two paths": _frame(
-            light, (1, 2), ResolverSettings(mpi_model="discrete"), kernel=NUMPY
-        ),
-        "closed form {1,2}, two paths": _frame(light, (1, 2), ResolverSettings(mpi_model="discrete")),
-        "closed form {1,2}, one path": _frame(one, (1, 2), ResolverSettings(mpi_model="discrete")),
-        "likelihood {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings(mpi_model="discrete")),
-        "likelihood {1,2,3}, two paths 6 ns apart": _frame(
-            Mixture((1.0, 0.3), (5.0, 11.0)), (1, 2, 3), ResolverSettings(mpi_model="discrete")
-        ),
-        "likelihood {1,2,3}, one path": _frame(one, (1, 2, 3), ResolverSettings(mpi_model="discrete")),
-        "likelihood {1,2,3,4}, two paths": _frame(light, (1, 2, 3, 4), ResolverSettings(mpi_model="discrete")),
+        "closed form {1,2} in numpy, two paths": _frame(light, (1, 2), discrete, kernel=NUMPY),
+        "closed form {1,2}, two paths": _frame(light, (1, 2), discrete),
+        "closed form {1,2}, one path": _frame(one, (1, 2), discrete),
+        "likelihood {1,2,3}, two paths": _frame(light, (1, 2, 3), discrete),
+        "likelihood {1,2,3}, two paths 6 ns apart": _frame(Mixture((1.0, 0.3), (5.0, 11.0)), (1, 2, 3), discrete),
+        "likelihood {1,2,3}, one path": _frame(one, (1, 2, 3), discrete),
+        "likelihood {1,2,3,4}, two paths": _frame(light, (1, 2, 3, 4), discrete),
         "lm {1,2}, two paths": _frame(light, (1, 2), ResolverSettings(solver="lm")),
         "lm {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings(solver="lm")),
         "three paths, {1,2,3}": _frame(three, (1, 2, 3), ResolverSettings(paths=3)),
-        "closed form {1,2}, pooled 5 × 5": _frame(light, (1, 2), ResolverSettings(mpi_model="discrete"), pool=5),
+        "closed form {1,2}, pooled 5 × 5": _frame(light, (1, 2), discrete, pool=5),
     }
     times = {name: min(processor_seconds(run) for _ in range(repeats)) for name, run in runs.items()}
     closed = times["closed form {1,2} in numpy, two paths"]
