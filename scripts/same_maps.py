@@ -121,9 +121,9 @@ def tree_of(name: str) -> Iterator[Path]:
 
 def cases_of(capture: Path, chosen: Sequence[str] | None) -> Iterator[tuple[str, str]]:
     """Yield names and options of a capture's cases."""
-    text = (capture / "capture.toml").read_text()
-    cases = RESOLVE | NOISE_UNKNOWN | (MORE_HARMONICS if "13.3" in text else CALIBRATED)
-    if "13.3" in text:  # waveforms other than a sine can be resolved with two harmonics only
+    three_harmonics = "13.3" in (capture / "capture.toml").read_text()
+    cases = RESOLVE | NOISE_UNKNOWN | (MORE_HARMONICS if three_harmonics else CALIBRATED)
+    if three_harmonics:  # waveforms other than a sine can be resolved with two harmonics only
         cases = {name: options for name, options in cases.items() if not name.startswith("triangle")}
     yield from ((name, options) for name, options in cases.items() if chosen is None or name in chosen)
 
