@@ -23,29 +23,27 @@ PAGES = (ROOT / "README.md", ROOT / "SECURITY.md", *sorted(DOCS.rglob("*.md")))
 """The pages that are checked. CHANGELOG.md is not among them: what it says of earlier versions is history."""
 
 OTHERS = frozenset(
-    {
-        *(
-            "--harmonics",
-            "--even-lamp",
-            "--samples",
-            "--keep",
-            "--cost",
-            "--scipy-pixels",
-            "--named",
-            "--room",
-            "--list",
-            "--first",
-            "--write",
-            "--full",
-            "--figure",
-            "--shown",
-            "--place",
-            "--seeds",
-            "--against",
-            "--count",
-        ),
-        *("--print0", "--kills", "--privileged", "--lifetime", "--constraint", "--quick", "--model"),
-    }
+    (
+        "--against",
+        "--cost",
+        "--count",
+        "--even-lamp",
+        "--figure",
+        "--first",
+        "--harmonics",
+        "--keep",
+        "--kills",
+        "--lifetime",
+        "--list",
+        "--named",
+        "--place",
+        "--quick",
+        "--room",
+        "--samples",
+        "--scipy-pixels",
+        "--seeds",
+        "--shown",
+    )
 )
 """Options on the pages that belong to scripts or to other programs."""
 
