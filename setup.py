@@ -1,4 +1,4 @@
-"""Build what is compiled where a C compiler is at hand; without one, cadtof installs all the same and numpy does the work."""
+"""Build the compiled kernels if a C compiler is available. Without one, cadtof still installs, and numpy does the work."""
 
 import sys
 import sysconfig
@@ -12,16 +12,17 @@ from setuptools.dist import Distribution
 ROOT = Path(__file__).resolve().parent
 
 FREE_THREADED = bool(sysconfig.get_config_var("Py_GIL_DISABLED"))
-"""Builds of Python without the global lock have no stable ABI yet."""
+"""Whether this Python has no global interpreter lock. Such builds have no stable ABI yet."""
 
 UNIX_FLAGS = [
     "-std=c11",
     "-O3",
     "-g0",
-    # every operation is rounded as written, as numpy does it: the same bits from any compiler and processor
+    # round every operation as written, as numpy does: every compiler and processor gives the same bits
     "-fno-fast-math",
     "-ffp-contract=off",
-    # nobody looks at errno or at floating-point traps; without this, square roots and choices are not vectorised
+    # the code reads neither errno nor floating-point traps; without these flags, square roots and selections are not
+    # vectorised
     "-fno-math-errno",
     "-fno-trapping-math",
 ]
@@ -63,11 +64,11 @@ COMPILED = {
         "../paper/_shares_call.h",
     ),
 }
-"""Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
+"""Extension modules: the path of a C file in `cadtof_cli` without its suffix, and the headers on which it depends."""
 
 
 class BuildWithFlags(build_ext):
-    """Extensions with the flags that their compiler understands."""
+    """Build extensions with the flags that their compiler understands."""
 
     def build_extension(self, ext: Extension) -> None:
         """Build one extension."""
@@ -76,10 +77,10 @@ class BuildWithFlags(build_ext):
 
 
 class WheelOfWhatWasBuilt(bdist_wheel):
-    """A wheel for any system where no extension was built, as numpy does the work everywhere; else one for this system."""
+    """Build a wheel for this system. If no extension was built, the wheel is for any system, because numpy does the work."""
 
     def run(self) -> None:
-        """Build, and see what has come of it, before the wheel is named."""
+        """Build the extensions before the wheel gets its name, because the name depends on whether one was built."""
         self.run_command("build")
         built = self.get_finalized_command("build_ext")
         if not any(Path(built.get_ext_fullpath(ext.name)).exists() for ext in self.distribution.ext_modules):
@@ -90,10 +91,13 @@ class WheelOfWhatWasBuilt(bdist_wheel):
 
 
 class InstallManPages(Distribution().get_command_class("install_data")):
-    """The man pages of all commands, made of their help."""
+    """Make the man pages of all commands from their help, and install them."""
 
     def run(self) -> None:
-        """Make them, and put them where others' lie; without click-man there are none, as without a compiler no kernel."""
+        """Make the pages for the usual folder of man pages.
+
+        Without click-man there are no pages, and the installation goes on.
+        """
         sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
         try:
             from man_pages import write_man_pages
@@ -107,7 +111,7 @@ class InstallManPages(Distribution().get_command_class("install_data")):
 
 
 def extension(path: str, headers: tuple[str, ...]) -> Extension:
-    """Return the extension module of a C file, which cadtof can do without."""
+    """Return the extension module of a C file. It is optional: if it cannot be built, the installation goes on without it."""
     folder = f"cadtof_cli/{path.rpartition('/')[0]}"
     return Extension(
         f"cadtof_cli.{path.replace('/', '.')}",

@@ -1,4 +1,4 @@
-"""The accuracy of cadtof: the closed form's residuals, Table 1 of the paper, and captures with truth."""
+"""Print the accuracy of cadtof: residuals of the closed form, Table 1 of the paper, and errors of captures with truth."""
 
 import argparse
 from collections.abc import Iterator
@@ -30,7 +30,9 @@ TOP_ROWS = 40
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("captures", nargs="*", type=Path, help="default: those of sample_data")
+    parser.add_argument(
+        "captures", nargs="*", type=Path, help="captures with truth.exr [default: those of sample_data]"
+    )
     arguments = parser.parse_args()
     with np.errstate(all="ignore"):
         closed_form()
@@ -150,7 +152,7 @@ def depth_errors(capture: Capture) -> None:
 
 
 def rows_without_mpi(capture: Capture) -> None:
-    """The rows of the card that have no MPI: what the order test costs beside the one-path fit."""
+    """Print the errors in the card's rows without MPI, as ratios to those of the one-path fit: the cost of the order test."""
     truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH][:TOP_ROWS].astype(np.float64)
     plan = FramePlan(metadata=capture.source.metadata)
     alone = replace(plan, settings=MapSettings(resolver=ResolverSettings(solver="one-path")))

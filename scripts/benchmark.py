@@ -1,9 +1,13 @@
-"""Speed and memory of cadtof, as ratios of things measured side by side in one run: absolute times mean little."""
+"""Measure speed and memory of cadtof.
+
+It prints ratios of things measured side by side in one run: absolute times mean little.
+"""
 
 import argparse
 import json
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,20 +26,25 @@ from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_path
 SCIPY_PIXELS = 300
 
 SLOT_PIXELS, SLOT_FRAMES = 10, 5
-"""Pixels of scipy and frames of ours that take turns: as long as each other, and so short that the processor keeps its pace."""
+"""Pixels that scipy solves, and frames that cadtof resolves, in one slot; the slots take turns. Both slots take
+about the same time. They are so short that the processor keeps its speed from one to the next."""
 
 
 def main() -> None:
-    """Print a table of rows, as they are measured."""
+    """Print the table, each row as soon as it is measured."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "parts", nargs="*", help=f"of {', '.join(PARTS)}; with --against of {', '.join(COMPARED)}; default: all"
+        "parts",
+        nargs="*",
+        help=f"which of {', '.join(PARTS)}; with --against which of {', '.join(COMPARED)} [default: all]",
     )
-    parser.add_argument("--against", metavar="REF", help="hold this working tree against a commit, run by run")
-    parser.add_argument("--repeats", type=int, default=3, help="turns that are taken; the least of each side counts")
-    parser.add_argument("--long", type=int, default=1000, help="frames of the memory part")
-    parser.add_argument("--place", type=Path, help="folder that the runs write below; default: that of temporary files")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there, too")
+    parser.add_argument("--against", metavar="REF", help="compare this working tree with a commit")
+    parser.add_argument("--repeats", type=int, default=3, help="number of turns; the shortest time of each side counts")
+    parser.add_argument("--long", type=int, default=1000, help="number of frames of the memory part")
+    parser.add_argument(
+        "--place", type=Path, help="folder below which the runs write [default: that of temporary files]"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")
     arguments = parser.parse_args()
     known = COMPARED if arguments.against else PARTS
     unknown = [name for name in arguments.parts if name not in known]
@@ -48,7 +57,7 @@ def main() -> None:
         rows.append(row)
         print(row.as_markdown(), flush=True)
         if arguments.json:
-            arguments.json.write_text(json.dumps([one.as_json() for one in rows], indent=2, ensure_ascii=False) + "\n")
+            arguments.json.write_text(json.dumps([asdict(one) for one in rows], indent=2, ensure_ascii=False) + "\n")
 
 
 def _rows(arguments: argparse.Namespace) -> Iterator[Row]:
@@ -66,9 +75,10 @@ def _each(work: Callable[..., Any], of: Sequence[tuple[Any, ...]]) -> list[Any]:
 
 
 def closed_form(arguments: argparse.Namespace, _place: Path) -> Iterator[Row]:
-    """A frame from voltages to maps against the paper's solver, per pixel, one core each; and what each gets wrong.
+    """Measure a frame from voltages to maps against the paper's solver: time per pixel on one core, and wrong pixels.
 
-    Slots of pixels and of frames take turns, from the same starts each time, and each slot counts by its least time.
+    Slots of pixels (scipy) and of frames (cadtof) take turns. scipy begins from the same starts in every turn. The
+    shortest time of each slot counts.
     """
     rng, size = np.random.default_rng(9), SCIPY_PIXELS
     a, b = np.full(size, 1 / 6.3), np.where(np.arange(size) < size // 2, 0.3 / 6.3, 0.0)
@@ -114,7 +124,8 @@ def closed_form(arguments: argparse.Namespace, _place: Path) -> Iterator[Row]:
 
 def _end_to_end(arguments: argparse.Namespace, place: Path) -> Iterator[Row]:
     yield from end_to_end(place, arguments.repeats, 200)
-    # some of it goes by the clock, where whatever else the machine does counts: a quiet moment is needed for each
+    # some rows measure time on the clock, which other work on the machine lengthens: every command needs a quiet moment,
+    # hence twice the turns
     yield from end_to_end(place, 2 * arguments.repeats, 1000)
 
 

@@ -1,4 +1,4 @@
-"""The compiled kernel beside its numpy reference, in one process, in turns: ms per frame, and bits that differ."""
+"""Measure compiled kernels beside numpy, in turns in one process: ms per frame, and 32-bit words of the maps that differ."""
 
 import argparse
 import os
@@ -23,19 +23,22 @@ from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_data"
 
 ASKED = {("corner", "avx2"): 5.0, ("corner", "avx512"): 6.0, ("wall", "avx2"): 6.0, ("wall", "avx512"): 8.0}
-"""How many times faster than numpy: two paths in most pixels, and one path everywhere."""
+"""How many times faster than numpy a kernel should be, by sample and kernel. `corner` has two paths in most pixels,
+`wall` one path everywhere."""
 
 ROOMS = ("corner", "room")
-"""Samples whose MPI is diffuse."""
+"""Samples with diffuse MPI."""
 
 MOST_MS = 25.0
 """Milliseconds that a frame with diffuse MPI may take in numpy."""
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=30, help="turns that are taken; the best of each kernel counts")
+    parser.add_argument(
+        "--repeats", type=int, default=30, help="number of turns; the shortest time of each kernel counts"
+    )
     arguments = parser.parse_args()
     keep_freed_memory()
     print("| what | asked | measured |\n|---|---|---|")
@@ -44,13 +47,13 @@ def main() -> None:
 
 
 def kernel_rows(repeats: int) -> Iterator[Row]:
-    """Measure every kernel that runs here on the first frame of every sample, beside numpy."""
+    """Measure every kernel that runs here, and numpy, on the first frame of every sample."""
     for capture in sorted(path for path in SAMPLES.iterdir() if path.is_dir()):
         yield from _frame_rows(capture.name, *recorded(capture), repeats)
 
 
 def diffuse_rows(repeats: int) -> Iterator[Row]:
-    """Measure frames whose MPI is diffuse: all of a frame, and what of it goes pixel by pixel, by every kernel and numpy."""
+    """Measure frames with diffuse MPI by every kernel and numpy: the whole frame, and its pixel-by-pixel part alone."""
     for name in ROOMS:
         stored, plan = recorded(SAMPLES / name, mpi_model="auto")
         prepared, kernels = prepare_frame(stored, plan=plan), available_kernels()
@@ -77,7 +80,8 @@ def diffuse_rows(repeats: int) -> Iterator[Row]:
 
 
 def triangle_rows(place: Path, repeats: int) -> Iterator[Row]:
-    """Measure a frame of triangle waves, with two paths in most pixels and with diffuse MPI, by every kernel and numpy."""
+    """Measure a frame of triangle waves by every kernel and numpy: resolved with two paths in most pixels, and with
+    diffuse MPI."""
     folder = place / "triangle"
     program = Path(sys.executable).with_name("cadtof")
     command = [str(program), "simulate", "--scene", "corner", "--waveform", "triangle", "-o", str(folder)]
@@ -88,7 +92,7 @@ def triangle_rows(place: Path, repeats: int) -> Iterator[Row]:
 
 
 def _frame_rows(what: str, stored: Stored, plan: FramePlan, repeats: int) -> Iterator[Row]:
-    """Measure one frame by every kernel beside numpy; `what` names it, and what is asked of it where that is known."""
+    """Measure one frame by every kernel and numpy; `what` is its name in the row and in `ASKED`."""
     works = {kernel: partial(resolve_frame, stored, plan=plan, kernel=kernel) for kernel in available_kernels()}
     times = least_seconds(works, repeats)
     for kernel in (name for name in works if name != NUMPY):
@@ -103,7 +107,7 @@ def _frame_rows(what: str, stored: Stored, plan: FramePlan, repeats: int) -> Ite
 
 
 def recorded(folder: Path, mpi_model: MpiModel = "discrete") -> tuple[Stored, FramePlan]:
-    """Return the first frame of a capture, and what to do with it."""
+    """Return the first frame of a capture, and the plan by which it is resolved."""
     capture = find_captures([folder], overrides={})[0]
     plan = FramePlan(
         metadata=capture.source.metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=mpi_model))

@@ -1,4 +1,5 @@
-"""Measure the pixel photon by photon, beside plain numpy cos and sin of as many float64 values, and by its statistics."""
+"""Measure the simulation of a pixel: photon by photon, beside numpy's cos and sin of as many float64 values, and by
+statistics."""
 
 import argparse
 import os
@@ -21,9 +22,9 @@ REPEATS = 5
 
 
 def main() -> None:
-    """Print the times of a photon and of a voltage, and that of a whole condition of Table 1."""
+    """Print the time per photon, the time per voltage, and the time of one whole condition of Table 1."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="without the whole condition")
+    parser.add_argument("--quick", action="store_true", help="leave out the whole condition")
     arguments = parser.parse_args()
     model = PixelModel(averaging=Averaging(integration_length=1.0e5))
     weights = pixel_weights(model)

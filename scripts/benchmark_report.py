@@ -1,4 +1,4 @@
-"""A run of many QVGA frames as a page: how large it is, how long it takes to write, and how soon a browser shows it."""
+"""Measure the page of a run of many QVGA frames: its size, the time to write it, and the time until a browser shows it."""
 
 import argparse
 import statistics
@@ -16,11 +16,11 @@ ASKED_FRAMES = 500
 
 
 def main() -> int:
-    """Print a table; end with 1 where the page is larger, or opens later, than asked."""
+    """Print a table; return 1 if the page is larger, or opens more slowly, than asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=ASKED_FRAMES)
-    parser.add_argument("--repeats", type=int, default=5, help="times that the page is opened; the median counts")
-    parser.add_argument("--keep", type=Path, help="folder for capture, maps and page; a temporary one without it")
+    parser.add_argument("--repeats", type=int, default=5, help="how often the page is opened; the median counts")
+    parser.add_argument("--keep", type=Path, help="folder for capture, maps and page [default: a temporary one]")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.keep or Path(temporary)
@@ -40,7 +40,8 @@ def main() -> int:
 
 
 def written_page(folder: Path, page: Path, frames: int) -> float:
-    """Record, resolve and report a capture; return what the report took, in s."""
+    """Record and resolve a capture unless that is done already, and write its report; return how long the report
+    took, in s."""
     capture, out = folder / "capture", folder / "out"
     if not out.exists():
         cadtof("simulate", "--scene", "corner", "--frames", str(frames), "-o", str(capture), "-q")
@@ -56,7 +57,7 @@ def cadtof(*arguments: str) -> None:
 
 
 def opening_seconds(browser: Browser, page: Path) -> float:
-    """Return how long it takes from the begin of the navigation until the viewer shows the first frame, in s."""
+    """Return the time from the start of the navigation until the viewer shows the first frame, in s."""
     browser.driver.get("about:blank")
     browser.open(page)
     return int(browser.run("return document.documentElement.dataset.ready")) / 1000.0

@@ -1,4 +1,4 @@
-"""Every solver against what bounds it: Cramér–Rao, scipy, the closed form. Prints the tables of docs/solvers.md."""
+"""Measure every solver against the Cramér–Rao bound, scipy and the closed form, and print the tables of docs/solvers.md."""
 
 import argparse
 import time
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from limits.drawn import resolved
 from numpy.typing import NDArray
 from speed.paper_way import paper_way
 
@@ -25,8 +26,6 @@ from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.paper.solver import TwoShares, two_shares
 from cadtof_cli.resolver.paper.starts import RandomStarts
-from cadtof_cli.resolver.paths import ResolvedPaths
-from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 from cadtof_cli.simulation.scene.camera import Camera
@@ -34,7 +33,7 @@ from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages
 from cadtof_cli.simulation.scene.scenes import Wall
 from cadtof_cli.units import C_M_PER_NS
 from cadtof_cli.workflows.simulate.record import expose
-from tests.support.mixtures import C, F, Mixture, noise_of, recorded
+from tests.support.mixtures import C, F, Mixture, recorded
 
 CARD = Path(__file__).resolve().parent.parent / "sample_data" / "card"
 
@@ -45,7 +44,11 @@ QVGA = 320 * 240
 NS_PER_RAD = 40.0 / (2.0 * np.pi)
 SEEDS = 20
 WRONG = 1e-6
-"""Error of a path, as a share of all light, above which a pixel is wrong: it ended in another minimum."""
+"""A pixel is wrong if the error of a path exceeds this share of all light: the solver then ended in another minimum."""
+
+
+LIGHTS = (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,)))
+"""Light on which lm is measured: two paths, two paths nearer each other with less MPI, and one path."""
 
 
 def table(*columns: str) -> None:
@@ -68,33 +71,28 @@ def processor_seconds(run: Callable[[], object]) -> float:
     return time.process_time() - began
 
 
-def resolved(phasors: C, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings) -> ResolvedPaths:
-    return resolve_paths(
-        phasors,
-        status=np.zeros(phasors.shape[1], np.uint32),
-        settings=settings,
-        noise=noise_of(harmonics, n_av=n_av),
-    )
-
-
 # --- lm against scipy ------------------------------------------------------------------------------------------------
 
 
 def wrong(found: NDArray[Any], truth: NDArray[Any]) -> int:
-    """Pixels in which a path is not the closed form's, whichever is called the first."""
+    """Return how many pixels have a path that differs from the closed form's; the order of the two paths does not matter."""
     error = np.minimum(np.abs(found - truth).max(axis=0), np.abs(found[::-1] - truth).max(axis=0))
     return int((~(error <= WRONG * np.abs(truth).sum(axis=0))).sum())
 
 
 def in_closed_form(phasors: C) -> C:
-    """Both paths of every pixel by the closed form, (2, n)."""
+    """Return both paths of every pixel by the closed form, (2, n)."""
     with np.errstate(all="ignore"):
         two = two_paths(fundamental_frame(phasors[0], phasors[1]))
     return np.stack((two.a * (two.cos_x + 1j * two.sin_x), two.b * (two.cos_y + 1j * two.sin_y)))
 
 
-def _eliminated(phasors: C, starts: RandomStarts) -> tuple[TwoShares, float]:
-    """Return the paths by lm, and the seconds that it takes: the least of three, as the first one also fetches memory."""
+def _named(light: Mixture) -> str:
+    return f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI"
+
+
+def _by_lm(phasors: C, starts: RandomStarts) -> tuple[TwoShares, float]:
+    """Return the paths by lm, and its time in s: the shortest of three runs, because the first run also allocates memory."""
     places = np.arange(phasors.shape[1])
     return two_shares(phasors, harmonics=(1, 2), places=places, starts=starts), min(
         seconds(lambda: two_shares(phasors, harmonics=(1, 2), places=places, starts=starts)) for _ in range(3)
@@ -109,17 +107,17 @@ def lm(pixels: int) -> None:
     drawn = [starts.of(np.arange(pixels), number) for number in range(starts.count)]
     each = np.moveaxis(np.array(drawn), 2, 0)
     rng = np.random.default_rng(0)
-    for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
+    for light in LIGHTS:
         phasors = light.phasors((1, 2), n_av=1e5, size=pixels, rng=rng)
         truth = in_closed_form(phasors)
         with np.errstate(all="ignore"):
-            ours, fast = _eliminated(phasors, starts)
+            ours, fast = _by_lm(phasors, starts)
         began = time.perf_counter()
-        with warnings.catch_warnings(action="ignore"):  # a start that runs out of calls is one of ten
+        with warnings.catch_warnings(action="ignore"):  # of a start that runs out of calls: nine are left
             theirs = np.stack([paper_way(*given) for given in zip(*phasors, each, strict=True)], axis=1)
         slow = time.perf_counter() - began
         row(
-            f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
+            _named(light),
             f"{slow / pixels * 1e6:.0f}",
             f"{fast / pixels * 1e6:.1f}",
             f"{slow / fast:.0f}",
@@ -135,7 +133,7 @@ def lm(pixels: int) -> None:
 
 
 def starts(pixels: int) -> None:
-    """What ten random starts achieve: over many seeds, beside the closed form on the same pixels."""
+    """Print how well ten random starts do over many seeds, beside the closed form on the same pixels."""
     table(
         f"{SEEDS} seeds × {pixels} pixels, n_av 1e5, ASR 5",
         "wrong of lm: mean",
@@ -145,7 +143,7 @@ def starts(pixels: int) -> None:
         "closed form, order test",
     )
     ways = [ResolverSettings(solver="lm", order="2"), ResolverSettings(order="2"), ResolverSettings()]
-    for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
+    for light in LIGHTS:
         shares, errors = [], []
         for seed in range(SEEDS):
             drawn = light.phasors((1, 2), n_av=1e5, size=pixels, rng=np.random.default_rng([seed, 9]))
@@ -158,7 +156,7 @@ def starts(pixels: int) -> None:
             errors.append([_direct_error(drawn, light, replace(way, seed=seed)) for way in ways])
         rmse = np.sqrt(np.mean(np.square(errors), axis=0))
         row(
-            f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
+            _named(light),
             f"{np.mean(shares):.2%}",
             f"{min(shares):.2%}, {max(shares):.2%}",
             *(f"{error:.3f}" for error in rmse),
@@ -166,7 +164,7 @@ def starts(pixels: int) -> None:
 
 
 def _direct_error(drawn: C, light: Mixture, settings: ResolverSettings) -> float:
-    """RMSE of the direct path's delay, ns."""
+    """Return the RMSE of the direct path's delay, in ns."""
     direct = resolved(drawn, (1, 2), 1e5, settings).paths[0].phase_rad
     error = np.angle(np.exp(1j * (direct - light.delays_ns[0] / NS_PER_RAD)))
     return NS_PER_RAD * float(np.sqrt(np.nanmean(np.square(error))))
@@ -176,7 +174,7 @@ def _direct_error(drawn: C, light: Mixture, settings: ResolverSettings) -> float
 
 
 def spread(light: Mixture, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings, size: int) -> F:
-    """Standard deviation, ns, of every path's delay, the paths in the order of the mixture."""
+    """Return the standard deviation of every path's delay, in ns, in the order of the paths in the mixture."""
     drawn = light.phasors(harmonics, n_av=n_av, size=size, rng=np.random.default_rng(1))
     found: F = np.array([np.nanstd(path.phase_rad) for path in resolved(drawn, harmonics, n_av, settings).paths])
     return NS_PER_RAD * found
@@ -229,7 +227,7 @@ def paths(pixels: int) -> None:
 
 
 def pooling() -> None:
-    """What pooling does to the card below its clean rows, to a wall, and beside an edge."""
+    """Print the effect of pooling on the card below its clean rows, on a wall, and beside an edge."""
     table("the card", "direct RMSE, cm", "of that without pooling (5 × 5: ≤ 0.35)", "true errors over sigma")
     (capture,) = find_captures([CARD])
     stored, truth = read_stored(capture.frames[0], capture.layout), read_layers(CARD / "truth.exr")[DIRECT_DEPTH]
@@ -246,7 +244,7 @@ def pooling() -> None:
 
 
 def _pooled_rows(of: str, stored: Stored, metadata: CaptureMetadata, truth: F, rows: slice) -> None:
-    """Print how far the direct depths of some rows of a frame are off without pooling and with it."""
+    """Print the errors of the direct depth in some rows of a frame, without pooling and with it."""
     alone = 0.0
     for window in (1, 3, 5, 7):
         plan = FramePlan(metadata=metadata, settings=MapSettings(pool=window))
@@ -260,7 +258,8 @@ def _pooled_rows(of: str, stored: Stored, metadata: CaptureMetadata, truth: F, r
 
 
 def _smeared_columns(window: int) -> int:
-    """Return the columns, of 20 on each side of a step of 30 cm, whose median direct depth is off by more than a tenth of it."""
+    """Return how many columns, of 20 on each side of a step of 30 cm, have a median direct depth that is off by more
+    than 3 cm."""
     rng = np.random.default_rng(3)
     harmonics, n_av, height, width, metres = (1, 2), 1e5, 60, 40, C_M_PER_NS / 2.0
     delays = (8.0, 8.0 + 0.3 / metres)
@@ -284,23 +283,19 @@ def speed(repeats: int) -> None:
         "QVGA frame, voltages to maps, processor time", "ms", "times the closed form in numpy (three harmonics: ≤ 25)"
     )
     light, one = Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0,), (5.0,))
-    three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0))
+    three, discrete = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0)), ResolverSettings(mpi_model="discrete")
     runs: dict[str, Callable[[], object]] = {
-        "closed form {1,2} in numpy, two paths": _frame(
-            light, (1, 2), ResolverSettings(mpi_model="discrete"), kernel=NUMPY
-        ),
-        "closed form {1,2}, two paths": _frame(light, (1, 2), ResolverSettings(mpi_model="discrete")),
-        "closed form {1,2}, one path": _frame(one, (1, 2), ResolverSettings(mpi_model="discrete")),
-        "likelihood {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings(mpi_model="discrete")),
-        "likelihood {1,2,3}, two paths 6 ns apart": _frame(
-            Mixture((1.0, 0.3), (5.0, 11.0)), (1, 2, 3), ResolverSettings(mpi_model="discrete")
-        ),
-        "likelihood {1,2,3}, one path": _frame(one, (1, 2, 3), ResolverSettings(mpi_model="discrete")),
-        "likelihood {1,2,3,4}, two paths": _frame(light, (1, 2, 3, 4), ResolverSettings(mpi_model="discrete")),
+        "closed form {1,2} in numpy, two paths": _frame(light, (1, 2), discrete, kernel=NUMPY),
+        "closed form {1,2}, two paths": _frame(light, (1, 2), discrete),
+        "closed form {1,2}, one path": _frame(one, (1, 2), discrete),
+        "likelihood {1,2,3}, two paths": _frame(light, (1, 2, 3), discrete),
+        "likelihood {1,2,3}, two paths 6 ns apart": _frame(Mixture((1.0, 0.3), (5.0, 11.0)), (1, 2, 3), discrete),
+        "likelihood {1,2,3}, one path": _frame(one, (1, 2, 3), discrete),
+        "likelihood {1,2,3,4}, two paths": _frame(light, (1, 2, 3, 4), discrete),
         "lm {1,2}, two paths": _frame(light, (1, 2), ResolverSettings(solver="lm")),
         "lm {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings(solver="lm")),
         "three paths, {1,2,3}": _frame(three, (1, 2, 3), ResolverSettings(paths=3)),
-        "closed form {1,2}, pooled 5 × 5": _frame(light, (1, 2), ResolverSettings(mpi_model="discrete"), pool=5),
+        "closed form {1,2}, pooled 5 × 5": _frame(light, (1, 2), discrete, pool=5),
     }
     times = {name: min(processor_seconds(run) for _ in range(repeats)) for name, run in runs.items()}
     closed = times["closed form {1,2} in numpy, two paths"]
@@ -322,10 +317,12 @@ def _frame(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", help="of lm, starts, harmonics, paths, pooling, speed; default: all")
-    parser.add_argument("--pixels", type=int, default=4000, help="drawn for each row of the accuracy tables")
-    parser.add_argument("--scipy-pixels", type=int, default=4000, help="that scipy solves too, 2 ms each")
-    parser.add_argument("--repeats", type=int, default=5, help="of every frame timed; the fastest counts")
+    parser.add_argument("parts", nargs="*", help="which of lm, starts, harmonics, paths, pooling, speed [default: all]")
+    parser.add_argument("--pixels", type=int, default=4000, help="pixels drawn for each row of the accuracy tables")
+    parser.add_argument("--scipy-pixels", type=int, default=4000, help="pixels that scipy solves as well, 2 ms each")
+    parser.add_argument(
+        "--repeats", type=int, default=5, help="number of runs of every timed frame; the fastest counts"
+    )
     arguments = parser.parse_args()
     keep_freed_memory()
     parts: dict[str, Callable[[], None]] = {

@@ -1,4 +1,4 @@
-"""How often calibration captures are refused that are sound, and how often those that are not: over seeds, a camera each."""
+"""Count how many sound and how many unsound calibration captures are refused. Each seed is another camera."""
 
 import argparse
 import sys
@@ -9,7 +9,7 @@ from tests.support.wrong_targets import CASES, calibrated
 
 
 def main() -> int:
-    """Print a table of shares; end with 1 where a sound capture was refused."""
+    """Print a table of counts; return 1 if a sound capture was refused."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=1000, help="first seed: thresholds were set on seeds below 100")

@@ -1,10 +1,11 @@
-"""Calibrate a simulated QVGA camera that has every defect at once, and write docs/calibration.md from what came out."""
+"""Calibrate a simulated QVGA camera with all defects at once, and write docs/calibration.md from the results."""
 
 import argparse
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
@@ -42,13 +43,13 @@ CLEAN_ROWS = 40
 
 @dataclass
 class Diary:
-    """The folder that everything happens in, and the commands with what they printed."""
+    """The folder in which the commands run. Each command is printed with its output, unless the diary is `quiet`."""
 
     place: Path
     quiet: bool = False
 
     def run(self, *arguments: str) -> str:
-        """Run `cadtof` and return the command and what it printed, as it goes into the page."""
+        """Run `cadtof`, and return the command with its output as the page shows them."""
         done = subprocess.run(
             [sys.executable, "-m", "cadtof_cli", *arguments],
             cwd=self.place,
@@ -118,7 +119,7 @@ def walk(diary: Diary, out: Path) -> dict[str, str]:
 
 
 def numbers(diary: Diary) -> dict[str, str]:
-    """Return the figures of the last table."""
+    """Return the numbers of the page's tables, by their names in the template."""
     calibration = load_calibration(diary.place / "camera")
     petzval, dark = calibration.petzval, calibration.dark
     assert petzval is not None
@@ -146,7 +147,7 @@ def numbers(diary: Diary) -> dict[str, str]:
 
 
 def flatness(diary: Diary) -> float:
-    """Return the RMS error of frames of a wall that was not fitted over that of their noise, seen from frame to frame."""
+    """Return the RMS error of frames of a wall that was not fitted, divided by the RMS of their noise from frame to frame."""
     seen = camera()
     truth = seen.wall_range_m(2.0, (2.0, 1.0))
     write(diary.place / "fresh", seen, wall(seen, 2.0, (2.0, 1.0), count=10, seed=90))
@@ -187,29 +188,27 @@ def triangle(diary: Diary) -> tuple[float, float, float]:
 
 
 def cost(diary: Diary) -> float:
-    """Return the time of resolving with the calibration over the time without, best of three, on one core."""
+    """Return the time of `resolve` with the calibration divided by the time without."""
     write(diary.place / "many", camera(), card(camera(), count=30, seed=8)[0])
-    times: dict[str, list[float]] = {"with": [], "without": []}
-    for _ in range(3):
-        for name, more in (("without", ()), ("with", ("--calibration", "camera"))):
-            began = time.perf_counter()
-            diary.run("resolve", "many", "-o", f"many_{name}", "--overwrite", "-q", "-j", "1", *more)
-            times[name].append(time.perf_counter() - began)
-    return min(times["with"]) / min(times["without"])
+    return time_ratio(diary, "many", ("--calibration", "camera"), ())
 
 
 def triangle_cost(diary: Diary) -> float:
-    """Return the time of resolving frames as triangles over that of the same frames taken for sines, on one core."""
+    """Return the time of resolving frames as triangle waves divided by the time of the same frames as sines."""
     seen = replace(camera("triangle"), defects=Defects())
     write(diary.place / "triangles", seen, card(seen, count=30, seed=9)[0])
-    times: dict[str, list[float]] = {"sine": [], "triangle": []}
+    return time_ratio(diary, "triangles", ("--waveform", "triangle"), ("--waveform", "sine"))
+
+
+def time_ratio(diary: Diary, capture: str, options: Sequence[str], reference: Sequence[str]) -> float:
+    """Return the time of `resolve` with options divided by that with others, the best of three runs each, on one core."""
+    times: list[list[float]] = [[], []]
     for _ in range(3):
-        for waveform, taken in times.items():
+        for number, words in enumerate((options, reference)):
             began = time.perf_counter()
-            out = f"triangles_{waveform}"
-            diary.run("resolve", "triangles", "-o", out, "--overwrite", "-q", "-j", "1", "--waveform", waveform)
-            taken.append(time.perf_counter() - began)
-    return min(times["triangle"]) / min(times["sine"])
+            diary.run("resolve", capture, "-o", f"{capture}_maps{number}", "--overwrite", "-q", "-j", "1", *words)
+            times[number].append(time.perf_counter() - began)
+    return min(times[0]) / min(times[1])
 
 
 def camera(waveform: Waveform = "sine") -> DefectiveCamera:

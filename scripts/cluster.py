@@ -1,4 +1,4 @@
-"""What a cluster costs: per task at the scheduler, and in frames a second against processes without one."""
+"""Measure the cost of a cluster: per task at the scheduler, and in frames per second against processes without a cluster."""
 
 import argparse
 import json
@@ -28,7 +28,15 @@ SAMPLE = ROOT / "sample_data" / "corner"
 
 @dataclass(frozen=True)
 class Cost:
-    """What so many tasks have cost."""
+    """The cost of some tasks.
+
+    Attributes:
+        tasks: number of tasks.
+        seconds: time on the clock.
+        scheduler_s, client_s, workers_s: processor time.
+        scheduler_bytes, client_bytes: resident memory after the last task.
+        moved_bytes: bytes that went over the loopback device.
+    """
 
     tasks: int
     seconds: float
@@ -43,11 +51,15 @@ class Cost:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parts = parser.add_subparsers(dest="part", required=True)
-    projection = parts.add_parser("projection", help="cost per task, from some runs, and what a million would cost")
+    projection = parts.add_parser(
+        "projection", help="cost per task for several numbers of tasks, and the cost of a million tasks"
+    )
     projection.add_argument("--tasks", type=int, nargs="+", default=[100, 1000, 10_000])
-    throughput = parts.add_parser("throughput", help="two workers of a scheduler here against --jobs 2")
+    throughput = parts.add_parser("throughput", help="two workers of a scheduler on this machine against --jobs 2")
     throughput.add_argument("--frames", type=int, default=500)
-    throughput.add_argument("--repeats", type=int, default=3, help="turns that are taken; the best of each side counts")
+    throughput.add_argument(
+        "--repeats", type=int, default=3, help="number of turns; the shortest time of each side counts"
+    )
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch, local_cluster(Path(scratch) / "cluster", workers=2) as cluster:
         if given.part == "projection":
@@ -60,9 +72,12 @@ def main() -> None:
 
 
 def _projection(cluster: LocalCluster, counts: list[int]) -> None:
-    """Run tasks that do nothing, each by itself as frames of 50 ms or more are: what is left is the way there and back."""
+    """Measure tasks that do nothing, so that only the way to a worker and back costs time.
+
+    Every task is a batch of its own, as frames are that take 50 ms or more.
+    """
     ordered.MOST_IN_BATCH = 1
-    _cost(cluster, 20)  # imports
+    _cost(cluster, 20)  # not counted: the first tasks import modules
     costs = [_cost(cluster, count) for count in counts]
     print(
         f"{'tasks':>8}{'tasks/s':>10}{'scheduler':>14}{'client':>14}{'workers':>14}{'moved':>16}{'scheduler':>12}{'client':>10}"
@@ -98,7 +113,6 @@ def _cost(cluster: LocalCluster, count: int) -> Cost:
     outcomes = run_ordered(no_work, (task for _ in range(count)), workers=Workers(scheduler=cluster.address))
     assert sum(1 for _ in outcomes) == count
     after = _used(cluster)
-    scheduler, client = psutil.Process(cluster.scheduler.pid), psutil.Process()
     scheduler, client, workers, moved = (now - then for now, then in zip(after, before, strict=True))
     return Cost(
         tasks=count,

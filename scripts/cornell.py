@@ -1,4 +1,4 @@
-"""A box in the manner of Cornell's, simulated and resolved: `python scripts/cornell.py` prints its rows of docs/diffuse.md."""
+"""Simulate and resolve a box like Cornell's: `python scripts/cornell.py` prints its rows of docs/diffuse.md."""
 
 import argparse
 import tempfile
@@ -16,14 +16,14 @@ PERIODS_NS = {
     "`simulate --scene cornell`": (40.0, 20.0),
     "the same box, three harmonics, the same light in all": (40.0, 20.0, 40.0 / 3),
 }
-"""Modulation periods of each row."""
+"""Modulation periods by the name of the row."""
 
 INTEGRATION_LENGTH = 2e5
 """n_av of all harmonics together."""
 
 
 def main() -> None:
-    """Record what `cadtof simulate --scene cornell` does, with two and with three harmonics, and print the errors."""
+    """Record the scene of `cadtof simulate --scene cornell` with two and with three harmonics, and print the errors."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     for name, periods_ns in PERIODS_NS.items():
         print(recorded(periods_ns).line().replace("| cornell |", f"| {name} |", 1), flush=True)

@@ -1,7 +1,8 @@
-"""How well diffuse MPI is predicted: captures with truth, as two paths and as `--mpi-model auto` takes them.
+"""Measure how well diffuse MPI is predicted: errors of captures with truth, as two paths and by `--mpi-model auto`.
 
-`python scripts/diffuse_accuracy.py CAPTURE...` prints a row per capture and what they say together; `--figure PNG` draws the
-errors of the first, `--integration-length N` adds the noise of less light. Rooms come from `scripts/render_rooms.py`.
+`python scripts/diffuse_accuracy.py CAPTURE...` prints a row per capture and a summary of all captures. `--figure PNG`
+draws the errors of the first capture. `--integration-length N` adds the noise of less light. `scripts/render_rooms.py`
+renders rooms as captures.
 """
 
 import argparse
@@ -26,21 +27,31 @@ from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
 SHARES = (0.55, 0.95)
-"""Share of true errors within one predicted sigma that is called true: 0.68 where errors are Gaussian."""
+"""Sigma is called true if the share of errors within one predicted sigma lies between these limits. It is 0.68 if
+the errors are Gaussian."""
 
 OFFSET_CM = 0.3
-"""Added to medians before their logarithm is taken, so that errors below the noise do not count for more than they are."""
+"""Added to medians before their logarithm is taken, so that errors below the noise do not get too much weight."""
 
 FIGURE_CM = 10.0
-"""Errors at the ends of the colour scale."""
+"""Error at the ends of the colour scale."""
 
 MODELS: tuple[MpiModel, MpiModel] = ("auto", "discrete")
-"""What the figure holds against each other."""
+"""The models of MPI that the figure compares."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Errors of a capture in cm, and the share of them within 1 and 2 sigma."""
+    """Errors of the direct depth of a capture in cm, resolved in three ways.
+
+    Attributes:
+        name: folder of the capture.
+        first: errors of the first phasor.
+        two_paths: errors of two paths.
+        taken: errors of the chosen model.
+        within: shares of the errors of `taken` within 1 and 2 sigma.
+        diffuse: share of pixels that the chosen model takes for diffuse MPI.
+    """
 
     name: str
     first: Float
@@ -51,12 +62,12 @@ class Row:
 
     @property
     def medians(self) -> tuple[float, float, float]:
-        """Median |error| of the first phasor, of two paths, and as taken."""
+        """Medians of |error| of the first phasor, of two paths, and of the chosen model."""
         first, two, taken = (float(np.nanmedian(np.abs(error))) for error in (self.first, self.two_paths, self.taken))
         return first, two, taken
 
     def line(self) -> str:
-        """A row of the table."""
+        """The row of the table."""
         errors = (self.first, self.two_paths, self.taken)
         cells = [f"{np.nanmedian(abs(e)):.2f} / {np.nanpercentile(abs(e), 90):.1f}" for e in errors]
         cells[-1] += f"; {self.within[0]:.2f}, {self.within[1]:.2f}"
@@ -68,11 +79,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("captures", type=Path, nargs="+", help="folders of captures with truth.exr")
     parser.add_argument("--figure", type=Path, help="PNG of the errors of the first capture")
-    parser.add_argument("--model", default="auto", choices=("auto", "diffuse"), help="what is held against two paths")
+    parser.add_argument(
+        "--model", default="auto", choices=("auto", "diffuse"), help="model of MPI that is compared with two paths"
+    )
     parser.add_argument(
         "--integration-length",
         type=float,
-        help="n_av of two harmonics, which more of them share, instead of that of the captures: noise is added",
+        help="n_av of two harmonics instead of that of the captures; more harmonics share it, and noise is added",
     )
     chosen = parser.parse_args()
     print("| capture | first phasor, cm: median / 90 % | two paths | as taken; share within 1, 2 sigma | diffuse |")
@@ -87,7 +100,7 @@ def main() -> None:
 
 
 def measured(capture: Capture, model: MpiModel, integration_length: float | None = None) -> Row:
-    """Resolve all frames of a capture both ways, with the noise of less light where an integration length is given."""
+    """Resolve all frames of a capture by a model and as two paths; an integration length adds the noise of less light."""
     truth = capture_truth(capture.root)
     first, two, taken, score, status = [], [], [], [], []
     for source in single_frames(capture):
@@ -110,9 +123,10 @@ def measured(capture: Capture, model: MpiModel, integration_length: float | None
 def with_less_light(
     stored: Stored, metadata: CaptureMetadata, integration_length: float
 ) -> tuple[Stored, CaptureMetadata]:
-    """Return a frame of counts, (H, 2, Y, X), with noise added until it has that of a shorter integration length.
+    """Return a frame of counts, (H, 2, Y, X), with added noise, so that it has that of a shorter integration length.
 
-    Noise along and across each phasor is as that of a single path with its amplitude (docs/physics.md, the covariance of Eq. 1).
+    The added noise along and across each phasor is that of a single path with the phasor's amplitude (docs/physics.md,
+    the covariance of Eq. 1).
     """
     length, recorded = float(round(integration_length * 2 / len(stored))), metadata.pixel.integration_length or 0.0
     if length >= recorded:
@@ -137,7 +151,7 @@ def with_less_light(
 
 
 def together(rows: Sequence[Row]) -> None:
-    """Print what all captures say together."""
+    """Print a summary of all captures."""
     medians = np.array([row.medians for row in rows])
     ratio, within = medians[:, 2] / medians[:, 1], np.array([row.within[0] for row in rows])
     calibrated = np.count_nonzero((within >= SHARES[0]) & (within <= SHARES[1]))
@@ -150,7 +164,7 @@ def together(rows: Sequence[Row]) -> None:
 
 
 def draw(capture: Capture, path: Path) -> None:
-    """Draw the errors of a capture's first frame, before and after, and the sigma that goes with them."""
+    """Draw the errors of a capture's first frame by each model, and the predicted sigma."""
     truth = capture_truth(capture.root)
     source = next(iter(single_frames(capture)))
     stored = read_stored(source, capture.layout)

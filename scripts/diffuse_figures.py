@@ -1,8 +1,8 @@
-"""The figures of docs/diffuse.md: predicted tails against rendered ones, and whether sigma is true, by room.
+"""Draw the figures of docs/diffuse.md: predicted tails against rendered tails, and errors over sigma, room by room.
 
 `python scripts/render_rooms.py ROOMS --seeds 19000-19029 --width 160 --light-paths 256`, then
 `python scripts/diffuse_figures.py ROOMS --out docs` writes diffuse_tail.png (the first room with two and with three
-harmonics) and diffuse_sigma.png (all rooms). The errors of one room are drawn by `scripts/diffuse_accuracy.py --figure`.
+harmonics) and diffuse_sigma.png (all rooms). `scripts/diffuse_accuracy.py --figure` draws the errors of one room.
 """
 
 import argparse
@@ -33,7 +33,8 @@ COLOURS = {2: "tab:orange", 3: "tab:blue"}
 
 @dataclass(frozen=True)
 class Room:
-    """A rendered room: by how much MPI lengthens its ranges, as rendered and as predicted, in cm; errors over sigma."""
+    """A rendered room: by how much MPI lengthens its ranges, in cm, as rendered and as predicted; `scores` are
+    errors over sigma."""
 
     name: str
     harmonics: int
@@ -43,7 +44,7 @@ class Room:
 
     @property
     def seed(self) -> str:
-        """Name of the room, which those with other harmonics share."""
+        """Name of the room: captures of the same room with other numbers of harmonics share it."""
         return self.name.rpartition("_h")[0]
 
     @property
@@ -57,7 +58,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rooms", type=Path, help="folder of rooms from scripts/render_rooms.py")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the figures")
-    parser.add_argument("--shown", default="", help="room whose tail is drawn, such as room_7002; the first without it")
+    parser.add_argument("--shown", default="", help="room whose tail is drawn, such as room_7002 [default: the first]")
     chosen = parser.parse_args()
     rooms = [measured(capture) for capture in find_captures(sorted(chosen.rooms.iterdir()))]
     shown = chosen.shown or rooms[0].seed
@@ -79,7 +80,8 @@ def measured(capture: Capture) -> Room:
 
 
 def tails(rooms: Sequence[Room]) -> Figure:
-    """Draw by how much MPI lengthens the ranges of one room, as rendered and as predicted, pixel by pixel and by patch."""
+    """Draw by how much MPI lengthens the ranges of one room, as rendered and as predicted: for every pixel, and for
+    every patch."""
     figure = Figure(figsize=(15.0, 3.8), layout="constrained")
     *maps, scatter = figure.subplots(1, len(rooms) + 2, width_ratios=[1.3] * (len(rooms) + 1) + [1.0])
     pictures = [(f"{rooms[0].seed}: rendered", rooms[0].rendered)]
@@ -100,7 +102,7 @@ def tails(rooms: Sequence[Room]) -> Figure:
 
 
 def by_patch(image: Float) -> Float:
-    """Return the medians of patches, without those that have no light."""
+    """Return the median of every patch; NaN if a pixel of the patch has no light."""
     rows, columns = (size // PATCH for size in image.shape)
     cut = image[: rows * PATCH, : columns * PATCH].reshape(rows, PATCH, columns, PATCH).swapaxes(1, 2)
     return np.asarray(np.median(cut.reshape(rows * columns, -1), axis=1))
@@ -129,7 +131,7 @@ def calibration(rooms: Sequence[Room]) -> Figure:
 
 
 def shares_by_room(axes: Axes, shares: Sequence[float], harmonics: int, colour: str) -> None:
-    """Draw the shares of rooms, rising."""
+    """Draw the shares of all rooms, in rising order."""
     true = sum(SHARES[0] <= share <= SHARES[1] for share in shares)
     label = f"{harmonics} harmonics: {true} of {len(shares)} in {SHARES[0]} to {SHARES[1]}"
     axes.plot(np.arange(1, len(shares) + 1), sorted(shares), "o-", ms=4, color=colour, label=label)

@@ -1,8 +1,9 @@
-"""What surfaces that mirror do to the prediction: rooms with a gloss on all surfaces.
+"""Measure the prediction of diffuse MPI in rooms whose surfaces are all glossy.
 
-`python scripts/diffuse_gloss.py ROOM...` takes captures of `scripts/render_rooms.py` and adds to every pixel what its surface
-mirrors: the lamp's direct light on what lies in the mirror's direction, spread over a lobe, times each share of the table. A
-waxed floor mirrors .04 to .1 of it, a lacquered cupboard up to .3. Medians over the rooms of median errors, cm.
+`python scripts/diffuse_gloss.py ROOM...` takes captures of `scripts/render_rooms.py`, and adds to every pixel the light
+that its surface mirrors: the lamp's direct light on the surface in the mirror's direction, spread over a lobe, times
+each share of the table. A waxed floor mirrors .04 to .1 of this light, a lacquered cupboard up to .3. Errors are
+medians over the rooms of the median error, in cm.
 """
 
 import argparse
@@ -28,18 +29,19 @@ from cadtof_cli.simulation.scene.rooms.view import View
 from cadtof_cli.units import C_M_PER_NS
 
 SHARES = (0.0, 0.03, 0.1, 0.3)
-"""Of the light from the mirror's direction that surfaces send on."""
+"""Shares of the light from the mirror's direction that surfaces send on."""
 
 LOBE_RAD = 0.06
-"""Standard deviation of the mirrored direction, either way."""
+"""Standard deviation of each component of the mirrored direction."""
 
 RAYS = 8
-"""Directions of a lobe."""
+"""Number of directions in a lobe."""
 
 START_M = 1e-3
 
 LEAST_LIT = 0.02
-"""Least direct light of a pixel, over the median, that mirrored light is reckoned against."""
+"""Least direct light of a pixel, as a share of the median. Darker pixels get no mirrored light, because mirrored
+light is computed as a multiple of the pixel's direct light."""
 
 
 def main() -> None:
@@ -59,7 +61,11 @@ def main() -> None:
 
 
 def row(capture: Capture, share: float) -> tuple[float, float, float, float, float]:
-    """Return median errors in cm of two paths and as taken, the share within 1 sigma, and whether it is a tail, with a net."""
+    """Return the results of one frame with this share of mirrored light.
+
+    These are the median errors in cm of two paths and of `auto`, the share of the errors of `auto` within 1 sigma,
+    whether a tail was predicted, and whether something was found that lets light through.
+    """
     truth, volts = capture_truth(capture.root), capture_volts(capture)
     metadata = replace(capture.source.metadata, voltage=Voltage())
     if share:
@@ -84,7 +90,10 @@ def row(capture: Capture, share: float) -> tuple[float, float, float, float, flo
 
 
 def mirrored(capture: Capture) -> tuple[Float, Float]:
-    """Return direct light on what the surface of each pixel mirrors, over that of its own, and when it arrives, (RAYS, Y, X)."""
+    """Return the direct light on the surface that each pixel mirrors, and when it arrives in ns, (RAYS, Y, X) each.
+
+    The light is a multiple of the pixel's own direct light.
+    """
     found = re.search(r"room_(\d+)", capture.root.name)
     optics, shape = capture.source.metadata.optics, capture_truth(capture.root).shape
     if found is None or optics.focal_length_px is None:

@@ -1,9 +1,12 @@
-"""What a net in a room does to the prediction, and the prediction to a net.
+"""Measure the effect of a net in a room on the prediction of diffuse MPI, and of the prediction on the net's depth.
 
-`python scripts/diffuse_nets.py ROOM... --without FOLDER` takes captures of `scripts/render_rooms.py --net-fill S`, and the same
-rooms without a net in FOLDER, which tell where the net is; and says what the same prediction gives that looks for no nets.
-`python scripts/diffuse_nets.py ROOM...` hangs a net of its own before the middle of captures without one (60 % of the light of
-its pixels, as far before the wall as each row says, without MPI of its own). Median errors in cm.
+`python scripts/diffuse_nets.py ROOM... --without FOLDER` takes captures of `scripts/render_rooms.py --net-fill S`.
+FOLDER holds the same rooms without a net, which tells where the net is. The script also prints what the prediction
+gives if it does not look for nets.
+
+`python scripts/diffuse_nets.py ROOM...` takes captures without a net, and adds a net before the middle of the view. The
+net sends back 60 % of the light of its pixels, hangs as far before the wall as each row says, and has no MPI of its
+own. Errors are medians in cm.
 """
 
 import argparse
@@ -30,21 +33,26 @@ from cadtof_cli.units import C_M_PER_NS, metres_per_radian
 DELAYS_NS = (4.0, 6.0, 9.0, 12.0, 14.0)
 
 SHARE = 0.6
-"""Of the light of a pixel that a net of our own sends back."""
+"""Share of a pixel's light that an added net sends back."""
 
 NEAREST_M = 0.4
 
 HIDDEN_M = 0.05
-"""How much nearer a pixel must be than without a net to be one of it."""
+"""A pixel shows the net if its range is shorter than without the net by more than this."""
 
 HEADS = "net: two paths | as taken; share within 1, 2 sigma | elsewhere: two paths | as taken | patches found"
 
 
 @dataclass(frozen=True)
 class Row:
-    """Errors of a frame in cm, in the pixels of a net and elsewhere, of two paths and as taken.
+    """Median errors of a frame in cm, each of two paths and of `auto`.
 
-    `unsearched` are those of the same prediction where nets are not looked for, in the same two places.
+    Attributes:
+        net: in the pixels of the net.
+        elsewhere: in all other pixels.
+        within: shares of the errors of `auto` in the net within 1 and 2 sigma.
+        found: number of patches in which something was found that lets light through.
+        unsearched: errors of `auto` in the net and elsewhere if it does not look for nets.
     """
 
     net: tuple[float, float]
@@ -54,7 +62,7 @@ class Row:
     unsearched: tuple[float, float]
 
     def line(self) -> str:
-        """The cells of a table."""
+        """The cells of the row in the table."""
         (two, taken), (two_else, taken_else), (one, more) = self.net, self.elsewhere, self.within
         errors = f"{two:.1f} | {taken:.1f}; {one:.2f}, {more:.2f} | {two_else:.1f} | {taken_else:.1f}"
         return f"{errors} | {self.found}"
@@ -89,7 +97,7 @@ def rendered(capture: Capture, without: Path) -> Row:
 
 
 def together(rows: Sequence[Row]) -> None:
-    """Print what all rooms say together."""
+    """Print a summary of all rooms."""
     two, taken = (np.array([row.net[i] for row in rows]) for i in (0, 1))
     unsearched, rest_unsearched = (np.array([row.unsearched[i] for row in rows]) for i in (0, 1))
     rest = np.array([row.elsewhere[1] for row in rows])
@@ -114,7 +122,7 @@ def _mean(errors: Float) -> float:
 
 
 def with_net(capture: Capture, delay_ns: float) -> Row | None:
-    """Return the errors where a net of our own hangs before a room; None where there is no place for it."""
+    """Return the errors of a room with an added net; None if the room has no place for the net."""
     truth = capture_truth(capture.root)
     net_m = truth - 0.5 * C_M_PER_NS * delay_ns
     covered = np.zeros(truth.shape, np.bool_)
@@ -129,7 +137,7 @@ def with_net(capture: Capture, delay_ns: float) -> Row | None:
 
 
 def behind_net(volts: Float, metadata: CaptureMetadata, net_m: Float, covered: Bool) -> Float:
-    """Return the volts of a frame whose covered pixels get most of their light from a net."""
+    """Return the volts of a frame with an added net: in covered pixels, most of the light comes from the net."""
     phasors = volts[:, 0] + 1j * volts[:, 1]
     fwhm_ns, period_ns = metadata.pulse.fwhm_ns, metadata.modulation.periods_ns[0]
     left = [pulse_response(h, fwhm_ns=fwhm_ns, period_ns=period_ns) for h in metadata.modulation.harmonics]

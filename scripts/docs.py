@@ -12,9 +12,15 @@ from docs_site.stage import ROOT, stage
 
 
 def main() -> None:
-    """Build it."""
+    """Build the site, or print the problems that were found."""
     parser = argparse.ArgumentParser(prog="scripts/docs", description=__doc__)
-    parser.add_argument("out", nargs="?", type=Path, default=ROOT / "out" / "site", help="folder of the site; replaced")
+    parser.add_argument(
+        "out",
+        nargs="?",
+        type=Path,
+        default=ROOT / "out" / "site",
+        help="folder of the site; an existing one is replaced",
+    )
     out: Path = parser.parse_args().out
     problems = build(out)
     print("\n".join(problems) if problems else f"site: {out / 'index.html'}")
@@ -22,7 +28,7 @@ def main() -> None:
 
 
 def build(out: Path, /) -> list[str]:
-    """Build the site into a folder, which is replaced, and return what is wrong with it."""
+    """Build the site into a folder, which is replaced; return the problems that were found."""
     with tempfile.TemporaryDirectory() as place:
         stage(Path(place) / "pages")
         site = Path(place) / "site"

@@ -1,4 +1,4 @@
-"""What it costs to take a wall without MPI for a room: `python scripts/flat_walls.py` prints the rows of docs/diffuse.md."""
+"""Measure what a tail costs on a wall without MPI: `python scripts/flat_walls.py` prints the rows of docs/diffuse.md."""
 
 import argparse
 
@@ -19,7 +19,7 @@ DISTANCES_M = (1.0, 2.0, 3.5)
 
 
 def main() -> None:
-    """Print a row per integration length: one path, and a tail that is forced on the wall."""
+    """Print a row per integration length: errors of one path, and of a tail that is forced on the wall."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     print("| wall without MPI, n_av | one path, cm | `--mpi-model diffuse`, cm | ratio |")
     print("|---|---|---|---|")
@@ -34,7 +34,7 @@ WAYS: tuple[tuple[SolverName, MpiModel], ...] = (("one-path", "discrete"), ("two
 
 
 def exposure(distance_m: float) -> Exposure:
-    """A wall before a QVGA camera."""
+    """Return a wall before a QVGA camera."""
     camera = Camera()
     metadata = CaptureMetadata(pixel=Pixel(integration_length=1e5), optics=camera.optics)
     return Exposure(scene=Wall(distance_m=distance_m), camera=camera, metadata=metadata, seed=11)

@@ -1,20 +1,21 @@
-"""Hands spoiled input to everything that reads: frames, planes, maps, truth, settings, calibrations, records, options, stdin.
+"""Give damaged input to every reader: frames, planes, maps, truth, settings, calibrations, records, options, stdin.
 
     scripts/fuzz [--for SECONDS] [--inputs N] [--first N] [--readers NAME,…] [--jobs N]
     scripts/fuzz --repeat READER:NUMBER
     scripts/fuzz --guided [--for SECONDS] [--readers NAME,…]
 
-An input is a sound sample that was spoiled by something that knows its structure; its number makes it again. It is read in a
-child with limits: what takes over 5 s, crashes, raises anything but a CadtofError, says "unexpected", prints, or takes over
-512 MB is told with the number, and status 1. `--repeat` writes such an input into the current folder and reads it here.
+An input is a sound sample, damaged by code that knows its structure; the number of an input is enough to make it again.
+A child process with limits reads it. An input fails if its reader takes over 5 s or over 512 MB, crashes, raises
+anything but a CadtofError, says "unexpected", or prints something. Every failure is reported with the number of the
+input, and the exit status is then 1. `--repeat` writes an input into the current folder, and reads it in this process.
 
-`--guided` lets libFuzzer choose what to spoil further, by what code an input reaches, where atheris is installed (`pip install
-atheris`); what must not be is left in fuzz-READER in the current folder.
+With `--guided`, libFuzzer chooses which inputs to damage further, by the code that they reach. This needs atheris (`pip
+install atheris`). Inputs that fail are kept in fuzz-READER in the current folder.
 """
 
 import argparse
+import contextlib
 import importlib.util
-import os
 import re
 import subprocess
 import sys
@@ -31,25 +32,22 @@ GUIDED_S = 600.0
 
 
 def repeat(reader: str, number: int) -> int:
-    """Read one input here."""
-    before = Path.cwd()
+    """Write one input into the current folder, and read it in this process."""
     with sound_place() as place:
         content = input_of(READERS[reader], number, place)
-        kept = before / f"{number}-{reader}"
+        kept = Path.cwd() / f"{number}-{reader}"
         kept.write_bytes(content)
         print(f"{kept}: {len(content):,} bytes")
-        os.chdir(place)
-        try:
-            READERS[reader].read(place, content)
-        except CadtofError as error:
-            print(f"refused: {error}")
-        finally:
-            os.chdir(before)
+        with contextlib.chdir(place):
+            try:
+                READERS[reader].read(place, content)
+            except CadtofError as error:
+                print(f"refused: {error}")
     return 0
 
 
 def summary(tally: Tally, seconds: float) -> str:
-    """Return the figures."""
+    """Return the numbers of a campaign as text."""
     by_reader = ", ".join(f"{name} {count:,}" for name, count in sorted(tally.inputs.items()))
     found = ", ".join(f"{tally.count(kind)} {kind}" for kind in ("hang", "crash", "exception", "output", "memory"))
     return (
@@ -59,7 +57,7 @@ def summary(tally: Tally, seconds: float) -> str:
 
 
 def guided(readers: list[str], seconds: float) -> int:
-    """Let libFuzzer lead, one reader after the other."""
+    """Let libFuzzer choose the inputs, for one reader after the other; return the exit status."""
     if importlib.util.find_spec("atheris") is None:
         print("atheris is not installed: pip install atheris", file=sys.stderr)
         return 2
@@ -83,15 +81,13 @@ def guided(readers: list[str], seconds: float) -> int:
 def run() -> int:
     """Run the campaign that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--for", dest="seconds", type=float, metavar="SECONDS", help="as many inputs as that time takes"
-    )
+    parser.add_argument("--for", dest="seconds", type=float, metavar="SECONDS", help="read inputs for this time")
     parser.add_argument("--inputs", type=int, metavar="N", help=f"number of inputs (default: {INPUTS:,})")
     parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first input of each reader")
     parser.add_argument("--readers", default=",".join(READERS), metavar="NAME,…")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="children at once")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of child processes at once")
     parser.add_argument("--repeat", metavar="READER:NUMBER")
-    parser.add_argument("--guided", action="store_true", help="by atheris, where it is installed")
+    parser.add_argument("--guided", action="store_true", help="let libFuzzer choose the inputs; needs atheris")
     options = parser.parse_args()
     if options.repeat:
         reader, _, number = options.repeat.rpartition(":")

@@ -1,8 +1,11 @@
-"""One reader, fed by libFuzzer, which keeps what reaches new lines of code: started by `scripts/fuzz --guided`; needs atheris.
+"""Run one reader with inputs from libFuzzer, which keeps those that reach new code. Needs atheris.
+
+`scripts/fuzz --guided` starts it:
 
     python scripts/fuzz_guided.py READER SECONDS FOLDER
 
-FOLDER gets the inputs that were kept, and, named by what they did (crash-…, timeout-…, oom-…), those that must not be.
+FOLDER gets the inputs that libFuzzer keeps, and the inputs that fail, named by how they fail (crash-…, timeout-…,
+oom-…).
 """
 
 import contextlib
@@ -22,15 +25,15 @@ with atheris.instrument_imports(include=["cadtof_cli", "tifffile"], enable_loade
 MOST_LENGTH = 2**17
 
 GENERAL_SHARE = 0.3
-"""How often libFuzzer changes an input by its own ways, not by ours."""
+"""Share of inputs that libFuzzer changes by its own methods; the others are changed by ours."""
 
 
 def run(name: str, seconds: int, folder: Path) -> None:
-    """Feed the reader until the time is over."""
+    """Give inputs to the reader until the time is over."""
     reader = READERS[name]
     kept = folder / "kept"
     kept.mkdir(parents=True, exist_ok=True)
-    # libFuzzer ends the process: what it leaves of the sound files is for the system to clear away
+    # libFuzzer ends the process here, so this folder is not removed: the system has to clear it away
     with sound_place() as place:
         os.chdir(place)
         for number, sample in enumerate(reader.samples(place)):

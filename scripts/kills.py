@@ -1,11 +1,12 @@
-"""Kills runs at random moments, goes on with them, and holds what comes out against a run that nobody disturbed.
+"""Kill runs at random moments, resume them, and compare the results with a run that was not disturbed.
 
     scripts/kills [--kills 200] [--seed 0] [--kinds resolve,resume,stacks,overwrite,cluster]
 
-Five kinds of run of 60 frames in turn: `resolve`, a `--resume` that is killed too, stacks, `--overwrite` of a run with other
-settings, and `resolve` on a cluster; three victims in turn: the parent, a worker, and both, or on a cluster its scheduler. After
-the last `--resume`, on this machine, every map, `run.json` and `frames.jsonl` must be those of the undisturbed run, but for
-times, and nothing else may lie in the folder. Without dask (extra cluster) there is no kind `cluster`.
+Five kinds of run take turns, each of 60 frames: `resolve`, a `--resume` that is killed too, stacks, `--overwrite` of a
+run with other settings, and `resolve` on a cluster. Three victims take turns: the parent, a worker, and both; on a
+cluster, the third is the scheduler. After the last `--resume`, on this machine, every map, `run.json` and
+`frames.jsonl` must equal those of the undisturbed run, apart from times, and the folder must hold nothing else. Without
+dask (extra cluster), the kind `cluster` is left out.
 """
 
 import argparse
@@ -35,7 +36,7 @@ KINDS = ("resolve", "resume", "stacks", "overwrite", "cluster")
 
 
 def capture_of_frames(folder: Path) -> Path:
-    """Record 60 different small frames, a file each."""
+    """Record 60 different small frames, one per file."""
     record(folder, frames=0)
     for index in range(FRAMES):
         write_frame(folder / f"frame_{index:03}.tif", step_frame(np.random.default_rng(index)))
@@ -53,7 +54,8 @@ def capture_of_stacks(folder: Path) -> Path:
 
 
 def started(*arguments: object) -> int:
-    """Start `cadtof resolve` in a process of its own, forked from this one, so that kills hit work and not imports."""
+    """Start `cadtof resolve` in a fork of this process, so that kills hit the work and not the imports; return its
+    process id."""
     pid = os.fork()
     if pid:
         return pid
@@ -79,14 +81,14 @@ def status_of(pid: int) -> int:
 
 
 def workers_of(pid: int) -> list[int]:
-    """Return the processes that another has started."""
+    """Return the child processes of a process."""
     with contextlib.suppress(OSError):
         return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     return []
 
 
 def kill_after(seconds: float, pid: int, victim: str, rng: random.Random) -> int:
-    """Kill a run's parent, a worker, or both after a time; return how the run ended."""
+    """Kill a run's parent, a worker or two, or both after a time; return the exit status of the run."""
     time.sleep(seconds)
     if victim != "parent":
         for worker in workers_of(pid)[: rng.randint(1, 2)]:
@@ -97,9 +99,14 @@ def kill_after(seconds: float, pid: int, victim: str, rng: random.Random) -> int
     return status_of(pid)
 
 
+def undisturbed(capture: Path) -> Path:
+    """Return the folder of the undisturbed run of a capture."""
+    return capture.with_name(f"undisturbed_{capture.name}")
+
+
 def one_kill(kind: str, victim: str, captures: dict[str, Path], out: Path, took: float, rng: random.Random) -> None:
-    """Kill one run, go on with it, and compare; raises AssertionError where something differs."""
-    capture, fresh = captures["stacks" if kind == "stacks" else "resolve"], out.with_name(f"fresh_{kind == 'stacks'}")
+    """Kill one run, resume it, and compare; raises AssertionError if something differs."""
+    capture = captures["stacks" if kind == "stacks" else "frames"]
     overwriting: tuple[str, ...] = ()
     if kind == "overwrite":
         assert status_of(started(capture, "-o", out, "--order", 1)) == 0
@@ -110,21 +117,21 @@ def one_kill(kind: str, victim: str, captures: dict[str, Path], out: Path, took:
         kill_after(rng.uniform(0.0, took), started(capture, "-o", out, "--resume"), victim, rng)
     status = status_of(started(capture, "-o", out, "--resume"))
     if kind == "overwrite" and status == 2:
-        # killed before the old record was replaced: it is still that of the old run, which is not gone on with
+        # the kill came before the new run replaced the record of the old run, which has other settings: it is not resumed
         status = status_of(started(capture, "-o", out, "--overwrite"))
     assert status == 0, f"--resume ended with {status}"
-    require_same_run(out, fresh)
+    require_same_run(out, undisturbed(capture))
 
 
 class Clusters:
-    """A scheduler with two workers of dask, and others in their place when they have been killed."""
+    """A dask scheduler with two workers; those that have been killed are replaced."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._number, self._held = folder, 0, contextlib.ExitStack()
         self._cluster: LocalCluster | None = None
 
     def sound(self) -> LocalCluster:
-        """Return one whose scheduler and two workers live."""
+        """Return a cluster with a living scheduler and two living workers."""
         if self._cluster is None or self._cluster.scheduler.poll() is not None:
             self.close()
             self._number += 1
@@ -142,7 +149,7 @@ class Clusters:
 def one_kill_on_a_cluster(
     victim: str, capture: Path, out: Path, clusters: Clusters, took: float, rng: random.Random
 ) -> None:
-    """Kill a run on a cluster, one of the workers, or the scheduler, go on with the run here, and compare."""
+    """Kill a run on a cluster, one of its workers, or its scheduler; resume the run on this machine, and compare."""
     cluster = clusters.sound()
     pid = started(capture, "-o", out, "--scheduler", cluster.address)
     time.sleep(rng.uniform(0.0, took))
@@ -152,12 +159,12 @@ def one_kill_on_a_cluster(
         living = [worker for worker in cluster.workers if worker.poll() is None]
         (cluster.scheduler if victim == "both" else rng.choice(living)).kill()
     status = status_of(pid)
-    # a scheduler that is gone before a run has found it is a wrong option
+    # if the scheduler is gone before the run connects to it, the option --scheduler is wrong: status 2
     allowed = {"parent": {0, -signal.SIGKILL}, "worker": {0}, "both": {0, 1, 2}}[victim]
     assert status in allowed, f"ended with {status}"
     status = status_of(started(capture, "-o", out, "--resume"))
     assert status == 0, f"--resume ended with {status}"
-    require_same_run(out, out.with_name("fresh_False"))
+    require_same_run(out, undisturbed(capture))
 
 
 def kinds_there() -> tuple[str, ...]:
@@ -167,25 +174,25 @@ def kinds_there() -> tuple[str, ...]:
 
 
 def campaign(kills: int, seed: int, say: Callable[[str], None], *, kinds: Sequence[str]) -> list[str]:
-    """Kill so many runs; return what went wrong."""
+    """Kill `kills` runs; return the faults."""
     rng, faults = random.Random(seed), list[str]()
     with tempfile.TemporaryDirectory(prefix="kills-") as place, contextlib.ExitStack() as held:
         here = Path(place)
         clusters = Clusters(here / "cluster")
         held.callback(clusters.close)
-        captures = {"resolve": capture_of_frames(here / "frames"), "stacks": capture_of_stacks(here / "stacks")}
+        captures = {"frames": capture_of_frames(here / "frames"), "stacks": capture_of_stacks(here / "stacks")}
         took = 0.0
-        for kind, capture in captures.items():
+        for capture in captures.values():
             began = time.monotonic()
-            assert status_of(started(capture, "-o", here / f"fresh_{kind == 'stacks'}")) == 0
+            assert status_of(started(capture, "-o", undisturbed(capture))) == 0
             took = max(took, time.monotonic() - began)
         for number in range(kills):
             kind, victim = kinds[number % len(kinds)], VICTIMS[number // len(kinds) % len(VICTIMS)]
             out = here / "out"
             try:
                 if kind == "cluster":
-                    # it takes its time to connect, too
-                    one_kill_on_a_cluster(victim, captures["resolve"], out, clusters, 3 * took, rng)
+                    # connecting to the scheduler takes time, too
+                    one_kill_on_a_cluster(victim, captures["frames"], out, clusters, 3 * took, rng)
                 else:
                     one_kill(kind, victim, captures, out, took, rng)
             except AssertionError as error:

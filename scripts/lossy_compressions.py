@@ -1,6 +1,7 @@
-"""What lossy compression of frames does to depths: `python scripts/lossy_compressions.py` prints the table of docs/formats.md.
+"""Measure how lossy compression of frames changes depths, and print the table of docs/formats.md.
 
-A frame of sample_data is written without and with each compression, read and resolved: what depths move by is its doing alone.
+A frame of sample_data is written without and with each compression, read, and resolved. Only the compression differs,
+so it alone changes the depths.
 """
 
 import argparse
@@ -21,10 +22,10 @@ from cadtof_cli import Frame, read_frames, resolve
 ROOT = Path(__file__).parents[1]
 
 SCENES = ("card", "corner")
-"""Two separate paths, and diffuse MPI."""
+"""`card` has two separate paths, `corner` diffuse MPI."""
 
 VOLTS_PER_COUNT, ZERO_COUNTS = 6e-5, 8192.0
-"""Of 14 bits."""
+"""Scale of counts with 14 bits."""
 
 Stored = NDArray[Any]
 Write = Callable[[Path, Stored], None]
@@ -32,7 +33,7 @@ Write = Callable[[Path, Stored], None]
 
 @dataclass(frozen=True)
 class Way:
-    """A compression: its name, the type of what it compresses, and how it is written."""
+    """A compression: its name, the dtype of the values, and the function that writes a file with it."""
 
     name: str
     dtype: str
@@ -40,7 +41,7 @@ class Way:
 
 
 def exr(compression: Any) -> Write:
-    """Return how an EXR file of the channels H1.SC1, … is written."""
+    """Return a function that writes an EXR file with the channels H1.SC1, …"""
 
     def write(path: Path, stored: Stored) -> None:
         planes = stored.reshape(4, *stored.shape[2:])
@@ -51,7 +52,11 @@ def exr(compression: Any) -> Write:
 
 
 def exr_planes(compression: Any) -> Write:
-    """Return how a plane after the other becomes the luminance of an EXR file; the frame is what is read back of them."""
+    """Return a function that writes an EXR file with the losses of a compression that needs luminance.
+
+    It writes each plane as the luminance of a file with that compression, reads it back, and stores the planes that it
+    has read without further loss.
+    """
 
     def write(path: Path, stored: Stored) -> None:
         back = []
@@ -66,7 +71,7 @@ def exr_planes(compression: Any) -> Write:
 
 
 def tiff(compression: str | None, **options: Any) -> Write:
-    """Return how a TIFF file is written."""
+    """Return a function that writes a TIFF file."""
 
     def write(path: Path, stored: Stored) -> None:
         tifffile.imwrite(
@@ -97,7 +102,7 @@ WAYS = (
 def main() -> None:
     """Print the table."""
     argparse.ArgumentParser(description=__doc__).parse_args()
-    # the table says it, and each capture would
+    # the package warns of every lossy file; the table says so anyway
     logging.getLogger("cadtof_cli").setLevel(logging.ERROR)
     print(
         "| compression | of | voltages move by, mV RMS | "
@@ -118,7 +123,7 @@ def _two_digits(value: float) -> str:
 
 
 def moves(frame: Frame, way: Way) -> tuple[float, float, float]:
-    """Return what a compression moves voltages by (RMS), and depths (median and 90 % in mm)."""
+    """Return by how much a compression changes voltages (RMS in V), and depths (median and 90 % in mm)."""
     voltage = frame.metadata.voltage
     volts = frame.stored.astype(np.float64)
     if voltage.volts_per_count is not None:
@@ -133,7 +138,7 @@ def moves(frame: Frame, way: Way) -> tuple[float, float, float]:
 
 
 def _stored(volts: Stored, dtype: str) -> tuple[Stored, dict[str, float]]:
-    """Return voltages as a camera stores them in a type, and the settings that say how."""
+    """Return voltages as a camera stores them with a dtype, and the settings that describe the scale."""
     if dtype.startswith("float"):
         return volts.astype(dtype), {}
     bits = 8 if dtype == "uint8" else 14
@@ -147,7 +152,7 @@ def _lossless(way: Way) -> Write:
 
 
 def _read_back(frame: Frame, stored: Stored, scale: dict[str, float], write: Write) -> Frame:
-    """Return a frame that was written and read again."""
+    """Write a frame, read it again, and return it."""
     known = frame.metadata
     settings = {
         "pixel.integration_length": known.pixel.integration_length,

@@ -22,7 +22,7 @@ WALL_M = 3.35
 
 
 def main() -> None:
-    """Write the captures, in place of those that are there."""
+    """Write the captures, and replace those that exist."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=ROOT / "sample_data", help="folder of the captures")
     out = parser.parse_args().out
@@ -37,7 +37,7 @@ def main() -> None:
 
 
 def captures() -> dict[str, RecordSettings]:
-    """Return what is recorded, by folder name."""
+    """Return the settings of every recording, by the name of its folder."""
     petzval = Camera(petzval_m=(-0.06, 0.015))
     return {
         "card": _capture(Card(), frame_format="exr"),

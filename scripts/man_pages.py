@@ -1,7 +1,7 @@
-"""Man pages of every command, from its help by click-man: `python scripts/man_pages.py FOLDER`. setup.py puts them into wheels.
+"""Write a man page of every command, from its help by click-man: `python scripts/man_pages.py FOLDER`.
 
-Added is what click-man leaves out: headings among the options, the example at the end, paragraphs that stay as they are, and
-text that roff takes for its own.
+setup.py puts the pages into wheels. This module adds what click-man leaves out: headings among the options, the example
+at the end, paragraphs that are not refilled, and escapes for text that roff would take for its own.
 """
 
 import argparse
@@ -18,18 +18,18 @@ from cadtof_cli.cli import COMMANDS, cli
 from cadtof_cli.commands.help import SectionedCommand
 
 _NO_DATE = ""
-"""The same source gives the same pages."""
+"""Pages have no date, so that the same source gives the same pages."""
 
 
 def main() -> None:
-    """Write the pages into the folder that is named."""
+    """Write the pages into the folder of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path, help="where the pages go, made if need be")
+    parser.add_argument("folder", type=Path, help="folder of the pages; created if it does not exist")
     write_man_pages(parser.parse_args().folder)
 
 
 def write_man_pages(folder: Path, /) -> list[Path]:
-    """Write a page for each command into a folder, which is made if need be, and return the files."""
+    """Write a page for every command into a folder, which is created if it does not exist, and return the files."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for context in contexts():
@@ -39,7 +39,7 @@ def write_man_pages(folder: Path, /) -> list[Path]:
 
 
 def contexts() -> Iterator[click.Context]:
-    """Yield a context for every command: the program, its commands, and the commands of those that are groups."""
+    """Yield a context for every command: the program, its commands, and the commands of its groups."""
     program = click.Context(cli, info_name="cadtof")
     yield program
     waiting = [(program, name) for name in COMMANDS]
@@ -60,7 +60,7 @@ def man_page(context: click.Context, /) -> str:
     page = ManPage(name)
     page.version, page.date = __version__, _NO_DATE
     help_text = cleandoc(command.help or "")
-    # a page's name line ends what `apropos` shows
+    # `apropos` shows this text after the name of the page, without a full stop
     page.short_help = COMMANDS.get(name.partition(" ")[2], command.short_help or help_text.partition("\n")[0]).rstrip(
         "."
     )
@@ -68,13 +68,13 @@ def man_page(context: click.Context, /) -> str:
     page.synopsis = " ".join(command.collect_usage_pieces(context))
     page.options = _options(context)
     page.commands = list(_commands(context))
-    # pages of commands in a group are named with - between
+    # the page of a command in a group is named with a hyphen: GROUP-COMMAND
     text = str(page).replace(f"See \\fB{name}-", f"See \\fB{name.replace(' ', '-')}-")
     return f"{text}{_example(command.epilog or '')}{_see_also(context)}"
 
 
 def option_sections(command: click.Command, /) -> dict[str, list[click.Option]]:
-    """Return the options of a command by the headings that its help shows them under."""
+    """Return the options of a command, by the headings in its help."""
     if isinstance(command, SectionedCommand):
         return command.sections(command.params)
     options = [param for param in command.params if isinstance(param, click.Option)]
@@ -82,7 +82,7 @@ def option_sections(command: click.Command, /) -> dict[str, list[click.Option]]:
 
 
 def _options(context: click.Context) -> list[tuple[str, str]]:
-    """Return the options and what they do; what stands before a further heading ends with that, as click-man knows none."""
+    """Return the options with their help. click-man knows no headings, so a heading ends the help of the option before it."""
     found: list[tuple[str, str]] = []
     for title, options in option_sections(context.command).items():
         if found:
@@ -104,7 +104,7 @@ def _commands(context: click.Context) -> Iterator[tuple[str, str]]:
 
 
 def _described(help_text: str) -> str:
-    """Return paragraphs as roff; those that click is not to fill stay as they are."""
+    """Return paragraphs as roff; paragraphs that click does not refill keep their lines."""
     return "\n.PP\n".join(
         f".nf\n{_lines(part.removeprefix(chr(8)).lstrip())}\n.fi" if part.startswith("\b") else _lines(part)
         for part in re.split(r"\n\s*\n", help_text)
@@ -112,7 +112,7 @@ def _described(help_text: str) -> str:
 
 
 def _lines(text: str) -> str:
-    r"""Return text in which roff takes no line for a request and no sign for an escape."""
+    r"""Return text in which roff finds no request at the start of a line, and no escape."""
     return "\n".join(re.sub(r"^([.'])", r"\\&\1", line.replace("\\", r"\e")) for line in text.splitlines())
 
 

@@ -1,4 +1,4 @@
-"""Measure what the resolver cannot know, and write the pages, tables and figures of docs/limits."""
+"""Measure the limits of the resolver, and write the pages, tables and figures of docs/limits."""
 
 import argparse
 import time
@@ -22,7 +22,7 @@ def main() -> None:
         "motion": lambda out, quick: motion(out, runs=20 if quick else 400),
     }
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", help=f"of {', '.join(parts)}; default: all")
+    parser.add_argument("parts", nargs="*", help=f"which of {', '.join(parts)} [default: all]")
     parser.add_argument("--quick", action="store_true", help="few pixels; noisier numbers, into out/limits")
     parser.add_argument("--out", type=Path, help="folder [default: docs/limits; --quick: out/limits]")
     arguments = parser.parse_args()

@@ -1,13 +1,13 @@
-"""Measures how much memory runs take: the peak of the proportional set size (PSS), in which what processes share counts once.
+"""Measure how much memory runs take: the peak of the proportional set size (PSS), which counts shared memory once.
 
     scripts/memory [--frames 10000] [--side 4096] [--models discrete,diffuse]
 
-First a run of 10,000 small frames by two jobs over one of 100, of all processes together; then one frame of 4096 × 4096 pixels,
-for each model of MPI. Status 1 where a figure is worse than what is asked: 1.15, and 1 GB.
+First, a run of 10,000 small frames by two jobs is compared with a run of 100, all processes together. Then one frame of
+4096 × 4096 pixels is resolved with each model of MPI. The status is 1 if a figure exceeds its limit: a ratio of 1.15,
+or 1 GB.
 """
 
 import argparse
-import contextlib
 import subprocess
 import sys
 import tempfile
@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import tifffile
+from speed.measure import tree_memory
 
 from tests.support.captures import TOML, counts_of, record, write_pages
 from tests.support.forward import step_frame
@@ -28,32 +29,13 @@ MOST_RATIO, MOST_BYTES = 1.15, 10**9
 PAUSE_S = 0.02
 
 
-def processes_of(pid: int) -> list[int]:
-    """Return a process and all that it has started."""
-    found = [pid]
-    with contextlib.suppress(OSError):
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            for child in (task / "children").read_text().split():
-                found += processes_of(int(child))
-    return found
-
-
-def pss_of(pid: int) -> int:
-    """Return a process's share of memory in bytes; 0 where it has ended."""
-    with contextlib.suppress(OSError):
-        for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
-            if line.startswith("Pss:"):
-                return int(line.split()[1]) * 1024
-    return 0
-
-
 def peak_of_run(capture: Path, out: Path, *options: object) -> int:
-    """Resolve a capture; return the most bytes that all its processes have had at once."""
+    """Resolve a capture; return the peak memory of all its processes together, in bytes."""
     command = [sys.executable, "-m", "cadtof_cli", "resolve", capture, "-o", out, "-q", *options]
     with subprocess.Popen([*map(str, command)], env=ENVIRONMENT) as run:
         peak = 0
         while run.poll() is None:
-            peak = max(peak, sum(map(pss_of, processes_of(run.pid))))
+            peak = max(peak, tree_memory(run.pid, "Pss"))
             time.sleep(PAUSE_S)
     if run.returncode:
         raise SystemExit(f"{capture}: ended with {run.returncode}")
@@ -61,7 +43,7 @@ def peak_of_run(capture: Path, out: Path, *options: object) -> int:
 
 
 def small_frames(folder: Path, count: int) -> Path:
-    """Record so many frames of 8 × 10 pixels."""
+    """Record `count` equal frames of 8 × 10 pixels."""
     record(folder, frames=0)
     frame = step_frame(np.random.default_rng(1))[:, :, 8:16, 11:21]
     write_pages(folder / "first.tif", counts_of(frame))
@@ -73,7 +55,7 @@ def small_frames(folder: Path, count: int) -> Path:
 
 
 def large_frame(folder: Path, side: int) -> Path:
-    """Record a frame of `side` × `side` pixels: a step, and a wave along it that a tail of MPI may look like."""
+    """Record a frame of `side` × `side` pixels: a small frame with a step, enlarged, with noise."""
     folder.mkdir()
     (folder / "capture.toml").write_text(
         TOML["tif"].replace("28.0", f"{0.875 * side}").replace("[15.0, 10.0]", f"[{side / 2}, {side / 2}]")
@@ -92,8 +74,10 @@ def run() -> int:
     """Measure what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=10_000, metavar="N")
-    parser.add_argument("--side", type=int, default=4096, metavar="PIXELS", help="0 for none")
-    parser.add_argument("--models", default="discrete,diffuse", metavar="MODEL,…", help="of --mpi-model")
+    parser.add_argument(
+        "--side", type=int, default=4096, metavar="PIXELS", help="side of the large frame; 0 leaves it out"
+    )
+    parser.add_argument("--models", default="discrete,diffuse", metavar="MODEL,…", help="values of --mpi-model")
     options = parser.parse_args()
     sound = True
     with tempfile.TemporaryDirectory(prefix="memory-") as place:

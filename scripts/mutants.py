@@ -30,13 +30,13 @@ NAMED = Path(__file__).with_name("mutation") / "named.toml"
 EQUIVALENT = Path(__file__).with_name("mutation") / "equivalent.toml"
 
 IMPORTED = ("numpy", "scipy.optimize", "scipy.stats", "scipy.integrate", "hypothesis", "tifffile", "OpenEXR", "click")
-"""Libraries that every fork finds already there; the package itself is imported in each anew."""
+"""Libraries that are imported before the forks. Every fork imports the package itself anew."""
 
 Key = tuple[str, str, str, str]
 
 
 def main() -> None:
-    """Draw mutants, try them, and report; exit 1 where fewer are killed than asked."""
+    """Draw mutants, try them, and report; exit with 1 if fewer are killed than asked."""
     arguments = _arguments()
     if arguments.named is not None:
         sys.exit(_try_named([change for change in read_changes(NAMED) if arguments.named in change.name]))
@@ -57,32 +57,41 @@ def main() -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="scripts/mutants", description=__doc__)
     parser.add_argument("--count", type=int, default=400, help="mutants to draw [default: 400]")
-    parser.add_argument("--seed", type=int, default=1, help="of the draw [default: 1]")
-    parser.add_argument("--room", action="append", help="a room of the package; may be repeated [default: all six]")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes [default: all cores]")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the draw [default: 1]")
+    parser.add_argument(
+        "--room", action="append", help="a room of the package; may be given several times [default: all six]"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=len(os.sched_getaffinity(0)), help="number of processes [default: all cores]"
+    )
     parser.add_argument(
         "--most-seconds",
         type=float,
         default=math.inf,
-        help="of the processor's time for each mutant: the slower of its tests are left out then [default: no limit]",
+        help="processor time of a mutant's tests: the slower tests beyond it are left out [default: no limit]",
     )
-    parser.add_argument("--least", type=float, default=0.9, help="share to be killed; exit 1 below [default: 0.9]")
     parser.add_argument(
-        "--survivors", type=Path, default=ROOT / "out" / "mutants.jsonl", help="list of those that survive"
+        "--least",
+        type=float,
+        default=0.9,
+        help="share of mutants that must be killed; below it, exit with 1 [default: 0.9]",
     )
-    parser.add_argument("--again", type=Path, help="try the mutants of such a list instead of drawing")
+    parser.add_argument(
+        "--survivors", type=Path, default=ROOT / "out" / "mutants.jsonl", help="file for the mutants that survive"
+    )
+    parser.add_argument("--again", type=Path, help="try the mutants of such a file instead of drawing")
     parser.add_argument(
         "--named",
         nargs="?",
         const="",
         metavar="PART",
-        help="make the changes of scripts/mutation/named.toml instead, one at a time; PART: those with it in their names",
+        help="make the changes of scripts/mutation/named.toml instead, one at a time; PART: only those with PART in their names",
     )
     return parser.parse_args()
 
 
 def _try_named(changes: Sequence[Change]) -> bool:
-    """Make every change alone, say which test notices it, and return whether one goes unnoticed or a text is gone."""
+    """Make every change alone, print which test notices it, and return whether a change goes unnoticed."""
     _require_texts(changes)
     for name in IMPORTED:
         importlib.import_module(name)
@@ -107,7 +116,7 @@ def _try_named(changes: Sequence[Change]) -> bool:
 
 
 def _require_texts(changes: Sequence[Change]) -> None:
-    """Make sure, before any test is run, that all that is to be changed stands in the package."""
+    """Make sure, before any test runs, that every text that is to be replaced stands in the package."""
     gone = []
     for change, kernel in itertools.product(changes, (False, True)):
         try:
@@ -119,7 +128,7 @@ def _require_texts(changes: Sequence[Change]) -> None:
 
 
 def _outcomes(chosen: Sequence[Mutant], jobs: int, most_s: float) -> Iterator[Outcome]:
-    """Yield what becomes of the mutants, as they end."""
+    """Yield the outcomes of the mutants, in the order in which they end."""
     for name in IMPORTED:
         importlib.import_module(name)
     rooms = tuple(sorted({mutant.room for mutant in chosen}))
@@ -149,7 +158,7 @@ def _start(place: Path, calls: Calls, most_s: float) -> None:
 
 
 def _folder(place: Path) -> Path:
-    """Make a folder of this process's own."""
+    """Make a folder for this process alone."""
     own = Path(tempfile.mkdtemp(dir=place))
     own.chmod(0o755)
     return own
@@ -160,7 +169,7 @@ def _try(mutant: Mutant, *, quick: bool) -> Outcome:
 
 
 def _equivalent(path: Path) -> dict[Key, str]:
-    """Return the reasons why known survivors change nothing that can be seen, by what names them."""
+    """Return, for known survivors, the reason why they change nothing that can be seen, by the key of the mutant."""
     entries = tomllib.loads(path.read_text(encoding="utf-8")).get("mutant", [])
     return {(e["room"], e["function"], e["before"], e["after"]): e["reason"] for e in entries}
 
@@ -191,7 +200,7 @@ def _tell(number: int, count: int, outcome: Outcome, known: dict[Key, str]) -> N
 
 
 def _report(outcomes: Sequence[Outcome], known: dict[Key, str]) -> float:
-    """Print a line a room, and return the share of all mutants that were killed, equivalent ones counted against us."""
+    """Print a line per room, and return the share of all mutants that were killed; equivalent mutants count as not killed."""
     print(f"{'room':<14}{'mutants':>8}{'killed':>8}{'endless':>8}{'equivalent':>12}{'survived':>10}{'killed':>9}")
     rooms = sorted({outcome.mutant.room for outcome in outcomes})
     rate = 0.0

@@ -1,4 +1,4 @@
-"""Writes a frame by every program in tests/outside, reads it, and puts the table into docs/formats.md."""
+"""Write a frame by every program in tests/outside, read it, and put the table of results into docs/formats.md."""
 
 import argparse
 import importlib.metadata
@@ -17,7 +17,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "formats.md"
 BEGIN, END = "<!-- table: scripts/outside_files -->\n", "<!-- end of table -->\n"
 
 LINE = 140
-"""Letters on a line of the page, at most."""
+"""Largest number of characters on a line of the page."""
 
 PACKAGES = (
     "tifffile",
@@ -34,7 +34,7 @@ PROGRAMS = (("tiffcp", "-h"), ("convert", "-version"))
 
 
 def row(case: Case) -> tuple[str, bool]:
-    """Return a row of the table, and whether the case came out as it should."""
+    """Return a row of the table, and whether the result is the expected one."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             told = tried(case, Path(folder))
@@ -50,7 +50,7 @@ def row(case: Case) -> tuple[str, bool]:
 
 
 def versions() -> str:
-    """Return what the table was made with."""
+    """Return the versions of the packages and programs with which the table is made."""
     found = [f"{name} {importlib.metadata.version(name)}" for name in PACKAGES]
     for program, option in PROGRAMS:
         told = subprocess.run([program, option], capture_output=True, text=True, check=False)
@@ -60,7 +60,7 @@ def versions() -> str:
 
 
 def main() -> int:
-    """Try all cases and write the table; the exit status is 1 where one is not as it should be."""
+    """Try all cases, and write the table; return 1 if a result is not the expected one."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     warnings.simplefilter("ignore")
     rows = [row(case) for case in CASES]

@@ -1,12 +1,13 @@
-"""Render rooms by another program, Mitsuba with mitransient, as captures with truth, to see what diffuse MPI is worth in them.
+"""Render rooms as captures with truth by another program, Mitsuba with mitransient, to test the prediction of diffuse
+MPI.
 
-`python scripts/render_mitsuba_rooms.py OUT --seeds 0-2` writes OUT/ROOM_SEED_h2 (periods 40 and 20 ns) and ROOM_SEED_h3 (and
-13.3 ns, with the same light for all harmonics together) of 14 kinds of rooms: kitchens and furniture that scene_synthesizer
-draws, stairs, a corridor, a bathroom, curved walls; matt and glossy surfaces, metal, mirrors, glass, windows. Folders that
-exist are kept.
+`python scripts/render_mitsuba_rooms.py OUT --seeds 0-2` renders 14 kinds of rooms. It writes OUT/ROOM_SEED_h2 (periods
+40 and 20 ns) and OUT/ROOM_SEED_h3 (13.3 ns as well, with the same light for all harmonics together). The rooms are
+kitchens and rooms with furniture that scene_synthesizer draws, stairs, a corridor, a bathroom, and rooms with curved
+walls. Their surfaces are matt, glossy, metal, mirrors or glass; some rooms have windows. Existing folders are kept.
 
-It wants `pip install mitsuba mitransient scene_synthesizer`, and a recent LLVM (19 is enough for Mitsuba 3.9, 16 is not), which
-DRJIT_LIBLLVM_PATH may name.
+It needs `pip install mitsuba mitransient scene_synthesizer`, and a recent LLVM (19 is enough for Mitsuba 3.9, 16 is
+not); DRJIT_LIBLLVM_PATH may name its library.
 """
 
 import argparse
@@ -39,17 +40,19 @@ from cadtof_cli.units import FWHM_PER_SIGMA
 
 PERIODS_NS = (40.0, 20.0, 40.0 / 3)
 HIGHEST = 6
-"""Twice the last harmonic: the covariance of its voltages needs as many moments."""
+"""Highest moment: twice the last harmonic, as the covariance of its voltages needs."""
 
 
 def main() -> None:
-    """Render the rooms that are not there yet."""
+    """Render the rooms that do not exist yet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of the captures")
-    parser.add_argument("--rooms", default=",".join(ROOMS), help="which, by name")
+    parser.add_argument("--rooms", default=",".join(ROOMS), help="names of the kinds of rooms")
     parser.add_argument("--seeds", default="0", help="first and last seed")
-    parser.add_argument("--even-lamp", action="store_true", help="light behind the camera, too, instead of a beam")
-    parser.add_argument("--samples", type=int, default=1024, help="light paths of every pixel")
+    parser.add_argument(
+        "--even-lamp", action="store_true", help="a lamp that shines evenly all around instead of in a beam"
+    )
+    parser.add_argument("--samples", type=int, default=1024, help="number of light paths per pixel")
     parser.add_argument("--integration-length", type=float, default=1e5, help="n_av of a capture of two harmonics")
     parser.add_argument("--asr", type=float, default=3.0, help="ambient photons over the median of direct ones")
     parser.add_argument("--width", type=int, default=160, help="columns; rows are three quarters of it")
@@ -118,7 +121,7 @@ def _write(
 
 
 def _statistics(light: Complex, ambient: float, metadata: CaptureMetadata) -> VoltageStatistics:
-    """Return the distribution of the voltages under light of these moments, with even ambient light."""
+    """Return the distribution of the voltages for light with these moments and even ambient light."""
     modulation = metadata.modulation
     spread_rad = 2 * math.pi * metadata.pulse.fwhm_ns / FWHM_PER_SIGMA / modulation.periods_ns[0]
     pulse = np.exp(-((np.arange(len(light)) * spread_rad) ** 2) / 2)

@@ -1,8 +1,8 @@
 """Render random rooms as captures with truth: the rooms on which diffuse MPI is measured.
 
-`python scripts/render_rooms.py OUT --seeds 0-11` writes OUT/room_0000_h2 (periods 40 and 20 ns), OUT/room_0000_h3 (and
-13.3 ns, with the same light for all harmonics together) and so on. Folders that exist are kept, so that a run can be
-taken up again. Light is traced once a room, some 8 s on one core.
+`python scripts/render_rooms.py OUT --seeds 0-11` writes OUT/room_0000_h2 (periods 40 and 20 ns), OUT/room_0000_h3 (13.3
+ns as well, with the same light for all harmonics together) and so on. Existing folders are kept, so that an interrupted
+run can go on. The light of a room is traced once, which takes some 8 s on one core.
 """
 
 import argparse
@@ -21,22 +21,24 @@ from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.workflows.simulate.record import RecordSettings, expose, write_capture
 
 FOCAL_PER_WIDTH = (0.72, 1.05)
-"""Lenses from 70° to 51° across, drawn by the seed."""
+"""Limits of the focal length as a multiple of the width: lenses from 70° to 51° across. The seed draws the lens."""
 
 
 def main() -> None:
-    """Render the rooms that are not there yet."""
+    """Render the rooms that do not exist yet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of the captures")
     parser.add_argument("--seeds", default="0-11", help="first and last seed")
-    parser.add_argument("--periods-ns", default="40,20,13.333333333333334", help="the fundamental first")
-    parser.add_argument("--fewest", type=int, default=2, help="harmonics of the smallest capture of each room")
+    parser.add_argument(
+        "--periods-ns", default="40,20,13.333333333333334", help="modulation periods, the fundamental first"
+    )
+    parser.add_argument("--fewest", type=int, default=2, help="number of harmonics of each room's smallest capture")
     parser.add_argument("--integration-length", type=float, default=1e5, help="n_av of a capture of two harmonics")
-    parser.add_argument("--asr", type=float, default=2.0, help="ambient to direct photons")
-    parser.add_argument("--light-paths", type=int, default=128, help="from every fourth pixel")
-    parser.add_argument("--tracing-seed", type=int, default=0, help="of the light paths alone")
+    parser.add_argument("--asr", type=float, default=2.0, help="ambient photons over direct photons")
+    parser.add_argument("--light-paths", type=int, default=128, help="light paths from every fourth pixel")
+    parser.add_argument("--tracing-seed", type=int, default=0, help="seed of the light paths alone")
     parser.add_argument("--lamp-offset-m", default="0,0,0", help="from camera to lamp: right, down, forward")
-    parser.add_argument("--waveform", default="sine", choices=("sine", "triangle"), help="of the modulation")
+    parser.add_argument("--waveform", default="sine", choices=("sine", "triangle"), help="waveform of the modulation")
     parser.add_argument("--net-fill", type=float, help="share of light that a net in the middle of the view sends back")
     parser.add_argument("--width", type=int, default=320, help="columns; rows are three quarters of it")
     chosen = parser.parse_args()
@@ -70,7 +72,7 @@ def _exposure(scene: RandomRoom, modulation: Modulation, integration_length: flo
 
 
 def _render(exposure: Exposure, folders: dict[int, Path]) -> None:
-    """Trace a room once, and write a capture of its first harmonics, as many as each folder asks for."""
+    """Trace a room once, and write a capture per folder, with as many harmonics as the folder asks for."""
     traced = expose(exposure)
     for harmonics, folder in folders.items():
         if not folder.exists():
@@ -79,7 +81,7 @@ def _render(exposure: Exposure, folders: dict[int, Path]) -> None:
 
 
 def _first_harmonics(exposure: Exposure, traced: Band, harmonics: int) -> tuple[Exposure, Band]:
-    """Return the exposure of fewer harmonics, each with a larger share of the same light."""
+    """Return the exposure and the light of fewer harmonics, each with a larger share of the same light."""
     metadata = exposure.metadata
     length = float(round(exposure.integration_length * len(metadata.modulation.periods_ns) / harmonics))
     gain = averaging_gain(length) / averaging_gain(exposure.integration_length)

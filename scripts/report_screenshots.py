@@ -1,4 +1,4 @@
-"""The pictures of docs/report.md: the page of a run of sample frames in a browser, on a wide screen, on a phone, and compared."""
+"""Take the pictures of docs/report.md: the page of a run in a browser, on a wide screen, on a phone, and in comparison."""
 
 import argparse
 import io
@@ -29,7 +29,7 @@ def main() -> None:
 
 
 def recorded_page(folder: Path, scene: str, mpi_model: str) -> Path:
-    """Return the page of a run of a scene, one of whose frames is broken."""
+    """Record a scene with one broken frame, resolve it, and return the page of the run."""
     folder.mkdir()
     settings = ("--frames", "12", "--seed", "4", "--integration-length", "4e5")
     cadtof(folder, "simulate", "--scene", scene, *settings, "-o", "monday", "-q")
@@ -41,7 +41,7 @@ def recorded_page(folder: Path, scene: str, mpi_model: str) -> Path:
 
 
 def cadtof(folder: Path, *arguments: str, status: int = 0) -> None:
-    """Run `cadtof` in a folder; it ends with a status."""
+    """Run `cadtof` in a folder, and end this script if `cadtof` does not end with the expected status."""
     command = [sys.executable, "-m", "cadtof_cli", *arguments]
     done = subprocess.run(command, check=False, capture_output=True, cwd=folder)
     if done.returncode != status:
@@ -49,7 +49,7 @@ def cadtof(folder: Path, *arguments: str, status: int = 0) -> None:
 
 
 def wide(browser: Browser, page: Path) -> None:
-    """A wide screen in the light: totals, failures, frames and viewer."""
+    """Take a wide screen with the light style: totals, failures, frames and viewer."""
     browser.open(page, width=1280, height=1500)
     browser.point("#map", (0.3, 0.35), (0.7, 0.6), drag=True)
     browser.point("h1", (0.5, 0.5))
@@ -58,7 +58,8 @@ def wide(browser: Browser, page: Path) -> None:
 
 
 def compared(browser: Browser, page: Path) -> None:
-    """A wide screen in the dark: the first phasor beside what was resolved, one status bit over both, the profile."""
+    """Take a wide screen with the dark style: first phasor beside the resolved depth, one status bit over both, the
+    profile."""
     browser.open(page, width=1280, height=1240, dark=True)
     browser.click("#compare")
     browser.click("#overlays input")
@@ -68,14 +69,14 @@ def compared(browser: Browser, page: Path) -> None:
 
 
 def phone(browser: Browser, page: Path) -> None:
-    """A phone in the dark: the viewer."""
+    """Take a phone with the dark style: the viewer."""
     browser.open(page, width=390, height=1000, dark=True)
     browser.run("document.querySelector('#viewer').scrollIntoView()")
     taken(browser, "report_phone.png")
 
 
 def taken(browser: Browser, name: str) -> None:
-    """Keep what is seen in a file of docs."""
+    """Save a screenshot as a file of docs."""
     browser.settle()
     with Image.open(io.BytesIO(browser.driver.get_screenshot_as_png())) as picture:
         picture.convert("RGB").save(DOCS / name, optimize=True)

@@ -1,4 +1,4 @@
-"""Make the paper's figures and tables with our simulator and resolver, and one page with ours beside the paper's."""
+"""Make the paper's figures and tables with our simulator and resolver, and a page that shows ours beside the paper's."""
 
 import argparse
 import os
@@ -27,7 +27,7 @@ def main() -> None:
         "--redraw", action="store_true", help="draw Figs. 3, 7, 8 and 9 again from the CSV files that are there"
     )
     parser.add_argument("--out", type=Path, help="folder [default: docs/paper; --quick: out/paper]")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="number of processes")
     arguments = parser.parse_args()
     out = arguments.out or ROOT / ("out/paper" if arguments.quick else "docs/paper")
     out.mkdir(parents=True, exist_ok=True)
@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def redraw(out: Path) -> None:
-    """Draw the figures again whose numbers are all in the CSV files beside them."""
+    """Draw those figures again whose numbers are all in CSV files beside them."""
     draw_figure_3(read_table(out / "fig3.csv"), out)
     draw_figure_7({name: np.loadtxt(out / f"fig7{name}.csv", delimiter=",", skiprows=1).T for name in TABLE_1}, out)
     draw_figures_8_and_9(read_table(out / "fig8_9.csv"), read_table(out / "fig8_9_as_the_paper.csv"), out)

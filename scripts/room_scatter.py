@@ -1,7 +1,8 @@
-"""How far two renderings of the same room differ, beside the MPI that they render: the scatter of `--scene room`.
+"""Measure the scatter of `--scene room`: how far two renderings of a room differ, beside the MPI that they render.
 
-`python scripts/room_scatter.py --seeds 0-5` prints a row per room: CPU seconds of one rendering without noise, median of
-what MPI adds to the first phasor's depth, and median and 90 % of the scatter of that depth (differences over √2).
+`python scripts/room_scatter.py --seeds 0-5` prints a row per room: CPU seconds of one rendering without noise; the
+median depth that MPI adds to the first phasor; median and 90 % of the scatter of the first phasor's depth (differences
+over √2).
 """
 
 import argparse
@@ -24,7 +25,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="0-5", help="first and last seed")
-    parser.add_argument("--light-paths", type=int, default=256, help="from every fourth pixel")
+    parser.add_argument("--light-paths", type=int, default=256, help="light paths from every fourth pixel")
     parser.add_argument("--width", type=int, default=320, help="columns; rows are three quarters of it")
     chosen = parser.parse_args()
     print("| seed | CPU s | MPI, median cm | scatter, median cm | 90 % cm |\n|---|---|---|---|---|")

@@ -1,4 +1,4 @@
-"""The maps of two checkouts, bit for bit: every capture with truth at hand, by every solver, with and without calibration."""
+"""Compare the maps of two checkouts bit by bit: of every capture, by every solver, with and without calibration."""
 
 import argparse
 import json
@@ -43,7 +43,7 @@ RESOLVE: dict[str, str] = {
     "triangle-pool": "--waveform triangle --pool 3 --average 2",
     "saturated": "--saturated-counts 4000,8100",
 }
-"""Options of `cadtof resolve` by the name of the case; every case meets every capture."""
+"""Options of `cadtof resolve` by the name of the case, for all captures; those of three harmonics go without triangles."""
 
 CALIBRATED: dict[str, str] = {
     "petzval-only": "--calibration petzval",
@@ -52,10 +52,10 @@ CALIBRATED: dict[str, str] = {
     "calibrated-order-2": "--calibration all --order 2 --jobs 2",
     "calibrated-lm": "--calibration dark --solver lm --starts 2",
 }
-"""The same with one of the calibrations that OLD makes; only captures that fit it."""
+"""Cases with one of the calibrations that OLD makes, for captures of two harmonics."""
 
 MORE_HARMONICS: dict[str, str] = {"three-paths": "--paths 3", "three-paths-order-3": "--paths 3 --order 3 --jobs 2"}
-"""Cases for captures of three harmonics and more."""
+"""Cases for captures of three harmonics."""
 
 NOISE_UNKNOWN: dict[str, str] = {"noise-unknown": "", "noise-unknown-average": "--average 2 --solver lm --starts 2"}
 """Cases for a copy of the capture that does not say its integration length."""
@@ -63,7 +63,7 @@ NOISE_UNKNOWN: dict[str, str] = {"noise-unknown": "", "noise-unknown-average": "
 
 @dataclass(frozen=True)
 class Checkout:
-    """A tree of the project, and options that its `resolve` is given besides."""
+    """A tree of the project, and further options for its `resolve`."""
 
     root: Path
     more: tuple[str, ...] = ()
@@ -78,10 +78,10 @@ class Checkout:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("old", help="folder of a checkout, or a git revision")
-    parser.add_argument("new", help="the same")
+    parser.add_argument("new", help="folder of a checkout, or a git revision")
     parser.add_argument("--captures", nargs="*", type=Path, help="folders of captures; default: sample_data/*")
     parser.add_argument("--cases", nargs="*", help="names of cases; default: all")
-    parser.add_argument("--new-options", default="", help="options that NEW's resolve gets besides")
+    parser.add_argument("--new-options", default="", help="further options for the `resolve` of NEW")
     arguments = parser.parse_args()
     captures = arguments.captures or sorted(settings.parent for settings in ROOT.glob("sample_data/*/capture.toml"))
     different = compared = 0
@@ -103,10 +103,10 @@ def main() -> int:
 
 @contextmanager
 def tree_of(name: str) -> Iterator[Path]:
-    """Yield the folder of a checkout; a revision is checked out for the time being."""
+    """Yield the folder of a checkout; a revision is checked out into a temporary folder."""
     if Path(name).is_dir():
         if not (Path(name) / "cadtof_cli").is_dir():
-            sys.exit(f"{name}: no checkout: no cadtof_cli in it")  # what is installed would run in its place
+            sys.exit(f"{name}: no checkout: no cadtof_cli in it")  # the installed package would run instead
         yield Path(name).resolve()
         return
     with tempfile.TemporaryDirectory() as place:
@@ -121,9 +121,9 @@ def tree_of(name: str) -> Iterator[Path]:
 
 def cases_of(capture: Path, chosen: Sequence[str] | None) -> Iterator[tuple[str, str]]:
     """Yield names and options of a capture's cases."""
-    text = (capture / "capture.toml").read_text()
-    cases = RESOLVE | NOISE_UNKNOWN | (MORE_HARMONICS if "13.3" in text else CALIBRATED)
-    if "13.3" in text:  # a response that is no sine is resolved for two harmonics
+    three_harmonics = "13.3" in (capture / "capture.toml").read_text()
+    cases = RESOLVE | NOISE_UNKNOWN | (MORE_HARMONICS if three_harmonics else CALIBRATED)
+    if three_harmonics:  # waveforms other than a sine can be resolved with two harmonics only
         cases = {name: options for name, options in cases.items() if not name.startswith("triangle")}
     yield from ((name, options) for name, options in cases.items() if chosen is None or name in chosen)
 
@@ -194,7 +194,7 @@ def lines_of(out: Path) -> list[dict[str, Any]]:
 
 
 def layers_of(path: Path) -> Layers:
-    """Return the layers of a map by name, read by the libraries alone."""
+    """Return the layers of a map by name, read by the libraries and not by cadtof."""
     if path.suffix == ".exr":
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return {name: channel.pixels.copy() for name, channel in file.channels().items()}

@@ -1,11 +1,16 @@
-"""Which frames of two true paths `--mpi-model auto` takes for tails, and what that costs: each has two paths in every pixel.
+"""Measure which frames with two true paths in every pixel `--mpi-model auto` takes for tails, and what that costs.
 
-`python scripts/second_paths.py cards` takes 292 frames of the scenes `card` and `inter-reflection`, `panels --seed 98000` 192 of
-the latter and `drawn --seed 95000` 324 of panes, patterns, steps and mirrors, whose geometry is drawn. It prints a row per kind
-of scene: frames, how many are taken for tails, and the medians of their median errors in cm, as taken and by two paths. Frames
-that are left to two paths must be those of `--mpi-model discrete` to the bit; it fails where one is not. `corners --seed 99200`
-are 240 frames the other way round: corners that fill the view, whose MPI is a short tail. `changing --seed 96500` are 180 whose
-second paths change from pixel to pixel or from block to block.
+`python scripts/second_paths.py FRAMES` resolves one of these sets of frames:
+
+    cards                   292 frames of the scenes `card` and `inter-reflection`
+    panels --seed 98000     192 frames of `inter-reflection`
+    drawn --seed 95000      324 frames of panes, patterns, steps and mirrors, whose geometry is drawn
+    changing --seed 96500   180 frames whose second paths change from pixel to pixel or from block to block
+    corners --seed 99200    240 frames of the opposite kind: corners that fill the view, whose MPI is a short tail
+
+It prints a row per kind of scene: the number of frames, the number of those that are taken for tails, and, over the
+latter, the medians of the frames' median errors in cm, as taken and by two paths. If a frame is not taken for a tail,
+its maps must equal those of `--mpi-model discrete` to the bit; the script fails if they do not.
 """
 
 import argparse
@@ -35,17 +40,18 @@ LENGTHS = {
     "corners": (2e3, 1e4, 1e5, 1e6),
     "changing": (1e4, 1e5, 1e6),
 }
-"""Integration lengths of two harmonics, which three share."""
+"""Integration lengths of two harmonics by set of frames; other numbers of harmonics share the same light."""
 
 KINDS = ("pane", "pane, pattern", "same delay", "slanted", "steps", "ball", "part", "from the side", "weak first")
-"""What is drawn: a pane before a wall; with a pattern on the wall; a second path that is as much later everywhere; whose share
-and delay slant; before boxes; before a ball; in a part of the view; from a mirror at the side; a weak pane before a strong wall.
-"""
+"""Kinds of drawn scenes, in this order: a pane before a wall; the same, with a pattern on the wall; a second path
+that is later by the same delay everywhere; a second path whose share and delay slant; second paths in a view with
+boxes, in one with a ball, in a part of the view, and by way of a mirror at the side; a weak pane before a strong
+wall."""
 
 FARTHEST_M = 5.8
 
 BLOCKS_PX = (1, 2, 5, 10, 20)
-"""Sides of the blocks of pixels that have one second path each, where it changes."""
+"""Sides of blocks of pixels. In scenes that change, the pixels of a block have the same second path."""
 
 Scenes = Iterator[tuple[str, Scene, Camera, tuple[float, ...]]]
 """Kind, scene, camera, and integration lengths."""
@@ -55,7 +61,7 @@ MODELS: tuple[MpiModel, MpiModel] = ("auto", "discrete")
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """Two true paths in every pixel, of one of `KINDS`, or as a class of this one has them; drawn by the seed."""
+    """A scene with two true paths in every pixel, of one of `KINDS` or of a derived class; the seed draws its geometry."""
 
     kind: str
     seed: int
@@ -78,7 +84,7 @@ class Drawn:
         )
 
     def paths(self, across: Float, down: Float) -> tuple[Float, Float, Float]:
-        """Return the ranges of both paths, m, and the second's share of the light."""
+        """Return the ranges of both paths in m, and the light of the second path over that of the first."""
         rng = np.random.default_rng(self.seed)
         tilt, distance = rng.uniform(-0.3, 0.3, 2), rng.uniform(1.0, 2.2)
         near, later = plane(across, down, distance, tilt), rng.uniform(0.7, 1.7)
@@ -116,12 +122,12 @@ class Drawn:
 
 @dataclass(frozen=True, kw_only=True)
 class Changing(Drawn):
-    """A wall whose second paths change from block to block of so many pixels: delay and share are drawn for each."""
+    """A wall whose second path changes from block to block: for each block of `block_px` pixels, delay and share are drawn."""
 
     block_px: int
 
     def paths(self, across: Float, down: Float) -> tuple[Float, Float, Float]:
-        """Return the ranges of both paths, m, and the second's share of the light."""
+        """Return the ranges of both paths in m, and the light of the second path over that of the first."""
         rng = np.random.default_rng(self.seed)
         near = np.minimum(plane(across, down, rng.uniform(1.0, 3.5), rng.uniform(-0.3, 0.3, 2)), FARTHEST_M)
         share, later_ns = (self._of_blocks(rng.uniform(*ends, near.shape)) for ends in ((0.1, 1.0), (3.0, 12.0)))
@@ -146,7 +152,7 @@ def plane(across: Float, down: Float, distance_m: float, tilt: Float) -> Float:
 
 
 def pattern(across: Float, down: Float, rng: np.random.Generator) -> Float:
-    """Return a pattern of six waves, whose logarithm scatters by .5."""
+    """Return a pattern of six waves; its logarithm has a standard deviation of .5."""
     waves = rng.normal(size=(6, 2)) * 8.0
     turns = rng.uniform(0.0, 2.0 * np.pi, 6)
     total = sum(np.sin(a * across + b * down + turn) for (a, b), turn in zip(waves, turns, strict=True))
@@ -203,7 +209,7 @@ def drawn(seed: int) -> Scenes:
 
 
 def changing(seed: int) -> Scenes:
-    """Return second paths that change, of four shares, in blocks of all sizes."""
+    """Return scenes whose second paths change, with four shares, in blocks of all sizes."""
     for block in BLOCKS_PX:
         for most in (0.05, 0.15, 0.4, 0.8):
             for width, height, lens in ((160, 120, 0.72), (320, 240, 0.875), (100, 130, 1.3)):
@@ -216,7 +222,7 @@ def changing(seed: int) -> Scenes:
 def recordings(
     scene: Scene, camera: Camera, lengths: tuple[float, ...], harmonics: int, seed: int
 ) -> Iterator[tuple[Float, Float, CaptureMetadata]]:
-    """Return volts of a frame and its true ranges for every integration length: light is followed once."""
+    """Yield the volts of a frame, its true ranges and its metadata for every integration length; light is followed once."""
     metadata = CaptureMetadata(
         modulation=Modulation(periods_ns=PERIODS_NS[:harmonics]),
         pixel=Pixel(integration_length=1e5),
@@ -233,9 +239,9 @@ def recordings(
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("frames", choices=tuple(LENGTHS), help="which scenes")
+    parser.add_argument("frames", choices=tuple(LENGTHS), help="which set of frames")
     parser.add_argument("--harmonics", type=int, default=2, choices=(2, 3, 4))
-    parser.add_argument("--seed", type=int, default=3, help="of noise, and of what is drawn")
+    parser.add_argument("--seed", type=int, default=3, help="seed of the noise, and of scenes that are drawn")
     chosen = parser.parse_args()
     by_seed: dict[str, Callable[[int], Scenes]] = {
         "panels": panels,

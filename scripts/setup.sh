@@ -1,6 +1,6 @@
-# Sourced by the scripts beside it: makes .venv in the repository, with cadtof and the extras in $1, and puts it on PATH.
-# Twice in a row costs nothing: a stamp says what is installed. The versions are those of constraints.txt; with
-# CADTOF_CONSTRAINTS=none, the newest that pyproject.toml allows.
+# Sourced by the scripts in this folder. `setup EXTRAS` makes .venv in the repository, installs cadtof with these extras, and
+# puts it on PATH. A second call costs nothing, because a stamp says what is installed. The versions are those of
+# constraints.txt; with CADTOF_CONSTRAINTS=none, they are the newest that pyproject.toml allows.
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 venv="$root/.venv"
@@ -22,8 +22,8 @@ find_python() {
     return 1
 }
 
-# Kernels are compiled: by the system's compiler, or else by the one that comes as the ziglang wheel. Where neither
-# works, numpy does the same, with the same bits.
+# Find a compiler for the kernels: the compiler of the system, or else that of the ziglang wheel, which the command in $@
+# installs. Without a compiler, numpy does the same work, with the same bits.
 find_compiler() {
     local candidate
     [ -z "${CC:-}" ] || return 0

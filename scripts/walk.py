@@ -1,15 +1,18 @@
-"""How far a command's work has to walk: files, functions and records of the package that it meets, counted by tracing.
+"""Count the files, functions and records of the package that a command meets, by tracing.
 
-scripts/walk [resolve | petzval] [--list] runs the command on a small capture, in one process, from the click command to the
-written file, and watches all threads; and once more with two frames: what is called more often then is what a frame meets, the
-rest is done once a run.
-Each run is watched when it is done once more in the same process. With --first it is watched at once: what a process works out
-for all runs is met too, such as the header of the first frame, what the kernel needs to know and what noise there is.
+scripts/walk [resolve | petzval] [--list] runs the command on a small capture in one process, from the click command to
+the written file, and traces all threads. Then it runs the command on two frames. Functions that are called more often
+now are those that each further frame meets. The other functions are called once per run.
+
+By default, the process does every run once before it is traced. With --first, the first run is traced. It also meets
+what a process works out for all runs, such as the header of the first frame, what the kernel needs to know, and the
+noise.
 """
 
 import argparse
 import contextlib
 import io
+import math
 import shlex
 import subprocess
 import sys
@@ -27,7 +30,7 @@ import tifffile
 ROOT = Path(__file__).resolve().parent.parent
 
 HEIGHT, WIDTH = 12, 20
-"""Of the frame that walks; no other array of a run has as many values along its last axes."""
+"""Size of the traced frame; no other array of a run has as many values along its last axes."""
 
 SETTINGS = """[voltage]
 zero_counts = 8192.0
@@ -45,11 +48,14 @@ distance_m = 2.0
 WAYS = {"resolve": ["cadtof", "resolve", "-j", "1"], "petzval": ["cadtof", "calibrate", "petzval"]}
 
 _MAKING = {"__init__", "_init"}
-"""What makes a record: a function of its own, or that of `cadtof_cli/records.py`."""
+"""Functions that make a record: its own, or that of `cadtof_cli/records.py`."""
 
 
 class Walk:
-    """What a profile hook sees of the package: files, functions, and records that hold values of every pixel."""
+    """A profile hook.
+
+    It notes the files and functions of the package that are called, and records that hold a value per pixel.
+    """
 
     def __init__(self, package: Path) -> None:
         self.package = str(package)
@@ -80,7 +86,7 @@ class Walk:
 
 
 def _is_imported(frame: FrameType) -> bool:
-    """Return whether a function is called while a module is imported, which is no part of the way."""
+    """Return whether a function is called while a module is imported: such calls do not count."""
     above = frame.f_back
     while above is not None and (above.f_code.co_name != "<module>" or above.f_globals["__name__"] == "__main__"):
         above = above.f_back
@@ -100,20 +106,20 @@ def _held(record: object) -> Iterator[object]:
 
 
 def _is_of_every_pixel(value: object) -> bool:
-    return isinstance(value, np.ndarray) and value.ndim > 0 and HEIGHT * WIDTH in {value.shape[-1], *_ends(value)}
-
-
-def _ends(values: np.ndarray[Any, Any]) -> tuple[int, ...]:
-    return (values.shape[-1] * values.shape[-2],) if values.ndim > 1 else ()
+    if not isinstance(value, np.ndarray) or value.ndim == 0:
+        return False
+    return HEIGHT * WIDTH in {value.shape[-1], math.prod(value.shape[-2:])}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("commands", nargs="*", default=["resolve", "petzval"], help="resolve, petzval; default: both")
-    parser.add_argument("--list", action="store_true", help="name what was met")
-    parser.add_argument("--options", default="", help="that the command gets besides, such as '--mpi-model discrete'")
+    parser.add_argument(
+        "commands", nargs="*", default=["resolve", "petzval"], help="resolve or petzval [default: both]"
+    )
+    parser.add_argument("--list", action="store_true", help="name the functions and records that were met")
+    parser.add_argument("--options", default="", help="further options for the command, such as '--mpi-model discrete'")
     parser.add_argument("--first", action="store_true", help="watch the first run of a process")
-    parser.add_argument("--tree", type=Path, default=ROOT, help="another checkout to walk through")
+    parser.add_argument("--tree", type=Path, default=ROOT, help="another checkout to trace")
     arguments = parser.parse_args()
     if arguments.first and len(arguments.commands) > 1:
         others = [word for word in sys.argv[1:] if word not in WAYS]
@@ -140,7 +146,7 @@ def main() -> None:
 
 
 def _tell(name: str, walk: Walk, met: list[str], listed: bool) -> None:
-    """Print what a command met, and what of it a frame meets."""
+    """Print what a command met, and which part of it each further frame meets."""
     told = f"{name}: {len(walk.files)} files, {len(walk.functions)} functions, {len(walk.records)} records that hold pixels"
     if met:
         told += f"; a frame meets {len({line.split(':')[0] for line in met})} files, {len(met)} functions"
@@ -151,7 +157,7 @@ def _tell(name: str, walk: Walk, met: list[str], listed: bool) -> None:
 
 
 def _walked(argv: list[str], package: Path, *, first: bool = False) -> Walk:
-    """Watch the command line, which ends with its OUT: after a run into another place, unless it is to be the `first`."""
+    """Trace a command line, whose last word is its OUT. It runs untraced into another folder before, unless `first` is set."""
     from cadtof_cli.cli import main as cadtof
 
     walk = Walk(package)
@@ -159,7 +165,7 @@ def _walked(argv: list[str], package: Path, *, first: bool = False) -> Walk:
         sys.argv = words
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             watching = walk if words is argv else None
-            # what waits for the disk runs in threads
+            # threads wait for the disk
             threading.setprofile(watching)
             sys.setprofile(watching)
             try:
@@ -172,7 +178,7 @@ def _walked(argv: list[str], package: Path, *, first: bool = False) -> Walk:
 
 
 def _recorded(folder: Path, frames: int) -> Path:
-    """Write a capture of so many frames: light of one delay, and noise."""
+    """Write a capture of `frames` frames: light of one delay, and noise."""
     rng = np.random.default_rng(1)
     folder.mkdir()
     (folder / "capture.toml").write_text(SETTINGS)

@@ -1,4 +1,4 @@
-"""What scripts share that resolve frames whose true ranges are known: recorded, rendered, or simulated."""
+"""Functions for scripts that resolve frames with known true ranges: recorded, rendered, or simulated."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +36,10 @@ def resolved(
 
 
 def with_length(exposure: Exposure, whole: Band, length: float, /) -> tuple[Float, CaptureMetadata]:
-    """Return the volts of an exposure's frame, (H, 2, Y, X), at another integration length: its light is followed once."""
+    """Return the volts of an exposure's frame, (H, 2, Y, X), at another integration length, and its metadata.
+
+    `whole` is the light of the exposure, which is not followed again.
+    """
     gain = averaging_gain(length) / averaging_gain(exposure.integration_length)
     noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)
     metadata = replace(exposure.metadata, pixel=Pixel(integration_length=length))

@@ -1,1 +1,1 @@
-"""What `scripts/check_docs` holds the documentation against."""
+"""The checks of `scripts/check_docs`."""

@@ -1,4 +1,4 @@
-"""The commands of a page, run one after the other in an empty folder beside sample_data, and what they print."""
+"""Run the commands of a page in an empty folder with sample_data, and compare their output with the page."""
 
 import os
 import shlex
@@ -12,13 +12,13 @@ from docs_checks.printed import differences
 
 
 def check_commands(page: Path, root: Path, folder: Path, /, *, slow: bool) -> Iterator[str]:
-    """Run the commands of a page in a folder, and yield how what they print differs from what the page says.
+    """Run the commands of a page in a folder, and yield the differences between their output and the page.
 
     Args:
-        page: the page; blocks after a mark `slow` are left out where `slow` is not set.
-        root: of the repository, whose sample_data is put beside the commands.
-        folder: where they run.
-        slow: whether all commands are run.
+        page: the page.
+        root: root of the repository; its sample_data is linked into the folder.
+        folder: the folder in which the commands run.
+        slow: whether all commands run; if not, blocks below a mark `SLOW` are left out.
     """
     if not (folder / "sample_data").exists():
         (folder / "sample_data").symlink_to(root / "sample_data")
@@ -37,7 +37,7 @@ def check_commands(page: Path, root: Path, folder: Path, /, *, slow: bool) -> It
 
 
 def run(arguments: list[str], root: Path, folder: Path, /) -> tuple[int, str]:
-    """Run `cadtof` in a folder and return its exit status and what it prints, as a terminal shows it."""
+    """Run `cadtof` in a folder; return its exit status and its output, stdout and stderr together as on a terminal."""
     done = subprocess.run(
         [sys.executable, "-m", "cadtof_cli", *arguments],
         cwd=folder,

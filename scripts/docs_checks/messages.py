@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HOLE = "…"
-"""Stands for whatever a message is filled with, and for anything in an entry."""
+"""Stands for every value that fills a message, and for any text in an entry."""
 
 REASONS = frozenset(
     {
@@ -27,20 +27,21 @@ REASONS = frozenset(
         "_message_and_status",
     }
 )
-"""Functions that return the words of a message rather than raise it."""
+"""Functions that return the text of a message instead of raising an error."""
 
 CHECKS = {"require": 1, "require_ratio": 1, "_require": 1, "_require_finite": 0}
-"""Functions that raise “NAME: found …, expected …” where something does not hold; and which argument is the name."""
+"""Functions that raise “NAME: found …, expected …” if a condition does not hold, and the index of the argument with
+the name."""
 
 _PASSED_ON = frozenset({f"{HOLE}: found {HOLE}, expected {HOLE}", f"{HOLE} is not {HOLE}"})
-"""What only puts together a message whose words come from elsewhere."""
+"""Messages that are left out: they are only the template of a message whose words come from elsewhere."""
 
 _CLICK = frozenset({"UsageError", "BadParameter", "ClickException"})
 
 
 @dataclass(frozen=True)
 class Message:
-    """An error message with holes, and where in the source it is."""
+    """An error message with holes, and its place in the source."""
 
     text: str
     file: Path
@@ -51,7 +52,7 @@ class Message:
 
 
 def messages(package: Path, /) -> Iterator[Message]:
-    """Yield every error message that the modules of a package can show; those that only pass another on are left out."""
+    """Yield every error message in the modules of a package, except those that only pass another message on."""
     trees = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sorted(package.rglob("*.py"))}
     kinds = _CLICK | _error_kinds(trees.values())
     for file, tree in trees.items():
@@ -65,7 +66,7 @@ def _words(text: str) -> list[str]:
 
 
 def _error_kinds(trees: Iterable[ast.Module]) -> frozenset[str]:
-    """Return the names of the kinds of errors that a user meets: CadtofError, and what is derived from it anywhere."""
+    """Return the names of all classes of errors that a user sees: CadtofError, and every class derived from it."""
     classes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
     kinds, before = {"CadtofError"}, 0
     while before < len(kinds):
@@ -108,7 +109,7 @@ def _checked(node: ast.Call, first: int) -> Iterator[tuple[int, str]]:
 
 
 def _strings(value: ast.expr, constants: Mapping[str, ast.expr]) -> Iterator[ast.expr]:
-    """Yield the strings that an expression may be: of a choice, a constant of the module, or itself."""
+    """Yield the strings that an expression can be: itself, the branches of a choice, or a constant of the module."""
     match value:
         case ast.Tuple():
             yield from (part for item in value.elts for part in _strings(item, constants))
@@ -136,7 +137,7 @@ def _text(node: ast.expr) -> str:
 
 @dataclass(frozen=True)
 class Entry:
-    """A message of the page, with holes, and what to do about it."""
+    """A message on the page, with holes, and what to do about it."""
 
     pattern: str
     cure: str
@@ -147,9 +148,9 @@ class Entry:
 
 
 def entries(page: Path, /) -> Iterator[Entry]:
-    """Yield the entries of the page, the rows of its tables: messages in code spans, “or” between them.
+    """Yield the entries of the page: the rows of its tables, with messages in code spans, and “or” between them.
 
-    A message with NAME in it stands for as many as there are names in the list that follows it.
+    A message that contains NAME, followed by a list of names, stands for one message per name.
     """
     for message, cure in re.findall(r"(?m)^\| (`.*?) \| (.+) \|$", page.read_text(encoding="utf-8")):
         shown, _, names = message.partition(" with NAME one of ")
@@ -159,7 +160,7 @@ def entries(page: Path, /) -> Iterator[Entry]:
 
 
 def unexplained(package: Path, page: Path, /) -> Iterator[str]:
-    """Yield the messages that no entry is about, entries that are about no message, and entries that say too little."""
+    """Yield the messages without an entry, the entries without a message, and the entries that say too little."""
     every, rows = list(messages(package)), list(entries(page))
     for message in every:
         if not any(row.holds(message.text) for row in rows):

@@ -1,11 +1,10 @@
-"""Notebooks run as Jupyter runs them, cell by cell in one namespace: text, last value and figures are what is shown."""
+"""Run notebooks as Jupyter does, cell by cell in one namespace. A cell shows its text, its last value and its figures."""
 
 import ast
 import base64
 import contextlib
 import io
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,12 +13,12 @@ from docs_checks.printed import differences
 
 
 def check_notebook(path: Path, /) -> Iterator[str]:
-    """Run a notebook in its own folder and yield how what it shows differs from what it says that it shows."""
+    """Run a notebook in its own folder, and yield the differences between the outputs of its cells and the stored outputs."""
     document = json.loads(path.read_text(encoding="utf-8"))
     before = [cell.get("outputs", []) for cell in document["cells"]]
     run_notebook(document, path.parent)
-    for number, (cell, outputs) in enumerate(zip(document["cells"], before, strict=True)):
-        found, expected = cell.get("outputs", []), outputs
+    for number, (cell, expected) in enumerate(zip(document["cells"], before, strict=True)):
+        found = cell.get("outputs", [])
         if [sorted(one.get("data", {})) for one in found] != [sorted(one.get("data", {})) for one in expected]:
             yield f"{path}: cell {number} shows other kinds of things than it says"
         for difference in differences(_text(expected), _text(found)):
@@ -27,7 +26,7 @@ def check_notebook(path: Path, /) -> Iterator[str]:
 
 
 def write_notebook(path: Path, /) -> None:
-    """Run a notebook and store what its cells show."""
+    """Run a notebook, and store the outputs of its cells."""
     document = json.loads(path.read_text(encoding="utf-8"))
     run_notebook(document, path.parent)
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -43,17 +42,11 @@ def run_notebook(document: dict[str, Any], folder: Path, /) -> None:
 
     matplotlib.use("agg")
     namespace: dict[str, Any] = {"__name__": "__main__"}
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        count = 0
-        for cell in document["cells"]:
-            if cell["cell_type"] == "code":
-                count += 1
-                cell["execution_count"] = count
-                cell["outputs"] = list(_outputs("".join(cell["source"]), namespace, count))
-    finally:
-        os.chdir(before)
+    cells = (cell for cell in document["cells"] if cell["cell_type"] == "code")
+    with contextlib.chdir(folder):
+        for count, cell in enumerate(cells, start=1):
+            cell["execution_count"] = count
+            cell["outputs"] = list(_outputs("".join(cell["source"]), namespace, count))
 
 
 def _outputs(source: str, namespace: dict[str, Any], count: int) -> Iterator[dict[str, Any]]:
@@ -85,6 +78,6 @@ def _figures() -> Iterator[dict[str, Any]]:
 
 
 def _text(outputs: list[dict[str, Any]]) -> str:
-    """Return what is shown as text."""
+    """Return the text of some outputs."""
     parts = [one.get("text") or one.get("data", {}).get("text/plain", []) for one in outputs]
     return "".join("".join(part) for part in parts)

@@ -1,4 +1,4 @@
-"""Pages of the documentation taken apart: sections, prose without code, and commands with what they print."""
+"""Split pages of the documentation into sections, prose without code, and commands with their output."""
 
 import re
 from collections.abc import Iterator
@@ -9,12 +9,12 @@ _FENCE = re.compile(r"(?ms)^```(\w*)[^\n]*\n(.*?)^```$")
 _INDENTED = re.compile(r"(?m)(?:^ {4}[^\n]*\n(?:[ \t]*\n(?= {4}))*)+")
 
 SLOW = "<!-- slow -->"
-"""Stands before a block whose commands take too long for the quick form of `scripts/check_docs`."""
+"""Stands before a block whose commands `scripts/check_docs` runs only with --full."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading of a page and what stands below it, up to the next heading."""
+    """A heading of a page, and the text below it up to the next heading."""
 
     page: Path
     heading: str
@@ -34,9 +34,9 @@ class Section:
 
 @dataclass(frozen=True)
 class Command:
-    """A command on a page with what it is said to print.
+    """A command on a page, and the output that the page shows.
 
-    `slow`: it is run in the full form alone.
+    `slow`: `scripts/check_docs` runs it only with --full.
     """
 
     words: str
@@ -45,7 +45,7 @@ class Command:
 
 
 def sections(page: Path, /) -> Iterator[Section]:
-    """Yield the sections of a page; what stands above the first heading belongs to the page's title."""
+    """Yield the sections of a page. Text above the first heading is left out."""
     text = page.read_text(encoding="utf-8")
     kept = _FENCE.sub(lambda match: re.sub(r"(?m)^#", "\\\\#", match.group(0)), text)
     for part in re.split(r"(?m)^(?=#{1,4} )", kept):
@@ -55,7 +55,7 @@ def sections(page: Path, /) -> Iterator[Section]:
 
 
 def commands(page: Path, /) -> Iterator[Command]:
-    """Yield the commands of a page's blocks, those of lines that begin with `$`, in their order."""
+    """Yield the commands of a page in their order: the lines of its code blocks that begin with `$`."""
     text = page.read_text(encoding="utf-8")
     blocks = [(match.start(), match.group(2)) for match in _FENCE.finditer(text)]
     bare = _FENCE.sub(lambda match: re.sub(r"[^\n]", "x", match.group(0)), text)

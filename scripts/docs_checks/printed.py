@@ -1,23 +1,26 @@
-"""What a page says is printed, held against what is printed: words as they are, numbers within a tolerance."""
+"""Compare the output that a page shows with what a program prints: words exactly, numbers within a tolerance."""
 
 import math
 import re
 from collections.abc import Iterator
 
 RELATIVE = 0.02
-"""How far a number may be off, as a share of it; or one in its last digit, whichever is more."""
+"""How much a number may differ, as a share of it. One in its last digit is allowed if that is more."""
 
 ELLIPSIS = "…"
-"""Stands for anything within a line; alone on a line, for any lines."""
+"""Stands for any text within a line; alone on a line, for any lines."""
 
 NUMBER = re.compile(r"(?<![\w.])[-+−]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?")
 
 _TIMING = re.compile(r"\d[\d.]*(?= (?:s\b|ms\b|seconds|frames/s|µs))|\b[0-9a-f]{16}\b")
-"""How long something took, which differs from machine to machine, and digests, which hold the time."""
+"""Durations, which differ from machine to machine, and digests, which depend on the time."""
 
 
 def differences(expected: str, found: str, /, *, relative: float = RELATIVE) -> Iterator[str]:
-    """Yield how a text that was printed differs from what was expected; blanks count as one, timings as any."""
+    """Yield the differences between an expected text and the printed text.
+
+    Several blanks equal one blank, and all timings are equal.
+    """
     remaining = [line.rstrip() for line in found.strip("\n").splitlines()]
     skipping = False
     for line in (one.rstrip() for one in expected.strip("\n").splitlines()):
@@ -38,7 +41,7 @@ def differences(expected: str, found: str, /, *, relative: float = RELATIVE) -> 
 
 
 def like(expected: str, found: str, /, *, relative: float = RELATIVE) -> bool:
-    """Return whether a line is the expected one, but for timings and for numbers within the tolerance."""
+    """Return whether a line equals the expected line, apart from timings, and from numbers within the tolerance."""
     expected, found = (_TIMING.sub("0", text) for text in (expected, found))
     pieces = [NUMBER.split(part) for part in expected.split(ELLIPSIS)]
     pattern = r".*?".join(_NUMBERS.join(map(_words, part)) for part in pieces)
@@ -53,12 +56,13 @@ _NUMBERS = rf"({NUMBER.pattern})"
 
 
 def _words(text: str) -> str:
-    """Return a pattern of text in which blanks count as one or none, since numbers beside them may be longer or shorter."""
+    """Return a pattern for a text. A blank matches any blanks or none, because numbers beside it may be longer or shorter."""
     return r"\s*".join(map(re.escape, re.split(r"\s+", text)))
 
 
 def close(expected: str, found: str, /, *, relative: float = RELATIVE) -> bool:
-    """Return whether two printed numbers are the same within the tolerance or one in the last digit that was expected."""
+    """Return whether two printed numbers agree within the tolerance, or within one in the last digit of the expected
+    number."""
     a, b = (float(text.replace("−", "-")) for text in (expected, found))
     mantissa, _, exponent = expected.lower().partition("e")
     digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))

@@ -1,8 +1,8 @@
-"""Examples in Python on a page, run one after the other, by doctest."""
+"""Run the Python examples of a page one after the other, by doctest."""
 
+import contextlib
 import doctest
 import io
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +13,7 @@ _OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
 def check_python(page: Path, folder: Path, /) -> Iterator[str]:
-    """Run the examples of a page in a folder, in one namespace, and yield what differs from what the page says."""
+    """Run the examples of a page in a folder, in one namespace, and yield the differences from what the page shows."""
     text = page.read_text(encoding="utf-8")
     examples = "\n".join(_FENCE.findall(text))
     if ">>>" not in examples:
@@ -21,12 +21,8 @@ def check_python(page: Path, folder: Path, /) -> Iterator[str]:
         return
     namespace: dict[str, object] = {}
     told = io.StringIO()
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
+    with contextlib.chdir(folder):
         test = doctest.DocTestParser().get_doctest(examples, namespace, page.name, str(page), 0)
         doctest.DocTestRunner(optionflags=_OPTIONS, verbose=False).run(test, out=told.write)
-    finally:
-        os.chdir(before)
     if told.getvalue():
         yield f"{page}: {told.getvalue().strip()}"

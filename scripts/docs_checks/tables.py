@@ -1,4 +1,4 @@
-"""Tables of the documentation held against what the script beneath them prints."""
+"""Compare tables of the documentation with what the script below them prints."""
 
 import os
 import re
@@ -14,14 +14,14 @@ from docs_checks.printed import NUMBER, RELATIVE, close
 
 @dataclass(frozen=True)
 class Table:
-    """A script whose printed rows a section of a page shows.
+    """A script, and the section of a page that shows the rows that it prints.
 
     Attributes:
-        page, heading: where the rows stand.
-        script: with its arguments, as it is run from the root of the repository.
-        rows: which rows are the script's: those that this is found in.
-        relative: how far a number may be off, as a share of it.
-        slow: whether it is run in the full form alone.
+        page, heading: the page, and the heading of the section with the rows.
+        script: the script with its arguments, to be run from the root of the repository.
+        rows: regular expression that finds the rows of this script in the section.
+        relative: how much a number may differ, as a share of it.
+        slow: whether the script runs only with --full.
     """
 
     page: str
@@ -55,15 +55,16 @@ TABLES = (
     Table("docs/solvers.md", "Pooling", "scripts/benchmark_solvers.py pooling", rows=r"× \d \|"),
     Table("docs/solvers.md", "Three paths", "scripts/benchmark_solvers.py paths"),
 )
-"""Which rows of the documentation which script prints. Residuals are of the last bits, which differ between machines."""
+"""Which script prints which rows of the documentation. Residuals consist of the last bits, which differ between
+machines, so they have a wide tolerance."""
 
 
 _ASKED = re.compile(r"\(asked[^)]*\)")
-"""What was asked for, beside what is measured."""
+"""The goal, beside a measured number."""
 
 
 def check_table(table: Table, root: Path, /, printed: str) -> Iterator[str]:
-    """Yield the rows of a section whose numbers are not those of the line that the script printed of the same name."""
+    """Yield the rows of a section whose numbers differ from those of the printed line of the same name."""
     lines = {_name(line): line for line in printed.splitlines() if line.startswith("| ")}
     found = [section for section in sections(root / table.page) if section.heading == table.heading]
     rows = [row for section in found for row in _rows(section.text) if re.search(table.rows, row)]
@@ -82,14 +83,14 @@ def check_table(table: Table, root: Path, /, printed: str) -> Iterator[str]:
 
 
 def _name(row: str) -> str:
-    """Return what a row is about: its first cell, of a capture the folder's name."""
+    """Return the name of a row: its first cell; for a capture, the name of its folder."""
     cell = row.split("|")[1].strip()
     capture = re.match(r"`?(?:sample_data/|simulate --scene )([\w-]+)", cell)
     return capture[1] if capture else cell
 
 
 def printed_by(script: str, root: Path, /) -> str:
-    """Run a script of the repository and return what it prints."""
+    """Run a script of the repository, and return what it prints; empty if it fails."""
     done = subprocess.run(
         [sys.executable, *script.split()],
         cwd=root,
@@ -102,7 +103,7 @@ def printed_by(script: str, root: Path, /) -> str:
 
 
 def _rows(text: str) -> list[str]:
-    """Return the rows of a section's tables, without heads."""
+    """Return the rows of a section's tables, without their heads."""
     rows: list[str] = []
     lines = text.splitlines()
     for line, after in zip(lines, [*lines[1:], ""], strict=True):

@@ -1,1 +1,1 @@
-"""From README, docs and the commands' help to the pages of the site: see `scripts/docs`."""
+"""Make the pages of the site from README, docs and the commands' help: see `scripts/docs`."""

@@ -1,4 +1,4 @@
-"""A page for each command, made of its help."""
+"""Write a page for every command from its help."""
 
 import re
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from cadtof_cli.commands.help import example_lines
 
 
 def write_command_pages(folder: Path, /) -> list[str]:
-    """Write the pages into a folder, and return their names, in the order of `cadtof --help`."""
+    """Write the pages into a folder, and return their names in the order of `cadtof --help`."""
     folder.mkdir(parents=True, exist_ok=True)
     names = []
     for context in contexts():
@@ -75,7 +75,10 @@ def _options(context: click.Context, options: list[click.Option]) -> Iterator[st
 
 
 def _description(help_text: str) -> str:
-    """Return the paragraphs of a help text; those that are not to be filled are tables, with a line above or none."""
+    """Return a help text as Markdown.
+
+    Paragraphs that click does not refill become tables; they may begin with a heading line.
+    """
     parts = []
     for part in re.split(r"\n\s*\n", help_text):
         if part.startswith("\b"):
@@ -86,7 +89,7 @@ def _description(help_text: str) -> str:
 
 
 def _table(lines: list[str]) -> str:
-    """Return lines of two columns as a table; what stands before them alone in a line is its heading."""
+    """Return lines of two columns as a table; a line of one column before them is its heading."""
     heading = ""
     rows: list[list[str]] = []
     for line in lines:
@@ -103,7 +106,7 @@ def _table(lines: list[str]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return text whose signs mean nothing to Markdown, but for `code`, which options are too."""
+    """Return text with all signs escaped that mean something to Markdown. `code` stays, and options become code."""
     pieces = "`".join(
         piece if number % 2 else re.sub(r"(?<![\w-])--[a-z][a-z0-9-]*", r"`\g<0>`", piece)
         for number, piece in enumerate(text.split("`"))

@@ -1,4 +1,4 @@
-"""Links of a built site: each leads to a file and an anchor that are there, and nothing is loaded from anywhere else."""
+"""Check the links of a built site: every file and anchor exists, and nothing is loaded from the network."""
 
 import re
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ _IN_STYLES = re.compile(r"url\(\s*['\"]?(https?:)?//|@import\s+['\"]?https?:")
 
 
 class _Page(HTMLParser):
-    """Anchors, links and loaded files of a page."""
+    """The anchors, links and loaded files of a page."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -21,7 +21,7 @@ class _Page(HTMLParser):
         self.loaded: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Take a tag's anchor and link."""
+        """Note the anchor and the link of a tag."""
         values = {name: value for name, value in attrs if value is not None}
         self.anchors.update(values[name] for name in ("id", "name") if name in values)
         if tag == "a" and "href" in values:
@@ -31,7 +31,7 @@ class _Page(HTMLParser):
 
 
 def broken_links(site: Path, /) -> Iterator[str]:
-    """Yield what is wrong with the links of a site."""
+    """Yield the problems with the links of a site."""
     pages: dict[Path, _Page] = {}
     for file in sorted(site.rglob("*.html")):
         pages[file] = _Page()

@@ -1,4 +1,4 @@
-"""The pages as Sphinx reads them: those of docs, the README cut into pages, and one of each command."""
+"""Write the pages that Sphinx reads: the pages of docs, the README cut into pages, and a page for every command."""
 
 import re
 import shutil
@@ -14,7 +14,7 @@ OF_README = {
     "capture": ("Captures and maps", ("The capture format", "What comes out")),
     "accuracy": ("Accuracy and limits", ("How it works", "Accuracy", "Speed", "Limits")),
 }
-"""Pages that are sections of the README, by name: title and headings. The index is what stands above them."""
+"""Pages made of sections of the README, by name: title, and headings of the sections. The index is the text above them."""
 
 CHAPTERS = {
     "Begin": ("tour", "install", "capture", "commands/index", "troubleshooting", "glossary"),
@@ -33,7 +33,7 @@ CHAPTERS = {
     "Understand": ("accuracy", "physics", "simulation", "paper/README", "diffuse_study", "speed", "architecture"),
     "Limits": ("limits/README", "limits/separation", "limits/false_alarm", "limits/motion", "limits/stages"),
 }
-"""Chapters of the site with their pages; a page of docs that is in none stands under “More”."""
+"""Chapters of the site with their pages. Pages of docs that no chapter names stand under “More”."""
 
 SHORT = {
     "looking": "Looking at results",
@@ -58,23 +58,22 @@ SHORT = {
     "architecture": "Architecture",
     "glossary": "Glossary",
 }
-"""What pages are called in the contents, where that is not their title."""
+"""Names of pages in the contents, if they differ from the title."""
 
 _LINK = re.compile(r"(?<!`)(!?\[[^\]\n]*\])\(([^)\s]+)\)")
 _FENCE = re.compile(r"(^```[\s\S]*?^```$|(?:^ {4}.*\n?)+)", re.MULTILINE)
 
 
 def stage(folder: Path, /) -> None:
-    """Write all that Sphinx reads into a folder that is not there yet.
+    """Write everything that Sphinx reads into a new folder.
 
     Raises:
-        LookupError: a heading that a page is made of is not in the README any more.
-        FileNotFoundError: a link leads to a file that is not there.
+        LookupError: the README has no section with a heading that a page is made of.
+        FileNotFoundError: a link leads to a file that does not exist.
     """
     shutil.copytree(DOCS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     before, sections = _sections(readme)
-    shutil.copy(DOCS / "demo.png", folder / "demo.png")
     homes = {anchor(heading): page for page, (_, headings) in OF_README.items() for heading in headings}
     for page, (title, headings) in OF_README.items():
         missing = [heading for heading in headings if heading not in sections]
@@ -100,18 +99,18 @@ def anchor(heading: str, /) -> str:
 
 
 def _sections(readme: str) -> tuple[str, dict[str, str]]:
-    """Return what stands before the first section, and the sections by heading."""
+    """Return the text before the first section, and the sections by heading."""
     before, *rest = re.split(r"(?m)^## ", readme)
     return before, {heading: text for heading, _, text in (part.partition("\n") for part in rest)}
 
 
 def _relinked(text: str, folder: Path, homes: dict[str, str], *, from_readme: bool = False) -> str:
-    """Return a page whose links lead to pages of the site; files of the repository become words."""
+    """Return a page whose links lead to pages of the site; a link to another file of the repository becomes its words."""
 
     def moved(match: re.Match[str]) -> str:
         words, target = match.groups()
         if words.endswith(".md]"):
-            words = "[]"  # becomes the title of that page
+            words = "[]"  # an empty text becomes the title of the linked page
         path, _, heading = target.partition("#")
         if "://" in target or not path:
             return match.group(0)
@@ -129,12 +128,12 @@ def _relinked(text: str, folder: Path, homes: dict[str, str], *, from_readme: bo
             return named if named.startswith("`") else f"`{named}`"
         return f"{words}({target.removeprefix('docs/') if from_readme else target})"
 
-    # every other piece is code
+    # pieces with odd numbers are code
     return "".join(piece if place % 2 else _LINK.sub(moved, piece) for place, piece in enumerate(_FENCE.split(text)))
 
 
 def _contents(folder: Path) -> str:
-    """Return the contents of the site, with every page of it."""
+    """Return the contents of the site, which list all its pages."""
     listed = {page for pages in CHAPTERS.values() for page in pages}
     there = {path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.md")}
     more = sorted(page for page in there - listed - {"index"} if not page.startswith("commands/"))

@@ -1,1 +1,1 @@
-"""What the resolver cannot know, measured: the pages of docs/limits, made by scripts/measure_limits."""
+"""Measure the limits of the resolver: the pages of docs/limits, made by scripts/measure_limits."""

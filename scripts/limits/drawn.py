@@ -1,4 +1,4 @@
-"""Pixels drawn many times, resolved, and summed up: what the pages of docs/limits have in common."""
+"""Draw pixels many times, resolve them, and sum up the errors: what the scripts of docs/limits share."""
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +15,7 @@ from tests.support.mixtures import C, F, Mixture, noise_of
 SEEDS = 20
 
 CM_PER_RAD = 100.0 * metres_per_radian(40.0)
-"""Depth of a phase of the fundamental of 40 ns."""
+"""Depth per radian of the fundamental, whose period is 40 ns."""
 
 
 def resolved(phasors: C, harmonics: Sequence[int], n_av: float, settings: ResolverSettings) -> ResolvedPaths:
@@ -25,7 +25,7 @@ def resolved(phasors: C, harmonics: Sequence[int], n_av: float, settings: Resolv
 
 
 def drawn(light: Mixture, harmonics: Sequence[int], n_av: float, *, pixels: int, key: Sequence[int]) -> C:
-    """Draw the phasors of pixels under the same light, SEEDS times, each from its own seed, (H, SEEDS × pixels)."""
+    """Draw the phasors of `pixels` pixels under the same light, once per seed, (H, SEEDS × pixels)."""
     generators = (np.random.default_rng([seed, *key]) for seed in range(SEEDS))
     return np.concatenate(
         [light.phasors(harmonics, n_av=n_av, size=pixels, rng=generator) for generator in generators], axis=1
@@ -33,18 +33,18 @@ def drawn(light: Mixture, harmonics: Sequence[int], n_av: float, *, pixels: int,
 
 
 def errors_cm(found: ResolvedPaths, light: Mixture) -> F:
-    """Errors of the direct depth."""
+    """Return the errors of the direct depth, in cm."""
     error: F = CM_PER_RAD * np.angle(np.exp(1j * (found.paths[0].phase_rad - light.phases[0])))
     return error
 
 
 def rms(values: F) -> float:
-    """Root of the mean square of what is finite."""
+    """Return the root of the mean square of all values that are not NaN."""
     return float(np.sqrt(np.nanmean(np.square(values))))
 
 
 def write_csv(path: Path, rows: Iterable[Mapping[str, float]]) -> None:
-    """Write rows of the same columns, five digits each."""
+    """Write rows with the same columns, every number with five significant digits."""
     table = list(rows)
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -53,10 +53,10 @@ def write_csv(path: Path, rows: Iterable[Mapping[str, float]]) -> None:
 
 
 def markdown(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """Return a table."""
+    """Return a table in Markdown."""
     return "\n".join("| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *lines))
 
 
 def power(length: float) -> str:
-    """Return an integration length as it is written here: 1e5."""
+    """Return an integration length as the pages write it, such as 1e5."""
     return f"{length:.0e}".replace("e+0", "e")

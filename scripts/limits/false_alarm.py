@@ -1,4 +1,4 @@
-"""How often light without MPI is taken for two paths, by the misfit alone and by the whole order test."""
+"""Measure how often light without MPI is taken for two paths: by the misfit alone, and by the whole order test."""
 
 import itertools
 from dataclasses import asdict, dataclass
@@ -22,7 +22,15 @@ WITHIN = 0.15
 
 @dataclass(frozen=True)
 class Rate:
-    """Shares of pixels without MPI: asked for, with a misfit of one path beyond its threshold, and found as two paths."""
+    """Shares of pixels without MPI under one light.
+
+    Attributes:
+        harmonics: number of harmonics.
+        asr, n_av: the light.
+        asked: the probability of a false alarm that was asked for.
+        misfit: share whose misfit with one path exceeds the threshold.
+        two: share found as two paths.
+    """
 
     harmonics: int
     asr: float
@@ -33,7 +41,7 @@ class Rate:
 
 
 def measured(harmonics: tuple[int, ...], asr: float, n_av: float, *, pixels: int) -> list[Rate]:
-    """Return the shares of one light, for all probabilities that are asked for."""
+    """Return the shares under one light, for every probability in `ASKED`."""
     phasors = drawn(
         Mixture((1.0,), (5.0,), asr=asr), harmonics, n_av, pixels=pixels, key=[len(harmonics), round(asr), round(n_av)]
     )

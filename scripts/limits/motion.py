@@ -1,4 +1,4 @@
-"""What a target that moves between harmonics does to the depth: error, sigma and order over its speed."""
+"""Measure the depth of a target that moves between harmonics: bias, scatter and share of two paths, over its speed."""
 
 import itertools
 from collections.abc import Sequence
@@ -26,14 +26,14 @@ NOISE = ((6.0, 1e4), (2.0, 1e5))
 """ASR and n_av."""
 
 MATTERS = 1.2
-"""RMSE over that at rest from which on a speed is said to matter."""
+"""A speed matters if its RMSE is more than this many times the RMSE at rest."""
 
 CM_PER_NS = 100.0 * C_M_PER_NS / 2.0
 
 
 @dataclass(frozen=True)
 class Moved:
-    """One condition at one speed: errors of the direct depth in cm, share of pixels found as two paths."""
+    """One condition at one speed: errors of the direct depth in cm, and `two`, the share of pixels found as two paths."""
 
     harmonics: int
     mpi_ratio: float

@@ -1,4 +1,4 @@
-"""How near two paths may be, over separation, ambient light, noise and MPI ratio: table, figure and page."""
+"""Measure how near two paths may be, over separation, ambient light, noise and MPI ratio; make table, figure and page."""
 
 import itertools
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ from limits.separation_cells import ASRS, LENGTHS, RATIOS, SEAM, SEPARATIONS_NS,
 
 
 def separation(out: Path, *, pixels: int) -> str:
-    """Sweep, write table and figure, and return the page."""
+    """Measure all conditions, write table and figure, and return the page."""
     conditions = itertools.product(RATIOS, SEPARATIONS_NS, ASRS, LENGTHS)
     cells = [measured(*condition, pixels=pixels) for condition in conditions]
     clean = [measured(0.0, 0.0, asr, n_av, pixels=pixels) for asr, n_av in itertools.product(ASRS, LENGTHS)]
@@ -29,7 +29,7 @@ def separation(out: Path, *, pixels: int) -> str:
 
 
 def draw(cells: list[Cell], path: Path) -> None:
-    """Draw what MPI of 0.3 does over the separation, a colour a noise."""
+    """Draw errors and shares at MPI/laser 0.3 over the separation, in one colour per noise."""
     figure = Figure(figsize=(13, 8), dpi=110, layout="constrained")
     error, share, doubt, order = figure.subplots(2, 2).ravel()
     for index, noise in enumerate(SHOWN):
@@ -79,7 +79,7 @@ def _shown(cell: Cell) -> str:
 
 
 def least_separation(cells: Iterable[Cell], ratio: float, noise: tuple[float, float], most: float) -> str:
-    """Return from which separation on, and at all beyond, no more than a share of pixels is beyond three sigma."""
+    """Return the least separation from which on no more than the share `most` of pixels is wrong by more than three sigma."""
     chosen = [cell for cell in cells if cell.mpi_ratio == ratio and (cell.asr, cell.n_av) == noise]
     failed = [index for index, cell in enumerate(chosen) if cell.beyond > most]
     first = failed[-1] + 1 if failed else 0
@@ -149,7 +149,7 @@ def _least(cells: list[Cell]) -> str:
 
 
 def _thresholds(cells: list[Cell]) -> str:
-    """Return how often, and by how much at worst, the order test is over what was asked, by its false alarm."""
+    """Return a table by probability of a false alarm: how many conditions miss the goal of the order test, and the worst."""
     ways = {
         "0.001": [cell.strict for cell in cells],
         "0.01 (default)": [cell.over_better for cell in cells],
@@ -170,7 +170,7 @@ def _reason(cell: Cell) -> str:
 
 
 def _reasons(worse: list[Cell]) -> str:
-    """Return how many conditions are over for which reason, and the worst of each."""
+    """Return a table by reason: how many conditions miss the goal of the order test, and the worst of them."""
     lines = []
     for reason in sorted({_reason(cell) for cell in worse}):
         some = [cell for cell in worse if _reason(cell) == reason]

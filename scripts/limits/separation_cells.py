@@ -1,4 +1,4 @@
-"""One condition of two paths, drawn and resolved many times: bias, scatter, predicted sigma and order."""
+"""Draw and resolve one condition of two paths many times: bias, scatter, predicted sigma, and share of two paths."""
 
 from dataclasses import dataclass
 
@@ -18,10 +18,10 @@ SHOWN = ((6.0, 1e4), (2.0, 1e4), (6.0, 1e5), (2.0, 1e5), (2.0, 1e6))
 """ASR and n_av of the page's tables, from much noise to little."""
 
 SEAM = 0.02
-"""Share of pixels found as two, or as one, from which on a condition lies between both."""
+"""A condition lies on the seam between one and two paths if at least this share of pixels is found as each."""
 
 WORTH = 1.05
-"""What the RMSE of the order test may be over that of the better fixed order."""
+"""Goal for the RMSE of the order test: at most this many times that of the better fixed order."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,15 @@ class Cell:
     """One condition; lengths in cm, shares of pixels.
 
     Attributes:
-        rmse_cm, rmse_one_cm, rmse_two_cm: of the order test, always one path, always two.
-        sigma_cm: median of what is predicted.
-        two: found as two paths.
-        beyond: wrong by more than three times the pixel's own sigma.
-        doubtful: with the bit `ill-conditioned`.
-        missed: beyond three sigma without the bit.
-        over_better: RMSE of the order test over the better of both fixed orders, and its standard error over the seeds.
-        strict, loose: the same with a false alarm of 0.001 and of 0.1 in place of 0.01.
+        rmse_cm, rmse_one_cm, rmse_two_cm: RMSE with the order test, with always one path, with always two paths.
+        sigma_cm: median of the predicted sigma.
+        two: share found as two paths.
+        beyond: share wrong by more than three times the pixel's own sigma.
+        doubtful: share with the bit `ill-conditioned`.
+        missed: share beyond three sigma without this bit.
+        over_better, over_better_error: RMSE of the order test divided by that of the better fixed order, and the
+            standard error of this ratio over the seeds.
+        strict, loose: this ratio with a false alarm of 0.001 and of 0.1 instead of 0.01.
     """
 
     mpi_ratio: float
@@ -61,7 +62,10 @@ class Cell:
 def measured(
     ratio: float, separation_ns: float, asr: float, n_av: float, *, pixels: int, harmonics: tuple[int, ...] = (1, 2)
 ) -> Cell:
-    """Resolve one condition many times, with the order test and without; n_av is that of two harmonics with the same light."""
+    """Resolve one condition many times, with the order test and with fixed orders.
+
+    `n_av` is that of two harmonics; other numbers of harmonics share the same light.
+    """
     light = Mixture((1.0, ratio) if ratio else (1.0,), (5.0, 5.0 + separation_ns) if ratio else (5.0,), asr=asr)
     key = [round(1e3 * value) for value in (ratio, separation_ns, asr, n_av)]
     length = n_av * 2.0 / len(harmonics)

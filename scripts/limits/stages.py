@@ -1,4 +1,4 @@
-"""What switched stages ST1 and ST2 (Fig. 1) gain beside stages closed by DC: shot noise, ripple and static errors."""
+"""Compare switched stages ST1 and ST2 (Fig. 1) with stages closed by DC: shot noise, ripple and static errors."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,28 +14,29 @@ RATE_HZ = 125e6
 """Photons a second: 5 in a cycle of 40 ns."""
 
 CAPACITORS = Capacitors(values_ff=(1.0, 1333.0, 1.0, 1333.0, *[666.5] * 8))
-"""C1 and C3 of 1 fF, and the rest shared evenly by the three stages: n_av 4000."""
+"""C1 and C3 have 1 fF; the three stages share the rest evenly: n_av 4000."""
 
 F1_HZ, F2_HZ = 1.0e6, 1.0e4
-"""As the paper drives them."""
+"""Frequencies at which the paper switches the stages."""
 
 PHOTONS = 500_000
-"""Of one recording, 4 ms: both ways have settled."""
+"""Photons of one recording, 4 ms: stages of both kinds have settled by then."""
 
 RIPPLES_HZ = (100.0, 300.0, 1e3, 2e3, 5e3, 9.7e3, 1e4, 1.03e4, 1.5e4, 2e4, 3.3e4, 1e5, 3.3e5, 1e6, 3.3e6, 1e7)
 """Frequencies of a disturbance of the sampled voltage, such as that of a supply or a clock."""
 
 
 SECOND_STAGE_HZ = (1e5, 3e4, 1e4, 3e3, 1e3)
-"""F2 of the table of lengths."""
+"""Values of F2 in the table of lengths."""
 
 LONG = 4_000_000
-"""Photons with which the slowest of them has settled, 32 ms."""
+"""Number of photons after which stages with the lowest F2 have settled, 32 ms."""
 
 
 @dataclass(frozen=True)
 class Ripple:
-    """What is read of a sine of amplitude 1 on the sampled voltage, r.m.s. over its phase and over random photons."""
+    """Reading of a sine of amplitude 1 on the sampled voltage, r.m.s. over its phase and over random photons, by the
+    way of averaging."""
 
     frequency_hz: float
     dc: float
@@ -45,30 +46,30 @@ class Ripple:
 
 @dataclass(frozen=True)
 class Way:
-    """A way to average: its weights by photon, the latest last; they add up to `settled`."""
+    """A way of averaging: the weight of each photon, the latest photon last. The weights add up to `settled`."""
 
     name: str
     weights: F
 
     @property
     def settled(self) -> float:
-        """What is read of a constant of 1: offsets and gain errors go through by this factor."""
+        """Reading of a constant of 1: offsets and gain errors pass with this factor."""
         return float(self.weights.sum())
 
     @property
     def length(self) -> float:
-        """The n_av whose shot noise it has."""
+        """The n_av with the same shot noise."""
         return effective_length(self.weights)
 
     @property
     def memory_ms(self) -> float:
-        """Time in which it takes up 90 % of a change."""
+        """Time after which 90 % of a change is seen, in ms."""
         taken = np.cumsum(self.weights[::-1]) / self.settled
         return float(np.searchsorted(taken, 0.9)) / RATE_HZ * 1e3
 
 
 def ways() -> tuple[Way, Way, Way]:
-    """Return stages closed by DC, switched stages, and an average by DC that has the same shot noise as those."""
+    """Return stages closed by DC, switched stages, and an average by DC with the same shot noise as the switched stages."""
     switched = Stages(drive="switched", f1_hz=F1_HZ, f2_hz=F2_HZ)
     length = CAPACITORS.integration_length
     closed, stages = (
@@ -86,7 +87,7 @@ def ways() -> tuple[Way, Way, Way]:
 
 
 def ripple(weights: F, frequency_hz: float) -> float:
-    """Return the r.m.s. of what is read of a ripple, over its phase and over photons that come at random."""
+    """Return the r.m.s. reading of a ripple of amplitude 1, over its phase and over photons that arrive at random."""
     powers = []
     for seed in range(SEEDS):
         generator = np.random.default_rng([seed, round(frequency_hz)])
@@ -134,7 +135,7 @@ def stages(out: Path, *, frequencies: tuple[float, ...] = RIPPLES_HZ) -> str:
 
 
 def _lengths() -> str:
-    """Return the table of what F2 does to shot noise and memory, with the same capacitors."""
+    """Return the table of shot noise and memory over F2, with the same capacitors."""
     lines = []
     for f2_hz in SECOND_STAGE_HZ:
         averaging = Averaging(

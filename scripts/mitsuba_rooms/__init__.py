@@ -1,4 +1,4 @@
-"""Rooms that another program renders, Mitsuba with mitransient: furniture, materials, rooms, and their light over time."""
+"""Rooms rendered by another program, Mitsuba with mitransient: furniture, materials, rooms, and their light over time."""
 
 import mitsuba
 

@@ -1,4 +1,4 @@
-"""Furniture, as triangle meshes in metres that stand on z = 0 around the origin: what scene_synthesizer draws, and a sofa."""
+"""Furniture as triangle meshes in metres that stand on z = 0 around the origin: drawn by scene_synthesizer, and a sofa."""
 
 from collections.abc import Callable
 
@@ -11,22 +11,22 @@ from trimesh.creation import box, capsule, icosphere
 from cadtof_cli.arrays import Float
 
 Parts = dict[str, trimesh.Trimesh]
-"""Meshes by name, which says which part of what they are."""
+"""Meshes by name; the name says which part of which piece a mesh is."""
 
 KITCHENS = ("single_wall", "galley", "l_shaped", "u_shaped", "peninsula", "island")
 UP = (0.0, 0.0, 1.0)
 
 rotation_matrix: Callable[..., Float] = trimesh.transformations.rotation_matrix
-"""By so many radians about an axis."""
+"""Return the matrix of a rotation by an angle in radians about an axis."""
 
 
 def kitchen(layout: str, seed: int) -> Parts:
-    """Return the kitchen that scene_synthesizer draws by a seed, in its own place."""
+    """Return the kitchen that scene_synthesizer draws from a seed, in that program's own coordinates."""
     return _parts(getattr(procedural_scenes, f"kitchen_{layout}")(seed=seed))
 
 
 def piece(rng: np.random.Generator) -> Parts:
-    """Return a piece of furniture, drawn."""
+    """Draw a piece of furniture, and return it."""
     wide, deep, high = rng.uniform((0.7, 0.4, 0.8), (1.5, 0.6, 2.0))
     kind = rng.integers(6)
     if kind == 0:

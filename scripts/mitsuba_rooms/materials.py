@@ -17,7 +17,7 @@ def matt(albedo: Albedo) -> Plugin:
 
 
 def glossy(albedo: Albedo, roughness: float | None = None) -> Plugin:
-    """Return lacquer or tiles: a matt ground under a clear coat, smooth where no roughness is given."""
+    """Return lacquer or tiles: a matt ground under a clear coat, which is smooth if no roughness is given."""
     coat: Plugin = {"type": "plastic"} if roughness is None else {"type": "roughplastic", "alpha": roughness}
     return _both_sides({**coat, "diffuse_reflectance": _texture(albedo), "nonlinear": True})
 
@@ -67,7 +67,7 @@ def drawn(rng: np.random.Generator, shine: float = 0.35) -> Plugin:
 
 
 def paint(rng: np.random.Generator) -> Plugin:
-    """Return what is on a wall: most are bright and plain, some papered."""
+    """Return the material of a wall: most are bright and plain, some have wallpaper."""
     low = float(rng.uniform(0.3, 0.6))
     return matt(grain(rng, low, low + 0.25)) if rng.random() < 0.3 else matt(float(rng.uniform(0.45, 0.85)))
 

@@ -1,4 +1,4 @@
-"""The rooms: each is drawn on a stage by the stage's own random numbers."""
+"""The kinds of rooms. Each function builds a room on a stage, and draws its details from the stage's random numbers."""
 
 from collections.abc import Callable
 from functools import partial
@@ -14,7 +14,7 @@ from mitsuba_rooms.materials import ceiling, drawn, glossy, ground, matt, mirror
 from mitsuba_rooms.stage import Stage
 
 LIFT = rotation_matrix(np.pi / 2, (1, 0, 0))
-"""Turns what lies on the floor up, to face the front wall."""
+"""Rotation that raises a lying object, so that it faces the front wall."""
 
 DOOR_M = 2.0
 
@@ -139,7 +139,7 @@ def rotunda(stage: Stage) -> None:
 
 
 def attic(stage: Stage) -> None:
-    """Under a pitched roof with a skylight, across it beams."""
+    """A room under a pitched roof with a skylight and beams."""
     wide, deep = stage.between(3.4, 4.4), stage.between(3.2, 4.4)
     knee, top = stage.between(0.6, 1.2), stage.between(2.4, 3.0)
     roof, wall, beam = ceiling(stage.rng), ceiling(stage.rng), drawn(stage.rng, shine=0.2)
@@ -184,7 +184,7 @@ def _somewhere(stage: Stage, wide: float, deep: float) -> None:
 
 
 def cornell(stage: Stage) -> None:
-    """Mitsuba's own Cornell box, two to three metres wide, seen from before it."""
+    """Mitsuba's own Cornell box, two to three metres wide, seen from its open side."""
     half = stage.between(1.0, 1.5)
     upright = mi.ScalarTransform4f().scale(half) @ mi.ScalarTransform4f().rotate([1, 0, 0], 90)
     for name, shape in mi.cornell_box().items():

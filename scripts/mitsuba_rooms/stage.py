@@ -15,13 +15,13 @@ from mitsuba_rooms.materials import Plugin, drawn, paint
 Place = tuple[float, float, float]
 Box = tuple[Place, Place]
 Hole = tuple[tuple[float, float], tuple[float, float]]
-"""In a wall: from and to along its first edge, and along its second, in metres."""
+"""A hole in a wall: its start and end along the wall's first edge, and along the second edge, in metres."""
 
 WALLS = ("front", "back", "left", "right")
-"""As one sees them who looks along y, from behind the front wall."""
+"""Names of the walls for a viewer who stands outside the front wall and looks along y."""
 
 REVEAL_M = 0.12
-"""How deep windows and doors are."""
+"""Depth of the sides of windows and doors."""
 
 
 @dataclass
@@ -29,11 +29,11 @@ class Stage:
     """A room with z up, in metres.
 
     Attributes:
-        rng: for whatever is drawn.
-        folder: of the meshes.
-        shapes: by name.
-        stand, look: boxes that the camera's place and what it looks at are drawn from.
-        across_deg: views from so many degrees across to so many.
+        rng: the source of all random numbers.
+        folder: folder of the files of meshes.
+        shapes: shapes by name.
+        stand, look: boxes from which the camera's place and the point that it looks at are drawn.
+        across_deg: smallest and largest horizontal angle of view.
     """
 
     rng: np.random.Generator
@@ -44,7 +44,7 @@ class Stage:
     across_deg: tuple[float, float] = (50, 70)
 
     def between(self, low: float, high: float) -> float:
-        """Draw a number."""
+        """Draw a number between two limits."""
         return float(self.rng.uniform(low, high))
 
     def add(self, shape: Plugin) -> None:
@@ -52,13 +52,13 @@ class Stage:
         self.shapes[f"shape{len(self.shapes)}"] = shape
 
     def mesh(self, mesh: trimesh.Trimesh, material: Plugin, *, smooth: bool = False) -> None:
-        """Add a mesh, with shading normals where it is smooth."""
+        """Add a mesh; a smooth mesh gets shading normals."""
         path = self.folder / f"{len(self.shapes)}.ply"
         trimesh.Trimesh(mesh.vertices, mesh.faces, process=smooth).export(path)
         self.add({"type": "ply", "filename": str(path), "face_normals": not smooth, "bsdf": material})
 
     def furnish(self, parts: Parts, *, materials: int) -> None:
-        """Add parts with so many materials; parts of one kind have the same."""
+        """Add parts, with a number of different materials; parts of one kind have the same material."""
         palette = [drawn(self.rng) for _ in range(materials)]
         kinds: dict[str, list[trimesh.Trimesh]] = {}
         for name, mesh in parts.items():
@@ -79,7 +79,7 @@ class Stage:
         self.add({"type": "rectangle", "to_world": mi.ScalarTransform4f(place), "bsdf": material})
 
     def wall(self, corner: ArrayLike, a: ArrayLike, b: ArrayLike, material: Plugin, hole: Hole | None = None) -> None:
-        """Add a wall, with a hole in it if one is given; its inside is where a × b points."""
+        """Add a wall, with a hole if one is given; the wall's inside is the side to which a × b points."""
         if hole is None:
             self.rectangle(corner, a, b, material)
             return

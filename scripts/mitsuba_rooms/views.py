@@ -14,18 +14,26 @@ from mitsuba_rooms.materials import Plugin
 from mitsuba_rooms.stage import Stage
 
 BOUNCES, SAMPLES = 12, 64
-"""Longest light paths; light paths of every pixel that are traced at a time."""
+"""Largest depth of a light path; number of light paths per pixel that are traced at a time."""
 
 NEAR_M, FAR_M = 0.35, 5.9
-"""Range of all that a view may show: up to the unambiguous range of 40 ns."""
+"""Least and largest range in a view; the largest lies just below the unambiguous range of 40 ns."""
 
 TRIES, EVERY = 300, 8
-"""Views that are drawn before a room is given up; they are judged by every so many pixels."""
+"""Number of views that are drawn before a room is given up; a view is judged by one pixel of so many in each direction."""
 
 
 @dataclass(frozen=True)
 class View:
-    """Where the camera is, what it looks at, how wide its view is, and the half angle of its lamp; None: even all around."""
+    """A view of a room.
+
+    Attributes:
+        origin_m: place of the camera.
+        target_m: point that it looks at.
+        across_deg: horizontal angle of view.
+        lamp_deg: half angle of the lamp's beam; None: a lamp that shines evenly all around.
+        width: columns.
+    """
 
     origin_m: Float
     target_m: Float
@@ -40,12 +48,12 @@ class View:
 
     @property
     def focal_length_px(self) -> float:
-        """Of the pinhole."""
+        """Focal length of the pinhole."""
         return self.width / 2 / math.tan(math.radians(self.across_deg / 2))
 
 
 def drawn_view(stage: Stage, width: int, *, even: bool) -> View:
-    """Draw a view of a room of which everything is within range, and little is the sky."""
+    """Draw a view of a room in which everything is within range, and few pixels see the sky."""
     for _ in range(TRIES):
         origin, target = (stage.rng.uniform(*box) for box in (stage.stand, stage.look))
         across, wider = (float(stage.rng.uniform(*limits)) for limits in (stage.across_deg, (1.25, 1.9)))
@@ -60,7 +68,7 @@ def drawn_view(stage: Stage, width: int, *, even: bool) -> View:
 
 
 def scene_of(stage: Stage, view: View) -> Any:
-    """Return Mitsuba's scene of a room with the camera and its lamp, which are in one place."""
+    """Return Mitsuba's scene of a room, with the camera and its lamp in one place."""
     rows, columns = view.shape
     towards = mi.ScalarTransform4f().look_at([*view.origin_m], [*view.target_m], [0, 0, 1])
     lamp: Plugin = {"type": "point", "position": [*view.origin_m]}
@@ -73,14 +81,14 @@ def scene_of(stage: Stage, view: View) -> Any:
 
 
 def seen(scene: Any, view: View, step: int = 1) -> tuple[Float, Bool]:
-    """Return the range at the centres of pixels, NaN where there is nothing, and which of what they see scatters light."""
+    """Return the range at the centres of pixels, NaN if nothing is there, and whether the surface there scatters light."""
     rows, columns = (np.arange(0.5, size, step) / size for size in view.shape)
     y, x = np.meshgrid(rows, columns, indexing="ij")
     at = mi.Point2f(mi.Float(x.ravel()), mi.Float(y.ravel()))
     ray, _ = scene.sensors()[0].sample_ray(0.0, 0.5, at, mi.Point2f(0.5, 0.5))
     met = scene.ray_intersect(ray)
     scatters = mi.has_flag(met.bsdf(mi.RayDifferential3f(ray)).flags(), mi.BSDFFlags.Smooth) & met.is_valid()
-    # rays start at the near clip
+    # measured from the camera, because rays start at the near clip plane
     length_m = np.linalg.norm(np.array(met.p).T - view.origin_m, axis=1)
     range_m = np.where(np.array(met.is_valid()), length_m, np.nan)
     return range_m.reshape(x.shape), np.array(scatters).reshape(x.shape)
@@ -97,6 +105,6 @@ def moments(scene: Any, *, period_ns: float, highest: int, samples: int, bounces
         for seed in range(-(-samples // SAMPLES))
     ]
     real, imaginary = np.moveaxis(np.mean(rounds, axis=0), (3, 2), (0, 1))
-    # the film turns the other way
+    # the film's phase has the opposite sign
     turned: Complex = real - 1j * imaginary
     return turned

@@ -1,4 +1,4 @@
-"""Which lines of the package each test runs: the others' mutants need not be tried against it."""
+"""Note which lines of the package each test runs: mutants of all other lines need not be tried against it."""
 
 import importlib
 import os
@@ -14,15 +14,16 @@ import coverage
 import pytest
 
 Lines = Mapping[str, frozenset[int]]
-"""Numbers of lines by file in the tree."""
+"""Line numbers, by file in the tree."""
 
 _ONCE = "once, below "
-"""Before the folder of what is set up once for all tests in it."""
+"""Prefix of a coverage context, before a folder: lines of fixtures that are set up once for all tests below this folder."""
 
 
 @dataclass(frozen=True)
 class Test:
-    """A test: seconds of the processor's time, lines that it runs, and whether it starts other processes, which may run any."""
+    """A test: its processor time in s, the lines that it runs, and whether it starts other processes, which may run
+    any lines."""
 
     seconds: float
     lines: Lines
@@ -33,7 +34,7 @@ class Test:
 
 @dataclass(frozen=True)
 class Calls:
-    """All tests by node id, and the lines that run before any test does, so that what comes of them may be anywhere."""
+    """All tests by node id, and the lines that run before any test does: what they compute may be used anywhere."""
 
     tests: Mapping[str, Test] = field(default_factory=dict)
     before: Lines = field(default_factory=dict)
@@ -42,28 +43,30 @@ class Calls:
         return Calls({**self.tests, **other.tests}, _joined([self.before, other.before]))
 
     def may_notice(self, test: str, path: str, lines: range, /, *, reached: Callable[[str], bool]) -> bool:
-        """Return whether a test may notice a change of some lines of a file; `reached` tells which files can reach that one.
+        """Return whether a test may notice a change of some lines of a file; `reached` tells which files reach that
+        file.
 
-        What runs on import may be noticed by whoever reaches it, by the test file's own imports or by those of the modules
-        that it runs: rooms are loaded by name, too.
+        If the lines run on import, a test may notice the change if its own file reaches them by its imports, or a
+        module that the test runs, because rooms are also loaded by name.
         """
         known = self.tests[test]
         if known.forks or not known.lines.get(path, frozenset()).isdisjoint(lines):
             return True
         if self.before.get(path, frozenset()).isdisjoint(lines):
             return False
-        return any(map(reached, {test.split("::", maxsplit=1)[0], *known.lines}))
+        return any(map(reached, {file_of(test), *known.lines}))
 
     def may_be_put_in(self, path: str, lines: range, /) -> bool:
-        """Return whether nothing can come of some lines of a file before a test runs."""
+        """Return whether some lines of a file can be changed after the imports, because none of them runs before a test."""
         return self.before.get(path, frozenset()).isdisjoint(lines)
 
 
 class Watch:
-    """A pytest plugin that notes what every test runs, and how long it takes.
+    """A pytest plugin that notes which lines every test runs, and how long it takes.
 
-    What a fixture runs counts for all tests of its file, which may share it, and what one for all files runs for all in its
-    folder. Caches of the package are emptied before each test, so that none finds the answer of another's call.
+    Lines that a fixture runs count for all tests of the same file, because they may share the fixture. Lines of a
+    fixture that is set up once for many files count for all tests in its folder. The caches of the package are emptied
+    before each test, so that no test finds an answer there that another test has computed.
     """
 
     def __init__(self, package: Path) -> None:
@@ -74,7 +77,7 @@ class Watch:
         self._seconds: dict[str, float] = {}
 
     def start(self) -> None:
-        """Begin to note; before the package is imported."""
+        """Begin to note. It must be called before the package is imported."""
         os.register_at_fork(before=self._note_fork)
         sys.addaudithook(lambda event, _: self._note_fork() if event == "subprocess.Popen" else None)
         self._coverage.start()
@@ -82,32 +85,32 @@ class Watch:
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
-        """Note what fixtures run for the whole file."""
+        """Count the lines that fixtures run for the whole file."""
         _empty_caches(self._package.name)
         self._test = item.nodeid
-        self._coverage.switch_context(_file(item.nodeid))
+        self._coverage.switch_context(file_of(item.nodeid))
         yield
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[None]:
-        """Note what is set up once for many files for all of them."""
+        """Count the lines of a fixture that is set up once for many files for all of these files."""
         once = fixturedef.scope in {"session", "package"}
         if once:
             self._coverage.switch_context(_ONCE + fixturedef.baseid)
         yield
         if once:
-            self._coverage.switch_context(_file(self._test))
+            self._coverage.switch_context(file_of(self._test))
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
-        """Note what the test itself runs."""
+        """Note the lines that the test itself runs."""
         self._coverage.switch_context(item.nodeid)
         yield
-        self._coverage.switch_context(_file(item.nodeid))
+        self._coverage.switch_context(file_of(item.nodeid))
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        """Note how much of the processor's time a test takes, with the processes that it starts."""
+        """Note the processor time of a test, including that of the processes that it starts."""
         before = sum(os.times()[:4])
         yield
         self._seconds[item.nodeid] = sum(os.times()[:4]) - before
@@ -119,7 +122,7 @@ class Watch:
         folders = [context.removeprefix(_ONCE) for context in noted if context.startswith(_ONCE)]
         tests = {}
         for name, seconds in self._seconds.items():
-            contexts = [name, _file(name), *(_ONCE + folder for folder in folders if name.startswith(folder))]
+            contexts = [name, file_of(name), *(_ONCE + folder for folder in folders if name.startswith(folder))]
             tests[name] = Test(seconds, _joined([noted.get(context, {}) for context in contexts]), name in self._forks)
         return Calls(tests, noted.get("", {}))
 
@@ -138,7 +141,7 @@ class Watch:
 
 
 class Chosen:
-    """A pytest plugin that leaves out all tests but some."""
+    """A pytest plugin that keeps only the chosen tests."""
 
     def __init__(self, tests: frozenset[str]) -> None:
         self._tests = tests
@@ -163,7 +166,8 @@ def _joined(parts: list[Lines]) -> Lines:
     return dict(found)
 
 
-def _file(test: str) -> str:
+def file_of(test: str, /) -> str:
+    """Return the file of a test's node id."""
     return test.split("::", maxsplit=1)[0]
 
 

@@ -1,4 +1,4 @@
-"""Every place of a module where a mutant can be made, the drawing of some, and the text of a mutated module."""
+"""Find the places of a module where a mutant can be made, draw some of them, and make the text of a mutated module."""
 
 import ast
 import random
@@ -13,10 +13,10 @@ SKIPPED_FUNCTIONS = frozenset(("__repr__", "__str__"))
 SKIPPED_KEYWORDS = frozenset(
     ("dtype", "maxsize", "casting", "encoding", "strict", "kw_only", "eq", "frozen", "default_factory")
 )
-"""Arguments that say how a value is kept, not what it is."""
+"""Keyword arguments that say how a value is stored, not what it is: they are not changed."""
 
 FIRST_ARGUMENT_ONLY = frozenset(("require",))
-"""Functions of which all but the first argument is the text of an error."""
+"""Functions in whose calls only the first argument is changed: the others are the text of an error."""
 
 TYPES = frozenset(("Literal", "ClassVar", "TypeVar", "Annotated"))
 
@@ -25,10 +25,17 @@ PACKAGE = "cadtof_cli"
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: in which file, at which of its places, by which of the variants there, and what it reads like.
+    """One change of a file.
 
-    `lines` are first and last of the innermost statement, without the block that belongs to it. `before` and `after` are the
-    head of that statement. With room and function they name a mutant for good: line numbers and file names change.
+    Attributes:
+        path: the file.
+        place: number of the place in the file.
+        variant: number of the variant at this place.
+        function: the function around the place.
+        before, after: text of the innermost statement, without the block below it, as it was and as it is changed.
+        lines: first and last line of this statement, without the block below it.
+
+    Room, function, before and after identify a mutant for good: line numbers and file names change.
     """
 
     path: str
@@ -41,18 +48,18 @@ class Mutant:
 
     @property
     def room(self) -> str:
-        """The room of the package that it is in."""
+        """The room of the package with the file."""
         return Path(self.path).parts[1]
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """What stays the same when the file moves or lines do."""
+        """What identifies the mutant, even when its file or its lines move."""
         return self.room, self.function, self.before, self.after
 
 
 @dataclass
 class _Place:
-    """Where a node hangs in the tree: the list or the field of its parent, and its innermost statement."""
+    """A place of a node in the tree: the field of its parent, the index if that is a list, and the innermost statement."""
 
     parent: ast.AST
     name: str
@@ -63,7 +70,7 @@ class _Place:
     variants: list[ast.AST] = field(default_factory=list)
 
     def put(self, node: ast.AST) -> None:
-        """Hang another node there."""
+        """Put another node in this place."""
         if self.index is None:
             setattr(self.parent, self.name, node)
         else:
@@ -89,7 +96,7 @@ def mutated(source: str, mutant: Mutant, /) -> str:
 
 
 def mutated_module(source: str, mutant: Mutant, /) -> ast.Module:
-    """Return a module with the change made; what is not changed keeps its lines."""
+    """Return a module with the change made; all other nodes keep their lines."""
     module = ast.parse(source)
     place = next(place for index, place in enumerate(_places(module)) if index == mutant.place)
     place.put(place.variants[mutant.variant])
@@ -154,7 +161,7 @@ def _walk(node: ast.AST, statement: ast.stmt | None, scope: tuple[str, ...], bou
 
 
 def _children(node: ast.AST) -> Iterator[tuple[str, int | None, ast.AST]]:
-    """Yield the children that a mutant may be made in: no annotations, decorators, error texts, docstrings or types."""
+    """Yield the children that may be changed: no annotations, decorators, error texts, docstrings or types."""
     if isinstance(node, ast.Raise | ast.JoinedStr | ast.Assert | ast.Import | ast.ImportFrom):
         return
     for name, value in ast.iter_fields(node):

@@ -1,4 +1,4 @@
-"""Changes of meaning by name: the texts that they change, found anywhere in the package."""
+"""Changes of meaning with a name: each replaces texts, wherever in the package they stand."""
 
 import contextlib
 import re
@@ -15,21 +15,21 @@ from mutation.mutants import PACKAGE
 from mutation.runs import CONTRACTS, KERNEL_LIBRARY, Bench
 
 BESIDE = {"workflows": ("cli",)}
-"""Folders of tests that belong to a room besides that of its name."""
+"""Folders of tests that belong to a room, besides the folder of the same name."""
 
 Pair = tuple[str, str]
-"""What stands there, and what is to stand there."""
+"""The text in the source, and the text that replaces it."""
 
 
 class GoneError(Exception):
-    """A text that a change names does not stand exactly once."""
+    """A text that a change replaces does not stand in the package exactly once."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change by its name; `python` and `kernel` are what it replaces in the modules and in the compiled kernel's C.
+    """A change with a name; `python` and `kernel` are the texts that it replaces in modules and in the C of the kernel.
 
-    `test` is one that noticed it when it was last tried; empty: none is known.
+    `test` is a test that noticed the change when it was last tried; empty if none is known.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Change:
 
 
 def read_changes(path: Path, /) -> tuple[Change, ...]:
-    """Return the changes of a file."""
+    """Return the changes in a file."""
     return tuple(_change(entry) for entry in tomllib.loads(path.read_text(encoding="utf-8"))["change"])
 
 
@@ -47,7 +47,7 @@ def changed_files(tree: Path, change: Change, /, *, kernel: bool) -> dict[Path, 
     """Return the new texts of the files that a change touches: modules, or the C of the kernel.
 
     Raises:
-        GoneError: what it replaces is gone, or stands there more than once.
+        GoneError: a text that it replaces is gone, or stands in the package more than once.
     """
     texts: dict[Path, str] = {}
     suffixes = {".c", ".h"} if kernel else {".py"}
@@ -59,9 +59,10 @@ def changed_files(tree: Path, change: Change, /, *, kernel: bool) -> dict[Path, 
 
 
 def killer(bench: Bench, change: Change, /, *, kernel: bool) -> str:
-    """Return the first test that fails with a change made, of those of its rooms and the contracts; empty: none does.
+    """Return the first test of a change's rooms or of the contracts that fails with the change; empty if none fails.
 
-    With `kernel` it is made in the kernel alone, and the tests that hold it against numpy are left out.
+    With `kernel`, the change is made in the kernel alone, and the tests that compare the kernel with numpy are left
+    out.
     """
     modules = [path.relative_to(bench.tree) for path in changed_files(bench.tree, change, kernel=False)]
     rooms = [folder for module in modules for folder in (module.parts[1], *BESIDE.get(module.parts[1], ()))]
@@ -80,14 +81,14 @@ def killer(bench: Bench, change: Change, /, *, kernel: bool) -> str:
 
 @contextlib.contextmanager
 def _compiled_anew(tree: Path) -> Iterator[None]:
-    """Compile the tree's kernel from its changed C, for a while."""
+    """Replace the tree's kernel for a while by one that is compiled from the changed C."""
     (there,) = (tree / PACKAGE).rglob(KERNEL_LIBRARY)
     before = there.read_bytes()
-    # the same bits as with all optimisations, in a fifth of the time
+    # -O1 gives the same bits as -O3, and compiles in a fifth of the time
     setup = tree / "setup.py"
     setup.write_text(setup.read_text(encoding="utf-8").replace('"-O3"', '"-O1"'), encoding="utf-8")
     with tempfile.TemporaryDirectory() as place:
-        # by setuptools itself: an environment made by uv has no pip
+        # call setuptools directly: an environment made by uv has no pip
         command = [sys.executable, "setup.py", "--quiet", "build_ext", "--build-lib", place, "--build-temp", place]
         subprocess.run(command, check=True, cwd=tree)
         (made,) = Path(place).rglob(KERNEL_LIBRARY)

@@ -64,7 +64,8 @@ KEPT_CALLS = frozenset(
         *("finfo", "read_only", "float32", "float64", "uint32", "intp"),
     )
 )
-"""Calls that only change a value's type or container: their first argument in their place often means the same."""
+"""Calls that only change a value's type or container. They are not replaced by their first argument, because that
+often means the same."""
 
 SYMMETRIC_CALLS = frozenset(
     (
@@ -72,14 +73,14 @@ SYMMETRIC_CALLS = frozenset(
         *("isinstance", "getattr"),
     )
 )
-"""Calls whose first two arguments may be exchanged without any change of meaning, or are no values."""
+"""Calls whose first two arguments are not exchanged: the exchange changes nothing, or the arguments are no values."""
 
 WITHOUT_ARGUMENTS = frozenset(("conj", "conjugate", "copy", "strip"))
-"""Methods without arguments that are dropped."""
+"""Methods without arguments: a mutant leaves out the call."""
 
 
 def variants(node: ast.AST, /) -> Iterator[ast.AST]:
-    """Yield what may stand in the place of an expression."""
+    """Yield the nodes that may replace an expression."""
     if isinstance(node, ast.BinOp):
         yield from _arithmetic(node)
     elif isinstance(node, ast.UnaryOp):
@@ -104,7 +105,7 @@ def variants(node: ast.AST, /) -> Iterator[ast.AST]:
 
 
 def statement_variants(node: ast.stmt, rebound: bool, /) -> Iterator[ast.stmt]:
-    """Yield what may stand in the place of a statement; `rebound`: it assigns names that have a value already."""
+    """Yield the nodes that may replace a statement; `rebound`: the statement assigns names that already have a value."""
     if isinstance(node, ast.Expr | ast.AugAssign | ast.Raise | ast.Delete) or (
         isinstance(node, ast.Assign)
         and (rebound or all(isinstance(target, ast.Subscript | ast.Attribute) for target in node.targets))
@@ -119,7 +120,7 @@ def statement_variants(node: ast.stmt, rebound: bool, /) -> Iterator[ast.stmt]:
 
 
 def called(node: ast.Call, /) -> str:
-    """Return the last word of what is called."""
+    """Return the last name of the called function: of `a.b.c()`, this is `c`."""
     if isinstance(node.func, ast.Attribute):
         return node.func.attr
     return node.func.id if isinstance(node.func, ast.Name) else ""

@@ -1,11 +1,11 @@
-"""Which modules a test file can reach by its imports: the others' mutants need not be tried against it."""
+"""Find the modules that a test file can reach by its imports: mutants of other modules need not be tried against it."""
 
 import ast
 from functools import cache
 from pathlib import Path
 
 ENTRY = "cadtof_cli.cli"
-"""The command line loads its commands by name: who reaches it reaches everything."""
+"""The command line. It loads its commands by name, so a file that reaches it reaches everything."""
 
 EVERYTHING = frozenset(("*",))
 
@@ -18,7 +18,7 @@ def reaches(tree: Path, test_file: Path, module: str, /) -> bool:
 
 @cache
 def _reached(tree: Path, file: Path) -> frozenset[str]:
-    """Return the names of all modules that a file imports, and that those import; EVERYTHING with the command line."""
+    """Return all modules that a file imports, directly or by way of other modules; EVERYTHING if one is the command line."""
     known: set[str] = set()
     waiting = sorted(_imported(tree, file))
     while waiting:
@@ -34,7 +34,7 @@ def _reached(tree: Path, file: Path) -> frozenset[str]:
 
 @cache
 def _imported(tree: Path, file: Path) -> frozenset[str]:
-    """Return the modules of package and tests that a file names in its imports, with the packages that hold them."""
+    """Return the modules of package and tests that a file names in its imports, and the packages around them."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):

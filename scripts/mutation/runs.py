@@ -1,4 +1,4 @@
-"""Mutants against tests: in a copy of the tree, a fork for each, the likeliest and the quickest tests first."""
+"""Try mutants against tests: in a copy of the tree, each in a fork, the likeliest and the quickest tests first."""
 
 import ast
 import contextlib
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from mutation.calls import Calls, Chosen, Watch
+from mutation.calls import Calls, Chosen, Watch, file_of
 from mutation.mutants import PACKAGE, Mutant, mutated
 from mutation.reach import reaches
 from mutation.session import NOT_PUT_IN, TOOL_FAILED, Request, Session, end_with, ended, limit
@@ -32,27 +32,29 @@ KERNEL_LIBRARY = "_kernel*.so"
 COMPILED_LIBRARIES = "_*.so"
 
 KERNEL_FRONTS = frozenset(("kernels", "kernel", "compiled", "compiled_fit"))
-"""Modules whose mutants are tried with the compiled kernel, …"""
+"""Modules whose mutants are tried with the compiled kernel."""
 
 KERNEL_CALLS = frozenset(("extension", "compiled_search"))
-"""… and what a function calls whose mutants are. Elsewhere numpy does the work: a change must be noticed for what it does,
-and not because the two differ."""
+"""If a function calls one of these, its mutants are tried with the compiled kernel, too. For all other mutants,
+numpy does the work: tests must notice what a change does, not that numpy and the kernel differ."""
 
 PATIENCE = 3.0
-"""Times the duration of the unchanged tests, and …"""
+"""A mutant counts as endless after this many times the duration of the unchanged tests, …"""
 
 LEAST_PATIENCE_S = 15.0
-"""… at least this long, of the processor's time, before a mutant counts as one that never ends."""
+"""… but not before this processor time."""
 
 FIRST_S = 2.0
-"""The quickest of the tests that may notice a mutant, so long in all, are tried before all mutants' others."""
+"""Every mutant is tried first against the quickest tests that may notice it, which take this time in all. The other
+tests follow when this is done for all mutants."""
 
 NEAR_FIRST = (0.1, 0.3, 1.0)
-"""By how much the tests of a mutant's own module, those that name it, and the rest count as quick."""
+"""Factors on the durations by which tests are sorted: tests of the mutant's own module, tests that name the module,
+and all other tests."""
 
 OPTIONS = (
     *("-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line", "--hypothesis-seed=0"),
-    # hypothesis is there before pytest, which warns that it cannot look into its assertions
+    # hypothesis is imported before pytest; pytest then warns that it cannot rewrite the assertions of hypothesis
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),
 )
 
@@ -61,7 +63,7 @@ USAGE_ERRORS = frozenset((pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.NO_TESTS_
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mutant: `killed`, `endless`, or `survived`, after how many seconds."""
+    """The outcome of a mutant, `killed`, `endless` or `survived`, and the seconds until then."""
 
     mutant: Mutant
     verdict: str
@@ -69,7 +71,7 @@ class Outcome:
 
 
 class Bench:
-    """A copy of a tree where mutants are tried one after the other, against tests of `most_s` seconds in all at the most."""
+    """A copy of a tree in which mutants are tried one after the other, against tests that take at most `most_s` in all."""
 
     def __init__(self, root: Path, place: Path, calls: Calls | None = None, most_s: float = math.inf) -> None:
         self.tree = place / "tree"
@@ -84,7 +86,7 @@ class Bench:
         self._handing = dict[Mutant, bool]()
 
     def watched(self, rooms: tuple[str, ...]) -> Calls:
-        """Run the unchanged tests, which must pass, and return what each of them calls and how long it takes."""
+        """Run the unchanged tests, which must pass, and return which lines each of them runs, and how long it takes."""
         for room in (*rooms, CONTRACTS):
             code, _ = self._run(self._files(room), 1800.0, Watch(self.tree / PACKAGE))
             if code not in {pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED}:
@@ -93,7 +95,7 @@ class Bench:
         return self._calls
 
     def tried(self, mutant: Mutant, *, quick: bool) -> Outcome:
-        """Return what becomes of a mutant by the quick of the tests that may notice it, or by the others."""
+        """Try a mutant against the quick tests that may notice it, or against the other tests that may; return the outcome."""
         path, kernel = self.tree / mutant.path, self._of_kernel(mutant)
         before = path.read_text(encoding="utf-8")
         text = mutated(before, mutant)
@@ -108,7 +110,10 @@ class Bench:
         return Outcome(mutant, "survived", time.monotonic() - begin)
 
     def _of_kernel(self, mutant: Mutant) -> bool:
-        """Return whether a mutant is of what hands work to the compiled kernel; asked first while nothing is changed."""
+        """Return whether a mutant changes code that hands work to the compiled kernel.
+
+        The first call must precede the change.
+        """
         if mutant not in self._handing:
             path = self.tree / mutant.path
             handing = path.stem in KERNEL_FRONTS or hands_to_kernel(path.read_text(encoding="utf-8"), mutant.lines[0])
@@ -118,10 +123,12 @@ class Bench:
     def _outcome(
         self, mutant: Mutant, source: str, files: list[str], tests: frozenset[str], patience_s: float
     ) -> tuple[int, bool]:
-        """Run tests against a mutant that stands in the tree: in the session that waits, where that is the same."""
+        """Run tests against a mutant that is written into the tree, by the waiting session if that gives the same result."""
         if self._calls.may_be_put_in(mutant.path, _lines(mutant)) and not self._of_kernel(mutant):
             rank = {file: number for number, file in enumerate(files)}
-            ordered = sorted((test for test in self._calls.tests if test in tests), key=lambda test: rank[_file(test)])
+            ordered = sorted(
+                (test for test in self._calls.tests if test in tests), key=lambda test: rank[file_of(test)]
+            )
             code, by_itself = self._waiting.tried(Request(mutant, source, tuple(ordered), patience_s))
             if code not in {NOT_PUT_IN, TOOL_FAILED}:
                 return code, by_itself
@@ -132,13 +139,13 @@ class Bench:
 
     @cached_property
     def _waiting(self) -> Session:
-        files = sorted({_file(test) for test in self._calls.tests})
+        files = sorted({file_of(test) for test in self._calls.tests})
         options = [*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files]
         return Session(self.tree, options, self._log.with_name("session.txt"))
 
     @contextlib.contextmanager
     def changed(self, texts: Mapping[Path, str], *, kernel: bool) -> Iterator[None]:
-        """Give files of the tree other texts for a while, with or without the compiled kernel beside them."""
+        """Replace the texts of some files of the tree for a while, with or without the compiled kernel."""
         before = {path: path.read_text(encoding="utf-8") for path in texts}
         try:
             for path, text in texts.items():
@@ -150,7 +157,7 @@ class Bench:
                 self._write(path, text)
 
     def failing(self, tests: Sequence[str]) -> str:
-        """Return the first that fails of test files or tests, in their order; empty where all pass."""
+        """Run test files or tests in their order, and return the first that fails; empty if all pass."""
         code, _ = self._run(list(tests), 1800.0, None)
         if code == pytest.ExitCode.OK:
             return ""
@@ -169,13 +176,14 @@ class Bench:
         return sorted(str(path.relative_to(self.tree)) for path in (self.tree / "tests" / room).rglob("test_*.py"))
 
     def seconds(self, mutant: Mutant, *, quick: bool) -> float:
-        """Return how long the tests take that `tried` tries it against, if none fails."""
+        """Return the time in s of the tests that `tried` runs against a mutant, if none fails."""
         return sum(map(self._seconds, self._portion(mutant, quick=quick)[1]))
 
     def _portion(self, mutant: Mutant, *, quick: bool) -> tuple[list[str], frozenset[str]]:
-        """Return the quick of the tests that may notice a mutant, of its room and the contracts, or the others, with their files.
+        """Return the quick tests of a mutant's room and of the contracts that may notice it, or the others; their
+        files, too.
 
-        Those of its module come before those that name it, and these before the rest.
+        Tests of the mutant's module come first. Tests in files that name the module come second, and all others last.
         """
         stem, module = Path(mutant.path).stem, ".".join(Path(mutant.path).with_suffix("").parts)
 
@@ -193,28 +201,29 @@ class Bench:
         tests = [
             test
             for test in self._calls.tests
-            if _file(test) in files and (of_kernel or self._calls.may_notice(test, mutant.path, lines, reached=reached))
+            if file_of(test) in files
+            and (of_kernel or self._calls.may_notice(test, mutant.path, lines, reached=reached))
         ]
-        tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(_file(test))])
+        tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(file_of(test))])
         sums = list(itertools.accumulate(self._seconds(test) for test in tests))
         count, most = (sum(1 for total in sums if total <= limit) for limit in (FIRST_S, self._most_s))
         tests = tests[:count] if quick else tests[count:most]
         seconds: dict[str, float] = defaultdict(float)
         for test in tests:
-            seconds[_file(test)] += self._seconds(test)
+            seconds[file_of(test)] += self._seconds(test)
         return sorted(seconds, key=lambda file: (near(file), seconds[file])), frozenset(tests)
 
     def _seconds(self, test: str) -> float:
         return self._calls.tests[test].seconds
 
     def _write(self, path: Path, text: str) -> None:
-        """Write a module with a time of its own, so that no compiled one from before is taken for it."""
+        """Write a module with a new modification time, so that Python does not use bytecode of the text before."""
         path.write_text(text, encoding="utf-8")
         self._clock += 2.0
         os.utime(path, (self._clock, self._clock))
 
     def _run(self, files: list[str], patience_s: float, plugin: Watch | Chosen | None) -> tuple[int, bool]:
-        """Run tests in a fork of this process; return pytest's exit code, and whether it ended by itself."""
+        """Run tests in a fork of this process; return pytest's exit code, and whether the fork ended by itself."""
         child = os.fork()
         if child == 0:
             end_with(partial(self._tried, files, patience_s, plugin), self.tree, self._log)
@@ -222,7 +231,7 @@ class Bench:
 
     def _tried(self, files: list[str], patience_s: float, plugin: Watch | Chosen | None) -> int:
         limit(patience_s)
-        # what is not changed is compiled once
+        # keep the bytecode: unchanged modules are compiled only once
         sys.dont_write_bytecode = False
         options = [*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files]
         if isinstance(plugin, Watch):
@@ -239,10 +248,6 @@ def hands_to_kernel(source: str, line: int, /) -> bool:
     around = (node for node in functions if node.lineno <= line <= (node.end_lineno or node.lineno))
     calls = (part.func for node in around for part in ast.walk(node) if isinstance(part, ast.Call))
     return any(isinstance(called, ast.Name) and called.id in KERNEL_CALLS for called in calls)
-
-
-def _file(test: str) -> str:
-    return test.split("::", maxsplit=1)[0]
 
 
 def _lines(mutant: Mutant) -> range:

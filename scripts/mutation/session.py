@@ -1,6 +1,7 @@
-"""A session of pytest that has collected all tests and waits: each mutant gets a fork of it, with the changed functions put in.
+"""A session of pytest that has collected all tests and waits. Each mutant gets a fork of it, with the changed
+functions.
 
-Nothing is imported or collected again, so a mutant costs what its tests do.
+The fork imports and collects nothing again, so a mutant costs only the time of its tests.
 """
 
 import ast
@@ -28,24 +29,25 @@ from mutation.calls import import_all
 from mutation.mutants import PACKAGE, Mutant, mutated_module
 
 NOT_PUT_IN = 98
-"""Exit code where a change cannot be put into functions that are there already."""
+"""Exit code if a change cannot be put into the existing functions."""
 
 TOOL_FAILED = 97
-"""Exit code where something other than a test failed, which says nothing of a mutant."""
+"""Exit code if something other than a test failed, which says nothing about the mutant."""
 
 MEMORY_BYTES = 6 * 2**30
 
 WAITS = 20
-"""Times the processor's time that a mutant has by the clock, for other programs may keep the processor busy."""
+"""A mutant may take this many times its processor time on the clock, because other programs may keep the processor busy."""
 
 
 class NotPutInError(Exception):
-    """A changed function takes more or fewer names from around it than the one that is there."""
+    """An existing function has no changed function that matches it, or one that takes other names from the scopes
+    around it."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """A mutant of a file with this text, the tests to try in order, and the processor's time that they may take."""
+    """A mutant, the unchanged text of its file, the tests to run in order, and their limit of processor time."""
 
     mutant: Mutant
     source: str
@@ -54,7 +56,7 @@ class Request:
 
 
 class Session:
-    """The process that waits, seen from outside."""
+    """The waiting process, as seen by its parent."""
 
     def __init__(self, tree: Path, options: Sequence[str], log: Path) -> None:
         self._connection, theirs = multiprocessing.Pipe()
@@ -64,17 +66,17 @@ class Session:
         theirs.close()
 
     def tried(self, request: Request, /) -> tuple[int, bool]:
-        """Return the exit code of the tests, and whether they ended by themselves."""
+        """Run the tests of a request; return their exit code, and whether they ended by themselves."""
         self._connection.send(request)
         code, ended = self._connection.recv()
         return int(code), bool(ended)
 
 
 def put_in(path: Path, module: ast.Module, /) -> None:
-    """Give the functions of a file that is imported already the code that they have in this module.
+    """Replace the code of the functions of a file that is already imported by their code in `module`.
 
     Raises:
-        NotPutInError: that cannot be done.
+        NotPutInError: a function has no counterpart in `module`, or none that fits.
     """
     codes = defaultdict[tuple[str, int], list[CodeType]](list)
     for code in _codes(compile(module, str(path), "exec")):
@@ -89,9 +91,9 @@ def put_in(path: Path, module: ast.Module, /) -> None:
 
 
 def limit(patience_s: float, /) -> None:
-    """Make this process the head of a group, with so much of the processor's time and not all of the memory.
+    """Make this process the leader of a process group, and limit its processor time and its memory.
 
-    It can be interrupted, as tests of that ask for, also where a shell's background job made it deaf to that.
+    SIGINT interrupts this process, as some tests need; a process that a shell starts in the background would ignore it.
     """
     os.setsid()
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -116,7 +118,8 @@ def ended(child: int, patience_s: float, /) -> tuple[int, bool]:
 
 
 def end_with(run: Callable[[], int], tree: Path, log: Path, /) -> NoReturn:
-    """End this process, a fork, with the exit code that `run` returns; it runs in the tree, and the log gets what it prints."""
+    """Call `run` in the tree, with its output in the log; then end this process, a fork, with the exit code that
+    `run` returns."""
     code = TOOL_FAILED
     try:
         target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
@@ -140,7 +143,7 @@ def _wait_for_requests(tree: Path, options: Sequence[str], connection: Connectio
 
 
 class _Waiting:
-    """A pytest plugin that runs what is asked for, again and again, in forks."""
+    """A pytest plugin that answers requests: it runs the tests of each request in a fork."""
 
     def __init__(self, tree: Path, connection: Connection) -> None:
         self._tree = tree
@@ -148,7 +151,7 @@ class _Waiting:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        """Answer requests until nobody asks any more."""
+        """Answer requests until the parent closes the connection."""
         items = {item.nodeid: item for item in session.items}
         with suppress(EOFError):
             while True:

@@ -1,4 +1,4 @@
-"""How much work each experiment may be: all of it, or what CI has time for."""
+"""How much work the experiments do: all of it, or as much as CI has time for."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ class Effort:
 
     Attributes:
         out: folder of PNG, CSV and Markdown.
-        jobs: processes.
+        jobs: number of processes.
         resolver_runs: solves of each condition; the paper has 400.
         pixel_runs: photon-by-photon recordings of each condition of Fig. 3; the paper has 200.
         photon_length: integration length of Table 1 photon by photon; the paper has 1e5.
@@ -28,5 +28,5 @@ class Effort:
 
 
 def quick(out: Path, jobs: int) -> Effort:
-    """Return what takes seconds; the numbers are as noisy as that says."""
+    """Return an effort that takes seconds, with noisier numbers."""
     return Effort(out, jobs, resolver_runs=100, pixel_runs=10, photon_length=2.0e3, frames=2)

@@ -1,4 +1,4 @@
-"""The sections of the page on resolved peaks: Table 1, Figs. 6 to 9, ours and the paper's way beside the paper."""
+"""The sections of the page on resolved peaks: Table 1 and Figs. 6 to 9. Ours and the paper's way stand beside the paper."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from paper.resolver_experiments import (
 )
 
 SHORT = 1.0e4
-"""Longest n_av of the cells that come closest to the paper's ranges."""
+"""Largest n_av of the cells that come closest to the paper's ranges."""
 
 RANGES = (
     ("9(a)", 0.3, "direct", "0.1 to 0.7"),

@@ -1,4 +1,4 @@
-"""The Markdown page: ours beside the paper's, condition by condition."""
+"""Make the Markdown page: ours beside the paper's, condition by condition."""
 
 from paper.effort import Effort
 from paper.map_page import maps_section, table_1_section

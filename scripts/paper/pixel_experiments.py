@@ -1,4 +1,4 @@
-"""Figs. 2 and 3: what MPI does to one pixel, photon by photon."""
+"""Figs. 2 and 3: the effect of MPI on one pixel, photon by photon."""
 
 import csv
 import math
@@ -24,7 +24,7 @@ FIG_2 = (
     Condition(asr=1.0, mpi_ratio=0.0, direct_ns=10.0, second_ns=17.0),
     Condition(asr=0.8, mpi_ratio=0.3, direct_ns=10.0, second_ns=17.0),
 )
-"""90° and 153° of 40 ns; (a, c, e) and (b, d, f)."""
+"""Paths at 90° and 153° of 40 ns; the conditions of Fig. 2 (a, c, e) and (b, d, f)."""
 
 PIXEL = PixelModel(averaging=Averaging(integration_length=4000.0), cycles=10_000, photons_per_cycle=5)
 
@@ -72,17 +72,18 @@ def figure_2(effort: Effort) -> Figure2:
 
 @dataclass(frozen=True)
 class Figure3:
-    """How far the simulation is off the analytical models, at worst, and how the phase error varies with ASR.
+    """Largest deviations of the simulation from the analytical models, and how the phase error varies with ASR.
 
     Attributes:
         confidence_mix: relative deviation of the confidence from the model of the whole mix.
-        confidence_single: and from the one-path model A·r1/(1 + ASR) with ASR as ambient over laser and MPI photons.
+        confidence_single: relative deviation of the confidence from the one-path model A·r1/(1 + ASR), with ASR as
+            ambient photons over laser and MPI photons.
         precision_mix: relative deviation of the phase precision from the model of the whole mix.
-        precision_single: and from the one-path model, so taken.
+        precision_single: relative deviation of the phase precision from the same one-path model.
         error_deg: mean phase error by MPI ratio.
-        error_spread_deg: largest less smallest phase error over ASR, by MPI ratio.
+        error_spread_deg: largest minus smallest phase error over ASR, by MPI ratio.
         error_noise_deg: largest standard error of one of these phase errors, by MPI ratio.
-        precision: at the largest MPI ratio, by ASR.
+        precision: phase precision at the largest MPI ratio, by ASR.
     """
 
     confidence_mix: float
@@ -100,9 +101,10 @@ class Precision:
     """Phase precision at one condition in degrees, and by which factors it exceeds the one-path model.
 
     Attributes:
-        seen_deg, single_deg: photon by photon, and by the one-path model, MPI as signal.
-        shorter: the model's confidence over the mix's: two phasors add up to less than their sum.
-        wider: the mix's standard deviation across its phasor over the model's.
+        seen_deg: precision of the simulation photon by photon.
+        single_deg: precision of the one-path model, with MPI counted as signal.
+        shorter: confidence of the one-path model over that of the mix: two phasors add up to less than their sum.
+        wider: standard deviation of the mix across its phasor over that of the one-path model.
     """
 
     asr: float
@@ -149,7 +151,7 @@ def _precision(cell: SweepCell) -> Precision:
 
 
 def _single_path(condition: Condition) -> tuple[float, float]:
-    """Return the one-path model's confidence in V and precision in rad, where MPI counts as signal."""
+    """Return the one-path model's confidence in V and precision in rad, with MPI counted as signal."""
     asr, modulation = condition.asr / (1.0 + condition.mpi_ratio), PIXEL.modulation
     spread = condition.mix(modulation.periods_ns[0]).spread_rad
     first, second = math.exp(-(spread**2) / 2), math.exp(-2 * spread**2)

@@ -25,7 +25,7 @@ from cadtof_cli.workflows.simulate.trials import Recordings, Trials, recordings
 from paper.effort import SEED, Effort
 
 TABLE_1 = {"a": (16.0, 0.05, 0.16), "b": (25.0, 0.03, 0.12), "c": (11.0, 0.17, 0.52)}
-"""Figure 7a, b, c: second peak, then the paper's standard deviations of both, in ns."""
+"""Conditions of Fig. 7 (a), (b) and (c): time of the second peak, and the paper's standard deviations of both peaks, in ns."""
 
 GRID_ASRS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 GRID_LENGTHS = (1.0e3, 3.0e3, 1.0e4, 3.0e4, 1.0e5)
@@ -34,8 +34,8 @@ TWO_PATHS = ResolverSettings(order="2")
 """The paper's solver always returns two peaks."""
 
 PAPER_WAY = ResolverSettings(solver="lm", order="2", starts=10, returns="strongest")
-"""Eq. (9) from ten random starts. The stronger peak is called the first: what the paper says of the first peak without MPI fits
-that, and not the earlier one."""
+"""Eq. (9) from ten random starts. The stronger peak is called the first: this fits what the paper says of the first
+peak without MPI. Calling the earlier peak the first does not fit."""
 
 SEEDS = range(20)
 
@@ -44,7 +44,7 @@ WORST = ((0.3, 3.4), (0.1, 12.8))
 
 
 def as_the_paper(trials: Trials) -> Trials:
-    """Return the same trials the paper's way: its solver, the pulse left in, times within ±20 ns as angles come."""
+    """Return the same trials the paper's way: its solver, no correction of the pulse, times within ±20 ns as angles come."""
     return replace(trials, resolver=PAPER_WAY, pulse_correction=False, wrapped=True)
 
 
@@ -76,8 +76,15 @@ def figure_6(effort: Effort) -> None:
 
 @dataclass(frozen=True)
 class Table1Row:
-    """One condition: by statistics at the paper's integration length, ours and the paper's way, and photon by photon at
-    `photon_length`."""
+    """One condition of Table 1.
+
+    Attributes:
+        name: part of Fig. 7.
+        statistics: ours by statistics, at the paper's integration length.
+        paper_way: the paper's way by statistics, at the same integration length.
+        photons: ours photon by photon, at `photon_length`.
+        photon_length: integration length of `photons`.
+    """
 
     name: str
     statistics: TrialsSummary
@@ -134,7 +141,7 @@ def _write_table_1(effort: Effort, made: list[Table1Row]) -> None:
     for row in made:
         second_ns, *paper = TABLE_1[row.name]
         for path, stated in zip(("direct", "second"), paper, strict=True):
-            theirs, ours, counted = (getattr(made, path) for made in (row.paper_way, row.statistics, row.photons))
+            theirs, ours, counted = (getattr(one, path) for one in (row.paper_way, row.statistics, row.photons))
             lines.append(
                 f"7{row.name},{second_ns:g},{path},{stated},{theirs.std_ns:.4f},{ours.std_ns:.4f},{counted.std_ns:.4f},"
                 f"{ours.bound_ns:.4f},{row.photon_length:g}"
@@ -147,10 +154,10 @@ class Maps:
     """Figs. 8 and 9: every cell, for MPI ratios 0.3, 0.1 and 0.
 
     Attributes:
-        ours: two paths at MPI 0.3 and 0.1; with the order test at 0.
-        always_two: without MPI, when two paths are always resolved; pulse corrected.
-        as_the_paper: all of it the paper's way.
-        seeds: the paper's way at `WORST`, by MPI ratio, the second path's standard deviation for every seed.
+        ours: always two paths at MPI 0.3 and 0.1; the order test at 0.
+        always_two: always two paths at 0, with the pulse corrected.
+        as_the_paper: all cells the paper's way.
+        seeds: standard deviation of the second path, the paper's way at `WORST`, by MPI ratio, for every seed.
     """
 
     ours: list[SweepCell]
@@ -203,7 +210,7 @@ def _over_seeds(base: Trials, ratio: float) -> list[float]:
 def extremes(
     cells: list[SweepCell], ratio: float, path: str, column: str, *, longest: float = math.inf
 ) -> tuple[float, float]:
-    """Return the smallest and the largest magnitude of a column over the cells of one MPI ratio, up to an n_av."""
+    """Return the smallest and the largest magnitude of a column over the cells of one MPI ratio, up to the n_av `longest`."""
     values = [
         abs(getattr(getattr(cell.outcome, path), column))
         for cell in cells

@@ -35,9 +35,9 @@ class Recorded:
     Attributes:
         truth_m: (Y, X) range.
         first_m: (T, Y, X) range from the first phasor alone.
-        direct_m: (T, Y, X) range of the resolved direct path, by default: MPI is what each frame says.
-        discrete_m: the same where MPI is separate paths.
-        taken: what the frames say, `diffuse` or `discrete`.
+        direct_m: (T, Y, X) range of the resolved direct path by the default MPI model, which decides for each frame.
+        discrete_m: (T, Y, X) range of the resolved direct path with MPI as separate paths.
+        taken: what the default model takes the MPI of the frames for, `diffuse` or `discrete`.
     """
 
     truth_m: Float
@@ -73,8 +73,15 @@ def _frame(exposure: Exposure, whole: Band, index: int) -> tuple[Float, Float, F
 
 @dataclass(frozen=True)
 class Figure4:
-    """Distance of the panel's middle, in cm: without and with the second object, and with it resolved, both ways; and what its
-    MPI is by default."""
+    """Distance of the panel's middle in cm.
+
+    Attributes:
+        without_cm: without the second object.
+        with_cm: with the second object, by the first phasor.
+        resolved_cm: with the second object, by the default MPI model.
+        discrete_cm: with the second object, with MPI as separate paths.
+        taken: what the default model takes the MPI for.
+    """
 
     without_cm: float
     with_cm: float
@@ -125,9 +132,15 @@ def figure_4(effort: Effort) -> Figure4:
 
 @dataclass(frozen=True)
 class Figure5:
-    """Depth error of the corner in cm: first phasor, resolved by default, and resolved with MPI discrete; angles in degrees.
+    """Depth errors of the corner in cm, and its angles in degrees.
 
-    `spread_cm` are median and 90 % of its magnitude; the first angle is the true one; `taken` is what MPI is by default.
+    Each error has three values: first phasor, default MPI model, and MPI as separate paths.
+
+    Attributes:
+        spread_cm: median and 90 % of the magnitude of the error.
+        bias_cm: median of the error.
+        opening_deg: angle between the planes: the true angle first, then of the three depths.
+        taken: what the default model takes the MPI for.
     """
 
     spread_cm: tuple[tuple[float, float], ...]

@@ -1,4 +1,4 @@
-"""Two commits side by side: `cadtof resolve` of each, by CPU time per frame without the start-up, and the start-up."""
+"""Compare two commits: CPU time of `cadtof resolve` per frame without the start-up, CPU time of one frame, and memory."""
 
 import os
 import shutil
@@ -18,7 +18,15 @@ DISCRETE = (MPI_MODEL, "discrete")
 
 @dataclass(frozen=True)
 class Case:
-    """A kind of run: options of `resolve`, of which a commit may lack some, and as many frames as make a second or so."""
+    """A kind of run.
+
+    Attributes:
+        options: options of `resolve`; a commit may lack some of them.
+        frames: as many frames as take a second or so.
+        scene: options of `simulate` for the frames; without any, they are copies of a sample.
+        asked: the goal.
+        environment: variables for the run.
+    """
 
     options: tuple[str, ...]
     frames: int
@@ -48,7 +56,7 @@ MEMORY, MEMORY_FRAMES = "memory", 300
 
 
 def against(reference: str, place: Path, repeats: int, *, cases: list[str]) -> Iterator[Row]:
-    """Measure this working tree and a commit in some cases; rows hold the time of this one over that of the commit."""
+    """Measure this working tree and a commit in some cases; rows hold the time of this tree over that of the commit."""
     trees = {"this": ROOT, "that": _installed(reference, place)}
     known = {name: _help(tree) for name, tree in trees.items()}
     out = place / "out"
@@ -79,7 +87,7 @@ def against(reference: str, place: Path, repeats: int, *, cases: list[str]) -> I
 
 
 def _memory(reference: str, place: Path, options: Mapping[str, list[str]], trees: Mapping[str, Path]) -> Row:
-    """Return the row of peak memory, of two jobs with all their processes."""
+    """Return the row of peak memory: two jobs, all processes together."""
     capture, out = capture_of(place / MEMORY, MEMORY_FRAMES), place / "out"
     this, that = (
         peak(resolve(capture, out, *options[name], "-j", "2", environment={"PYTHONPATH": str(tree)}))
@@ -90,7 +98,7 @@ def _memory(reference: str, place: Path, options: Mapping[str, list[str]], trees
 
 
 def _installed(reference: str, place: Path) -> Path:
-    """Install a commit into a folder of its own, with what it compiles, and return the folder."""
+    """Install a commit into a folder of its own, with its compiled modules, and return the folder."""
     source, target = place / "source", place / "that"
     source.mkdir()
     archive = subprocess.run(["git", "-C", str(ROOT), "archive", reference], check=True, stdout=subprocess.PIPE)
@@ -109,7 +117,7 @@ def _help(tree: Path) -> str:
 
 
 def _understood(options: tuple[str, ...], help_text: str) -> list[str]:
-    """Return options, which have a value each, without those that a commit does not know yet."""
+    """Return the options that a commit knows by its help; each has a value."""
     pairs = zip(options[::2], options[1::2], strict=True)
     return [word for name, value in pairs if name in help_text for word in (name, value)]
 

@@ -1,4 +1,4 @@
-"""CPU time of whole process trees, side by side and in turns; rows of what was asked and what came out."""
+"""Measure CPU time of whole process trees that take turns; rows of what was asked and what came out."""
 
 import os
 import resource
@@ -8,15 +8,17 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 ROOT = Path(__file__).resolve().parents[2]
 
 ENVIRONMENT = {
     name: value for name, value in os.environ.items() if name not in {"PYTHONDONTWRITEBYTECODE", "PYTHONPATH"}
 } | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Python keeps its bytecode, as it does for a user, and nothing but cadtof's own processes shares the work out."""
+"""Environment of measured commands. Python keeps its bytecode, as it does for a user, and no library starts threads
+of its own."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +29,6 @@ class Row:
     asked: str | None
     measured: str
     values: tuple[float, ...] = ()
-
-    def as_json(self) -> dict[str, object]:
-        """Return the row as a JSON object."""
-        return asdict(self)
 
     def as_markdown(self) -> str:
         """Return the row of a table."""
@@ -47,9 +45,11 @@ class Cost:
 
 @dataclass(frozen=True)
 class Command:
-    """A command, and the folder that it writes into, which is new each time; what it wrote before is emptied and kept beside it.
+    """A command, and the folder that it writes into.
 
-    Whenever a file is created, ext4 looks through what was deleted in the last minutes: after 1,000 files, half a millisecond.
+    The folder is new each time. The files that it held before are truncated and kept beside it instead of deleted:
+    whenever a file is created, ext4 looks through what was deleted in the last minutes, which takes half a millisecond
+    after 1,000 files.
     """
 
     words: Sequence[str]
@@ -57,7 +57,7 @@ class Command:
     environment: Mapping[str, str] | None = None
 
     def cost(self) -> Cost:
-        """Run it once."""
+        """Run the command once, and return what it cost."""
         if self.out.exists():
             for path in self.out.rglob("*"):
                 if path.is_file():
@@ -65,7 +65,7 @@ class Command:
             self.out.rename(tempfile.mkdtemp(prefix="before-", dir=self.out.parent))
         self.out.mkdir()
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        # not where this was started: Python looks there for modules first, and another commit may be asked for
+        # not in the current folder: Python looks for modules there first, and would find this commit instead of another
         environment = {**ENVIRONMENT, **(self.environment or {})}
         subprocess.run(self.words, env=environment, cwd=self.out, stdout=subprocess.DEVNULL, check=True)
         wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -79,7 +79,10 @@ def resolve(capture: Path, out: Path, *options: str, environment: Mapping[str, s
 
 
 def in_turns(commands: Mapping[str, Command], repeats: int) -> dict[str, Cost]:
-    """Return the least CPU and clock time of each command: they take turns, so that what else the machine does strikes all."""
+    """Return the least CPU and clock time of each command.
+
+    They take turns, so that other work on the machine hits all of them.
+    """
     costs: dict[str, list[Cost]] = {name: [] for name in commands}
     for _ in range(repeats):
         for name, command in commands.items():
@@ -91,7 +94,7 @@ def in_turns(commands: Mapping[str, Command], repeats: int) -> dict[str, Cost]:
 
 
 def least_seconds(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Return the least CPU time of this thread that each work takes, in turns."""
+    """Return the least CPU time of this thread for each work; the works take turns."""
     times: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(repeats):
         for name, work in works.items():
@@ -101,8 +104,29 @@ def least_seconds(works: Mapping[str, Callable[[], object]], repeats: int) -> di
     return {name: min(found) for name, found in times.items()}
 
 
+def tree_memory(pid: int, kind: Literal["Rss", "Pss"]) -> int:
+    """Return the memory of a process and all its descendants, in bytes.
+
+    Args:
+        pid: the process.
+        kind: `Rss` counts a shared page for each process. `Pss` shares it out, so that it counts once; but `Pss` also
+            changes when other processes on the machine map the same pages, although nothing is allocated.
+    """
+    total, waiting = 0, [pid]
+    while waiting:
+        pid = waiting.pop()
+        try:
+            lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+            total += 1024 * sum(int(line.split()[1]) for line in lines if line.startswith(f"{kind}:"))
+            for task in Path(f"/proc/{pid}/task").iterdir():
+                waiting += [int(child) for child in (task / "children").read_text().split()]
+        except OSError:
+            continue
+    return total
+
+
 def capture_of(folder: Path, frames: int, *, sample: Path = ROOT / "sample_data" / "corner") -> Path:
-    """Make a capture of so many copies of a sample's first frame."""
+    """Make a capture of `frames` copies of a sample's first frame."""
     folder.mkdir()
     shutil.copy(sample / "capture.toml", folder)
     first = min(sample.glob("frame_*.tif"))

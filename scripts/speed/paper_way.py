@@ -1,4 +1,4 @@
-"""The paper's solver by scipy: what ours are measured against."""
+"""The paper's solver by scipy, against which our solvers are measured."""
 
 import numpy as np
 from scipy.optimize import leastsq
@@ -7,7 +7,10 @@ from cadtof_cli.arrays import Float
 
 
 def paper_way(p1: complex, p2: complex, starts: Float) -> tuple[complex, complex]:
-    """Eq. (9) by MINPACK's Levenberg–Marquardt from each start, (n, 2), the best kept: the two paths as complex amplitudes."""
+    """Return the two paths as complex amplitudes, by Eq. (9).
+
+    MINPACK's Levenberg–Marquardt searches from each start, (n, 2), and the best result is kept.
+    """
     q2 = p2 * abs(p1) / p1**2
 
     def misfit(z: Float) -> tuple[float, float]:

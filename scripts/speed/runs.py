@@ -1,4 +1,4 @@
-"""Whole runs: `cadtof resolve` beside only reading and writing as much, its start-up and its memory."""
+"""Measure whole runs: `cadtof resolve` beside reading and writing as many bytes, its start-up and its memory."""
 
 import shutil
 import subprocess
@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from speed.measure import ENVIRONMENT, ROOT, Command, Cost, Row, capture_of, in_turns, resolve
+from speed.measure import ENVIRONMENT, ROOT, Command, Cost, Row, capture_of, in_turns, resolve, tree_memory
 
 COPY = """
 import sys
@@ -31,7 +31,8 @@ else:
     with ProcessPoolExecutor(int(jobs)) as pool:
         list(pool.map(copy, tasks))
 """
-"""Reads frames and writes as many bytes as `resolve` does, with tifffile and nothing else, nor waiting for the disk."""
+"""A program that reads frames, and writes as many bytes as `resolve` does. It uses tifffile alone, and does not wait
+for the disk."""
 
 WRITE = """
 import os, sys
@@ -53,7 +54,8 @@ content[:] = os.urandom(size)
 with ThreadPoolExecutor(8) as pool:
     list(pool.map(write, [out / f"{index:05}.tif" for index in range(files)]))
 """
-"""Writes as many bytes as two jobs of `resolve` do, as they write them and as many files at once; nothing is read or computed."""
+"""A program that writes as many bytes as two jobs of `resolve`, in the same way and as many files at once. It reads
+and computes nothing."""
 
 AT_ONCE = """
 import subprocess, sys
@@ -62,20 +64,22 @@ half, *commands = sys.argv[1:]
 runs = [subprocess.Popen(commands[place : place + int(half)]) for place in (0, int(half))]
 sys.exit(max(run.wait() for run in runs))
 """
-"""Starts two commands of so many words each, and waits for both."""
+"""A program that starts two commands of the same number of words, and waits for both."""
 
 MAP_BYTES = 8 * 4 * 240 * 320 + 2 * 2**12
-"""Of a QVGA frame's maps."""
+"""Bytes of a QVGA frame's maps."""
 
 ASKED = {200: 0.5, 1000: 0.58}
-"""Throughput over that, of a run of so many frames, with AVX-512."""
+"""Goal by the number of frames, with AVX-512: throughput over that of only reading and writing."""
 
 DIFFUSE_FRAMES = 400
-"""As the MPI of each is predicted, they take longer than their maps take to be written, and ten times as long as the start."""
+"""Number of frames with the default MPI model. MPI is predicted for each of them, so they take longer than writing
+their maps, and ten times as long as the start."""
 
 
 def end_to_end(place: Path, repeats: int, frames: int) -> Iterator[Row]:
-    """`cadtof resolve` of some hundreds of frames against only reading and writing, by CPU time of the process tree."""
+    """Measure `cadtof resolve` of some hundreds of frames against only reading and writing, by CPU time of the
+    process tree."""
     capture, out, script = capture_of(place / f"in{frames}", frames), place / "out", place / "copy_frames.py"
     script.write_text(COPY)
     discrete = ("--mpi-model", "discrete")
@@ -116,7 +120,10 @@ def end_to_end(place: Path, repeats: int, frames: int) -> Iterator[Row]:
 
 
 def _two_jobs(costs: Mapping[str, Cost]) -> Iterator[Row]:
-    """What the second job brings, and could: no run ends before its maps are written, or has more cores than there are."""
+    """Yield rows on the gain of a second job and on its limits.
+
+    A run does not end before its maps are written, and has no more cores than there are.
+    """
     one, two = costs["default 1"], costs["default 2"]
     ratio = one.wall_s / two.wall_s
     what = f"two jobs over one, by the clock, of {DIFFUSE_FRAMES} frames with the MPI model that is the default"
@@ -138,7 +145,7 @@ def _two_jobs(costs: Mapping[str, Cost]) -> Iterator[Row]:
 
 
 def start_up(place: Path, repeats: int) -> Iterator[Row]:
-    """One frame, and help, against importing the libraries that they need."""
+    """Measure a run of one frame, and `--help`, against importing the libraries that they need."""
     capture, out = capture_of(place / "one", 1), place / "out"
     program = Path(sys.executable).with_name("cadtof")
     words = [str(program), "resolve", str(capture), "-o", str(out), "-q", "--overwrite"]
@@ -165,7 +172,7 @@ def start_up(place: Path, repeats: int) -> Iterator[Row]:
 
 
 def memory(place: Path, frames: int) -> Iterator[Row]:
-    """Peak memory of the whole process tree, few frames against many."""
+    """Measure the peak memory of the whole process tree: many frames over few."""
     peaks = []
     for count, runs in ((50, 3), (frames, 1)):
         capture, out = capture_of(place / f"in{count}", count), place / "out"
@@ -182,31 +189,13 @@ def memory(place: Path, frames: int) -> Iterator[Row]:
 
 
 def peak(command: Command) -> int:
-    """Run a command; return the most memory that it and all that it started have had, in bytes."""
+    """Run a command; return the peak memory of it and all its descendants, in bytes."""
     shutil.rmtree(command.out, ignore_errors=True)
     command.out.mkdir()
     seen = [0]
     environment = {**ENVIRONMENT, **(command.environment or {})}
     with subprocess.Popen(command.words, env=environment, cwd=command.out) as process:
         while process.poll() is None:
-            seen.append(tree_memory(process.pid))
+            seen.append(tree_memory(process.pid, "Rss"))
             time.sleep(0.01)
     return max(seen)
-
-
-def tree_memory(pid: int) -> int:
-    """Return the resident memory of a process and all that it started, in bytes; pages that they share count for each.
-
-    Shares of pages (PSS) would not do: they change with who else on the machine maps them, while nothing is allocated.
-    """
-    total, waiting = 0, [pid]
-    while waiting:
-        pid = waiting.pop()
-        try:
-            lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-            total += 1024 * sum(int(line.split()[1]) for line in lines if line.startswith("Rss:"))
-            for task in Path(f"/proc/{pid}/task").iterdir():
-                waiting += [int(child) for child in (task / "children").read_text().split()]
-        except OSError:
-            continue
-    return total

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from check_docs import CHECKS, PAGES, Form
+from check_docs import CHECKS, PAGES
 from docs_checks.console import check_commands
 from docs_checks.numbers import stale_options, unsourced
 from docs_checks.pages import commands, sections
@@ -55,7 +55,7 @@ def page(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("name", ["numbers", "options", "messages"])
 def test_nothing_is_wrong_with_our_pages(name: str) -> None:
     needed_module("click_man")
-    wrong = list(CHECKS[name](Form(full=False)))
+    wrong = list(CHECKS[name](False))
     assert not wrong, "\n".join(wrong)
 
 
