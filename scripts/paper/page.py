@@ -107,7 +107,7 @@ The simulated scatter is larger for two reasons:
   turn the phase. Photons of two paths scatter along the line between their phasors, and this line lies across the sum.
 
 Ambient light scatters alike in all directions. If there is six times as much of it as of laser light, it makes nearly all
-of the noise; if there is half as much, it hides little. So the "primarily consistent" of the paper holds to within a fifth
+of the noise; if there is half as much, it hides little. So the "primarily consistent" of the paper holds to within a quarter
 from ASR 3 on, and less and less below.
 
 | MPI/laser | phase error, mean over ASR | spread over ASR | standard error of one condition |
