@@ -91,7 +91,11 @@ def run() -> int:
     options = parser.parse_args()
     if options.repeat:
         reader, _, number = options.repeat.rpartition(":")
+        if reader not in READERS or not number.isdecimal():
+            parser.error(f"--repeat: found {options.repeat}, expected READER:NUMBER with one of {', '.join(READERS)}")
         return repeat(reader, int(number))
+    if unknown := set(options.readers.split(",")).difference(READERS):
+        parser.error(f"--readers: found {', '.join(sorted(unknown))}, expected some of {', '.join(READERS)}")
     if options.guided:
         return guided(options.readers.split(","), options.seconds or GUIDED_S)
     began = time.monotonic()

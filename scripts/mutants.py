@@ -44,6 +44,8 @@ def main() -> None:
     known = _equivalent(EQUIVALENT)
     _note_stale(known, places, arguments.room or ROOMS)
     chosen = _named(places, arguments.again) if arguments.again else drawn(places, arguments.count, arguments.seed)
+    if not chosen:
+        sys.exit("no mutant to try: the code has none of those that --again names")
     print(f"{len(chosen)} mutants of {len(places)} places, seed {arguments.seed}", file=sys.stderr)
     outcomes = []
     for number, outcome in enumerate(_outcomes(chosen, arguments.jobs, arguments.most_seconds), start=1):
