@@ -1,4 +1,4 @@
-"""What is wrong with a capture is told with what was found, what was expected and where, and costs only what it must."""
+"""If a capture is wrong, a message says what was found and expected, and where. A bad frame costs no other frame."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""`cadtof calibrate` and `resolve --calibration`: what a user sees when something does not fit."""
+"""`cadtof calibrate` and `resolve --calibration`: the measured values, and the messages if something does not fit."""
 
 import json
 import shutil
@@ -39,7 +39,7 @@ def test_petzval_toml_holds_what_the_design_promises(calibrated: Path) -> None:
 
 @pytest.mark.parametrize("dark_frames", [0, 1])
 def test_petzval_alone_or_after_a_dark_frame_whose_noise_is_unknown(tmp_path: Path, dark_frames: int) -> None:
-    """Without maps before it, or with a map that has no standard error, the frames' own noise is all that there is."""
+    """Without a dark part, or with that of one frame, which has no standard error, only the frames' own noise counts."""
     seen = camera(Defects(petzval_m=(0.06, -0.02)))
     walls = [
         write(tmp_path / f"wall_{d:g}", seen, wall(seen, d, count=5, seed=index)) for index, d in enumerate((1.0, 3.0))
@@ -61,7 +61,10 @@ def test_petzval_alone_or_after_a_dark_frame_whose_noise_is_unknown(tmp_path: Pa
 
 @pytest.mark.parametrize(("frames", "left"), [(1, 0.91), (2, 0.91), (4, 1.0)])
 def test_what_a_response_leaves_is_the_noise_of_the_means(tmp_path: Path, frames: int, left: float) -> None:
-    """Measured where there are frames enough; else that of ambient light alone, which at ASR 2 is a tenth too much."""
+    """The residual is in units of the noise of the mean frames: 1 if this noise is measured, as with four frames.
+
+    With one or two frames, the noise is predicted for ambient light alone. At ASR 2 this is a tenth too much.
+    """
     seen = camera(Defects())
     targets = [
         write(tmp_path / f"target_{index}", seen, wall(seen, d, count=frames, seed=index), distance_m=d)
@@ -74,7 +77,7 @@ def test_what_a_response_leaves_is_the_noise_of_the_means(tmp_path: Path, frames
 
 
 def test_petzval_of_a_camera_without_other_defects(tmp_path: Path) -> None:
-    """Without dark and response parts there is no noise of theirs, and nothing is divided by it."""
+    """Without dark and response parts, no earlier part is used, and nothing is divided by the noise of one."""
     done = cadtof("calibrate", "petzval", ROOT / "sample_data" / "wall", "-o", tmp_path / "camera", "--quiet")
     assert (done.status, done.err) == (0, "")
     assert "used" not in tomllib.loads((tmp_path / "camera" / "petzval.toml").read_text())

@@ -1,4 +1,4 @@
-"""`cadtof calibrate` takes captures that are what they should be, and refuses those that are not, with cause and cure."""
+"""`cadtof calibrate` takes suitable captures, and refuses other captures with a message that names cause and cure."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Runs on a real scheduler with real workers: the same files as here, and nothing lost whoever is lost."""
+"""Runs on a real scheduler with real workers: the same files as without a cluster; a lost process costs no frame."""
 
 import contextlib
 import http.server
@@ -42,7 +42,7 @@ def read_frame(task):
     return read(task)
 frame_task.read_frame = read_frame
 """
-"""Put into workers when they start: a frame that kills them, as one that is too large for their memory does."""
+"""Workers import this module when they start: one frame ends its worker, like a frame too large for the memory."""
 
 _UNHURRIED = """
 import os, time
@@ -55,7 +55,8 @@ def read_frame(task):
     return read(task)
 frame_task.read_frame = read_frame
 """
-"""Put into workers when they start: a run of theirs is still going on when something happens, until it is told to hurry."""
+"""Workers import this module when they start: from the eleventh on, a frame takes .5 s until the file HURRY exists.
+So a run still goes on when a test disturbs it."""
 
 
 @pytest.fixture(scope="module")
@@ -72,14 +73,14 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def here(capture: Path) -> dict[str, Any]:
-    """What a run of this machine's own makes of it."""
+    """What a run without a cluster leaves in its folder."""
     assert run("resolve", "room", "-o", "here", "-j", 1, cwd=capture.parent).status == 0
     return contents(capture.parent / "here")
 
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
-    """A scheduler with two workers that tests leave as they are."""
+    """A scheduler with two workers, for all tests that do not disturb it."""
     require_dask()
     with local_cluster(tmp_path_factory.mktemp("cluster"), workers=2) as started:
         yield started
@@ -98,7 +99,7 @@ def run(*arguments: object, cwd: Path) -> Finished:
 
 @contextlib.contextmanager
 def running(*arguments: object, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
-    """Start a run, and go on when it has reported its first frames."""
+    """Start a run, and yield it when it has reported three frames; kill it in the end."""
     process = subprocess.Popen(
         command(*arguments, "--json"),
         cwd=cwd,
@@ -118,7 +119,7 @@ def running(*arguments: object, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
 
 
 def said_until(process: "subprocess.Popen[str]", words: str) -> str:
-    """What a run says on stderr up to these words; all of it where they do not come within a minute."""
+    """Return what a run writes to stderr up to these words, or everything if they do not come within a minute."""
     assert process.stderr is not None
     said = ""
     patience = threading.Timer(60.0, process.kill)
@@ -135,7 +136,7 @@ def said_until(process: "subprocess.Popen[str]", words: str) -> str:
 
 
 def contents(out: Path) -> dict[str, Any]:
-    """What a run has left: its maps' bytes, its lines without times and folders, and its totals."""
+    """Return what a run has left: bytes of maps, lines without times and folders, totals, names of all other files."""
     lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
     for line in lines:
         del line["seconds"]
@@ -150,7 +151,7 @@ def contents(out: Path) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def cluster_with(module: str, folder: Path, *, workers: int, tell: str) -> Iterator[tuple[LocalCluster, Path]]:
-    """Yield workers that import a module of the test's when they start, and a file that it is told of by a variable."""
+    """Yield a cluster whose workers import `module` when they start, and the file that the variable `tell` names."""
     (folder / "with").mkdir()
     (folder / "with" / "preloaded.py").write_text(module)
     with pytest.MonkeyPatch.context() as environment:
@@ -197,7 +198,7 @@ def test_ctrl_c_cancels_and_resume_finishes(capture: Path, here: dict[str, Any],
         left = contents(tmp_path / "out")
         assert left["finished"] is False
         assert left["others"] == {"run.json", "frames.jsonl"}
-        # nobody goes on writing
+        # no worker goes on writing
         hurry.touch()
         time.sleep(1.0)
         assert contents(tmp_path / "out")["maps"] == left["maps"]
@@ -275,7 +276,7 @@ def test_another_version_on_a_worker_is_named(capture: Path, tmp_path: Path) -> 
 
 @pytest.fixture
 def without_cadtof(tmp_path: Path) -> Path:
-    """Where Python finds that this package is not installed."""
+    """A folder for PYTHONPATH in which importing cadtof fails, as if it were not installed."""
     package = tmp_path / "without" / "cadtof_cli"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("raise ImportError('not installed here')\n")
@@ -283,7 +284,7 @@ def without_cadtof(tmp_path: Path) -> Path:
 
 
 def test_workers_without_cadtof_are_named_and_live(capture: Path, without_cadtof: Path, tmp_path: Path) -> None:
-    """One that is sent a function of a package that it lacks would end, and be started again, without end."""
+    """A worker that receives a function of a package that it lacks would end, and would be started again and again."""
     require_dask()
     with local_cluster(tmp_path / "cluster", workers=0) as cluster:
         cluster.add_workers(python_path=without_cadtof)
@@ -311,7 +312,7 @@ def test_what_is_no_address_is_refused(given: str, capture: Path, tmp_path: Path
 
 
 def test_a_result_that_does_not_come_is_asked_for_again(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where a worker is frozen for longer than it is waited for, or a laptop sleeps."""
+    """This happens if a worker is frozen for longer than it is waited for, or if a laptop sleeps."""
     from distributed import Future
 
     result, asked = Future.result, set[str]()
@@ -340,7 +341,7 @@ def test_a_result_that_does_not_come_is_asked_for_again(cluster: LocalCluster, m
 
 
 def test_somebody_else_at_that_port_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Such as the dashboard, one port beside: dask's client waits for ever for what it has to say."""
+    """It may be the dashboard, whose port is the next one. Dask's client would wait for its answer without end."""
     require_dask()
     monkeypatch.setattr(connection, "CONNECT_S", 0.5)
     with http.server.HTTPServer(("127.0.0.1", 0), http.server.BaseHTTPRequestHandler) as server:

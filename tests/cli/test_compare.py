@@ -1,4 +1,4 @@
-"""`cadtof compare`: two runs, or a run and truth, held against what numpy says of the same files."""
+"""`cadtof compare`: its figures about two runs, or a run and truth, equal those that numpy computes from the files."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ from tests.support.run_cadtof import cadtof
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two runs on the same three frames; the second takes every pixel for one path, and lacks those of little confidence."""
+    """Two runs on three frames. The second takes every pixel for one path, and has no answer below 0.0917 V."""
     place = tmp_path_factory.mktemp("runs")
     capture = record(place / "capture", frames=3)
     for name, options in (("a", ()), ("b", ("--order", 1, "--min-confidence", "0.0917"))):

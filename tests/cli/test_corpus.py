@@ -1,4 +1,4 @@
-"""Files and metadata that once broke something: each is refused by its name, at once, in little memory, or read as it is."""
+"""Files and metadata that once broke something: each is read, or refused by its name, at once and in little memory."""
 
 import lzma
 import resource

@@ -1,4 +1,4 @@
-"""`cadtof evaluate`: errors against truth, held against numbers computed here."""
+"""`cadtof evaluate`: its errors against truth equal numbers that the tests compute."""
 
 import csv
 import json
@@ -78,7 +78,7 @@ def test_errors_are_those_of_the_maps(tmp_path: Path) -> None:
 
 
 def test_the_first_phasor_of_a_far_wall_lies_in_the_far_half_of_the_range(tmp_path: Path) -> None:
-    """25 ns are 3.75 m, more than half of 6 m: the phase there is above π, not below 0."""
+    """25 ns are 3.75 m, which is more than half of the range of 6 m. So the phase is above π; it is not negative."""
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     far = Light(asr=2.0, direct_ns=25.0).voltages(np.random.default_rng(1), 1e5, 24 * 32)
     write_frame(capture.files[0], AMPLITUDE_V * far.reshape(2, 2, 24, 32))
@@ -97,7 +97,7 @@ def test_one_map_and_its_table(tmp_path: Path) -> None:
     title, first, direct, about = done.out.splitlines()
     assert "median" in title
     assert about.startswith("1 frame; ")
-    # a terminal has 80 columns where nobody has made it wider
+    # a terminal has 80 columns unless somebody has made it wider
     assert len(title) == len(first) == len(direct) < 80
     error = 100 * (_first_phasor_m(capture.files[1]) - step_truth())
     assert first.startswith("first phasor")
@@ -136,7 +136,7 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
 
 
 def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:
-    """Two of them lead to 2⁴⁰ folders, before the system finds that there are too many links."""
+    """Two links to the folder that they lie in make 2⁴⁰ paths before the system reports too many links."""
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     truth = _truth(tmp_path / "truth.exr")
@@ -147,7 +147,7 @@ def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:
 
 
 def test_values_that_float32_does_not_hold(tmp_path: Path) -> None:
-    """A NaN that signals, a depth of 1e300 m."""
+    """A signalling NaN in truth, which numpy warns of when it is converted, causes no warning."""
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     truth = np.full((24, 32), 1.0, np.float32)

@@ -1,4 +1,4 @@
-"""The campaign of `scripts/fuzz`, in short: every reader, some hundred inputs, and nothing but CadtofErrors."""
+"""The campaign of `scripts/fuzz`, in short: every reader, some hundred inputs, and no exception but CadtofError."""
 
 import subprocess
 import sys

@@ -44,7 +44,7 @@ def test_a_capture_of_counts(tmp_path: Path) -> None:
         values = np.stack(pages)[:, index]
         assert facts["planes"][name] == [values.min(), values.max()]
     assert facts["unambiguous_range_m"] == pytest.approx(C_M_PER_NS * 20)
-    # E x² of a sine is 1/2 of its amplitude, and 2·n_av − 1 samples stand behind a mean
+    # the variance of a sine is half of its squared amplitude, and a mean has that of 2·n_av − 1 samples
     assert facts["noise_mv"] == pytest.approx(1e3 * AMPLITUDE_V * (0.5 / (2e5 - 1)) ** 0.5)
     assert facts["integration_length_seen"] == pytest.approx(1e5, rel=0.3)
     assert facts["problems"] == facts["not_frames"] == []
@@ -69,7 +69,7 @@ def test_where_values_come_from(tmp_path: Path) -> None:
 
 
 def _rows(*arguments: object) -> dict[str, str]:
-    """Return what `info` shows, by what stands before it."""
+    """Return what `info` shows, by the name that stands before it."""
     lines = cadtof("info", *arguments, "-j", 1).out.splitlines()[1:]
     return {line[:30].strip(): line[30:] for line in lines}
 
@@ -82,7 +82,7 @@ def test_what_is_not_known_is_not_shown_as_none(tmp_path: Path) -> None:
     seen = _rows(capture.folder, "--volts-per-count", 6e-5)
     assert seen["noise"].endswith("by what is seen in a frame")
     assert seen["saturated"] == "unknown: voltage.saturated_counts is not given"
-    # pixels at the limits are counted before anybody knows what a count is
+    # pixels at the limits are counted even if nothing says how many volts a count is
     assert _rows(capture.folder, "--saturated-counts", "0,1")["saturated"] == "100.000% of pixels"
     capture.files[0].write_bytes(b"")
     assert not {"saturated", "not finite", "noise"} & _rows(capture.folder).keys()
@@ -186,7 +186,7 @@ def test_maps_by_file_and_by_folder(form: Form, tmp_path: Path) -> None:
 
 
 def test_maps_of_one_capture_of_many(tmp_path: Path) -> None:
-    """The run's record lies above them."""
+    """The record of the run lies in the folder above the maps."""
     for name in ("hall", "stairs"):
         record(tmp_path / name)
     assert cadtof("resolve", tmp_path / "hall", tmp_path / "stairs", "-o", tmp_path / "out", "-j", 1).status == 0
@@ -249,7 +249,7 @@ def test_a_calibration_has_a_line_for_each_value_and_each_finding(tmp_path: Path
     assert (done.status, done.err) == (0, "")
     head, *lines = done.out.splitlines()
     assert head == str(folder)
-    # names end two columns or more before what stands beside them, however long they are
+    # two blanks or more separate a name from its value, however long the name is
     column = lines[0].index("digest")
     assert all(line[column - 2 : column] == "  " and line[column] != " " for line in lines)
     assert "response.quality.phase_stderr_rad" in [line[:column].strip() for line in lines]

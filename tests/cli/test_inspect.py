@@ -1,4 +1,4 @@
-"""`cadtof inspect`: one pixel, held against the map that `resolve` writes, the file's values and the light that was recorded."""
+"""`cadtof inspect`: what it says of a pixel agrees with the map of `resolve`, the file and the recorded light."""
 
 import json
 from pathlib import Path
@@ -114,7 +114,7 @@ def test_two_paths_one_path_and_the_test_between_them(tmp_path: Path) -> None:
     light = Light(asr=2.0, mpi=0.3, direct_ns=12.0, second_ns=20.0)
     exact = np.stack([[light.moment(h).real, light.moment(h).imag] for h in (1, 2)])
     volts = np.broadcast_to(AMPLITUDE_V * exact[:, :, np.newaxis, np.newaxis], (2, 2, 24, 32))
-    # no camera records the same in all pixels
+    # no camera records the same value in all pixels
     volts = volts + np.linspace(-1e-6, 1e-6, 24 * 32).reshape(24, 32)
     volts[:, :, 5, 4] = AMPLITUDE_V * exact
     file = capture.folder / "exact.exr"
@@ -154,7 +154,7 @@ def test_one_path_that_leaves_far_too_much_is_not_weighed() -> None:
 
 
 def test_the_tail_of_a_corner() -> None:
-    """H₁ is what the first phasor has over the direct light: its lag is the depth that MPI adds."""
+    """H₁ is the first phasor over that of the direct light: its phase is the lag, which is the depth that MPI adds."""
     found = _inspected(DATA / "corner", 60, 60)
     tail = found["diffuse"]["tail"]
     assert (found["status"], found["diffuse"]["model"]) == (["diffuse MPI"], "diffuse")
@@ -239,7 +239,7 @@ def test_a_pixel_is_drawn_as_phasors_with_paths_and_noise(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
 def test_maps_are_refused_by_the_recorded_frame_alone(form: Form, tmp_path: Path) -> None:
-    """Without a word about settings that nobody asked for; and what is named can be inspected as it stands."""
+    """The message is one line: it names the recorded frame, and the pixel there, and says nothing about settings."""
     capture, out = record(tmp_path / "capture", frames=2, form=form), tmp_path / "out"
     first, second = _maps(capture.folder, out, "--roi", "4,2,20,12")
     for what, place, recorded in ((first, 0, 0), (second, 0, 1), (out, 1, 1)):

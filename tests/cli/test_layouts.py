@@ -1,4 +1,4 @@
-"""Files laid out and named by others, and settings that lie elsewhere: the same maps as of the files that we know."""
+"""Files with layouts and names of other software, and settings that lie elsewhere, give the same maps as our files."""
 
 import json
 import re
@@ -26,7 +26,7 @@ def whole(tmp_path: Path) -> Path:
 
 
 def _write_planes(folder: Path, names: str, layout: str, *, called: dict[str, str], frames: int = 2) -> None:
-    """Write the frames of `whole` as one plane per file, with names and a `capture.toml` such as other software would."""
+    """Write the frames of `whole` as files of one plane each, named as other software does, and a `capture.toml`."""
     for frame in range(frames):
         pages = tifffile.imread(folder / "whole" / f"frame_{frame}.tif")
         for (harmonic, channel), page in zip(PLANES, pages, strict=True):
@@ -83,7 +83,7 @@ def test_info_shows_names_as_they_are_given(whole: Path) -> None:
 
 @pytest.mark.parametrize("names", ["SC{c}.{f}MHz", "SC{c}_{f}MHz", "{f}MHz.SC{c}", "SC{c}.H{h}"])
 def test_names_in_other_words_are_one_rule_for_pages_and_channels(names: str, tmp_path: Path) -> None:
-    """Planes that lie in another order than ours are found by the same names in a TIFF and in an EXR, and drawn as voltages."""
+    """Planes in another order than ours are found by their names, in TIFF and EXR alike, and are drawn as voltages."""
     volts = step_frame(np.random.default_rng(0)).astype(np.float32)
     planes = {names.format(h=h, c=c, f=25 * h): volts[h - 1, c - 1] for c in (2, 1) for h in (2, 1)}
     (tmp_path / "capture.toml").write_text(TOML["exr"])

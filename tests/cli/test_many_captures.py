@@ -1,4 +1,4 @@
-"""Several captures in one run, as a shell names them: one record, and OUT mirrors the tree that they lie in."""
+"""Several captures in one run, however a shell names them: there is one record, and OUT mirrors their folders."""
 
 import csv
 import json
@@ -23,7 +23,7 @@ from tests.support.shell import shell
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    """rec/a, rec/b/one and rec/b/two, a frame of the same name in each; beside them what is no capture."""
+    """rec/a, rec/b/one and rec/b/two with a frame of the same name each; a folder without frames; a hidden capture."""
     for index, place in enumerate(("a", "b/one", "b/two")):
         record(tmp_path / "rec" / place, seed=index)
     (tmp_path / "rec" / "notes").mkdir()
@@ -49,7 +49,7 @@ def test_recursive_mirrors_the_tree(tree: Path) -> None:
     run = json.loads((tree / "out" / "run.json").read_text())
     assert [capture["root"] for capture in run["captures"]] == ["rec/a", "rec/b/one", "rec/b/two"]
     assert run["totals"]["ok"] == 3
-    # the same maps as of each alone
+    # a run on one capture alone gives the same maps
     assert shell("cadtof resolve rec/b/two -o alone -j 1", tree).status == 0
     for name, layer in layers_of(tree / "alone" / "frame_0.tif").items():
         np.testing.assert_array_equal(layer, layers_of(tree / "out" / "b/two/frame_0.tif")[name])
@@ -155,7 +155,7 @@ def test_a_run_of_many_captures_is_resumed_evaluated_and_drawn(tree: Path) -> No
 
 
 def test_frames_are_resolved_as_they_arrive(tmp_path: Path) -> None:
-    """A camera writes frames while we run, into two folders: each line comes before the next frame is there."""
+    """A camera writes frames into two folders during the run. A frame's line comes before the next frame is written."""
     rng = np.random.default_rng(3)
     for place in ("cam", "cam/night"):
         (tmp_path / place).mkdir(parents=True)
@@ -227,7 +227,7 @@ def test_inotifywait_follows_a_camera(tmp_path: Path) -> None:
 
 def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
     assert shell("cadtof resolve -r rec -o out -j 1", tree).status == 0
-    # rec/b holds for both captures below it
+    # the truth in rec/b holds for both captures below it
     for place, map_of, error_m in (("a", "a/frame_0.tif", 0.01), ("b", "b/one/frame_0.tif", 0.03)):
         depth = layers_of(tree / "out" / map_of)["direct.depth"]
         write_layers(tree / "rec" / place / "truth.exr", {"direct.depth": depth - np.float32(error_m)})
@@ -251,7 +251,7 @@ def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
 
 
 def _truths_of_pages_and_pictures(tree: Path) -> None:
-    """What is drawn and reported against a folder of truths is what is against the file in it that holds."""
+    """Check that a folder of truths is drawn and reported like the file in it that holds for the frame."""
     for frame, place in ((0, "a"), (1, "b"), (2, "b")):
         for name, truth in (("folder", "rec"), ("file", f"rec/{place}/truth.exr")):
             done = shell(f"cadtof preview out -o {name}{frame}.png --frame {frame} --truth {truth}", tree)

@@ -1,4 +1,4 @@
-"""What happens to the folder of a run while it goes on."""
+"""Changes to the folder of a run while the run goes on."""
 
 import fcntl
 import json
@@ -20,7 +20,7 @@ from tests.support.runs import require_same_run
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the size of a pipe is set")
 
 FRAMES, PIPE_BYTES = 60, 4096
-"""A pipe of that size takes few lines, so the run waits after some frames until they are read."""
+"""A pipe of this size holds few lines, so the run waits after some frames until somebody reads them."""
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def undisturbed(capture: Path) -> Path:
-    """What comes of them."""
+    """The folder of a run that nothing disturbed."""
     out = capture.parent / "undisturbed"
     assert cadtof("resolve", capture, "-o", out, "-j", 1).status == 0
     return out
@@ -43,7 +43,7 @@ def undisturbed(capture: Path) -> Path:
 
 @contextmanager
 def _waiting(capture: Path, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    """Start a run that has reported a frame, and waits before it reports its last."""
+    """Start a run, and yield it when it has reported a frame. It waits before it reports its last frame."""
     command = [*PROGRAM, "resolve", str(capture), "-o", str(out), "-j", "2", "--json", "--quiet"]
     process = subprocess.Popen(command, env=ENVIRONMENT, bufsize=0, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
@@ -79,7 +79,7 @@ def test_lines_that_are_replaced_are_written_anew(capture: Path, undisturbed: Pa
 def test_a_folder_that_is_replaced_ends_the_run_which_can_go_on(
     kind: str, capture: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
-    # run.json says where the frames lie as seen from here
+    # OUT lies beside the undisturbed folder, because run.json holds the paths of the frames relative to OUT
     out, kept = capture.parent / tmp_path.name, tmp_path / "kept"
     with _waiting(capture, out) as run:
         out.rename(kept)

@@ -1,4 +1,4 @@
-"""`resolve --mpi-model` as a user meets it: what is taken, what is counted, and the same maps whoever does the work."""
+"""`resolve --mpi-model`: what is taken for diffuse MPI, how it is counted, and the same maps for any number of jobs."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""FIFOs, devices, sockets, folders and links in a circle in place of files: refused at once, by name, each alone."""
+"""A FIFO, device, socket, folder or circular link in place of a file is refused at once, by name, and fails alone."""
 
 import contextlib
 import os
@@ -26,13 +26,13 @@ def _fifo(path: Path) -> None:
 
 
 def _device(path: Path) -> None:
-    # it never ends
+    # reading it never ends
     path.symlink_to("/dev/zero")
 
 
 def _socket(path: Path) -> None:
     listening = socket.socket(socket.AF_UNIX)
-    # paths of sockets are short
+    # the path of a socket must be short
     with contextlib.chdir(path.parent), contextlib.closing(listening):
         listening.bind(path.name)
 
@@ -95,7 +95,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def here(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of it, that is the current folder."""
+    """A copy of `whole`, which is the current folder."""
     shutil.copytree(whole, tmp_path / "here")
     monkeypatch.chdir(tmp_path / "here")
     return Path()
@@ -103,7 +103,7 @@ def here(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(autouse=True)
 def at_once() -> Iterator[None]:
-    """Whatever waits for something that never comes ends with an error."""
+    """Fail a test that waits for something that never comes."""
 
     def late(_number: int, _frame: FrameType | None) -> NoReturn:
         raise TimeoutError(f"still waiting after {AT_ONCE_S} s")
@@ -136,7 +136,7 @@ def test_what_is_no_file_is_refused_by_name(name: str, commands: tuple[str, ...]
     for command in commands:
         done = cadtof(*command.split())
         if (name, kind) == ("truth.exr", "folder"):
-            # truth may be a folder, which then holds that of every capture
+            # truth may be a folder that holds the truth of every capture
             assert done.status in {1, 2}
             assert f"Error: {here / name}: found no truth of frame_" in done.err
         else:

@@ -1,4 +1,4 @@
-"""Where maps go: what is refused, what a full or closed place costs, and how a run goes on where another stopped."""
+"""Where maps go: which folders are refused, what a full or read-only disk costs, and how a stopped run is resumed."""
 
 import json
 import os
@@ -79,7 +79,10 @@ def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
 
 
 def test_nothing_of_the_run_that_is_overwritten_stays(tmp_path: Path) -> None:
-    """Maps of frames that are not resolved again, fail now, or come in another format would be taken for those of the new run."""
+    """An old map would be taken for one of the new run.
+
+    The old maps are of frames that are not resolved again, fail now, or get another format now.
+    """
     capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     moved = out.rename(tmp_path / "moved")
@@ -223,7 +226,7 @@ def test_maps_that_cannot_grow_leave_nothing_behind(map_format: str, jobs: int, 
     assert done.status == 1
     assert sorted(path.name for path in out.iterdir()) == ["frames.jsonl", "run.json"]
     assert [line["status"] for line in _lines(out)] == ["failed"]
-    # with room for them the run goes on
+    # without the limit the run goes on
     assert program(*words, "--resume").status == 0
     assert len(list(out.glob(f"frame_?.{map_format}"))) == 3
 
@@ -268,7 +271,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 @pytest.mark.parametrize("form", ["tif", "exr"])
 def test_a_full_disk_leaves_whole_maps_and_ends_the_run(small_disk: Path, form: Form, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=16, form=form), small_disk / "out"
-    # 16 maps of 27 kB; what is left below a map has room for the lines
+    # 16 maps of 27 kB do not fit; the rest, which is less than a map, has room for the lines
     done = program("resolve", capture.folder, "-o", out, "-j", 2)
     assert done.status in {1, 2}
     assert "No space left on device" in done.err
@@ -278,7 +281,7 @@ def test_a_full_disk_leaves_whole_maps_and_ends_the_run(small_disk: Path, form: 
     assert not [name for name in names if name.endswith(".partial")]
     written = [name for name in names if name.startswith("frame_")]
     assert 5 <= len(written) < 16
-    # nothing is computed that could not be written
+    # no frame is computed whose maps cannot be written
     assert done.err.count("No space left") <= 2
     assert len([line for line in _lines(out) if line["status"] == "failed"]) <= 1
     subprocess.run(("mount", "-o", "remount,size=2m", str(small_disk)), check=True)

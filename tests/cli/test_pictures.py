@@ -116,7 +116,7 @@ def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) ->
     (figure,) = figures
     _require_whole(figure)
     assert figure.get_suptitle().startswith("Field curvature: k2 = 5.0000 ± 0.0030 cm, k4 = -3.00 ± 0.20 cm; ")
-    # a row of plots per wall: along the middle row, and over ρ; these walls have exactly this curvature: nothing is left
+    # each wall has two plots, along its middle row and over ρ; the walls have exactly this curvature: nothing is left
     titles = [axes.get_title() for axes in figure.axes]
     assert titles == ["wall: rows 9 to 13", "wall", f"{SHOWN_HOSTILE}: rows 9 to 13", SHOWN_HOSTILE]
     for radial in (figure.axes[1], figure.axes[3]):
@@ -139,7 +139,7 @@ def test_walls_of_a_part_of_an_array_are_drawn_next_to_a_principal_point_beside_
 
 @pytest.mark.parametrize("alone", [0, 30, 59])
 def test_a_pixel_alone_on_a_line_is_drawn_as_a_point(alone: int, figures: list[Figure], tmp_path: Path) -> None:
-    """A line joins neighbours; the first and the last pixel are no neighbours."""
+    """A line joins neighbours, so a lone pixel needs a point. The first and the last pixel are no neighbours."""
     values = np.ones(60)
     values[[place for place in (alone - 1, alone + 1) if 0 <= place < 60]] = np.nan
     for curve in (np.ones(60), values):

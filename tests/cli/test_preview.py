@@ -53,7 +53,7 @@ def test_a_picture_of_maps(form: Form, tmp_path: Path) -> None:
     assert 600 < height < width < 3000
     assert cadtof("preview", maps / f"frame_0.{form}", "-o", tmp_path / "b.png").status == 0
     np.testing.assert_array_equal(_picture(tmp_path / "b.png"), whole)
-    # colours, not shades alone
+    # the picture has colours, not only shades of grey
     assert np.count_nonzero(np.ptp(whole, axis=-1) > 60) > 0.05 * height * width
 
 
@@ -66,9 +66,9 @@ def test_pixels_without_a_depth_have_colours_of_their_own(tmp_path: Path) -> Non
         assert cadtof("preview", maps, "-o", tmp_path / f"{name}.png").status == 0
     whole, half, bright = (_picture(tmp_path / f"{name}.png") for name in "abc")
     share = 0.02 * whole[..., 0].size
-    # half of the MPI panel has one path in all three
+    # in all three, half of the MPI panel shows pixels with one path
     assert _count(whole, ONE_PATH) > share
-    # letters have shades of grey
+    # letters have some pixels of this grey
     assert max(_count(whole, NO_ANSWER), _count(whole, SATURATED), _count(half, SATURATED)) < share / 20
     assert _count(half, NO_ANSWER) > 2 * share
     assert _count(bright, SATURATED) > share
@@ -98,13 +98,13 @@ def test_planar_depth_is_said(tmp_path: Path) -> None:
         out = tmp_path / depth
         assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--depth", depth).status == 0
         assert cadtof("preview", out, "-o", tmp_path / f"{depth}.svg").status == 0
-        # letters of an SVG are outlines with the text as a comment
+        # an SVG holds letters as outlines, with the text as a comment
         assert ("planar depth z, m" in (tmp_path / f"{depth}.svg").read_text()) == (depth == "z")
 
 
 @pytest.mark.parametrize(("height", "width"), [(24, 32), (5, 40), (700, 3)])
 def test_a_layer_is_drawn_at_full_resolution(height: int, width: int, tmp_path: Path) -> None:
-    """Every pixel of the map is a square of its colour, as many as there are, in the colours of matplotlib's own scale."""
+    """Every pixel of the map is a square of its own in the picture, in the colour of matplotlib's own scale."""
     depth = np.random.default_rng(0).uniform(1.0, 2.0, (height, width)).astype(np.float32)
     depth[1, 2] = np.nan
     write_exr(tmp_path / "a.exr", {"direct.depth": depth})
@@ -115,8 +115,9 @@ def test_a_layer_is_drawn_at_full_resolution(height: int, width: int, tmp_path: 
     expected[1, 2] = NO_ANSWER
     side = max(1, 960 // max(height, width))
     whole = np.repeat(np.repeat(expected, side, axis=0), side, axis=1)
+    # where the axes begin in the picture
     left = 58
-    top = 81 + int(np.abs(picture[81, left] - whole[0, 0]).max() > 1)  # matplotlib 3.10 rounds otherwise
+    top = 81 + int(np.abs(picture[81, left] - whole[0, 0]).max() > 1)  # matplotlib 3.10 rounds differently
     found = picture[top : top + height * side, left : left + width * side]
     np.testing.assert_allclose(found, whole, rtol=0, atol=1)
 
@@ -160,7 +161,7 @@ def test_a_layer_that_is_the_same_everywhere_has_a_scale_about_its_value(
     words = re.findall(r"<!-- (.*?) -->", Path("a.svg").read_text())
     # the file's name, without a folder before it
     assert "even.exr" in words
-    # numbers along the bar, none of them with an offset or a power of ten beside it
+    # no number along the bar has an offset or a power of ten beside it
     assert not [word for word in words if re.search(r"\de[+−-]|\+1", word)]
     low, high = limits_of(np.full((24, 32), value))
     assert low < value < high
@@ -196,7 +197,7 @@ def test_a_calibration_is_drawn_with_all_its_parts(tmp_path: Path) -> None:
 
 
 def _sequence(folder: Path, count: int) -> Path:
-    """Maps whose depth grows from frame to frame, 1 m, 1.5 m, …, and the same in all pixels."""
+    """Write maps with one depth in all pixels, which grows from frame to frame: 1 m, 1.5 m, …"""
     folder.mkdir()
     for index in range(count):
         write_exr(folder / f"frame_{index}.exr", {"direct.depth": np.full((20, 30), 1.0 + 0.5 * index, np.float32)})
@@ -238,7 +239,7 @@ def test_a_layer_that_no_frame_has_is_told_once(tmp_path: Path) -> None:
 
 
 def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
-    """Opened by Pillow."""
+    """Pillow reads the film."""
     maps = _sequence(tmp_path / "maps", 5)
     arguments = ("preview", maps, "-o", tmp_path / "a.gif", "--range", "1,3", "--fps", 5)
     done = cadtof(*arguments)
@@ -257,7 +258,7 @@ def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
 
 
 def test_an_mp4_opened_by_opencv(tmp_path: Path) -> None:
-    """An MP4 loses a little of its colours."""
+    """The compression of an MP4 changes colours a little."""
     needed_module("imageio_ffmpeg")
     cv2 = needed_module("cv2")
     maps = _sequence(tmp_path / "maps", 5)

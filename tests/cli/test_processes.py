@@ -1,4 +1,4 @@
-"""Real runs that are stopped, killed, or lose a worker: nothing half-written stays, nobody is left, and nothing is lost."""
+"""Real runs that are stopped, killed, or lose a worker: no partial file and no process is left, and no frame is lost."""
 
 import fcntl
 import json
@@ -26,10 +26,10 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are f
 
 FRAMES = 120
 PIPE_BYTES = 4096
-"""Of the lines of that many frames few fit into such a pipe: while nobody empties it, a run cannot end."""
+"""Such a pipe holds few of the lines of so many frames. So a run cannot end while nobody empties the pipe."""
 
 _PROGRAM = (sys.executable, "-m", "cadtof_cli")
-"""Not with warnings as errors: a library that Ctrl-C leaves in the middle of opening a file does not close it at once."""
+"""Warnings are no errors here: if Ctrl-C interrupts a library while it opens a file, the file is not closed at once."""
 
 
 _THREADS = """
@@ -47,7 +47,7 @@ print(len(list(Path("/proc/self/task").iterdir())))
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of many names of one small frame."""
+    """A folder in which one small frame has many names."""
     folder = tmp_path_factory.mktemp("capture")
     (folder / "capture.toml").write_text(TOML["tif"])
     first = folder / "frame_0000.tif"
@@ -59,20 +59,20 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def map_bytes(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """What the map of that frame holds."""
+    """The bytes of the map of that frame, without its name."""
     out = tmp_path_factory.mktemp("expected") / "out"
     assert program("resolve", capture / "frame_0000.tif", "-o", out, "-j", 1).status == 0
     return _unnamed(out / "frame_0000.tif")
 
 
 class Run:
-    """A run that goes on: it has reported its first frame, and cannot report its last before its lines are read."""
+    """A run that goes on: it has reported a frame, and cannot report its last frame until somebody reads its lines."""
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         assert process.stdout is not None
         self.process = process
         fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        # the pipe is not buffered here, so that what follows the first line stays in it
+        # Python does not buffer this pipe, so the lines after the first stay in it
         self._first = process.stdout.readline()
 
     @property
@@ -81,7 +81,7 @@ class Run:
         return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
     def ended(self) -> tuple[int, str, list[dict[str, Any]]]:
-        """Wait for the end; return status, what was said on stderr, and the frames' lines."""
+        """Wait for the end; return the exit status, the text on stderr, and the lines of the frames."""
         out, err = self.process.communicate(timeout=60)
         return self.process.returncode, err.decode(), [json.loads(line) for line in (self._first + out).splitlines()]
 
@@ -101,12 +101,12 @@ def _running(*arguments: object, command: tuple[str, ...] = _PROGRAM) -> Iterato
 
 
 def _unnamed(path: Path) -> bytes:
-    """Bytes of a map without the name of the frame that it is of, which its header tells; all names have one length."""
+    """Return the bytes of a map without the name of its frame, which its header holds. All names have one length."""
     return path.read_bytes().replace(path.stem.encode(), b"")
 
 
 def _sound(out: Path, map_bytes: bytes) -> int:
-    """Make sure that there are whole maps and records alone, and one for every line; return how many."""
+    """Make sure that OUT holds only whole maps and records, and a map for every ok line; return the number of maps."""
     maps = [path for path in out.iterdir() if path.name not in {"run.json", "frames.jsonl"}]
     assert all(path.suffix == ".tif" and _unnamed(path) == map_bytes for path in maps)
     lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
@@ -124,7 +124,7 @@ def _to_parent(run: Run, number: signal.Signals) -> None:
 
 
 def _ended(run: Run) -> tuple[int, str]:
-    """Wait for the end, but leave its last lines unread, as after a kill they may be cut."""
+    """Wait for the end; return exit status and stderr. The last lines are dropped, because a kill may cut them off."""
     _, err = run.process.communicate(timeout=60)
     return run.process.returncode, err.decode().strip()
 
@@ -167,7 +167,7 @@ def test_a_run_that_is_killed_leaves_no_worker_and_can_be_resumed(
             workers = run.workers
             assert len(workers) >= 2
             run.process.kill()
-            # where processes are spawned, Python's own resource tracker has a word about the kill
+            # stderr may hold text: with spawned processes, Python's own resource tracker writes about the kill
             assert _ended(run)[0] == -signal.SIGKILL
             assert nobody_left(workers, 10)
     (out / ".frame_0119.tif.1234abcd.partial").write_bytes(map_bytes[:100])
@@ -228,7 +228,7 @@ def test_a_worker_that_hangs_costs_no_frame(capture: Path, map_bytes: bytes, tmp
 
 
 def test_ctrl_c_while_modules_are_imported(tmp_path: Path) -> None:
-    """Python would show where it was, twenty lines of its own and of libraries."""
+    """Python itself would print a traceback of twenty lines."""
     (tmp_path / "click.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(9)\n")
     command = [sys.executable, "-m", "cadtof_cli", "--version"]
     environment = {**ENVIRONMENT, "PYTHONPATH": f"{tmp_path}:{ENVIRONMENT['PYTHONPATH']}"}
@@ -323,7 +323,7 @@ def test_a_frame_that_kills_every_worker_fails_alone(capture: Path, map_bytes: b
     ("said", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, min(2, len(os.sched_getaffinity(0))))]
 )
 def test_nothing_but_its_own_threads_runs(said: dict[str, str], threads: int, capture: Path, tmp_path: Path) -> None:
-    """Linear algebra has no threads of its own, unless the user asks for them; what writes the maps has ended with the run."""
+    """Linear algebra has no threads unless the user asks for them. The threads that write maps end with the run."""
     if said and "openblas" not in str(np.show_config(mode="dicts")).lower():
         pytest.skip("numpy's linear algebra is another")
     environment = {name: value for name, value in ENVIRONMENT.items() if "NUM_THREADS" not in name} | said

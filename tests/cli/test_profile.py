@@ -1,4 +1,4 @@
-"""`cadtof profile`: what maps say along a line, held against the pixels of their files."""
+"""`cadtof profile`: the values along a line are those of the pixels of the maps."""
 
 import csv
 import re
@@ -76,14 +76,14 @@ def test_pictures_and_a_file_of_the_table(runs: tuple[Path, Path], tmp_path: Pat
         assert (cadtof(*arguments).status, cadtof(*arguments, "--overwrite").status) == (2, 0)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "a.csv").read_text() == cadtof("profile", *runs, "--row", 3, "--truth", truth).out
-    # letters are outlines with the text as a comment: both runs, one first phasor for both, truth, errors
+    # an SVG holds letters as outlines, with the text as a comment: both runs, one first phasor for both, truth, errors
     words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / "a.svg").read_text()))
     assert {"two", "one", "first phasor", "truth", "radial range, m", "error, cm", "column, px"} <= words
     assert "direct.depth, row 3 of frame_0" in words
 
 
 def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -> None:
-    """z over range is 1/√(1 + X² + Y²): 28 px, the axis at column 15, row 10."""
+    """z over range is 1/√(1 + X² + Y²), with a focal length of 28 px and the axis at column 15, row 10."""
     out, truth = tmp_path / "z", runs[0].parent / "truth.exr"
     capture = runs[0].parent / "capture"
     assert cadtof("resolve", capture, "-o", out, "-j", 1, "-q", "--depth", "z").status == 0
@@ -97,7 +97,7 @@ def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -
 
 
 def test_maps_of_other_pixels_are_not_drawn_together(runs: tuple[Path, Path], tmp_path: Path) -> None:
-    """They have one size, and nothing in the picture would tell that they show different parts of a frame."""
+    """The maps have the same size, so a picture would not show that they are different parts of a frame."""
     capture = runs[0].parent / "capture"
     for roi in ("0,0,16,12", "16,12,32,24"):
         assert cadtof("resolve", capture, "-o", tmp_path / roi, "-j", 1, "-q", "--roi", roi).status == 0

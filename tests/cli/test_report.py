@@ -20,7 +20,7 @@ ATTACK = "</script><script>alert(1)</script>"
 
 
 class _Page(HTMLParser):
-    """What a parser that is not ours finds in a page."""
+    """The scripts, the policy and the text of a page, as Python's HTML parser finds them."""
 
     def __init__(self) -> None:
         super().__init__(convert_charrefs=True)
@@ -177,10 +177,7 @@ def test_a_run_without_a_single_map_has_a_page(tmp_path: Path) -> None:
 
 
 def test_maps_alone_and_a_run_that_was_moved(tmp_path: Path) -> None:
-    """Without a record, the maps are shown nevertheless.
-
-    In a folder that was moved, frames are found by their places.
-    """
+    """Maps without a record are shown, too. In a folder that was moved, maps are found by their places in it."""
     out = _run(tmp_path)
     shutil.copytree(out, tmp_path / "moved" / "there")
     assert "2resolved2failed0" in _page(tmp_path / "moved" / "there").text.replace("\n", "")

@@ -38,7 +38,7 @@ LINE_KEYS = [
 ]
 PULSE_RESPONSE = np.exp(-((2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
 LEFT, RIGHT = np.s_[:, :16], np.s_[:, 16:]
-"""Of `step_frame`: one path at 5 ns, and 12 ns with MPI of 0.3 at 20 ns."""
+"""The halves of `step_frame`: one path at 5 ns, and 12 ns with MPI of 0.3 at 20 ns."""
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
@@ -59,7 +59,8 @@ def test_maps_hold_the_truth_within_noise(form: Form, map_format: str, tmp_path:
 
 def _hold_truth(layers: dict[str, NDArray[Any]]) -> None:
     error = layers["direct.depth"] - step_truth()
-    # one path at ASR 2: sigma of the phase is 1.58e-3 · 3 for one harmonic, 4.5 mm, and less for two
+    # one path at ASR 2: sigma of the phase is 1.58e-3 · 3 rad, 4.5 mm, for one harmonic, and less for two;
+    # the median of the absolute error is .67 of sigma
     assert np.sqrt(np.median(np.square(error[LEFT]))) < 0.0031
     assert np.median(np.abs(error[RIGHT])) < 0.012
     status = layers["status"].astype(np.uint32)
@@ -154,7 +155,7 @@ def test_planar_depth_by_the_pinhole(tmp_path: Path) -> None:
         (("--return", "first"), 12.0, 20.0),
         (("--return", "last"), 20.0, 12.0),
         (("--return", "strongest"), 12.0, 20.0),
-        # the second path has 0.3 of the first
+        # the second path has 0.3 of the amplitude of the first
         (("--return", "last", "--min-return-ratio", "0.45"), 12.0, 20.0),
         (("--return", "last", "--min-return-ratio", "0.2"), 20.0, 12.0),
     ],
@@ -176,7 +177,7 @@ def test_one_path_where_only_one_is_asked_for(choice: tuple[str, ...], tmp_path:
     assert (layers["status"] == ONE_PATH + ILL_CONDITIONED)[RIGHT].all()
     assert np.isnan(layers["mpi.depth"]).all()
     assert np.median(np.abs(layers["direct.depth"] - step_truth())[LEFT]) < 0.003
-    # what the second path does to an answer that leaves it out: the first phasor is off by about 20 cm
+    # an answer that ignores the second path is wrong: the first phasor is off by about 20 cm
     assert np.median(np.abs(layers["direct.depth"] - step_truth())[RIGHT]) > 0.1
 
 
@@ -344,7 +345,7 @@ def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other(tmp_path: 
     floats = volts.reshape(4, 24, 32).astype(np.float32)
     floats[1, 7, 8], floats[3, 9, 10], floats[0, 9, 11], floats[2, 9, 12] = np.nan, np.inf, -np.inf, 3e38
     write_exr(tmp_path / "exr" / "frame_0.exr", dict(zip(PLANE_NAMES, floats, strict=True)))
-    # once with the noise known, by two processes; once estimated from a frame that holds them, by one
+    # once with known noise, by two processes; once with noise that is estimated from such a frame, by one process
     for noise, jobs in (("known", 2), ("estimated", 1)):
         for form in forms:
             if noise == "estimated":

@@ -1,4 +1,4 @@
-"""A run that goes on where another stopped: only the same run, only where nothing changed, and with the record of one run."""
+"""`--resume`: only the same run goes on, only unchanged frames keep their maps, and the record is that of one run."""
 
 import json
 import os
@@ -157,7 +157,7 @@ def test_maps_whose_lines_are_lost_are_made_again(tmp_path: Path) -> None:
     (out / "frames.jsonl").unlink()
     done = _resolve(capture.folder, "-o", out, "--resume")
     assert done.status == 0
-    # some are named, the others counted
+    # three maps are named, the other two are counted
     why = "has no line in frames.jsonl, as where a run was stopped; made again"
     assert done.err.splitlines()[:-1] == [
         *(f"{out}/frame_{index}.tif: {why}" for index in range(3)),

@@ -1,4 +1,4 @@
-"""Standard streams that are closed, full, or lose their reader: what happened is said, where it can be, and the status tells."""
+"""Standard streams that are closed, full, or lose their reader: the status tells, and a message if one can be written."""
 
 import json
 import re
@@ -13,7 +13,7 @@ from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished
 
 
 def _shell(script: str, *arguments: object) -> Finished:
-    """Run `cadtof` from a shell, where "$@" stands for it and its arguments."""
+    """Run a script by bash; in it, "$@" stands for `cadtof` with its arguments."""
     command = ["bash", "-c", script, "bash", *PROGRAM, *map(str, arguments)]
     done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False)
     return Finished(done.returncode, done.stdout, done.stderr)
@@ -95,7 +95,7 @@ def test_stderr_that_takes_nothing(place: str, tmp_path: Path) -> None:
 
 
 def test_notes_that_stderr_cannot_take_do_not_keep_workers_from_starting(tmp_path: Path) -> None:
-    """Python writes what is left in its buffers before it forks."""
+    """Python writes out its buffers before it forks, and stderr cannot take them."""
     capture = record(tmp_path / "capture", frames=4)
     (capture.folder / "capture.toml").write_text("[voltage]\nzero_counts = 8192.0\nvolts_per_count = 6.0e-5\n")
     arguments = ("resolve", capture.folder, "-o", tmp_path / "out", "-j", 2, "--json")
@@ -142,7 +142,7 @@ def test_control_characters_are_escaped_and_other_letters_shown(capsys: pytest.C
 
 
 def test_everything_that_is_said_goes_through_tell() -> None:
-    """So that nothing steers a terminal, and what could not be written is said."""
+    """`tell` escapes what would steer a terminal, and reports what could not be written."""
     package = ROOT / "cadtof_cli"
     for path in package.rglob("*.py"):
         if path != package / "commands" / "terminal.py":

@@ -111,6 +111,7 @@ def test_a_sweep_as_the_paper_made_it_scatters_as_the_paper_says() -> None:
 
 
 def test_a_sweep_of_a_moving_target() -> None:
+    """Twice the error at 30 frames per second (`test_simulate.py`), and negative, because the target comes nearer."""
     grid = ("--asr", "1", "--mpi", "0", "--integration-length", "1e6", "--order", "1", "--jobs", 1)
     (still,), (fast,) = (
         table(cadtof("sweep", *grid, *way).out) for way in ((), ("--speed", "-2", "--frame-rate", "15"))

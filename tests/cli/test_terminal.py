@@ -1,4 +1,4 @@
-"""Progress is drawn on a terminal, where a person looks, and nowhere else."""
+"""Progress is drawn on a terminal and nowhere else."""
 
 import os
 import pty

@@ -1,4 +1,4 @@
-"""Planes that were written in another order are said once for a capture; planes that were not recorded fail their frame alone."""
+"""Planes in another order cause one warning per capture. Planes that were not recorded fail their frame alone."""
 
 import logging
 from pathlib import Path
@@ -57,7 +57,7 @@ def test_a_harmonic_that_was_not_recorded(tmp_path: Path) -> None:
 
 
 def test_a_response_of_swapped_channels_is_doubted(tmp_path: Path) -> None:
-    """At one distance the phases of a camera explain them, and its field would curve the other way."""
+    """With one distance, phases of the camera explain swapped channels; its field would then curve the other way."""
     case = CASES["response: wall at 1 distance"]
     sound = calibrated(case, tmp_path, 4)
     assert (sound.status, "phases as light" in sound.err) == (0, False)

@@ -1,4 +1,4 @@
-"""Values that cannot be voltages of the capture are refused, with what has likely happened and the option that mends it."""
+"""Values that cannot be voltages of the capture are refused, with the likely cause and the option that mends it."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from tests.support.run_cadtof import Finished, cadtof
 
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
-    """A sound capture's only frame: uint16 counts."""
+    """The only frame of a sound capture: uint16 counts."""
     return record(tmp_path / "sound").files[0]
 
 
