@@ -1,4 +1,4 @@
-"""What `scripts/check_docs` finds on pages with mistakes; and its quick checks, on our own pages."""
+"""`scripts/check_docs` finds mistakes on pages that have some, and its quick checks find none on our own pages."""
 
 import re
 from pathlib import Path
@@ -64,7 +64,7 @@ def test_the_first_page_of_all() -> None:
 
 
 def test_a_script_that_is_asked_for_help_does_nothing_else() -> None:
-    """One script writes a page of docs, another the pictures of the docs."""
+    """Without a parser, `--help` would run the script: one writes a page of docs, another the pictures of the docs."""
     mains = {
         path.name: path.read_text() for path in (ROOT / "scripts").glob("*.py") if "\ndef main(" in path.read_text()
     }

@@ -1,4 +1,4 @@
-"""Codes of a page, read back by a reader written for the tests: the only loss is the rounding error that is stated."""
+"""Codes of a page, decoded by the tests' own code: values change by no more than the stated rounding error."""
 
 import base64
 import zlib

@@ -9,7 +9,7 @@ from cadtof_cli.report.markup import Markup, element, printable, table, text
 
 
 class _Reader(HTMLParser):
-    """Elements and texts of markup, as a parser that is not ours sees them."""
+    """The elements and texts of markup, as Python's HTML parser sees them."""
 
     def __init__(self) -> None:
         super().__init__(convert_charrefs=True)

@@ -23,21 +23,21 @@ SEEN = HOSTILE.replace("\u202e", "\\u202e")
 """How the name is shown: the character that changes the direction of writing is escaped."""
 
 FRAMES = (HOSTILE, "frame_1", "frame_2", "frame_3")
-"""The third of the four is broken."""
+"""Names of the four frames; the third frame is broken."""
 
 Layers = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A page, and the layers of the frames on it by their place in the viewer."""
+    """A page in a browser, and the layers of its frames, in the order of the viewer."""
 
     page: Path
     browser: Browser
     frames: tuple[Layers, ...]
 
     def loss(self, layer: str) -> float:
-        """Largest rounding error of a layer of the first frame: half of its step."""
+        """Return the largest rounding error of a layer of the first frame: half of its step."""
         values = self.frames[0][layer]
         return float(np.nanmax(values) - np.nanmin(values)) / 65533 / 2
 
@@ -73,7 +73,7 @@ def shown(browser: Browser, written: tuple[Path, tuple[Layers, ...]]) -> Shown:
 
 
 def _pixel_said(browser: Browser) -> dict[str, float | str]:
-    """What the page says of a pixel, by the title of each row.
+    """Return what the page says of a pixel, by the title of each row.
 
     The first phasor is left out, because no file holds it.
     """
@@ -85,7 +85,7 @@ def _pixel_said(browser: Browser) -> dict[str, float | str]:
 
 
 def _number(text: str) -> float:
-    """The value of a text on the page, in m or V."""
+    """Return the value of a text on the page, in m or V."""
     if text == "no answer":
         return np.nan
     digits, unit = text.replace("−", "-").split(" ")
@@ -93,10 +93,10 @@ def _number(text: str) -> float:
 
 
 def _pixel_held(shown: Shown, frame: int, x: int, y: int) -> dict[str, Any]:
-    """What the files hold of a pixel, within the errors of the page.
+    """Return what the files hold of a pixel, with the tolerances of the page.
 
-    These are the rounding error of each layer, and that of numbers of five digits, at most four of them behind the
-    point, in m, V, mm or mV.
+    A tolerance has two parts: the rounding error of the layer, and that of the number on the page. The number has five
+    digits, at most four of them behind the point, in m, V, mm or mV.
     """
     layers, truth = dict(shown.frames[frame]), step_truth()
     status = {8: "one path", 16: "two paths"}[int(layers.pop("status")[y, x])]
@@ -123,7 +123,7 @@ def _place(x: int, y: int) -> tuple[float, float]:
 
 
 def _canvas(browser: Browser, css: str = "#map") -> NDArray[np.uint8]:
-    """The colours of a canvas, RGB, at the middle of each pixel of the map."""
+    """Return the colours of a canvas, RGB, at the middle of each pixel of the map."""
     browser.settle()
     script = """
         const [css, columns, rows] = arguments, canvas = document.querySelector(css), found = [];
@@ -228,7 +228,7 @@ def test_layers_switch_and_share_colours_where_they_are_compared(shown: Shown) -
     no_answer = (pictures["mpi.depth"] == (0x8A, 0x8A, 0x92)).all(axis=2)
     wanted = np.isnan(shown.frames[0]["mpi.depth"])
     away = np.ones((HEIGHT, WIDTH), bool)
-    away[10:15] = False  # the marks of pixel and profile
+    away[10:15] = False  # the marks of the pixel and the profile lie in these rows
     assert no_answer[away & wanted].all()
     assert not no_answer[away & ~wanted].any()
 
@@ -346,7 +346,7 @@ def test_tables_and_thumbnails_need_no_scripts(shown: Shown) -> None:
 def test_a_frame_of_which_every_other_pixel_is_held(
     browser: Browser, written: tuple[Path, tuple[Layers, ...]], tmp_path: Path
 ) -> None:
-    """On a page that is far too small for its frames, the pixels are pixels of the file, and the page says which."""
+    """A page that is too small for all pixels of its frames holds pixels of the file, and says which."""
     page, frames = written
     noise = np.random.default_rng(3).uniform(0.9, 1.1, (480, 640)).astype(np.float32)
     layers: dict[str, NDArray[np.generic]] = {

@@ -1,4 +1,4 @@
-"""Every step that is promised to whoever watches is told of, the last one too."""
+"""Progress reports as many steps as it has announced, the last one included."""
 
 from pathlib import Path
 

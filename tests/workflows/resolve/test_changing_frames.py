@@ -1,4 +1,4 @@
-"""Frames that something else writes while they are read: never half of one and half of another."""
+"""Frames that another program writes while they are read: no map is made of half an old and half a new frame."""
 
 import json
 import os
@@ -22,7 +22,7 @@ def _resolve(capture: Path, out: Path, *options: object) -> Finished:
 
 
 def _after_each_read(monkeypatch: pytest.MonkeyPatch, change: Callable[[int], None]) -> None:
-    """Have something happen when a frame has been read, and before that is known."""
+    """Call `change` with the number of reads after each read of a frame, before the files are checked for changes."""
     times = [0]
 
     def reading(*arguments: Any, **more: Any) -> Stored:
@@ -35,7 +35,7 @@ def _after_each_read(monkeypatch: pytest.MonkeyPatch, change: Callable[[int], No
 
 
 def _write_another(file: Path, seed: int) -> None:
-    """Write another frame over a file, at another time, however coarse the clock of the file system is."""
+    """Write another frame over a file, and set another time, because the clock of the file system may be coarse."""
     write_frame(file, step_frame(np.random.default_rng(seed)))
     os.utime(file, ns=(seed * 10**9, seed * 10**9))
 
