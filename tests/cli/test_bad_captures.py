@@ -42,13 +42,13 @@ METADATA = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("toml", "told"), METADATA)
+@pytest.mark.parametrize(("toml", "message"), METADATA)
 @pytest.mark.parametrize("command", ["resolve", "info"])
-def test_metadata_that_is_not_allowed(toml: str, told: str, command: str, tmp_path: Path) -> None:
+def test_metadata_that_is_not_allowed(toml: str, message: str, command: str, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml=toml)
     out = ("-o", tmp_path / "out") if command == "resolve" else ()
     done = cadtof(command, capture.folder, *out, "-j", 1)
-    assert done.err.startswith(f"Error: {capture.folder / 'capture.toml'}: {told}")
+    assert done.err.startswith(f"Error: {capture.folder / 'capture.toml'}: {message}")
     assert (done.status, done.out) == (2, "")
     assert not (tmp_path / "out").exists()
 
@@ -69,11 +69,11 @@ OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("options", "told"), OPTIONS)
-def test_options_that_are_not_allowed(options: tuple[str, ...], told: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("options", "message"), OPTIONS)
+def test_options_that_are_not_allowed(options: tuple[str, ...], message: str, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", *options)
-    assert told in done.err
+    assert message in done.err
     assert "Traceback" not in done.err
     assert (done.status, done.out) == (2, "")
     assert not (tmp_path / "out").exists()
@@ -104,13 +104,13 @@ def test_what_the_metadata_lacks_for_what_is_asked(tmp_path: Path) -> None:
 def test_inputs_without_frames_say_what_was_looked_for(tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
-    for inputs, told in (
+    for inputs, message in (
         ((empty,), f"{empty}: no frames: looked for .exr, .tif, .tiff, .npy files other than truth.*, found nothing"),
         ((tmp_path / "gone",), f"{tmp_path / 'gone'}: no such file or folder; expected a capture folder or a frame"),
     ):
         for command in (("resolve", "-o", tmp_path / "out"), ("info",)):
             done = cadtof(*command, *inputs)
-            assert (done.status, done.out, done.err) == (2, "", f"Error: {told}\n")
+            assert (done.status, done.out, done.err) == (2, "", f"Error: {message}\n")
     (empty / "notes.txt").touch()
     write_exr(empty / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
     assert "found notes.txt, truth.exr" in cadtof("resolve", empty, "-o", tmp_path / "out").err
@@ -182,9 +182,9 @@ DAMAGE: list[tuple[str, Callable[[Path], None], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("form", "damage", "told"), DAMAGE)
+@pytest.mark.parametrize(("form", "damage", "message"), DAMAGE)
 def test_one_bad_frame_of_many_fails_alone(
-    form: str, damage: Callable[[Path], None], told: str, tmp_path: Path
+    form: str, damage: Callable[[Path], None], message: str, tmp_path: Path
 ) -> None:
     capture = record(tmp_path / "capture", frames=4, form="exr" if form == "exr" else "tif")
     bad = capture.files[2]
@@ -201,16 +201,16 @@ def test_one_bad_frame_of_many_fails_alone(
     assert (failed["source"], failed["output"], failed["invalid"]) == (str(bad), None, None)
     assert complaint == f"failed: {failed['reason']}"
     assert failed["reason"].startswith(str(bad))
-    assert told in failed["reason"]
+    assert message in failed["reason"]
     assert "unexpected" not in failed["reason"]
     names = {f"frame_{index}.{form}" for index in (0, 1, 3)} | {"frames.jsonl", "run.json"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
     for index in (0, 1, 3):
         depth = layers_of(tmp_path / "out" / f"frame_{index}.{form}")["direct.depth"]
         assert np.median(np.abs(depth - step_truth())) < 0.01
-    told_by_info = cadtof("info", capture.folder, "-j", 1)
-    assert told_by_info.status == 1
-    assert f"wrong: {bad}" in told_by_info.err
+    info = cadtof("info", capture.folder, "-j", 1)
+    assert info.status == 1
+    assert f"wrong: {bad}" in info.err
 
 
 def test_a_frame_of_saturated_pixels_has_no_answer(tmp_path: Path) -> None:
@@ -267,8 +267,8 @@ def test_files_that_may_not_be_read(tmp_path: Path) -> None:
         done = without_privilege("resolve", capture.folder, "-o", tmp_path / "none")
     finally:
         capture.folder.chmod(0o755)
-    told = f"Error: {capture.folder}: no permission to list this folder; expected one that can be read\n"
-    assert (done.status, done.out, done.err) == (2, "", told)
+    message = f"Error: {capture.folder}: no permission to list this folder; expected one that can be read\n"
+    assert (done.status, done.out, done.err) == (2, "", message)
 
 
 def test_names_that_are_no_text(tmp_path: Path) -> None:
@@ -301,10 +301,10 @@ def test_settings_that_are_not_called_so_are_not_passed_over(name: str, tmp_path
 
 def test_optics_that_are_not_in_pixels_are_doubted(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml=TOML["tif"].replace("focal_length_px = 28.0", "focal_length_px = 4.2"))
-    said = f"{capture.folder}: optics.focal_length_px = 4.2 is a view of 151° across: is it in mm?"
+    message = f"{capture.folder}: optics.focal_length_px = 4.2 is a view of 151° across: is it in mm?"
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1)
     assert done.status == 0
-    assert f"warning: {said}" in done.err
-    told = cadtof("info", capture.folder, "-j", 1)
-    assert told.status == 1
-    assert f"wrong: {said}" in told.err
+    assert f"warning: {message}" in done.err
+    info = cadtof("info", capture.folder, "-j", 1)
+    assert info.status == 1
+    assert f"wrong: {message}" in info.err

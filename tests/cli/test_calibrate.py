@@ -113,7 +113,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
     for part, damage in (("dark.toml", "[what"), ("petzval.toml", "k2_m = 'much'")):
         shutil.copytree(calibrated, tmp_path / part)
         (tmp_path / part / part).write_text(damage)
-    for folder, capture, told in (
+    for folder, capture, message in (
         (calibrated, (small,), "does not belong to this capture: size is 32 × 24 pixels there and 80 × 60 pixels"),
         (calibrated, (frames, "--waveform", "triangle"), "waveform is triangle there and sine in the calibration"),
         (tmp_path / "dark.toml", (frames,), "dark.toml: not valid TOML"),
@@ -123,7 +123,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
     ):
         done = cadtof("resolve", *capture, "-o", tmp_path / "maps", "--calibration", folder)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err
     assert not (tmp_path / "maps").exists()
 
 

@@ -72,7 +72,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def here(capture: Path) -> dict[str, Any]:
+def local_run(capture: Path) -> dict[str, Any]:
     """What a run without a cluster leaves in its folder."""
     assert run("resolve", "room", "-o", "here", "-j", 1, cwd=capture.parent).status == 0
     return contents(capture.parent / "here")
@@ -118,21 +118,21 @@ def running(*arguments: object, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
         process.communicate()
 
 
-def said_until(process: "subprocess.Popen[str]", words: str) -> str:
+def stderr_until(process: "subprocess.Popen[str]", words: str) -> str:
     """Return what a run writes to stderr up to these words, or everything if they do not come within a minute."""
     assert process.stderr is not None
-    said = ""
+    text = ""
     patience = threading.Timer(60.0, process.kill)
     patience.start()
     try:
-        while words not in said:
+        while words not in text:
             line = process.stderr.readline()
             if not line:
                 break
-            said += line
+            text += line
     finally:
         patience.cancel()
-    return said
+    return text
 
 
 def contents(out: Path) -> dict[str, Any]:
@@ -150,23 +150,25 @@ def contents(out: Path) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def cluster_with(module: str, folder: Path, *, workers: int, tell: str) -> Iterator[tuple[LocalCluster, Path]]:
+def cluster_with(module: str, folder: Path, *, workers: int, variable: str) -> Iterator[tuple[LocalCluster, Path]]:
     """Yield a cluster whose workers import `module` when they start, and the file that the variable `tell` names."""
     (folder / "with").mkdir()
     (folder / "with" / "preloaded.py").write_text(module)
     with pytest.MonkeyPatch.context() as environment:
-        environment.setenv(tell, str(folder / "told"))
+        environment.setenv(variable, str(folder / "signal"))
         environment.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{folder / 'with'}")
         with local_cluster(folder / "cluster", workers=workers, preload="preloaded") as cluster:
-            yield cluster, folder / "told"
+            yield cluster, folder / "signal"
 
 
-def test_the_same_files_as_here(cluster: LocalCluster, capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+def test_the_same_files_as_here(
+    cluster: LocalCluster, capture: Path, local_run: dict[str, Any], tmp_path: Path
+) -> None:
     out = os.path.relpath(tmp_path / "out", capture.parent)
     done = run("resolve", "room", "-o", out, "--scheduler", cluster.address, cwd=capture.parent)
     assert done.status == 0, done.err
     assert f"resolved {FRAMES} of {FRAMES} frames" in done.err
-    assert contents(tmp_path / "out") == here
+    assert contents(tmp_path / "out") == local_run
 
 
 def test_a_frame_that_cannot_be_read_fails_alone_and_says_the_same(
@@ -186,9 +188,9 @@ def test_a_frame_that_cannot_be_read_fails_alone_and_says_the_same(
     assert contents(tmp_path / "out_1") == contents(tmp_path / "out_0")
 
 
-def test_ctrl_c_cancels_and_resume_finishes(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+def test_ctrl_c_cancels_and_resume_finishes(capture: Path, local_run: dict[str, Any], tmp_path: Path) -> None:
     require_dask()
-    with cluster_with(_UNHURRIED, tmp_path, workers=2, tell="HURRY") as (cluster, hurry):
+    with cluster_with(_UNHURRIED, tmp_path, workers=2, variable="HURRY") as (cluster, hurry):
         arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
         with running(*arguments, cwd=capture.parent) as process:
             process.send_signal(signal.SIGINT)
@@ -203,31 +205,31 @@ def test_ctrl_c_cancels_and_resume_finishes(capture: Path, here: dict[str, Any],
         time.sleep(1.0)
         assert contents(tmp_path / "out")["maps"] == left["maps"]
         assert run(*arguments, "--resume", cwd=capture.parent).status == 0
-    assert contents(tmp_path / "out")["maps"] == here["maps"]
+    assert contents(tmp_path / "out")["maps"] == local_run["maps"]
 
 
-def test_a_worker_is_killed_and_one_is_added(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+def test_a_worker_is_killed_and_one_is_added(capture: Path, local_run: dict[str, Any], tmp_path: Path) -> None:
     require_dask()
-    with cluster_with(_UNHURRIED, tmp_path, workers=1, tell="HURRY") as (cluster, hurry):
+    with cluster_with(_UNHURRIED, tmp_path, workers=1, variable="HURRY") as (cluster, hurry):
         arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
         with running(*arguments, cwd=capture.parent) as process:
             cluster.workers[0].kill()
-            waits = f"waiting for workers at {cluster.address}"
-            assert waits in said_until(process, waits)
+            waiting = f"waiting for workers at {cluster.address}"
+            assert waiting in stderr_until(process, waiting)
             assert process.poll() is None, "there was nobody to finish the run"
             hurry.touch()
             cluster.add_workers()
             _, err = process.communicate(timeout=120)
         assert process.returncode == 0, err
-        assert contents(tmp_path / "out") == here
+        assert contents(tmp_path / "out") == local_run
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_the_scheduler_is_lost_and_resume_finishes(
-    number: signal.Signals, capture: Path, here: dict[str, Any], tmp_path: Path
+    number: signal.Signals, capture: Path, local_run: dict[str, Any], tmp_path: Path
 ) -> None:
     require_dask()
-    with cluster_with(_UNHURRIED, tmp_path, workers=1, tell="HURRY") as (cluster, _):
+    with cluster_with(_UNHURRIED, tmp_path, workers=1, variable="HURRY") as (cluster, _):
         address = cluster.address
         with running("resolve", "room", "-o", tmp_path / "out", "--scheduler", address, cwd=capture.parent) as process:
             cluster.scheduler.send_signal(number)
@@ -240,14 +242,14 @@ def test_the_scheduler_is_lost_and_resume_finishes(
     left = contents(tmp_path / "out")
     assert left["finished"] is False
     assert len(left["lines"]) < FRAMES
-    assert left["maps"].items() <= here["maps"].items()
+    assert left["maps"].items() <= local_run["maps"].items()
     assert run("resolve", "room", "-o", tmp_path / "out", "-j", 1, "--resume", cwd=capture.parent).status == 0
-    assert contents(tmp_path / "out")["maps"] == here["maps"]
+    assert contents(tmp_path / "out")["maps"] == local_run["maps"]
 
 
-def test_a_frame_that_kills_workers_twice_fails_alone(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+def test_a_frame_that_kills_workers_twice_fails_alone(capture: Path, local_run: dict[str, Any], tmp_path: Path) -> None:
     require_dask()
-    with cluster_with(_DEADLY, tmp_path, workers=3, tell="DEATHS") as (cluster, deaths):
+    with cluster_with(_DEADLY, tmp_path, workers=3, variable="DEATHS") as (cluster, deaths):
         done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent)
     assert deaths.read_text() == "xx"
     assert done.status == 1
@@ -256,7 +258,7 @@ def test_a_frame_that_kills_workers_twice_fails_alone(capture: Path, here: dict[
     assert [(Path(line["source"]).name, "died twice" in line["reason"]) for line in failed] == [
         ("frame_0007.tif", True)
     ]
-    assert found["maps"] == {name: data for name, data in here["maps"].items() if name != "frame_0007.tif"}
+    assert found["maps"] == {name: data for name, data in local_run["maps"].items() if name != "frame_0007.tif"}
 
 
 def test_another_version_on_a_worker_is_named(capture: Path, tmp_path: Path) -> None:
@@ -295,13 +297,13 @@ def test_workers_without_cadtof_are_named_and_live(capture: Path, without_cadtof
 
 
 def test_the_scheduler_needs_no_cadtof(
-    capture: Path, here: dict[str, Any], without_cadtof: Path, tmp_path: Path
+    capture: Path, local_run: dict[str, Any], without_cadtof: Path, tmp_path: Path
 ) -> None:
     require_dask()
     with local_cluster(tmp_path / "cluster", workers=1, python_path=without_cadtof) as cluster:
         done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent)
     assert done.status == 0, done.err
-    assert contents(tmp_path / "out") == here
+    assert contents(tmp_path / "out") == local_run
 
 
 @pytest.mark.parametrize("given", ["tcp://", "localhost:8786", "tcp://x:y", "http://127.0.0.1:8786"])

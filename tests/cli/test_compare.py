@@ -25,7 +25,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return place / "a", place / "b"
 
 
-def _all(run: Path, layer: str) -> NDArray[Any]:
+def _stacked(run: Path, layer: str) -> NDArray[Any]:
     return np.stack([layers_of(run / f"frame_{index}.tif")[layer] for index in range(3)])
 
 
@@ -36,7 +36,7 @@ def test_layer_by_layer_and_bit_by_bit(runs: tuple[Path, Path]) -> None:
     assert found["frames"] == 3
     assert list(found["layers"]) == [name for name in layers_of(runs[0] / "frame_0.tif") if name != "status"]
     for layer, figures in found["layers"].items():
-        one, other = (_all(run, layer) for run in runs)
+        one, other = (_stacked(run, layer) for run in runs)
         size = np.abs(one.astype(float) - other)
         size = size[np.isfinite(size)]
         expected = [np.median(size), np.quantile(size, 0.9), size.max()] if size.size else None
@@ -45,7 +45,7 @@ def test_layer_by_layer_and_bit_by_bit(runs: tuple[Path, Path]) -> None:
         alone = found["answers"].get(layer, {"only_a": 0, "only_b": 0})
         assert alone["only_a"] == np.count_nonzero(np.isfinite(one) & ~np.isfinite(other))
         assert alone["only_b"] == np.count_nonzero(np.isfinite(other) & ~np.isfinite(one)) == 0
-    before, after = (_all(run, "status").astype(np.uint32) for run in runs)
+    before, after = (_stacked(run, "status").astype(np.uint32) for run in runs)
     assert found["status_changed"] == np.count_nonzero(before != after) > 0
     assert found["status_bits"]["two paths"] == {"gained": 0, "lost": int(np.count_nonzero(before & 16))}
     assert found["status_bits"]["low confidence"]["gained"] == np.count_nonzero(after & 4) > 0
@@ -68,7 +68,7 @@ def test_truth_goes_with_every_frame(runs: tuple[Path, Path], tmp_path: Path) ->
     write_exr(truth, {"direct.depth": step_truth().astype(np.float32), "other": np.zeros((24, 32), np.float32)})
     for order in ((runs[0], truth), (truth, runs[0])):
         found = json.loads(cadtof("compare", *order, "--json").out)
-        size = np.abs(_all(runs[0], "direct.depth").astype(float) - step_truth().astype(np.float32))
+        size = np.abs(_stacked(runs[0], "direct.depth").astype(float) - step_truth().astype(np.float32))
         assert (found["frames"], list(found["layers"]), found["status_changed"]) == (3, ["direct.depth"], None)
         assert found["layers"]["direct.depth"]["median_abs"] == pytest.approx(np.median(size), rel=1e-6)
         assert {*found["only_a"]["layers"], *found["only_b"]["layers"]} >= {"other", "mpi.depth", "status"}
@@ -105,7 +105,7 @@ def test_what_cannot_be_compared(runs: tuple[Path, Path], tmp_path: Path) -> Non
         write_exr(tmp_path / "other" / f"elsewhere_{index}.exr", {"direct.depth": np.ones((24, 32), np.float32)})
     capture = runs[0].parent / "capture"
     assert cadtof("resolve", capture, "-o", tmp_path / "z", "-j", 1, "-q", "--depth", "z").status == 0
-    for other, told in (
+    for other, message in (
         (tmp_path / "gone", "no such file or folder; expected maps"),
         (tmp_path / "small.exr", "found 4 × 3 pixels, expected 32 × 24 as in"),
         (tmp_path / "other", "share no frame: found frame_0, frame_1, frame_2 … and elsewhere_0, elsewhere_1 …"),
@@ -113,7 +113,7 @@ def test_what_cannot_be_compared(runs: tuple[Path, Path], tmp_path: Path) -> Non
     ):
         done = cadtof("compare", runs[0], other)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err
 
 
 def test_frames_that_only_one_has_are_named(runs: tuple[Path, Path], tmp_path: Path) -> None:

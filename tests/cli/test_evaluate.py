@@ -177,7 +177,7 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
     truth, small = _truth(tmp_path / "truth.exr"), _truth(tmp_path / "small.exr", height=20)
     write_exr(tmp_path / "other.exr", {"Y": np.zeros((24, 32), np.float32)})
     (tmp_path / "empty").mkdir()
-    for maps, against, told in (
+    for maps, against, message in (
         (out, small, f"{out / 'frame_0.tif'}: found 32 × 24 pixels, expected 32 × 20 as in {small}"),
         (out, tmp_path / "other.exr", f"{tmp_path / 'other.exr'}: found layers Y; expected direct.depth"),
         (out, tmp_path / "gone.exr", f"{tmp_path / 'gone.exr'}: cannot be read: No such file or directory"),
@@ -186,7 +186,7 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
         (tmp_path / "z", truth, f"{tmp_path / 'z'}: holds z depth, and truth is radial range; resolve with"),
     ):
         done = cadtof("evaluate", maps, "--truth", against)
-        assert done.err.startswith(f"Error: {told}")
+        assert done.err.startswith(f"Error: {message}")
         assert done.status in {1, 2}
         assert done.out == ""
     counts, volts = record(tmp_path / "counts").folder, record(tmp_path / "volts", form="exr").folder

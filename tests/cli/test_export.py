@@ -233,7 +233,7 @@ def test_hostile_names_and_optics_of_one_s_own(tmp_path: Path) -> None:
 def test_what_cannot_be_exported(tmp_path: Path) -> None:
     out = _maps(tmp_path)
     write_exr(tmp_path / "lone.exr", {"direct.depth": np.ones((3, 4), np.float32)})
-    for arguments, told in (
+    for arguments, message in (
         (
             (out, "-o", tmp_path / "a.obj"),
             "-o: found 'a.obj', expected a name that ends with .ply, .pcd, .png, .npz, .csv",
@@ -254,5 +254,5 @@ def test_what_cannot_be_exported(tmp_path: Path) -> None:
     ):
         done = cadtof("export", *arguments)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err
     assert not list(tmp_path.glob("a.*"))

@@ -48,9 +48,9 @@ def test_a_slow_pooling_tells_how_long_it_takes(tmp_path: Path) -> None:
     command = [*PROGRAM, "resolve", str(capture), "-o", str(tmp_path / "out"), "-j", "1", "--pool", "101"]
     with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        told = next((line for line in process.stderr if "--pool" in line), "")
+        note = next((line for line in process.stderr if "--pool" in line), "")
         process.terminate()
-    assert re.search(r"--pool 101: 1 frame will take about \d+ (s|min)", told)
+    assert re.search(r"--pool 101: 1 frame will take about \d+ (s|min)", note)
 
 
 def test_a_complete_run_is_already_there(here: Path) -> None:
@@ -97,14 +97,14 @@ def test_a_region_holds_the_same_maps(here: Path) -> None:
     )
     assert done.status == 0, done.err
     assert "first phasor" in done.out
-    for typed, told in (
+    for typed, message in (
         ("0,0,33,10", "expected it inside the 32 × 24 pixels"),
         ("5,5,5,9", "0 ≤ X0 < X1"),
         ("1,2", "rectangle"),
     ):
         done = shell(f"cadtof resolve cap -o none --roi {typed}", here)
         assert done.status == 2
-        assert told in done.err
+        assert message in done.err
     assert not (here / "none").exists()
 
 
@@ -278,15 +278,15 @@ def test_frames_that_are_not_there(here: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("typed", "told"),
+    ("typed", "message"),
     [
         ('cd cap; cadtof resolve "$CAPTURE" -o ../out', "after resolve: found nothing"),
         ('cadtof resolve cap -o "$OUT"', "after -o: found nothing"),
         ('cadtof resolve cap --out="$OUT"', "--out: found nothing"),
     ],
 )
-def test_a_variable_that_is_not_set_is_no_folder(typed: str, told: str, here: Path) -> None:
+def test_a_variable_that_is_not_set_is_no_folder(typed: str, message: str, here: Path) -> None:
     done = shell(typed, here)
     assert (done.status, done.out) == (2, "")
-    assert f"{told}, expected a path or a value: is a variable of the shell not set?" in done.err
+    assert f"{message}, expected a path or a value: is a variable of the shell not set?" in done.err
     assert {path.name for path in here.iterdir()} == {"cap"}

@@ -78,13 +78,13 @@ def test_help_fits_a_narrow_terminal(words: str, columns: int, monkeypatch: pyte
 
 
 def test_what_differs_from_scene_to_scene_has_a_default_for_each() -> None:
-    said = re.sub(r"\s+", " ", cadtof("simulate", "--help").out.replace("-\n", "-"))
+    help_text = re.sub(r"\s+", " ", cadtof("simulate", "--help").out.replace("-\n", "-"))
     for scene, option in itertools.product(SCENES, ("distance_m", "albedo", "opening_deg")):
         if hasattr(SCENES[scene], option):
             default = getattr(SCENES[scene], option)
-            told = re.search(rf"--{option.replace('_', '-')}\b[^]]*?[ ;]{scene} (random|[\d.]+)[;\]]", said)
-            assert told is not None, (scene, option)
-            assert told[1] == ("random" if default is None else f"{default:g}")
+            shown = re.search(rf"--{option.replace('_', '-')}\b[^]]*?[ ;]{scene} (random|[\d.]+)[;\]]", help_text)
+            assert shown is not None, (scene, option)
+            assert shown[1] == ("random" if default is None else f"{default:g}")
 
 
 def test_the_program_lists_its_commands() -> None:

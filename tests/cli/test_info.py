@@ -156,9 +156,9 @@ def test_of_many_frames_with_one_problem_a_few_are_named(tmp_path: Path) -> None
 def test_layers_of_truth_have_their_units(tmp_path: Path) -> None:
     layers = {"direct.depth": np.ones(12), "mpi.delay": np.linspace(3, 20, 12), "mpi.ratio": np.linspace(0, 1, 12)}
     write_exr(tmp_path / "truth.exr", {name: plane.reshape(3, 4).astype(np.float32) for name, plane in layers.items()})
-    told = cadtof("info", tmp_path / "truth.exr").out
-    assert "mpi.delay                   3 … 20 ns, median 11.5, 100.0% of pixels" in told
-    assert "mpi.ratio                   0 … 1, median 0.5, 100.0% of pixels" in told
+    text = cadtof("info", tmp_path / "truth.exr").out
+    assert "mpi.delay                   3 … 20 ns, median 11.5, 100.0% of pixels" in text
+    assert "mpi.ratio                   0 … 1, median 0.5, 100.0% of pixels" in text
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
@@ -204,9 +204,9 @@ def test_damaged_maps_and_records(tmp_path: Path) -> None:
     (out / "run.json").write_text("{")
     done = cadtof("info", out, "-j", 1)
     assert done.status == 1
-    record_told, map_told = done.err.splitlines()
-    assert record_told.startswith(f"wrong: {out / 'run.json'}: not the record of a run (")
-    assert map_told.startswith(f"wrong: {out / 'frame_1.tif'}: damaged or truncated TIFF")
+    record_problem, map_problem = done.err.splitlines()
+    assert record_problem.startswith(f"wrong: {out / 'run.json'}: not the record of a run (")
+    assert map_problem.startswith(f"wrong: {out / 'frame_1.tif'}: damaged or truncated TIFF")
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
@@ -221,8 +221,8 @@ def test_a_damaged_first_map_does_not_speak_for_its_folder(form: Form, tmp_path:
             (out / "run.json").unlink()
         done = cadtof("info", out, "--json", "-j", 1)
         assert done.status == 1
-        (told,) = done.err.splitlines()
-        assert told.startswith(f"wrong: {maps[0]}: ")
+        (problem,) = done.err.splitlines()
+        assert problem.startswith(f"wrong: {maps[0]}: ")
         facts = json.loads(done.out)
         assert (facts["kind"], facts["files"]) == ("maps", 3)
         assert [facts[name] for name in ("pixels", "layers", "status", "about")] == [

@@ -37,7 +37,7 @@ def _write_planes(folder: Path, names: str, layout: str, *, called: dict[str, st
     (folder / "planes" / "capture.toml").write_text(f"{TOML['tif']}[layout]\n{layout}\n", encoding="utf-8")
 
 
-def _same(one: Path, other: Path) -> None:
+def _require_same_maps(one: Path, other: Path) -> None:
     expected, found = layers_of(one), layers_of(other)
     assert found.keys() == expected.keys()
     for name in expected:
@@ -69,7 +69,7 @@ def test_planes_in_folders_and_under_other_names(pattern: str, more: str, called
         return
     assert done.status == 0, done.err
     for frame in (0, 1):
-        _same(whole / "expected" / f"frame_{frame}.tif", whole / "out" / f"{frame}.tif")
+        _require_same_maps(whole / "expected" / f"frame_{frame}.tif", whole / "out" / f"{frame}.tif")
 
 
 def test_info_shows_names_as_they_are_given(whole: Path) -> None:
@@ -108,7 +108,7 @@ def test_a_tree_of_planes_and_planes_by_name(whole: Path) -> None:
     done = shell("cadtof resolve -r planes -o out -j 1; cadtof resolve planes/H?/*.tif -o given -j 1", whole)
     assert done.status == 0, done.err
     for out in ("out", "given"):
-        _same(whole / "expected" / "frame_1.tif", whole / out / "1.tif")
+        _require_same_maps(whole / "expected" / "frame_1.tif", whole / out / "1.tif")
 
 
 def test_a_pattern_without_frame_is_a_lone_frame(whole: Path) -> None:
@@ -117,7 +117,7 @@ def test_a_pattern_without_frame_is_a_lone_frame(whole: Path) -> None:
     named = "--pattern '{channel}_{harmonic}.tif' --channel A,B --harmonic 25=1,50=2"
     done = shell(f"cadtof resolve planes -o out -j 1 {named}", whole)
     assert done.status == 0, done.err
-    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame.tif")
+    _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame.tif")
     done = shell(f"cadtof resolve planes -o out2 -j 1 {named.replace('50=2', '50=3')}", whole)
     assert done.status == 2
     assert "layout.harmonic: found {'25': 1, '50': 3}, expected a name for each of the harmonics 1, 2" in done.err
@@ -131,14 +131,14 @@ def test_a_folder_above_describes_its_captures(whole: Path) -> None:
     assert done.status == 0, done.err
     assert f"settings of {whole / 'archive' / 'capture.toml'}" in done.err
     assert f"from {whole / 'archive' / 'capture.toml'}" in done.out
-    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
+    _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [("Capture.toml", "found settings of this name, expected capture.toml"), ("capture.toml", "cannot be read")],
 )
-def test_settings_above_that_cannot_be_taken_are_not_passed_over(name: str, told: str, whole: Path) -> None:
+def test_settings_above_that_cannot_be_taken_are_not_passed_over(name: str, message: str, whole: Path) -> None:
     archive = whole / "archive"
     (archive / "day").mkdir(parents=True)
     (whole / "whole").rename(archive / "day" / "scene")
@@ -146,7 +146,7 @@ def test_settings_above_that_cannot_be_taken_are_not_passed_over(name: str, told
     (archive / name).symlink_to("nowhere")
     done = shell("cadtof resolve archive/day/scene -o out -j 1 --volts-per-count 1e-4 --zero-counts 8192", whole)
     assert (done.status, done.out) == (2, "")
-    assert f"{archive / name}: {told}" in done.err
+    assert f"{archive / name}: {message}" in done.err
 
 
 @pytest.mark.parametrize("with_own", [False, True])
@@ -158,7 +158,7 @@ def test_settings_for_an_archive_that_cannot_be_written(with_own: bool, whole: P
     done = shell("cadtof resolve whole --settings mine.toml -o out -j 1; cadtof info whole --settings mine.toml", whole)
     assert done.status == 0, done.err
     assert "from mine.toml" in done.out
-    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
+    _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
     evaluated = shell("cd /; cadtof evaluate $OLDPWD/out --truth $OLDPWD/expected/frame_0.tif", whole)
     assert evaluated.status == 0, evaluated.err
     assert "first phasor" in evaluated.out
@@ -169,4 +169,4 @@ def test_a_capture_toml_out_of_a_windows_editor(whole: Path) -> None:
     toml.write_bytes(b"\xef\xbb\xbf" + toml.read_bytes().replace(b"\n", b"\r\n"))
     done = shell("cadtof resolve whole -o out -j 1", whole)
     assert done.status == 0, done.err
-    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
+    _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")

@@ -240,7 +240,7 @@ def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
     assert medians["b/two/frame_0"] == pytest.approx(3.0, abs=0.1)
     one = shell("cadtof evaluate out --truth rec/a/truth.exr", tree)
     assert "rec/a/truth.exr: the frames of 3 captures are held against it alone" in one.err
-    _truths_of_pages_and_pictures(tree)
+    _require_same_pages_and_pictures(tree)
     (tree / "rec" / "a" / "truth.exr").unlink()
     done = shell("cadtof report out -o none.html --truth rec", tree)
     assert (done.status, (tree / "none.html").exists()) == (2, False)
@@ -250,7 +250,7 @@ def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
     assert "rec/a: found no truth of a/frame_0, expected a file truth.exr there" in done.err
 
 
-def _truths_of_pages_and_pictures(tree: Path) -> None:
+def _require_same_pages_and_pictures(tree: Path) -> None:
     """Check that a folder of truths is drawn and reported like the file in it that holds for the frame."""
     for frame, place in ((0, "a"), (1, "b"), (2, "b")):
         for name, truth in (("folder", "rec"), ("file", f"rec/{place}/truth.exr")):

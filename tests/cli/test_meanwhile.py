@@ -42,7 +42,7 @@ def undisturbed(capture: Path) -> Path:
 
 
 @contextmanager
-def _waiting(capture: Path, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
+def _waiting_run(capture: Path, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
     """Start a run, and yield it when it has reported a frame. It waits before it reports its last frame."""
     command = [*PROGRAM, "resolve", str(capture), "-o", str(out), "-j", "2", "--json", "--quiet"]
     process = subprocess.Popen(command, env=ENVIRONMENT, bufsize=0, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
@@ -58,7 +58,7 @@ def _waiting(capture: Path, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
 
 def test_lines_that_are_removed_are_written_anew(capture: Path, undisturbed: Path, tmp_path: Path) -> None:
     out = capture.parent / tmp_path.name
-    with _waiting(capture, out) as run:
+    with _waiting_run(capture, out) as run:
         (out / "frames.jsonl").unlink()
         _, err = run.communicate(timeout=60)
     assert run.returncode == 0, err
@@ -68,7 +68,7 @@ def test_lines_that_are_removed_are_written_anew(capture: Path, undisturbed: Pat
 def test_lines_that_are_replaced_are_written_anew(capture: Path, undisturbed: Path, tmp_path: Path) -> None:
     out = capture.parent / tmp_path.name
     (tmp_path / "other").write_text("{}\n")
-    with _waiting(capture, out) as run:
+    with _waiting_run(capture, out) as run:
         (tmp_path / "other").replace(out / "frames.jsonl")
         _, err = run.communicate(timeout=60)
     assert run.returncode == 0, err
@@ -81,19 +81,19 @@ def test_a_folder_that_is_replaced_ends_the_run_which_can_go_on(
 ) -> None:
     # OUT lies beside the undisturbed folder, because run.json holds the paths of the frames relative to OUT
     out, kept = capture.parent / tmp_path.name, tmp_path / "kept"
-    with _waiting(capture, out) as run:
+    with _waiting_run(capture, out) as run:
         out.rename(kept)
         if kind == "a file":
             out.write_text("mine")
         elif kind == "another folder":
             out.mkdir()
         _, err = run.communicate(timeout=60)
-    told = err.decode()
+    text = err.decode()
     assert run.returncode in ({0, 1, 2} if kind == "another folder" else {1, 2})
-    assert "unexpected" not in told
-    assert "Traceback" not in told
+    assert "unexpected" not in text
+    assert "Traceback" not in text
     if kind != "another folder":
-        assert f"{out}" in told
+        assert f"{out}" in text
     if kind == "a file":
         assert out.read_text() == "mine"
         out.unlink()

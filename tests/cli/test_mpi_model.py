@@ -16,7 +16,7 @@ DATA = Path(__file__).parents[2] / "sample_data"
 ONE_PATH, TWO_PATHS, ILL_CONDITIONED, POOLED, DIFFUSE = 8, 16, 32, 1024, 2048
 
 
-def maps_of(name: str, out: Path, *options: str) -> tuple[dict[str, F], Finished]:
+def resolved(name: str, out: Path, *options: str) -> tuple[dict[str, F], Finished]:
     done = cadtof("resolve", DATA / name, "-o", out, "--jobs", "1", "--json", *options)
     assert done.status == 0, done.err
     return layers_of(next(path for path in sorted(out.iterdir()) if path.suffix in {".tif", ".exr"})), done
@@ -28,7 +28,7 @@ def median_error_cm(name: str, layers: dict[str, F]) -> float:
 
 
 def test_a_corner_s_mpi_is_taken_for_diffuse_and_counted(tmp_path: Path) -> None:
-    layers, done = maps_of("corner", tmp_path / "auto")
+    layers, done = resolved("corner", tmp_path / "auto")
     status = layers["status"].astype(int)
     line = json.loads(done.out)
     assert (status & DIFFUSE > 0).all()
@@ -39,7 +39,7 @@ def test_a_corner_s_mpi_is_taken_for_diffuse_and_counted(tmp_path: Path) -> None
     assert (run["totals"]["diffuse"], run["totals"]["diffuse_frames"]) == (status.size, 1)
     assert run["status_bits"]["DIFFUSE_MPI"] == DIFFUSE
     assert "pixels: 100.0% diffuse MPI, 0.0% two paths, 0.0% one path, 0.0% no answer;" in done.err
-    discrete, _ = maps_of("corner", tmp_path / "discrete", "--mpi-model", "discrete")
+    discrete, _ = resolved("corner", tmp_path / "discrete", "--mpi-model", "discrete")
     assert median_error_cm("corner", layers) < median_error_cm("corner", discrete)
     for name in ("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"):
         assert np.isfinite(layers[name]).all(), name
@@ -48,8 +48,8 @@ def test_a_corner_s_mpi_is_taken_for_diffuse_and_counted(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("name", ["card", "wall"])
 def test_two_paths_and_no_mpi_are_as_discrete_to_the_bit(name: str, tmp_path: Path) -> None:
-    auto, done = maps_of(name, tmp_path / "auto")
-    discrete, _ = maps_of(name, tmp_path / "discrete", "--mpi-model", "discrete")
+    auto, done = resolved(name, tmp_path / "auto")
+    discrete, _ = resolved(name, tmp_path / "discrete", "--mpi-model", "discrete")
     assert all(json.loads(line)["diffuse"] == 0 for line in done.out.splitlines())
     for layer, values in discrete.items():
         np.testing.assert_array_equal(auto[layer], values, err_msg=layer)
@@ -57,7 +57,7 @@ def test_two_paths_and_no_mpi_are_as_discrete_to_the_bit(name: str, tmp_path: Pa
 
 @pytest.mark.parametrize("options", [("--solver", "one-path"), ("--order", "2"), ("--return", "last")])
 def test_who_asks_for_paths_gets_paths(options: tuple[str, ...], tmp_path: Path) -> None:
-    layers, _ = maps_of("corner", tmp_path / "out", *options)
+    layers, _ = resolved("corner", tmp_path / "out", *options)
     assert not (layers["status"].astype(int) & DIFFUSE).any()
 
 
@@ -95,7 +95,7 @@ def test_unknown_optics_are_said_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", [("--pool", "3"), ("--average", "2"), ("--depth", "z")])
 def test_it_goes_with_what_else_is_asked_for(options: tuple[str, ...], tmp_path: Path) -> None:
-    layers, _ = maps_of("corner", tmp_path / "out", *options)
+    layers, _ = resolved("corner", tmp_path / "out", *options)
     status = layers["status"].astype(int)
     assert (status & DIFFUSE > 0).mean() > 0.99
     if options[0] == "--pool":
@@ -116,5 +116,5 @@ def test_lost_columns_holes_and_saturation_cost_no_more_than_themselves(tmp_path
     assert done.status == 0, done.err
     layers = layers_of(tmp_path / "out" / "frame_0000.tif")
     np.testing.assert_array_equal(np.isnan(layers["direct.depth"]), lost)
-    whole, _ = maps_of("corner", tmp_path / "whole")
+    whole, _ = resolved("corner", tmp_path / "whole")
     assert median_error_cm("corner", layers) < 1.2 * median_error_cm("corner", whole)

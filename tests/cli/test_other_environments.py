@@ -64,8 +64,8 @@ def test_an_environment_changes_nothing(name: str, capture: Path, maps: list[byt
     done = _run("resolve", capture, "-o", tmp_path / "ö", "-j", 2, cwd=tmp_path, environment=ENVIRONMENTS[name])
     assert (done.status, done.out) == (0, "")
     # a note about kernels says what is compiled, which differs from machine to machine
-    said = [line for line in done.err.splitlines() if "kernel" not in line]
-    assert [line.partition(" in ")[0] for line in said] == ["resolved 2 of 2 frames"]
+    lines = [line for line in done.err.splitlines() if "kernel" not in line]
+    assert [line.partition(" in ")[0] for line in lines] == ["resolved 2 of 2 frames"]
     assert _maps(tmp_path / "ö") == maps
 
 

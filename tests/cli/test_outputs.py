@@ -21,8 +21,8 @@ def _lines(out: Path) -> list[dict[str, object]]:
     return [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
 
 
-def _refused(done: Finished, told: str) -> None:
-    assert done.err.startswith(f"Error: {told}")
+def _require_refused(done: Finished, message: str) -> None:
+    assert done.err.startswith(f"Error: {message}")
     assert (done.status, done.out) == (2, "")
     assert "Traceback" not in done.err
 
@@ -32,7 +32,7 @@ def test_out_is_a_file(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("mine")
     for out in (tmp_path / "out", tmp_path / "out" / "deeper"):
         done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
-        _refused(done, f"{out}: expected a folder that can be written into: ")
+        _require_refused(done, f"{out}: expected a folder that can be written into: ")
     assert (tmp_path / "out").read_text() == "mine"
 
 
@@ -41,24 +41,24 @@ def test_out_may_not_be_written_into(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir(mode=0o555)
     done = without_privilege("resolve", capture.folder, "-o", out)
-    _refused(done, f"{out}: expected a folder that can be written into: Permission denied")
+    _require_refused(done, f"{out}: expected a folder that can be written into: Permission denied")
     done = without_privilege("resolve", capture.folder, "-o", out / "deeper")
-    _refused(done, f"{out / 'deeper'}: expected a folder that can be written into: Permission denied")
+    _require_refused(done, f"{out / 'deeper'}: expected a folder that can be written into: Permission denied")
     assert not list(out.iterdir())
 
 
 def test_out_holds_recorded_frames(tmp_path: Path) -> None:
     a, b = record(tmp_path / "a"), record(tmp_path / "b", seed=1)
     before = _files(a.folder)
-    told = f"{a.folder}: the maps would be written among recorded frames; choose another folder with -o"
+    message = f"{a.folder}: the maps would be written among recorded frames; choose another folder with -o"
     for inputs in ((a.folder,), (a.files[0],), (b.folder,)):
         for extra in ((), ("--overwrite",), ("--resume",)):
-            _refused(cadtof("resolve", *inputs, "-o", a.folder, "-j", 1, *extra), told)
+            _require_refused(cadtof("resolve", *inputs, "-o", a.folder, "-j", 1, *extra), message)
     (a.folder / "capture.toml").unlink()
-    _refused(
-        cadtof("resolve", a.folder, "-o", a.folder, "-j", 1, "--volts-per-count", 6e-5, "--zero-counts", 8192), told
+    _require_refused(
+        cadtof("resolve", a.folder, "-o", a.folder, "-j", 1, "--volts-per-count", 6e-5, "--zero-counts", 8192), message
     )
-    _refused(
+    _require_refused(
         cadtof("resolve", b.folder, "-o", a.folder, "-j", 1),
         f"{a.folder}: frame_0.tif would be replaced; add --overwrite to replace",
     )
@@ -70,7 +70,9 @@ def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--order", 1).status == 0
     before = _files(out)
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
-    _refused(done, f"{out}: frame_0.tif, frame_1.tif, frame_2.tif and 3 more would be replaced; add --overwrite")
+    _require_refused(
+        done, f"{out}: frame_0.tif, frame_1.tif, frame_2.tif and 3 more would be replaced; add --overwrite"
+    )
     assert _files(out) == before
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--overwrite").status == 0
     after = _files(out)
@@ -115,7 +117,9 @@ def test_a_map_of_a_stack_is_not_replaced_either(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     out.mkdir()
     (out / "frame_0_0001.tif").write_text("mine")
-    _refused(cadtof("resolve", capture.folder, "-o", out, "-j", 1), f"{out}: frame_0_0001.tif would be replaced")
+    _require_refused(
+        cadtof("resolve", capture.folder, "-o", out, "-j", 1), f"{out}: frame_0_0001.tif would be replaced"
+    )
     assert _files(out) == {"frame_0_0001.tif": b"mine"}
 
 
@@ -169,7 +173,9 @@ def test_resume_takes_the_same_frames_or_more(tmp_path: Path) -> None:
     before = _files(out)
     for fewer in ("2:3", "1:2", "2:", "0:2", "4:5"):
         refused = cadtof(*resolve, "--resume", "--frames", fewer)
-        _refused(refused, f"{out / 'run.json'}: cannot resume: --frames leaves out some that the earlier run took")
+        _require_refused(
+            refused, f"{out / 'run.json'}: cannot resume: --frames leaves out some that the earlier run took"
+        )
         assert _files(out) == before
     for more in (("--frames", "1:4"), ("--frames", "0:4"), ("--frames", "0:"), ()):
         assert cadtof(*resolve, "--resume", *more).status == 0
@@ -186,19 +192,21 @@ def test_resume_needs_the_same_settings(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     before = _files(out)
-    for options, told in (
+    for options, message in (
         (("--order", "1"), "order was 'auto' and is '1' now; give the same options, or --overwrite"),
         (("--depth", "z"), "depth was 'range' and is 'z' now"),
         (("--format", "exr"), "map_format was 'same' and is 'exr' now"),
         (("--amplitude", "0.3"), f"{capture.folder}: modulation.amplitude_v was 0.2746 and is 0.3 now"),
     ):
         done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume", *options)
-        _refused(done, f"{out / 'run.json'}: cannot resume: {told}")
+        _require_refused(done, f"{out / 'run.json'}: cannot resume: {message}")
     assert _files(out) == before
     toml = capture.folder / "capture.toml"
     toml.write_text(toml.read_text().replace("0.2746", "0.3"))
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume")
-    _refused(done, f"{out / 'run.json'}: cannot resume: {capture.folder}: modulation.amplitude_v was 0.2746 and is 0.3")
+    _require_refused(
+        done, f"{out / 'run.json'}: cannot resume: {capture.folder}: modulation.amplitude_v was 0.2746 and is 0.3"
+    )
 
 
 @pytest.mark.parametrize("name", ["run.json", "frames.jsonl"])
@@ -208,7 +216,7 @@ def test_resume_of_what_is_no_run(name: str, content: str, tmp_path: Path) -> No
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     (out / name).write_text(content)
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume")
-    _refused(done, f"{out / name}: not the record of a run, so it cannot be resumed")
+    _require_refused(done, f"{out / name}: not the record of a run, so it cannot be resumed")
 
 
 @pytest.mark.parametrize("map_format", ["tif", "exr"])
@@ -251,8 +259,8 @@ def test_a_scene_that_cannot_grow_names_the_file(tmp_path: Path) -> None:
             frame_format,
         )
         assert done.status == 2
-        told = r"cannot be written: File too large; here a file may have 9,000 \(ulimit -f\)"
-        assert re.fullmatch(rf"Error: {re.escape(str(out))}(/[\w.]+)?: {told}\n", done.err), done.err
+        message = r"cannot be written: File too large; here a file may have 9,000 \(ulimit -f\)"
+        assert re.fullmatch(rf"Error: {re.escape(str(out))}(/[\w.]+)?: {message}\n", done.err), done.err
         assert not list(tmp_path.iterdir())
 
 
@@ -300,5 +308,5 @@ def test_a_disk_that_is_read_only(small_disk: Path, tmp_path: Path) -> None:
     subprocess.run(("mount", "-o", "remount,ro", str(small_disk)), check=True)
     out = small_disk / "out"
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
-    _refused(done, f"{out}: expected a folder that can be written into: Read-only file system")
+    _require_refused(done, f"{out}: expected a folder that can be written into: Read-only file system")
     assert not out.exists()

@@ -167,8 +167,8 @@ def _require_whole(figure: Figure) -> None:
     headings = [(text.get_text(), text.get_window_extent()) for text in figure.texts if text.get_text()]
     headings += [(axes.get_title(), axes.title.get_window_extent()) for axes in shown if axes.get_title()]
     for number, (name, box) in enumerate(headings):
-        for other, there in headings[:number]:
-            assert not _overlap(box, there), f"{name!r} overlaps {other!r}"
+        for other, other_box in headings[:number]:
+            assert not _overlap(box, other_box), f"{name!r} overlaps {other!r}"
     assert any(axes.get_xlabel() for axes in shown) or not any(axes.images for axes in shown)
     assert any(axes.get_ylabel() for axes in shown)
 
@@ -207,12 +207,12 @@ def _overlap(box: BboxBase, other: BboxBase) -> bool:
 def test_nothing_is_replaced_and_only_pictures_are_written(
     command: str, kind: str, magic: bytes, place: Path, tmp_path: Path
 ) -> None:
-    there = tmp_path / f"a.{kind}"
-    there.write_text("mine")
-    done = cadtof(*_typed(place, command), "-o", there)
+    existing = tmp_path / f"a.{kind}"
+    existing.write_text("mine")
+    done = cadtof(*_typed(place, command), "-o", existing)
     assert (done.status, "already exists; add --overwrite" in done.err) == (2, True)
-    assert there.read_text() == "mine"
-    assert cadtof(*_typed(place, command), "-o", there, "--overwrite").status == 0
-    assert there.read_bytes().startswith(magic)
+    assert existing.read_text() == "mine"
+    assert cadtof(*_typed(place, command), "-o", existing, "--overwrite").status == 0
+    assert existing.read_bytes().startswith(magic)
     done = cadtof(*_typed(place, command), "-o", tmp_path / "a.bmp")
     assert (done.status, "found the suffix '.bmp', expected one of .png" in done.err) == (2, True)

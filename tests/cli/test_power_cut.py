@@ -46,7 +46,7 @@ def _synchronised(out: Path, memory: Path) -> dict[str, int]:
     return {name: int(inode) for inode, name in (line.split(" ", 1) for line in lines)}
 
 
-def _left(out: Path, memory: Path, *, names_too: bool) -> None:
+def _lose_power(out: Path, memory: Path, *, names_too: bool) -> None:
     """Replace a folder by what the disk still has of it after a power cut.
 
     Each file has the content that was synchronised last. With `names_too`, only names that were synchronised are left;
@@ -76,7 +76,7 @@ for name, synchronised in (("kept", True), ("lost", False), ("half", True)):
             file.write("second")
 """
     subprocess.run([sys.executable, "-c", script, str(out)], env=_environment(layer, memory), check=True)
-    _left(out, memory, names_too=False)
+    _lose_power(out, memory, names_too=False)
     assert {path.name: path.read_text() for path in out.iterdir()} == {"kept": "first", "lost": "", "half": "first"}
 
 
@@ -99,7 +99,7 @@ def test_a_run_is_resumed_after_power_was_lost(share: float, names_too: bool, la
     process.wait()
     # a worker may be in the middle of renaming a file
     assert session_is_over(process.pid, 60)
-    _left(out, memory, names_too=names_too)
+    _lose_power(out, memory, names_too=names_too)
     left = maps_of(out)
     assert left
     assert all(content == whole[name] for name, content in left.items())

@@ -137,7 +137,7 @@ def test_recorded_frames_truth_and_other_layers(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=2)
     write_exr(tmp_path / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
     write_exr(tmp_path / "other.exr", {"Y": np.zeros((24, 32), np.float32)})
-    for name, what, told in (
+    for name, what, expected in (
         ("frame", capture.files[0], {"H1.SC1", "H2.SC2", "H1.amplitude", "H2.phase", "V", "rad"}),
         ("truth", tmp_path / "truth.exr", {"direct.depth", "radial range, m"}),
         ("other", tmp_path / "other.exr", {"Y"}),
@@ -147,8 +147,8 @@ def test_recorded_frames_truth_and_other_layers(tmp_path: Path) -> None:
         done = cadtof("preview", *(what if isinstance(what, tuple) else (what,)), "-o", tmp_path / f"{name}.svg")
         assert (done.status, done.err) == (0, "")
         words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / f"{name}.svg").read_text()))
-        shortened = {word for word in told if "as recorded" in word and word not in words}
-        assert told - shortened <= words
+        shortened = {word for word in expected if "as recorded" in word and word not in words}
+        assert expected - shortened <= words
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, -2.5e-3])
@@ -226,8 +226,8 @@ def test_a_damaged_first_map_is_left_out_of_the_sheet(form: Form, tmp_path: Path
     first.write_bytes(first.read_bytes()[:3000])
     done = cadtof("preview", out, "-o", tmp_path / "a.png")
     assert done.status == 0
-    (told,) = done.err.splitlines()
-    assert told.startswith(f"left out: {first}: ")
+    (message,) = done.err.splitlines()
+    assert message.startswith(f"left out: {first}: ")
     assert _picture(tmp_path / "a.png").size > 0
 
 
@@ -265,8 +265,8 @@ def test_an_mp4_opened_by_opencv(tmp_path: Path) -> None:
     assert cadtof("preview", maps, "-o", tmp_path / "a.mp4", "--range", "1,3").status == 0
     film = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     for index in range(5):
-        there, picture = film.read()
-        assert there
+        is_read, picture = film.read()
+        assert is_read
         middle = picture[picture.shape[0] // 2, picture.shape[1] // 2, ::-1].astype(int)
         expected = np.array(mpl.colormaps["viridis"](0.25 * index, bytes=True))[:3].astype(int)
         assert np.abs(middle - expected).max() <= 12
@@ -304,7 +304,7 @@ def test_what_cannot_be_drawn(tmp_path: Path) -> None:
     write_exr(small, {"direct.depth": step_truth(height=20).astype(np.float32)})
     write_exr(other, {"Y": np.zeros((24, 32), np.float32)})
     (tmp_path / "empty").mkdir()
-    for arguments, told in (
+    for arguments, message in (
         ((tmp_path / "gone",), f"{tmp_path / 'gone'}: no such file or folder; expected maps that"),
         ((tmp_path / "empty",), f"{tmp_path / 'empty'}: found no maps (.exr, .tif)"),
         (
@@ -320,7 +320,7 @@ def test_what_cannot_be_drawn(tmp_path: Path) -> None:
         ((maps, "--truth", small), f"{maps / 'frame_0.tif'}: found 32 × 24 pixels, expected 32 × 20 as in {small}"),
     ):
         done = cadtof("preview", *arguments, "-o", tmp_path / "a.png")
-        assert done.err.startswith(f"Error: {told}")
+        assert done.err.startswith(f"Error: {message}")
         assert (done.status, done.out) == (2, "")
     done = cadtof("preview", maps, "-o", tmp_path / "gone" / "a.png")
     assert done.err == f"Error: {tmp_path / 'gone' / 'a.png'}: cannot be written: No such file or directory\n"

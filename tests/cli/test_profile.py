@@ -123,7 +123,7 @@ def test_a_damaged_first_map_does_not_hide_which_pixels_the_others_show(tmp_path
 
 def test_what_cannot_be_drawn(runs: tuple[Path, Path], tmp_path: Path) -> None:
     write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
-    for arguments, told in (
+    for arguments, message in (
         ((runs[0],), "found 0 of --row, --column and --line, expected one of them"),
         ((runs[0], "--row", 3, "--column", 4), "found 2 of --row, --column and --line"),
         ((runs[0], "--row", 24), "--row: found 24, expected columns 0 … 31 and rows 0 … 23"),
@@ -136,4 +136,4 @@ def test_what_cannot_be_drawn(runs: tuple[Path, Path], tmp_path: Path) -> None:
     ):
         done = cadtof("profile", *arguments)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err

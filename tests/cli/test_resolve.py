@@ -54,10 +54,10 @@ def test_maps_hold_the_truth_within_noise(form: Form, map_format: str, tmp_path:
     layers = layers_of(tmp_path / "out" / f"frame_0.{suffix}")
     assert sorted(layers) == sorted(LAYERS)
     assert {layer.shape for layer in layers.values()} == {(24, 32)}
-    _hold_truth(layers)
+    _require_truth(layers)
 
 
-def _hold_truth(layers: dict[str, NDArray[Any]]) -> None:
+def _require_truth(layers: dict[str, NDArray[Any]]) -> None:
     error = layers["direct.depth"] - step_truth()
     # one path at ASR 2: sigma of the phase is 1.58e-3 · 3 rad, 4.5 mm, for one harmonic, and less for two;
     # the median of the absolute error is .67 of sigma
@@ -248,7 +248,7 @@ def test_nothing_is_told_of_what_is_given_and_nothing_at_all_when_quiet(tmp_path
     assert (done.status, done.out, done.err) == (0, "", "")
 
 
-def _same_depths(file: Path, expected: Path) -> None:
+def _require_same_depths(file: Path, expected: Path) -> None:
     np.testing.assert_array_equal(layers_of(file)["direct.depth"], layers_of(expected)["direct.depth"])
 
 
@@ -271,7 +271,7 @@ def test_a_stack_is_resolved_frame_by_frame(labelled: bool, tmp_path: Path) -> N
     assert [line["source"] for line in lines] == [f"{stack / 's.tif'}[{index}]" for index in range(3)]
     for index, line in enumerate(lines):
         assert line["output"] == str(tmp_path / "out" / f"s_{index:04}.tif")
-        _same_depths(Path(line["output"]), tmp_path / "singles" / f"frame_{index}.tif")
+        _require_same_depths(Path(line["output"]), tmp_path / "singles" / f"frame_{index}.tif")
 
 
 def test_a_frame_named_like_one_of_a_stack_keeps_its_name(tmp_path: Path) -> None:
@@ -287,7 +287,7 @@ def test_a_frame_named_like_one_of_a_stack_keeps_its_name(tmp_path: Path) -> Non
     names = ["s_00000.tif", "s_00001.tif", "s_0001.tif"]
     assert sorted(p.name for p in (tmp_path / "out").glob("*.tif")) == names
     for index, name in enumerate(names):
-        _same_depths(tmp_path / "out" / name, tmp_path / "singles" / f"frame_{index}.tif")
+        _require_same_depths(tmp_path / "out" / name, tmp_path / "singles" / f"frame_{index}.tif")
 
 
 @pytest.mark.parametrize("suffix", ["tif", "exr"])
@@ -358,10 +358,10 @@ def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other(tmp_path: 
             assert (line["invalid"], line["reason"] is None) == ({"tif": 2, "exr": 4}[form], noise == "known")
             if noise == "estimated":
                 assert float(line["reason"].rpartition(" ")[2]) == pytest.approx(1e5, rel=0.25)
-            _bad_pixels_are_marked(layers_of(out / f"frame_0.{form}"), form)
+            _require_bad_pixels_marked(layers_of(out / f"frame_0.{form}"), form)
 
 
-def _bad_pixels_are_marked(layers: dict[str, NDArray[Any]], form: Form) -> None:
+def _require_bad_pixels_marked(layers: dict[str, NDArray[Any]], form: Form) -> None:
     status = layers["status"].astype(np.uint32)
     marked = {1: {(3, 4), (5, 6)}} if form == "tif" else {2: {(7, 8), (9, 10), (9, 11)}, 4096: {(9, 12)}}
     for bit, pixels in marked.items():
@@ -373,7 +373,7 @@ def _bad_pixels_are_marked(layers: dict[str, NDArray[Any]], form: Form) -> None:
 
 
 @pytest.mark.parametrize(
-    ("frames", "seconds", "told"), [(424, 2.0, "212"), (99, 10.0, "9.9"), (3, 8.5, "0.35"), (1, 3600.0, "0.00028")]
+    ("frames", "seconds", "text"), [(424, 2.0, "212"), (99, 10.0, "9.9"), (3, 8.5, "0.35"), (1, 3600.0, "0.00028")]
 )
-def test_a_slow_run_is_not_said_to_stand_still(frames: int, seconds: float, told: str) -> None:
-    assert per_second(frames, seconds) == told
+def test_a_slow_run_is_not_said_to_stand_still(frames: int, seconds: float, text: str) -> None:
+    assert per_second(frames, seconds) == text

@@ -74,7 +74,7 @@ def _other_frame(capture: Recorded, _out: Path) -> None:
     write_frame(capture.files[1], step_frame(np.random.default_rng(99)))
 
 
-def _with_its_old_time(capture: Recorded, out: Path) -> None:
+def _other_frame_with_the_old_time(capture: Recorded, out: Path) -> None:
     before = capture.files[1].stat()
     _other_frame(capture, out)
     assert capture.files[1].stat().st_size == before.st_size
@@ -114,10 +114,10 @@ def _line_lost(_capture: Recorded, out: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "told", "status"),
+    ("fault", "message", "status"),
     [
         (_other_frame, "frame_1.tif: its recorded frame has changed since; made again", 0),
-        (_with_its_old_time, "frame_1.tif: its recorded frame has changed since; made again", 0),
+        (_other_frame_with_the_old_time, "frame_1.tif: its recorded frame has changed since; made again", 0),
         (_truncated, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
         (_emptied, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
         (_map_truncated, "frame_1.tif: changed since it was written; made again", 0),
@@ -128,14 +128,14 @@ def _line_lost(_capture: Recorded, out: Path) -> None:
     ],
 )
 def test_what_changed_is_done_again(
-    fault: Callable[[Recorded, Path], None], told: str, status: int, tmp_path: Path
+    fault: Callable[[Recorded, Path], None], message: str, status: int, tmp_path: Path
 ) -> None:
     capture, out, fresh = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "fresh"
     assert _resolve(capture.folder, "-o", out).status == 0
     fault(capture, out)
     done = _resolve(capture.folder, "-o", out, "--resume", "--json")
     assert (done.status, _skipped(done)) == (status, 2)
-    assert told in done.err
+    assert message in done.err
     assert _resolve(capture.folder, "-o", fresh).status == status
     require_same_run(out, fresh)
 

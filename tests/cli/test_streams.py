@@ -48,13 +48,15 @@ def test_nobody_reads_at_all(arguments: tuple[str, ...], tmp_path: Path) -> None
         ("resolve", "{capture}", "-o", "{out}", "--json"),
     ],
 )
-@pytest.mark.parametrize(("place", "told"), [(">/dev/full", "No space left on device"), (">&-", "Bad file descriptor")])
-def test_stdout_that_takes_nothing(place: str, told: str, arguments: tuple[str, ...], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("place", "message"), [(">/dev/full", "No space left on device"), (">&-", "Bad file descriptor")]
+)
+def test_stdout_that_takes_nothing(place: str, message: str, arguments: tuple[str, ...], tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     done = _shell(f'"$@" {place}', *(word.format(capture=capture, out=tmp_path / "out") for word in arguments))
     assert done.status == 2
     assert done.err.splitlines()[-1].startswith("Error: standard output: cannot be written: ")
-    assert told in done.err
+    assert message in done.err
     assert "unexpected" not in done.err
     assert "Exception ignored" not in done.err
 
@@ -70,8 +72,8 @@ def test_a_folder_that_is_gone_from_under_us(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     script = 'mkdir gone; cd gone; rmdir ../gone; "$@"'
     done = _shell(f"cd {tmp_path}; {script}", "resolve", capture, "-o", "out", "-q")
-    told = "Error: the folder that cadtof was started in is gone; go into one that is there\n"
-    assert (done.status, done.err) == (2, told)
+    message = "Error: the folder that cadtof was started in is gone; go into one that is there\n"
+    assert (done.status, done.err) == (2, message)
     assert _shell(f"cd {tmp_path}; {script}", "--version").status == 0
 
 

@@ -36,20 +36,20 @@ def test_the_bar_takes_one_line_however_narrow_the_terminal_is(columns: int, par
     lines = re.split(r"[\r\n]+", re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", drawn))
     assert max(len(line) for line in lines if re.search(r"\d/[4?]", line)) <= columns
     last = [line for line in lines if line][-1]
-    said = ("4/4", "0:00:00", "resolving", "━━━━━━━━", " frames/s")
-    assert [part in last for part in said] == [place < parts for place in range(5)]
+    by_importance = ("4/4", "0:00:00", "resolving", "━━━━━━━━", " frames/s")
+    assert [part in last for part in by_importance] == [place < parts for place in range(5)]
 
 
 def test_lines_are_broken_between_words(tmp_path: Path) -> None:
     """This holds above the bar, below it, and in an error. A path stays whole."""
     capture, out = record(tmp_path / "capture", frames=2).folder, tmp_path / ("long_" * 20 + "name")
-    _, said = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40)
+    _, shown = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40)
     _, refused = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40, status=2, TERM="dumb")
-    said += refused
-    lines = re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", said).replace("\r", "\n").splitlines()
+    shown += refused
+    lines = re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", shown).replace("\r", "\n").splitlines()
     assert not [line for line in lines if len(line) > 40 and " " in line.strip()]
     assert str(out) in lines
-    assert "add --overwrite to replace, --resume to go on" in " ".join(said.split())
+    assert "add --overwrite to replace, --resume to go on" in " ".join(shown.split())
 
 
 def test_a_terminal_that_cannot_move_its_cursor_gets_lines(tmp_path: Path) -> None:

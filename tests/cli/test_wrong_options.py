@@ -75,9 +75,9 @@ def test_what_changes_nothing_is_told(
     monkeypatch.chdir(tmp_path)
     status, _, err = _run(line, capture, maps)
     assert status == (2 if "--scheduler" in line else 0)
-    told = err.splitlines()[0]
-    assert told.startswith(message)
-    assert told.endswith(", where it has no effect")
+    first_line = err.splitlines()[0]
+    assert first_line.startswith(message)
+    assert first_line.endswith(", where it has no effect")
 
 
 def test_quiet_runs_do_not_tell(capture: Path, tmp_path: Path) -> None:

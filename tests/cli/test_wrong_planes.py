@@ -25,13 +25,15 @@ def test_swapped_channels_are_said_once(recorded: Recorded, tmp_path: Path, capl
         write_pages(file, tifffile.imread(file)[[1, 0, 3, 2]])
     done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
     assert done.status == 0
-    (said,) = (line for line in done.err.splitlines() if "phases as light" in line)
-    assert said.startswith(f"warning: {recorded.folder}: only ")
-    assert "would with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2, H2.SC1, H2.SC2, one after the other" in said
-    told = cadtof("info", recorded.folder, "--jobs", "1")
-    assert told.status == 1
-    assert "would with SC1 and SC2 swapped" in told.err
-    assert "(and 2 frames more)" in told.err
+    (warning,) = (line for line in done.err.splitlines() if "phases as light" in line)
+    assert warning.startswith(f"warning: {recorded.folder}: only ")
+    assert (
+        "would with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2, H2.SC1, H2.SC2, one after the other" in warning
+    )
+    info = cadtof("info", recorded.folder, "--jobs", "1")
+    assert info.status == 1
+    assert "would with SC1 and SC2 swapped" in info.err
+    assert "(and 2 frames more)" in info.err
     with caplog.at_level(logging.WARNING, "cadtof_cli"):
         list(read_frames(recorded.folder))
     assert "would with SC1 and SC2 swapped" in caplog.text
@@ -65,6 +67,6 @@ def test_a_response_of_swapped_channels_is_doubted(tmp_path: Path) -> None:
     for file in folder.glob("*.tif"):
         write_pages(file, tifffile.imread(file).reshape(4, *tifffile.imread(file).shape[-2:])[[1, 0, 3, 2]])
     done = cadtof("calibrate", "response", folder, "-o", tmp_path / "camera", "--overwrite")
-    (said,) = (line for line in done.err.splitlines() if "phases as light" in line)
-    assert said.startswith(f"warning: {folder}: only ")
-    assert "with SC1 and SC2 swapped" in said
+    (warning,) = (line for line in done.err.splitlines() if "phases as light" in line)
+    assert warning.startswith(f"warning: {folder}: only ")
+    assert "with SC1 and SC2 swapped" in warning

@@ -51,37 +51,37 @@ def test_unsigned_counts_need_their_zero(recorded: Path, tmp_path: Path) -> None
     done = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}")
     assert done.status == 2
     assert "unsigned numbers (uint16), and the stored value of 0 V is unknown: set zero_counts" in done.err
-    told = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", "0")
-    assert "give --zero-counts (their middle is 8" in told.err
+    refused = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", "0")
+    assert "give --zero-counts (their middle is 8" in refused.err
 
 
 def test_values_that_are_cut_off_are_told_until_a_limit_is_known(recorded: Path, tmp_path: Path) -> None:
     pages = tifffile.imread(recorded)
     limit = int(np.quantile(pages, 0.9))
     folder = _capture(tmp_path / "cut", np.minimum(pages, limit), toml=TOML["tif"])
-    said = f" of the pixels hold {limit}, the largest stored value: if the camera or a program cuts values off there"
+    warning = f" of the pixels hold {limit}, the largest stored value: if the camera or a program cuts values off there"
     done = cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1")
     assert done.status == 0
-    assert [line.startswith(f"warning: {folder}: ") for line in done.err.splitlines() if said in line] == [True]
+    assert [line.startswith(f"warning: {folder}: ") for line in done.err.splitlines() if warning in line] == [True]
     dark = cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera")
-    assert said in dark.err
+    assert warning in dark.err
     assert cadtof("info", folder).status == 1
     mended = ("--saturated-counts", f"0,{limit}")
     assert cadtof("info", folder, *mended).status == 0
-    assert said not in cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).err
+    assert warning not in cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).err
 
 
 def test_a_channel_that_is_not_connected_is_told(recorded: Path, tmp_path: Path) -> None:
     pages = tifffile.imread(recorded)
     noise = np.random.default_rng(3).normal(ZERO_COUNTS, 7.0, pages.shape).astype(pages.dtype)
     folder = _capture(tmp_path / "loose", np.concatenate([pages[:3], noise[3:]]), toml=TOML["tif"])
-    said = f"warning: {folder}: only noise in H2.SC2, where other planes show a scene"
-    assert said in cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1").err
+    warning = f"warning: {folder}: only noise in H2.SC2, where other planes show a scene"
+    assert warning in cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1").err
     looked = cadtof("info", folder)
     assert looked.status == 1
     assert "only noise in H2.SC2" in looked.err
     assert "one after the other" not in looked.err
-    assert said not in cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera").err
+    assert warning not in cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera").err
 
 
 def test_eight_bits_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Tool) -> None:

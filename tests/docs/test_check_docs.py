@@ -106,11 +106,11 @@ def test_commands_are_run(page: Path, tmp_path: Path) -> None:
     folder = tmp_path / "here"
     folder.mkdir()
     assert not list(check_commands(page, ROOT, folder, slow=False))
-    (told,) = check_commands(page, ROOT, folder, slow=True)
-    assert told.startswith("page.md: $ cadtof info nowhere: ends with status 2")
+    (problem,) = check_commands(page, ROOT, folder, slow=True)
+    assert problem.startswith("page.md: $ cadtof info nowhere: ends with status 2")
     page.write_text(PAGE.replace("cadtof, version …", "cadtof, release …"))
-    (told,) = check_commands(page, ROOT, folder, slow=False)
-    assert "expected 'cadtof, release …', found 'cadtof, version" in told
+    (problem,) = check_commands(page, ROOT, folder, slow=False)
+    assert "expected 'cadtof, release …', found 'cadtof, version" in problem
     page.write_text("    $ rm -rf /nowhere\n")
     assert list(check_commands(page, ROOT, folder, slow=False)) == [
         "page.md: $ rm -rf /nowhere: only `cadtof` is run here"
@@ -118,8 +118,8 @@ def test_commands_are_run(page: Path, tmp_path: Path) -> None:
 
 
 def test_numbers_without_a_source_are_told(page: Path) -> None:
-    (told,) = unsourced(page, ROOT)
-    assert told.startswith("page.md: “Two” has numbers (.23, 1.69, 2.0)")
+    (problem,) = unsourced(page, ROOT)
+    assert problem.startswith("page.md: “Two” has numbers (.23, 1.69, 2.0)")
     for source in ("`scripts/accuracy` prints it", "see `tests/test_imports.py`", "<!-- numbers: chosen -->"):
         page.write_text(f"{PAGE}\n{source}\n")
         assert not list(unsourced(page, ROOT))
@@ -141,10 +141,10 @@ def test_rows_that_a_script_prints_otherwise(page: Path, tmp_path: Path) -> None
     table = Table("page.md", "Two", "scripts/x.py")
     printed = "| capture | cm |\n|---|---|\n| card | 0.23 | 99% |\n| wall | 1.70 |\n"
     assert not list(check_table(table, tmp_path, printed=printed))
-    (told,) = check_table(table, tmp_path, printed=printed.replace("0.23", "0.31"))
-    assert told == "page.md, “Two”: | `sample_data/card` | .23 |: scripts/x.py prints | card | 0.31 | 99% |"
-    (told,) = check_table(table, tmp_path, printed=printed.replace("wall", "hall"))
-    assert told == "page.md, “Two”: scripts/x.py prints no row like | wall | 1.69 (asked ≤ 2.0) |"
+    (problem,) = check_table(table, tmp_path, printed=printed.replace("0.23", "0.31"))
+    assert problem == "page.md, “Two”: | `sample_data/card` | .23 |: scripts/x.py prints | card | 0.31 | 99% |"
+    (problem,) = check_table(table, tmp_path, printed=printed.replace("wall", "hall"))
+    assert problem == "page.md, “Two”: scripts/x.py prints no row like | wall | 1.69 (asked ≤ 2.0) |"
     assert list(check_table(Table("page.md", "Three", "scripts/x.py"), tmp_path, printed=printed)) == [
         "page.md, “Three”: no rows of scripts/x.py"
     ]

@@ -42,7 +42,7 @@ def test_what_differs_is_seen(tmp_path: Path) -> None:
     notebook.write_text(json.dumps(document))
     assert not list(check_notebook(notebook))
     notebook.write_text(json.dumps(document).replace("depth 1.0", "depth 1.3"))
-    (told,) = check_notebook(notebook)
-    assert "expected 'depth 1.3" in told
+    (problem,) = check_notebook(notebook)
+    assert "expected 'depth 1.3" in problem
     with pytest.raises(ZeroDivisionError):
         run_notebook({"cells": [{"cell_type": "code", "source": ["1 / 0"]}]}, tmp_path)

@@ -66,7 +66,7 @@ def test_equations_are_drawn_by_the_browser(site: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "problem"),
     [
         ('<a href="gone.html">x</a>', "gone.html leads nowhere"),
         ('<a href="#gone">x</a>', "#gone has no such anchor"),
@@ -75,11 +75,11 @@ def test_equations_are_drawn_by_the_browser(site: Path) -> None:
         ('<a href="b.html#there">x</a> <a href="https://example.org">x</a> <img src="b.html">', ""),
     ],
 )
-def test_a_broken_link_is_found(tmp_path: Path, text: str, told: str) -> None:
+def test_a_broken_link_is_found(tmp_path: Path, text: str, problem: str) -> None:
     (tmp_path / "a.html").write_text(text)
     (tmp_path / "b.html").write_text('<p id="there">')
     found = list(broken_links(tmp_path))
-    assert (told in found[0]) if told else not found
+    assert (problem in found[0]) if problem else not found
 
 
 def test_a_style_that_loads_from_the_network_is_found(tmp_path: Path) -> None:
@@ -100,10 +100,10 @@ def _links(page: Path) -> list[str]:
 def test_links_of_a_page_lead_somewhere_in_the_repository(page: Path) -> None:
     for target in _links(page):
         path, _, heading = target.partition("#")
-        there = page.parent / path if path else page
-        assert there.exists(), f"{target} leads nowhere"
-        if heading and there.suffix == ".md":
-            headings = re.findall(r"(?m)^#+ (.+)$", there.read_text(encoding="utf-8"))
+        linked = page.parent / path if path else page
+        assert linked.exists(), f"{target} leads nowhere"
+        if heading and linked.suffix == ".md":
+            headings = re.findall(r"(?m)^#+ (.+)$", linked.read_text(encoding="utf-8"))
             assert heading in {anchor(one) for one in headings}, f"{target} has no such heading"
 
 

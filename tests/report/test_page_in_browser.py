@@ -19,7 +19,7 @@ HEIGHT, WIDTH = 24, 32
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'&lt;\u202e$title"
 
-SEEN = HOSTILE.replace("\u202e", "\\u202e")
+ESCAPED = HOSTILE.replace("\u202e", "\\u202e")
 """How the name is shown: the character that changes the direction of writing is escaped."""
 
 FRAMES = (HOSTILE, "frame_1", "frame_2", "frame_3")
@@ -72,7 +72,7 @@ def shown(browser: Browser, written: tuple[Path, tuple[Layers, ...]]) -> Shown:
     return Shown(page, browser, frames)
 
 
-def _pixel_said(browser: Browser) -> dict[str, float | str]:
+def _pixel_on_page(browser: Browser) -> dict[str, float | str]:
     """Return what the page says of a pixel, by the title of each row.
 
     The first phasor is left out, because no file holds it.
@@ -80,8 +80,8 @@ def _pixel_said(browser: Browser) -> dict[str, float | str]:
     rows = browser.run(
         "return [...document.querySelectorAll('#readout tbody tr')].map(row => [...row.cells].map(one => one.textContent))"
     )
-    said = {name: text if name == "status" else _number(text) for name, text in rows if "first phasor" not in name}
-    return {"pixel": browser.find("#readout-title").text, **said}
+    values = {name: text if name == "status" else _number(text) for name, text in rows if "first phasor" not in name}
+    return {"pixel": browser.find("#readout-title").text, **values}
 
 
 def _number(text: str) -> float:
@@ -92,7 +92,7 @@ def _number(text: str) -> float:
     return float(digits) * (1e-3 if unit in {"mm", "mV"} else 1.0)
 
 
-def _pixel_held(shown: Shown, frame: int, x: int, y: int) -> dict[str, Any]:
+def _pixel_in_files(shown: Shown, frame: int, x: int, y: int) -> dict[str, Any]:
     """Return what the files hold of a pixel, with the tolerances of the page.
 
     A tolerance has two parts: the rounding error of the layer, and that of the number on the page. The number has five
@@ -145,7 +145,7 @@ def test_it_opens_without_a_complaint_and_runs_nothing_of_a_name(shown: Shown) -
     assert (
         browser.run("return document.querySelectorAll('script').length") == 3 + 1 + 1 + 1
     )  # frames, truth, run, its own
-    assert browser.find("#frame-name").text == f"{SEEN} (1 of 3)"
+    assert browser.find("#frame-name").text == f"{ESCAPED} (1 of 3)"
     assert "frame_2.tif" in browser.find("#failures").text
     assert (
         browser.run(
@@ -170,23 +170,23 @@ def test_scripts_and_markup_from_elsewhere_are_refused(shown: Shown) -> None:
 def test_pointing_at_a_pixel_shows_the_values_of_the_file(shown: Shown) -> None:
     for x, y in ((0, 0), (31, 23), (3, 20), (20, 5)):
         shown.browser.point("#map", _place(x, y))
-        assert _pixel_said(shown.browser) == _pixel_held(shown, 0, x, y)
+        assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 0, x, y)
 
 
 def test_keys_move_the_pixel_and_change_the_frame(shown: Shown) -> None:
     shown.browser.point("#map", _place(10, 10))
     shown.browser.press("#map", "ARROW_RIGHT", "ARROW_RIGHT", "ARROW_UP")
-    assert _pixel_said(shown.browser) == _pixel_held(shown, 0, 12, 9)
+    assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 0, 12, 9)
     assert "Column 12, row 9: direct.depth" in shown.browser.find("#said").get_attribute("textContent")
     shown.browser.press("#map", "ENTER", "ARROW_DOWN", "ARROW_DOWN", "ENTER", "ARROW_UP", "ARROW_UP")
     assert shown.browser.find("#profile-title").text == "Profile from pixel 12, 9 to 12, 11"
     shown.browser.press("#map", "PAGE_DOWN")
     shown.browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_1')")
-    assert _pixel_said(shown.browser) == _pixel_held(shown, 1, 12, 9)
+    assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 1, 12, 9)
     shown.browser.press("#strip li:first-child button", "END")
     shown.browser.driver.switch_to.active_element.send_keys("\n")
     shown.browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_3')")
-    assert _pixel_said(shown.browser) == _pixel_held(shown, 2, 12, 9)
+    assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 2, 12, 9)
 
 
 def test_a_dragged_line_is_a_profile_of_the_file(shown: Shown) -> None:
@@ -311,7 +311,7 @@ def test_it_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bo
     lightness = sum(map(int, background.strip("rgb()").split(","))) / 3
     assert lightness < 60 if dark else lightness > 200
     browser.point("#map", _place(20, 5))
-    assert _pixel_said(shown.browser) == _pixel_held(shown, 0, 20, 5)
+    assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 0, 20, 5)
     assert browser.picture("#map").shape[1] <= width
 
 
@@ -332,11 +332,11 @@ def test_tables_and_thumbnails_need_no_scripts(shown: Shown) -> None:
     browser.tell("Emulation.setScriptExecutionDisabled", value=True)
     try:
         browser.driver.refresh()
-        told = browser.find("main").text
+        text = browser.find("main").text
         assert not browser.find("#viewer").is_displayed()
-        assert "need scripts" in told
-        assert "modulation.periods_ns" in told
-        assert "largest rounding" in told
+        assert "need scripts" in text
+        assert "modulation.periods_ns" in text
+        assert "largest rounding" in text
         assert "damaged or truncated TIFF" in browser.find("#failures").text
         assert len(browser.all("#strip img")) == 3
     finally:
@@ -369,11 +369,11 @@ def test_a_frame_of_which_every_other_pixel_is_held(
     assert done.status == 0
     assert (tmp_path / "page.html").stat().st_size < 1_000_000
     browser.open(tmp_path / "page.html")
-    told = browser.find("#sampling").text
-    assert told.endswith("of 640 × 480 pixels.")
+    note = browser.find("#sampling").text
+    assert note.endswith("of 640 × 480 pixels.")
     browser.point("#map", (0.3, 0.7))
     x, y = map(int, browser.find("#readout-title").text.removeprefix("Pixel ").split(", "))
-    assert _pixel_said(browser)["direct.depth"] == pytest.approx(layers["direct.depth"][y, x], abs=1.5e-4)
+    assert _pixel_on_page(browser)["direct.depth"] == pytest.approx(layers["direct.depth"][y, x], abs=1.5e-4)
     assert abs(x / 640 - 0.3) < 0.02
     assert abs(y / 480 - 0.7) < 0.02
     assert json.loads(browser.run("return document.querySelector('#run').textContent"))["truth"] == []
