@@ -44,7 +44,7 @@ METADATA = [
 
 @pytest.mark.parametrize(("toml", "message"), METADATA)
 @pytest.mark.parametrize("command", ["resolve", "info"])
-def test_metadata_that_is_not_allowed(toml: str, message: str, command: str, tmp_path: Path) -> None:
+def test_metadata_with_a_mistake_is_refused(toml: str, message: str, command: str, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml=toml)
     out = ("-o", tmp_path / "out") if command == "resolve" else ()
     done = cadtof(command, capture.folder, *out, "-j", 1)
@@ -70,7 +70,7 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize(("options", "message"), OPTIONS)
-def test_options_that_are_not_allowed(options: tuple[str, ...], message: str, tmp_path: Path) -> None:
+def test_options_with_a_mistake_are_refused(options: tuple[str, ...], message: str, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", *options)
     assert message in done.err
@@ -79,7 +79,7 @@ def test_options_that_are_not_allowed(options: tuple[str, ...], message: str, tm
     assert not (tmp_path / "out").exists()
 
 
-def test_what_the_metadata_lacks_for_what_is_asked(tmp_path: Path) -> None:
+def test_missing_metadata_is_named_with_the_option_that_gives_it(tmp_path: Path) -> None:
     counts = record(tmp_path / "counts", toml="[pixel]\nintegration_length = 1e5\n")
     done = cadtof("resolve", counts.folder, "-o", tmp_path / "out", "-j", 1)
     assert done.err == (
@@ -116,7 +116,7 @@ def test_inputs_without_frames_say_what_was_looked_for(tmp_path: Path) -> None:
     assert "found notes.txt, truth.exr" in cadtof("resolve", empty, "-o", tmp_path / "out").err
 
 
-def test_harmonics_that_were_not_recorded(tmp_path: Path) -> None:
+def test_more_or_fewer_periods_than_were_recorded_are_refused(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--periods", "40,20,10")
     assert done.status == 1
@@ -228,7 +228,7 @@ def test_a_frame_of_saturated_pixels_has_no_answer(tmp_path: Path) -> None:
     assert "every pixel is saturated" in done.err
 
 
-def test_noise_that_cannot_be_estimated(tmp_path: Path) -> None:
+def test_a_frame_whose_noise_cannot_be_estimated_fails(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     pages = np.full((4, 24, 32), 16383, np.uint16)
     pages[:, :3, :4] = 8200
@@ -251,7 +251,7 @@ def test_a_frame_without_light_has_no_answer(tmp_path: Path) -> None:
         assert not list((tmp_path / "out").glob("*.tif"))
 
 
-def test_files_that_may_not_be_read(tmp_path: Path) -> None:
+def test_files_and_folders_without_permission_are_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3)
     capture.files[1].chmod(0)
     done = without_privilege("resolve", capture.folder, "-o", tmp_path / "out", "-j", 2)
@@ -271,7 +271,7 @@ def test_files_that_may_not_be_read(tmp_path: Path) -> None:
     assert (done.status, done.out, done.err) == (2, "", message)
 
 
-def test_names_that_are_no_text(tmp_path: Path) -> None:
+def test_names_that_are_not_utf_8_are_resolved_and_recorded(tmp_path: Path) -> None:
     capture = record(tmp_path / "bytes \udcff and\nlines", toml=TOML["tif"])
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out \udcfe", "-j", 1, "--json")
     assert done.status == 0
@@ -287,7 +287,7 @@ def test_debug_shows_where_an_error_arose(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["Capture.toml", "capture.toml.txt"])
-def test_settings_that_are_not_called_so_are_not_passed_over(name: str, tmp_path: Path) -> None:
+def test_a_settings_file_with_a_wrong_name_is_reported_not_ignored(name: str, tmp_path: Path) -> None:
     capture, above = record(tmp_path / "capture"), tmp_path / "capture.toml"
     settings = (capture.folder / "capture.toml").rename(capture.folder / name)
     above.write_text(TOML["tif"])

@@ -38,7 +38,7 @@ def test_petzval_toml_holds_what_the_design_promises(calibrated: Path) -> None:
 
 
 @pytest.mark.parametrize("dark_frames", [0, 1])
-def test_petzval_alone_or_after_a_dark_frame_whose_noise_is_unknown(tmp_path: Path, dark_frames: int) -> None:
+def test_petzval_without_a_dark_part_or_with_one_of_a_single_frame(tmp_path: Path, dark_frames: int) -> None:
     """Without a dark part, or with that of one frame, which has no standard error, only the frames' own noise counts."""
     seen = camera(Defects(petzval_m=(0.06, -0.02)))
     walls = [
@@ -60,7 +60,7 @@ def test_petzval_alone_or_after_a_dark_frame_whose_noise_is_unknown(tmp_path: Pa
 
 
 @pytest.mark.parametrize(("frames", "left"), [(1, 0.91), (2, 0.91), (4, 1.0)])
-def test_what_a_response_leaves_is_the_noise_of_the_means(tmp_path: Path, frames: int, left: float) -> None:
+def test_the_residual_of_a_response_is_the_noise_of_the_mean_frames(tmp_path: Path, frames: int, left: float) -> None:
     """The residual is in units of the noise of the mean frames: 1 if this noise is measured, as with four frames.
 
     With one or two frames, the noise is predicted for ambient light alone. At ASR 2 this is a tenth too much.
@@ -83,7 +83,7 @@ def test_petzval_of_a_camera_without_other_defects(tmp_path: Path) -> None:
     assert "used" not in tomllib.loads((tmp_path / "camera" / "petzval.toml").read_text())
 
 
-def test_a_part_is_not_replaced_unasked(campaign: Campaign, calibrated: Path) -> None:
+def test_a_part_is_replaced_only_with_overwrite(campaign: Campaign, calibrated: Path) -> None:
     before = (calibrated / "dark.toml").read_bytes()
     done = cadtof("calibrate", "dark", campaign.dark, "-o", calibrated)
     assert done.status == 2
@@ -92,7 +92,9 @@ def test_a_part_is_not_replaced_unasked(campaign: Campaign, calibrated: Path) ->
     assert (calibrated / "dark.toml").read_bytes() == before
 
 
-def test_resolve_applies_says_and_records_the_calibration(campaign: Campaign, calibrated: Path, tmp_path: Path) -> None:
+def test_resolve_applies_reports_and_records_the_calibration(
+    campaign: Campaign, calibrated: Path, tmp_path: Path
+) -> None:
     frames = write(tmp_path / "card", campaign.seen, card(campaign.seen, count=2, seed=3))
     done = cadtof("resolve", frames, "-o", tmp_path / "maps", "--calibration", calibrated)
     assert done.status == 0, done.err
@@ -103,7 +105,7 @@ def test_resolve_applies_says_and_records_the_calibration(campaign: Campaign, ca
     assert record["digest"]
 
 
-def test_what_does_not_fit_is_refused_before_anything_is_written(
+def test_a_calibration_that_does_not_fit_is_refused_before_anything_is_written(
     campaign: Campaign, calibrated: Path, tmp_path: Path
 ) -> None:
     frames = write(tmp_path / "card", campaign.seen, card(campaign.seen, count=1, seed=3))

@@ -33,7 +33,7 @@ SUITABLE = (
 
 
 @pytest.mark.parametrize("title", MESSAGES)
-def test_what_is_not_what_it_should_be_is_refused(title: str, tmp_path: Path) -> None:
+def test_unsuitable_captures_are_refused(title: str, tmp_path: Path) -> None:
     done = calibrated(CASES[title], tmp_path, SEED)
     assert (done.status, done.out) == (2, "")
     for words in MESSAGES[title]:
@@ -42,7 +42,7 @@ def test_what_is_not_what_it_should_be_is_refused(title: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("title", SUITABLE)
-def test_what_is_what_it_should_be_is_taken(title: str, tmp_path: Path) -> None:
+def test_suitable_captures_are_taken(title: str, tmp_path: Path) -> None:
     done = calibrated(CASES[title], tmp_path, SEED)
     assert done.status == 0, done.err
     assert (tmp_path / "camera" / f"{CASES[title].step}.toml").exists()

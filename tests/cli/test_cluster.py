@@ -161,7 +161,7 @@ def cluster_with(module: str, folder: Path, *, workers: int, variable: str) -> I
             yield cluster, folder / "signal"
 
 
-def test_the_same_files_as_here(
+def test_the_same_files_as_without_a_cluster(
     cluster: LocalCluster, capture: Path, local_run: dict[str, Any], tmp_path: Path
 ) -> None:
     out = os.path.relpath(tmp_path / "out", capture.parent)
@@ -171,7 +171,7 @@ def test_the_same_files_as_here(
     assert contents(tmp_path / "out") == local_run
 
 
-def test_a_frame_that_cannot_be_read_fails_alone_and_says_the_same(
+def test_a_frame_that_cannot_be_read_fails_alone_with_the_same_message(
     cluster: LocalCluster, capture: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "room"
@@ -307,13 +307,15 @@ def test_the_scheduler_needs_no_cadtof(
 
 
 @pytest.mark.parametrize("given", ["tcp://", "localhost:8786", "tcp://x:y", "http://127.0.0.1:8786"])
-def test_what_is_no_address_is_refused(given: str, capture: Path, tmp_path: Path) -> None:
+def test_a_malformed_address_is_refused(given: str, capture: Path, tmp_path: Path) -> None:
     done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", given, cwd=capture.parent)
     assert done.status == 2
     assert done.err == f"Error: --scheduler: found {given!r}, expected local or tcp://HOST:PORT\n"
 
 
-def test_a_result_that_does_not_come_is_asked_for_again(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_result_that_does_not_arrive_is_requested_again(
+    cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """This happens if a worker is frozen for longer than it is waited for, or if a laptop sleeps."""
     from distributed import Future
 
@@ -342,7 +344,7 @@ def test_a_result_that_does_not_come_is_asked_for_again(cluster: LocalCluster, m
     assert ended[0].result in {process.pid for process in cluster.workers}
 
 
-def test_somebody_else_at_that_port_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_where_another_program_listens_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may be the dashboard, whose port is the next one. Dask's client would wait for its answer without end."""
     require_dask()
     monkeypatch.setattr(connection, "CONNECT_S", 0.5)
@@ -355,7 +357,7 @@ def test_somebody_else_at_that_port_is_no_scheduler(monkeypatch: pytest.MonkeyPa
             server.shutdown()
 
 
-def test_where_no_scheduler_answers_nothing_is_begun(capture: Path, tmp_path: Path) -> None:
+def test_nothing_is_written_if_no_scheduler_answers(capture: Path, tmp_path: Path) -> None:
     require_dask()
     nobody = "tcp://127.0.0.1:9"
     done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", nobody, cwd=capture.parent)

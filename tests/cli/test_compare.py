@@ -29,7 +29,7 @@ def _stacked(run: Path, layer: str) -> NDArray[Any]:
     return np.stack([layers_of(run / f"frame_{index}.tif")[layer] for index in range(3)])
 
 
-def test_layer_by_layer_and_bit_by_bit(runs: tuple[Path, Path]) -> None:
+def test_figures_of_each_layer_and_each_status_bit(runs: tuple[Path, Path]) -> None:
     done = cadtof("compare", *runs, "--json")
     assert (done.status, done.err) == (0, "")
     found = json.loads(done.out)
@@ -54,7 +54,7 @@ def test_layer_by_layer_and_bit_by_bit(runs: tuple[Path, Path]) -> None:
     assert worst == sorted(worst, reverse=True)
 
 
-def test_a_run_is_itself(runs: tuple[Path, Path]) -> None:
+def test_a_run_does_not_differ_from_itself(runs: tuple[Path, Path]) -> None:
     assert "differ most" in cadtof("compare", *runs).out
     assert "differ most" not in cadtof("compare", runs[0], runs[0]).out
     found = json.loads(cadtof("compare", runs[0], runs[0], "--json").out)
@@ -63,7 +63,7 @@ def test_a_run_is_itself(runs: tuple[Path, Path]) -> None:
     assert found["status_bits"] == found["answers"] == {}
 
 
-def test_truth_goes_with_every_frame(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_truth_is_compared_with_every_frame(runs: tuple[Path, Path], tmp_path: Path) -> None:
     truth = tmp_path / "truth.exr"
     write_exr(truth, {"direct.depth": step_truth().astype(np.float32), "other": np.zeros((24, 32), np.float32)})
     for order in ((runs[0], truth), (truth, runs[0])):
@@ -98,7 +98,7 @@ def test_pixels_that_one_run_alone_answers_have_a_colour_of_their_own(runs: tupl
     assert yellow(runs[0]) == 0
 
 
-def test_what_cannot_be_compared(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_inputs_that_cannot_be_compared_are_refused(runs: tuple[Path, Path], tmp_path: Path) -> None:
     write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
     (tmp_path / "other").mkdir()
     for index in range(2):
@@ -116,7 +116,7 @@ def test_what_cannot_be_compared(runs: tuple[Path, Path], tmp_path: Path) -> Non
         assert message in done.err
 
 
-def test_frames_that_only_one_has_are_named(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_frames_that_only_one_run_has_are_named(runs: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert cadtof("resolve", runs[0].parent / "capture", "-o", out, "-j", 1, "-q", "--frames", "1:3").status == 0
     found = json.loads(cadtof("compare", runs[0], out, "--json").out)
@@ -124,7 +124,7 @@ def test_frames_that_only_one_has_are_named(runs: tuple[Path, Path], tmp_path: P
     assert "only A has the frames frame_0" in cadtof("compare", runs[0], out).out
 
 
-def test_inputs_without_a_common_layer_are_refused_by_the_layers_of_each(
+def test_inputs_without_a_common_layer_are_refused_and_their_layers_named(
     runs: tuple[Path, Path], tmp_path: Path
 ) -> None:
     file, picture = tmp_path / "others.exr", tmp_path / "a.png"

@@ -100,7 +100,7 @@ def test_metadata_that_once_broke_something(command: str, tmp_path: Path, monkey
     assert not (tmp_path / "new").exists()
 
 
-def test_the_same_as_options(tmp_path: Path) -> None:
+def test_values_that_no_camera_has_are_refused_as_options(tmp_path: Path) -> None:
     capture = record(tmp_path / "cap", toml=TOML["tif"])
     for options in (
         ("--fwhm", "400"),
@@ -117,7 +117,9 @@ def test_the_same_as_options(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "command", ["resolve cap", "calibrate dark cap", "calibrate petzval cap", "export cap", "preview cap"]
 )
-def test_an_option_that_is_required_is_missed(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_required_option_that_is_missing_is_named(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     record(tmp_path / "cap")
     monkeypatch.chdir(tmp_path)
     done = cadtof(*command.split())

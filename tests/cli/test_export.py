@@ -44,7 +44,7 @@ def _maps(folder: Path, *options: object, frames: int = 1) -> Path:
 
 
 @pytest.mark.parametrize("depth", ["range", "z"])
-def test_a_part_of_the_pixels_stays_in_its_place(depth: str, tmp_path: Path) -> None:
+def test_points_of_a_part_lie_where_those_of_the_whole_lie(depth: str, tmp_path: Path) -> None:
     """Points from maps of a --roi lie where those from whole maps lie: the optical axis is that of the whole frame."""
     options = ("-o", tmp_path / "out", "-j", 1, "-q", "--mpi-model", "discrete", "--depth", depth, "--overwrite")
     capture = record(tmp_path / "capture").folder
@@ -58,7 +58,7 @@ def test_a_part_of_the_pixels_stays_in_its_place(depth: str, tmp_path: Path) -> 
     assert part_of_it < whole
 
 
-def test_the_axis_of_a_part_of_the_pixels_must_be_known(tmp_path: Path) -> None:
+def test_points_of_a_part_need_the_principal_point(tmp_path: Path) -> None:
     """Without a principal point, the axis is at the centre of the frame. Maps of a part do not show where that is."""
     capture = record(tmp_path / "capture", form="exr").folder
     options = ("-j", 1, "-q", "--focal-length", 28)
@@ -71,7 +71,7 @@ def test_the_axis_of_a_part_of_the_pixels_must_be_known(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", READERS)
-def test_a_wall_stays_a_wall(ending: str, tmp_path: Path) -> None:
+def test_a_wall_keeps_its_distance_and_tilt(ending: str, tmp_path: Path) -> None:
     """A wall 3 m away, tilted by 20° and 10°: a plane that is fitted to the points has the true distance and tilt.
 
     Another library reads the points.
@@ -127,7 +127,7 @@ def test_a_wall_fitted_by_trimesh_lies_and_leans_within_its_noise(tmp_path: Path
 
 
 @pytest.mark.parametrize("ending", READERS)
-def test_points_are_the_map_s_pixels(ending: str, tmp_path: Path) -> None:
+def test_points_are_the_pixels_of_the_map(ending: str, tmp_path: Path) -> None:
     """A point is the range along its pixel's ray, with a focal length of 28 px and the axis at column 15, row 10."""
     out = _maps(tmp_path, "--min-confidence", "0.05")
     layers = layers_of(out / "frame_0.tif")
@@ -198,7 +198,7 @@ def test_several_maps_get_a_file_each(tmp_path: Path) -> None:
     assert "two of the maps would be written as" in done.err
 
 
-def test_nothing_is_replaced_without_being_asked(tmp_path: Path) -> None:
+def test_a_file_is_replaced_only_with_overwrite(tmp_path: Path) -> None:
     out, cloud = _maps(tmp_path), tmp_path / "cloud.ply"
     cloud.write_text("somebody's own")
     done = cadtof("export", out, "-o", cloud)
@@ -209,14 +209,14 @@ def test_nothing_is_replaced_without_being_asked(tmp_path: Path) -> None:
     assert len(_ply(cloud)["x"]) == 24 * 32
 
 
-def test_one_file_of_several_that_is_there_keeps_all_from_being_written(tmp_path: Path) -> None:
+def test_no_file_is_written_if_one_of_several_exists(tmp_path: Path) -> None:
     out = _maps(tmp_path, frames=3)
     (tmp_path / "table_frame_2.csv").touch()
     assert cadtof("export", out, "-o", tmp_path / "table.csv").status == 2
     assert [file.name for file in tmp_path.glob("table*")] == ["table_frame_2.csv"]
 
 
-def test_hostile_names_and_optics_of_one_s_own(tmp_path: Path) -> None:
+def test_hostile_names_and_given_optics(tmp_path: Path) -> None:
     """A line break in a file's name must not become a line of a header."""
     plane = np.full((3, 5), 2.0, np.float32)
     file = tmp_path / "a\nend_header\n.exr"
@@ -230,7 +230,7 @@ def test_hostile_names_and_optics_of_one_s_own(tmp_path: Path) -> None:
         assert cloud["x"][5] == pytest.approx(-2.0 * 0.5 / np.sqrt(1.25))
 
 
-def test_what_cannot_be_exported(tmp_path: Path) -> None:
+def test_impossible_exports_are_refused(tmp_path: Path) -> None:
     out = _maps(tmp_path)
     write_exr(tmp_path / "lone.exr", {"direct.depth": np.ones((3, 4), np.float32)})
     for arguments, message in (

@@ -53,7 +53,7 @@ def test_a_capture_of_counts(tmp_path: Path) -> None:
     assert facts["metadata"]["target.distance_m"] == {"value": None, "from": "default"}
 
 
-def test_where_values_come_from(tmp_path: Path) -> None:
+def test_the_origin_of_each_value_is_shown(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", form="exr", toml="[pulse]\nfwhm_ns = 1.5\n")
     metadata = _facts(capture.folder, "--amplitude", 0.25)["metadata"]
     assert metadata["modulation.amplitude_v"] == {"value": 0.25, "from": "--amplitude-v"}
@@ -74,7 +74,7 @@ def _rows(*arguments: object) -> dict[str, str]:
     return {line[:30].strip(): line[30:] for line in lines}
 
 
-def test_what_is_not_known_is_not_shown_as_none(tmp_path: Path) -> None:
+def test_an_unknown_value_is_shown_with_the_reason(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml="[voltage]\nzero_counts = 8192\n")
     known = _rows(capture.folder, "--volts-per-count", 6e-5, "--integration-length", 1e5, "--saturated-counts", "0,1")
     assert known["noise"].endswith("by the integration length")
@@ -105,7 +105,7 @@ def test_infinite_values_are_counted(tmp_path: Path) -> None:
     assert _facts(capture.folder)["not_finite"] == pytest.approx(2 / 768)
 
 
-def test_what_is_wrong_is_told_with_status_1(tmp_path: Path) -> None:
+def test_problems_are_reported_with_status_1(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3, toml="[pixel]\nintegration_length = 1e5\n")
     capture.files[1].write_bytes(b"")
     done = cadtof("info", capture.folder, "-j", 1, "--json")
@@ -120,7 +120,7 @@ def test_what_is_wrong_is_told_with_status_1(tmp_path: Path) -> None:
     assert (facts["frames"], facts["containers"]) == (3, {"tif": 2})
 
 
-def test_what_is_no_frame_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_no_frame_is_named(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     write_exr(capture.folder / "depth.exr", {"direct.depth": step_truth().astype(np.float32)})
     facts = _facts(capture.folder)
@@ -129,7 +129,7 @@ def test_what_is_no_frame_is_named(tmp_path: Path) -> None:
     assert named.startswith(str(capture.folder / "depth.exr"))
 
 
-def test_a_folder_of_what_is_no_frame_is_a_problem_unless_folders_are_searched(tmp_path: Path) -> None:
+def test_a_folder_without_frames_is_a_problem_unless_folders_are_searched(tmp_path: Path) -> None:
     write_exr(tmp_path / "frame.exr", {"f1_I": step_truth().astype(np.float32)})
     done = cadtof("info", tmp_path, "-j", 1)
     assert (done.status, done.err) == (
@@ -139,7 +139,7 @@ def test_a_folder_of_what_is_no_frame_is_a_problem_unless_folders_are_searched(t
     assert cadtof("info", "-r", tmp_path, "-j", 1).status == 0
 
 
-def test_of_many_frames_with_one_problem_a_few_are_named(tmp_path: Path) -> None:
+def test_some_of_many_frames_with_the_same_problem_are_named(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=8)
     for file in capture.files[:7]:
         file.write_bytes(b"II*\0 and no more")
@@ -210,7 +210,7 @@ def test_damaged_maps_and_records(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_a_damaged_first_map_does_not_speak_for_its_folder(form: Form, tmp_path: Path) -> None:
+def test_a_folder_whose_first_map_is_damaged_is_described_by_the_next(form: Form, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=3, form=form), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     maps = [out / f"frame_{index}.{form}" for index in range(3)]
@@ -231,7 +231,7 @@ def test_a_damaged_first_map_does_not_speak_for_its_folder(form: Form, tmp_path:
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_truth_beside_damaged_frames_makes_them_no_maps(form: Form, tmp_path: Path) -> None:
+def test_damaged_frames_beside_truth_are_no_maps(form: Form, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", form=form, toml="")
     write_exr(capture.folder / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
     capture.files[0].write_bytes(capture.files[0].read_bytes()[:300])

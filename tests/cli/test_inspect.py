@@ -67,7 +67,7 @@ def _require_same_bits(chosen: dict[str, Any], file: Path, x: int, y: int) -> No
         ("wall", ("--solver", "lm", "--order", "2", "--starts", "2")),
     ],
 )
-def test_what_is_chosen_is_what_the_map_says(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
+def test_the_chosen_answer_is_that_of_the_map(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
     (file, *_) = _maps(DATA / name, tmp_path / "out", *options)
     width, height = layers_of(file)["status"].shape[::-1]
     for x, y in ((0, 0), (width // 2, height // 2), (width - 1, height - 3), (width // 3, height // 4)):
@@ -146,7 +146,7 @@ def test_two_paths_one_path_and_the_test_between_them(tmp_path: Path) -> None:
     assert alone["chosen"]["mpi.depth"] is None
 
 
-def test_one_path_that_leaves_far_too_much_is_not_weighed() -> None:
+def test_one_path_is_rejected_if_it_is_far_from_the_phasors() -> None:
     found = _inspected(DATA / "card" / "frame_0000.exr", 160, 120)
     assert found["status"] == ["two paths"]
     assert found["order_test"]["moved_m"] < found["order_test"]["needed_m"]
@@ -181,7 +181,7 @@ def test_neighbours_and_the_edge_of_the_frame(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.array(corner[4][:3], np.float32), depth[2, 29:32])
 
 
-def test_a_pixel_without_an_answer_still_shows_what_there_is(tmp_path: Path) -> None:
+def test_a_pixel_without_an_answer_still_shows_what_is_known(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     pages = tifffile.imread(capture.files[0])
     pages[0, 5, 6] = 16383
@@ -206,7 +206,7 @@ def test_a_pixel_without_an_answer_still_shows_what_there_is(tmp_path: Path) -> 
     assert (found["status"], found["chosen"]["direct.depth"]) == (["low confidence"], None)
 
 
-def test_the_table_says_the_same(tmp_path: Path) -> None:
+def test_the_table_shows_the_values_of_the_json(tmp_path: Path) -> None:
     frame, place = DATA / "card" / "frame_0000.exr", ("--pixel", "80,60")
     done = cadtof("inspect", frame, *place, "-q")
     found = _inspected(frame, 80, 60)
@@ -238,7 +238,7 @@ def test_a_pixel_is_drawn_as_phasors_with_paths_and_noise(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_maps_are_refused_by_the_recorded_frame_alone(form: Form, tmp_path: Path) -> None:
+def test_a_map_is_refused_with_the_recorded_frame_to_inspect(form: Form, tmp_path: Path) -> None:
     """The message is one line: it names the recorded frame, and the pixel there, and says nothing about settings."""
     capture, out = record(tmp_path / "capture", frames=2, form=form), tmp_path / "out"
     first, second = _maps(capture.folder, out, "--roi", "4,2,20,12")
@@ -256,7 +256,7 @@ def test_maps_are_refused_by_the_recorded_frame_alone(form: Form, tmp_path: Path
     assert "recorded frame" not in message
 
 
-def test_maps_of_stacks_means_and_planes_name_what_can_be_inspected(tmp_path: Path) -> None:
+def test_maps_of_stacks_means_and_planes_name_the_recorded_frame(tmp_path: Path) -> None:
     pages = [tifffile.imread(file) for file in record(tmp_path / "capture", frames=3).files]
     for name, toml in (
         ("stack", "[layout]\nframes = 3\n"),
@@ -291,7 +291,7 @@ def _inspect_arguments(message: str) -> tuple[Any, ...]:
     return Path(path), 3, 3, "--frame", place
 
 
-def test_what_cannot_be_inspected(tmp_path: Path) -> None:
+def test_impossible_pixels_and_frames_are_refused(tmp_path: Path) -> None:
     frame = record(tmp_path / "capture").files[0]
     for arguments, message in (
         ((frame, "--pixel", "32,0"), "--pixel: found 32,0, expected a column 0 … 31 and a row 0 … 23 of"),

@@ -82,7 +82,7 @@ def test_info_shows_names_as_they_are_given(whole: Path) -> None:
 
 
 @pytest.mark.parametrize("names", ["SC{c}.{f}MHz", "SC{c}_{f}MHz", "{f}MHz.SC{c}", "SC{c}.H{h}"])
-def test_names_in_other_words_are_one_rule_for_pages_and_channels(names: str, tmp_path: Path) -> None:
+def test_planes_are_found_by_other_names_in_tiff_and_exr_alike(names: str, tmp_path: Path) -> None:
     """Planes in another order than ours are found by their names, in TIFF and EXR alike, and are drawn as voltages."""
     volts = step_frame(np.random.default_rng(0)).astype(np.float32)
     planes = {names.format(h=h, c=c, f=25 * h): volts[h - 1, c - 1] for c in (2, 1) for h in (2, 1)}
@@ -111,7 +111,7 @@ def test_a_tree_of_planes_and_planes_by_name(whole: Path) -> None:
         _require_same_maps(whole / "expected" / "frame_1.tif", whole / out / "1.tif")
 
 
-def test_a_pattern_without_frame_is_a_lone_frame(whole: Path) -> None:
+def test_a_pattern_without_frame_means_a_single_frame(whole: Path) -> None:
     _write_planes(whole, "{channel}_{harmonic}.tif", "", called=NAMED, frames=1)
     (whole / "planes" / "capture.toml").write_text(TOML["tif"])
     named = "--pattern '{channel}_{harmonic}.tif' --channel A,B --harmonic 25=1,50=2"
@@ -138,7 +138,7 @@ def test_a_folder_above_describes_its_captures(whole: Path) -> None:
     ("name", "message"),
     [("Capture.toml", "found settings of this name, expected capture.toml"), ("capture.toml", "cannot be read")],
 )
-def test_settings_above_that_cannot_be_taken_are_not_passed_over(name: str, message: str, whole: Path) -> None:
+def test_unusable_settings_in_a_folder_above_are_reported_not_ignored(name: str, message: str, whole: Path) -> None:
     archive = whole / "archive"
     (archive / "day").mkdir(parents=True)
     (whole / "whole").rename(archive / "day" / "scene")
@@ -150,7 +150,7 @@ def test_settings_above_that_cannot_be_taken_are_not_passed_over(name: str, mess
 
 
 @pytest.mark.parametrize("with_own", [False, True])
-def test_settings_for_an_archive_that_cannot_be_written(with_own: bool, whole: Path) -> None:
+def test_settings_from_elsewhere_for_a_read_only_archive(with_own: bool, whole: Path) -> None:
     shutil.move(whole / "whole" / "capture.toml", whole / "mine.toml")
     if with_own:
         (whole / "whole" / "capture.toml").write_text("[voltage]\nvolts_per_count = 1.0\n")
@@ -164,7 +164,7 @@ def test_settings_for_an_archive_that_cannot_be_written(with_own: bool, whole: P
     assert "first phasor" in evaluated.out
 
 
-def test_a_capture_toml_out_of_a_windows_editor(whole: Path) -> None:
+def test_a_capture_toml_from_a_windows_editor(whole: Path) -> None:
     toml = whole / "whole" / "capture.toml"
     toml.write_bytes(b"\xef\xbb\xbf" + toml.read_bytes().replace(b"\n", b"\r\n"))
     done = shell("cadtof resolve whole -o out -j 1", whole)

@@ -67,7 +67,7 @@ def test_recursive_mirrors_the_tree(tree: Path) -> None:
         "mv rec/b 'rec/b c'; mkdir b; cadtof resolve -r rec -o out -j 1; mv 'out/b c' out/b",
     ],
 )
-def test_however_a_shell_names_them(command: str, tree: Path) -> None:
+def test_captures_can_be_named_in_any_way_of_a_shell(command: str, tree: Path) -> None:
     done = shell(command, tree)
     assert done.status == 0, done.err
     assert _maps(tree / "out") == MIRRORED
@@ -83,7 +83,7 @@ def test_however_a_shell_names_them(command: str, tree: Path) -> None:
         "rec/a/frame_0.tif rec/b/*/*.tif rec/b/../a/frame_0.tif",
     ],
 )
-def test_what_is_named_twice_is_resolved_once(inputs: str, tree: Path) -> None:
+def test_inputs_named_twice_are_resolved_once(inputs: str, tree: Path) -> None:
     (tree / "rec" / "x").mkdir()
     done = shell(f"cadtof resolve {inputs} -o out -j 1 --json", tree)
     assert done.status == 0, done.err
@@ -93,7 +93,7 @@ def test_what_is_named_twice_is_resolved_once(inputs: str, tree: Path) -> None:
     assert shell(f"cadtof resolve {inputs} -o out -j 1 --resume", tree).status == 0
 
 
-def test_of_files_named_twice_each_counts_once(tmp_path: Path) -> None:
+def test_files_named_twice_keep_the_order_of_their_first_naming(tmp_path: Path) -> None:
     record(tmp_path / "a", frames=3)
     record(tmp_path / "b")
     done = shell("cadtof resolve a/frame_0.tif b/frame_0.tif a/frame_1.tif a/frame_0.tif -o out -j 1 --json", tmp_path)
@@ -102,7 +102,7 @@ def test_of_files_named_twice_each_counts_once(tmp_path: Path) -> None:
     assert sources == ["a/frame_0.tif", "b/frame_0.tif", "a/frame_1.tif"]
 
 
-def test_names_with_new_lines_arrive_with_zero_bytes(tmp_path: Path) -> None:
+def test_names_with_line_breaks_arrive_between_zero_bytes(tmp_path: Path) -> None:
     capture = record(tmp_path / "cap\nture")
     capture.files[0].rename(capture.folder / "frame\n0.tif")
     done = shell("find . -name '*.tif' -print0 | cadtof resolve - -0 -o out -j 1", tmp_path)
@@ -110,7 +110,7 @@ def test_names_with_new_lines_arrive_with_zero_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "frame\n0.tif").exists()
 
 
-def test_a_lone_capture_lies_in_out_itself(tree: Path) -> None:
+def test_maps_of_a_lone_capture_lie_in_out_itself(tree: Path) -> None:
     assert shell("cadtof resolve rec/b/one -o out -j 1; cadtof resolve -r rec/a -o below -j 1", tree).status == 0
     assert _maps(tree / "out") == _maps(tree / "below") == ["frame_0.tif"]
 
@@ -225,7 +225,7 @@ def test_inotifywait_follows_a_camera(tmp_path: Path) -> None:
     assert _maps(tmp_path / "live") == ["frame_1.tif", "frame_2.tif"]
 
 
-def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
+def test_each_capture_is_compared_with_its_own_truth(tree: Path) -> None:
     assert shell("cadtof resolve -r rec -o out -j 1", tree).status == 0
     # the truth in rec/b holds for both captures below it
     for place, map_of, error_m in (("a", "a/frame_0.tif", 0.01), ("b", "b/one/frame_0.tif", 0.03)):
@@ -270,7 +270,7 @@ def _require_same_pages_and_pictures(tree: Path) -> None:
     assert "rec/a/truth.exr: the frames of 3 captures are held against it alone" in one.err
 
 
-def test_info_looks_into_a_tree(tree: Path) -> None:
+def test_info_searches_a_tree(tree: Path) -> None:
     done = shell("cadtof info -r rec --json", tree)
     assert done.status == 0, done.err
     assert [json.loads(line)["root"] for line in done.out.splitlines()] == ["rec/a", "rec/b/one", "rec/b/two"]

@@ -47,7 +47,7 @@ def test_a_corner_s_mpi_is_taken_for_diffuse_and_counted(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["card", "wall"])
-def test_two_paths_and_no_mpi_are_as_discrete_to_the_bit(name: str, tmp_path: Path) -> None:
+def test_captures_without_diffuse_mpi_give_the_bits_of_discrete(name: str, tmp_path: Path) -> None:
     auto, done = resolved(name, tmp_path / "auto")
     discrete, _ = resolved(name, tmp_path / "discrete", "--mpi-model", "discrete")
     assert all(json.loads(line)["diffuse"] == 0 for line in done.out.splitlines())
@@ -56,7 +56,7 @@ def test_two_paths_and_no_mpi_are_as_discrete_to_the_bit(name: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize("options", [("--solver", "one-path"), ("--order", "2"), ("--return", "last")])
-def test_who_asks_for_paths_gets_paths(options: tuple[str, ...], tmp_path: Path) -> None:
+def test_options_about_paths_switch_diffuse_mpi_off(options: tuple[str, ...], tmp_path: Path) -> None:
     layers, _ = resolved("corner", tmp_path / "out", *options)
     assert not (layers["status"].astype(int) & DIFFUSE).any()
 
@@ -79,7 +79,7 @@ def test_a_wrong_model_is_refused(tmp_path: Path) -> None:
     assert "smooth" in done.err
 
 
-def test_unknown_optics_are_said_once(tmp_path: Path) -> None:
+def test_unknown_optics_are_reported_once(tmp_path: Path) -> None:
     folder = tmp_path / "capture"
     folder.mkdir()
     shutil.copy(DATA / "corner" / "frame_0000.tif", folder)
@@ -94,7 +94,7 @@ def test_unknown_optics_are_said_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("options", [("--pool", "3"), ("--average", "2"), ("--depth", "z")])
-def test_it_goes_with_what_else_is_asked_for(options: tuple[str, ...], tmp_path: Path) -> None:
+def test_diffuse_mpi_goes_with_pooling_averaging_and_planar_depth(options: tuple[str, ...], tmp_path: Path) -> None:
     layers, _ = resolved("corner", tmp_path / "out", *options)
     status = layers["status"].astype(int)
     assert (status & DIFFUSE > 0).mean() > 0.99
@@ -104,7 +104,7 @@ def test_it_goes_with_what_else_is_asked_for(options: tuple[str, ...], tmp_path:
         assert median_error_cm("corner", layers) < 1.2
 
 
-def test_lost_columns_holes_and_saturation_cost_no_more_than_themselves(tmp_path: Path) -> None:
+def test_saturated_columns_and_holes_cost_no_other_pixels(tmp_path: Path) -> None:
     folder = tmp_path / "capture"
     shutil.copytree(DATA / "corner", folder)
     stored = tifffile.imread(folder / "frame_0000.tif")

@@ -160,7 +160,7 @@ def test_in_place_of_a_frame_it_fails_alone(name: str, kind: str, here: Path) ->
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_in_place_of_a_map_it_is_told_by_info_and_made_again(kind: str, here: Path) -> None:
+def test_in_place_of_a_map_it_is_reported_and_made_again(kind: str, here: Path) -> None:
     assert cadtof("resolve", "cap", "-o", "again", "-j", 1).status == 0
     message = _put(kind, here / "again" / "frame_1.tif")
     done = cadtof("info", "again", "-j", 1)
@@ -176,7 +176,7 @@ def test_in_place_of_a_map_it_is_told_by_info_and_made_again(kind: str, here: Pa
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_in_place_of_the_lines_of_a_run(kind: str, here: Path) -> None:
+def test_in_place_of_frames_jsonl_it_is_refused(kind: str, here: Path) -> None:
     assert cadtof("resolve", "cap", "-o", "again", "-j", 1).status == 0
     _put(kind, here / "again" / "frames.jsonl")
     done = cadtof("resolve", "cap", "-o", "again", "-j", 1, "--resume")
@@ -205,7 +205,7 @@ def test_in_place_of_a_raw_dump_and_of_a_plane(kind: str, here: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_as_what_a_command_is_given(kind: str, here: Path) -> None:
+def test_as_the_input_of_a_command_it_is_named(kind: str, here: Path) -> None:
     _put(kind, here / "thing")
     for command in (
         "resolve thing -o new -j 1",
@@ -256,7 +256,7 @@ def _shrunk(source: Path, target: Path) -> None:
     write_pages(target, tifffile.imread(source)[:, :20])
 
 
-def test_a_folder_that_is_called_like_a_frame_and_holds_a_capture(here: Path) -> None:
+def test_a_folder_named_like_a_frame_may_hold_a_capture(here: Path) -> None:
     (here / "all").mkdir()
     shutil.copytree(here / "cap", here / "all" / "day.exr")
     done = cadtof("resolve", "all", "-r", "-o", "new", "-j", 1)
@@ -264,7 +264,7 @@ def test_a_folder_that_is_called_like_a_frame_and_holds_a_capture(here: Path) ->
     assert "resolved 3 of 3 frames" in done.err
 
 
-def test_a_program_does_not_wait_either(here: Path) -> None:
+def test_a_run_of_its_own_process_does_not_wait_for_a_fifo(here: Path) -> None:
     _put("fifo", here / FRAME)
     done = program("resolve", "cap", "-o", "new", "-j", 2)
     assert f"failed: {FRAME}: cannot be read: found a FIFO, expected a file" in done.err

@@ -102,7 +102,7 @@ def test_help_without_docstrings_says_what_a_command_does(command: str, tmp_path
     assert COMMANDS[command] in done.out
 
 
-def test_bytecode_that_a_full_disk_cut_off(capture: Path, tmp_path: Path) -> None:
+def test_bytecode_that_a_full_disk_cut_off_is_reported(capture: Path, tmp_path: Path) -> None:
     """Python before 3.14 keeps such bytecode, and fails from then on."""
     environment = {"PYTHONPYCACHEPREFIX": str(tmp_path)}
     assert _run("info", capture, cwd=tmp_path, environment=environment).status == 0
@@ -117,7 +117,9 @@ def test_bytecode_that_a_full_disk_cut_off(capture: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("start", START_METHODS)
-def test_files_that_are_called_like_modules(start: str, capture: Path, maps: list[bytes], tmp_path: Path) -> None:
+def test_files_named_like_modules_are_not_imported(
+    start: str, capture: Path, maps: list[bytes], tmp_path: Path
+) -> None:
     """Worker processes import nothing from the current folder of the user."""
     trapped, script = tmp_path / "trapped", tmp_path / "cadtof"
     trapped.mkdir()

@@ -27,7 +27,7 @@ def _require_refused(done: Finished, message: str) -> None:
     assert "Traceback" not in done.err
 
 
-def test_out_is_a_file(tmp_path: Path) -> None:
+def test_an_out_that_is_a_file_is_refused(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     (tmp_path / "out").write_text("mine")
     for out in (tmp_path / "out", tmp_path / "out" / "deeper"):
@@ -36,7 +36,7 @@ def test_out_is_a_file(tmp_path: Path) -> None:
     assert (tmp_path / "out").read_text() == "mine"
 
 
-def test_out_may_not_be_written_into(tmp_path: Path) -> None:
+def test_an_out_without_permission_is_refused(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     out = tmp_path / "out"
     out.mkdir(mode=0o555)
@@ -47,7 +47,7 @@ def test_out_may_not_be_written_into(tmp_path: Path) -> None:
     assert not list(out.iterdir())
 
 
-def test_out_holds_recorded_frames(tmp_path: Path) -> None:
+def test_an_out_with_recorded_frames_is_refused(tmp_path: Path) -> None:
     a, b = record(tmp_path / "a"), record(tmp_path / "b", seed=1)
     before = _files(a.folder)
     message = f"{a.folder}: the maps would be written among recorded frames; choose another folder with -o"
@@ -65,7 +65,7 @@ def test_out_holds_recorded_frames(tmp_path: Path) -> None:
     assert _files(a.folder) == {name: content for name, content in before.items() if name != "capture.toml"}
 
 
-def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
+def test_maps_are_replaced_only_with_overwrite(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--order", 1).status == 0
     before = _files(out)
@@ -113,7 +113,7 @@ def test_what_only_looks_like_a_map_of_the_earlier_run_stays(tmp_path: Path) -> 
     assert all(path.exists() for path in of_others)
 
 
-def test_a_map_of_a_stack_is_not_replaced_either(tmp_path: Path) -> None:
+def test_a_map_of_a_stack_is_replaced_only_with_overwrite(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     out.mkdir()
     (out / "frame_0_0001.tif").write_text("mine")
@@ -134,7 +134,7 @@ def test_other_files_in_out_stay(tmp_path: Path) -> None:
     assert (out / "frame_1.tif").read_text() == "frame_1.tif"
 
 
-def test_resume_does_what_is_missing(tmp_path: Path) -> None:
+def test_resume_resolves_the_missing_frames(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=5), tmp_path / "out"
     content = capture.files[3].read_bytes()
     capture.files[3].write_bytes(content[:-50])
@@ -211,7 +211,7 @@ def test_resume_needs_the_same_settings(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["run.json", "frames.jsonl"])
 @pytest.mark.parametrize("content", ["[]\n", "{\n", "3\n"])
-def test_resume_of_what_is_no_run(name: str, content: str, tmp_path: Path) -> None:
+def test_resume_refuses_a_record_that_is_none_of_a_run(name: str, content: str, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     (out / name).write_text(content)
@@ -221,7 +221,7 @@ def test_resume_of_what_is_no_run(name: str, content: str, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("map_format", ["tif", "exr"])
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_maps_that_cannot_grow_leave_nothing_behind(map_format: str, jobs: int, tmp_path: Path) -> None:
+def test_maps_beyond_the_limit_of_file_sizes_leave_nothing_behind(map_format: str, jobs: int, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=3), tmp_path / "out"
     words = ("resolve", capture.folder, "-o", out, "-j", jobs, "--format", map_format)
     done = with_small_files(16_000, *words)
@@ -239,7 +239,7 @@ def test_maps_that_cannot_grow_leave_nothing_behind(map_format: str, jobs: int, 
     assert len(list(out.glob(f"frame_?.{map_format}"))) == 3
 
 
-def test_a_scene_that_cannot_grow_names_the_file(tmp_path: Path) -> None:
+def test_a_scene_beyond_the_limit_of_file_sizes_names_the_file(tmp_path: Path) -> None:
     for frame_format in ("tif", "exr"):
         out = tmp_path / frame_format
         done = with_small_files(
@@ -303,7 +303,7 @@ def test_a_full_disk_leaves_whole_maps_and_ends_the_run(small_disk: Path, form: 
     assert last == dict.fromkeys(map(str, capture.files), "ok")
 
 
-def test_a_disk_that_is_read_only(small_disk: Path, tmp_path: Path) -> None:
+def test_a_read_only_disk_is_refused(small_disk: Path, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     subprocess.run(("mount", "-o", "remount,ro", str(small_disk)), check=True)
     out = small_disk / "out"

@@ -204,7 +204,7 @@ def _overlap(box: BboxBase, other: BboxBase) -> bool:
         ("inspect", "png", b"\x89PNG"),
     ],
 )
-def test_nothing_is_replaced_and_only_pictures_are_written(
+def test_pictures_are_replaced_only_with_overwrite_and_have_known_suffixes(
     command: str, kind: str, magic: bytes, place: Path, tmp_path: Path
 ) -> None:
     existing = tmp_path / f"a.{kind}"

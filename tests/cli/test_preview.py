@@ -92,7 +92,7 @@ def test_any_file_name_is_drawn(name: str, tmp_path: Path) -> None:
     assert (done.status, done.err) == (0, "")
 
 
-def test_planar_depth_is_said(tmp_path: Path) -> None:
+def test_planar_depth_is_named(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     for depth in ("z", "range"):
         out = tmp_path / depth
@@ -152,7 +152,7 @@ def test_recorded_frames_truth_and_other_layers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, -2.5e-3])
-def test_a_layer_that_is_the_same_everywhere_has_a_scale_about_its_value(
+def test_a_layer_with_one_value_has_a_scale_about_this_value(
     value: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -167,7 +167,7 @@ def test_a_layer_that_is_the_same_everywhere_has_a_scale_about_its_value(
     assert low < value < high
 
 
-def test_counts_are_drawn_where_nothing_says_how_many_volts_they_are(tmp_path: Path) -> None:
+def test_counts_are_drawn_if_nothing_says_how_many_volts_they_are(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml="")
     done = cadtof("preview", capture.files[0], "-o", tmp_path / "a.svg", "--layer", "H2.SC1")
     assert (done.status, done.err) == (0, "")
@@ -231,14 +231,14 @@ def test_a_damaged_first_map_is_left_out_of_the_sheet(form: Form, tmp_path: Path
     assert _picture(tmp_path / "a.png").size > 0
 
 
-def test_a_layer_that_no_frame_has_is_told_once(tmp_path: Path) -> None:
+def test_a_layer_that_no_frame_has_is_reported_once(tmp_path: Path) -> None:
     maps = _sequence(tmp_path / "maps", 4)
     done = cadtof("preview", maps, "-o", tmp_path / "a.png", "--layer", "depth")
     assert done.status == 2
     assert done.err == "Error: --layer: found 'depth', expected one of direct.depth: maps/frame_0.exr\n"
 
 
-def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
+def test_a_film_has_one_scale_for_all_frames(tmp_path: Path) -> None:
     """Pillow reads the film."""
     maps = _sequence(tmp_path / "maps", 5)
     arguments = ("preview", maps, "-o", tmp_path / "a.gif", "--range", "1,3", "--fps", 5)
@@ -274,7 +274,7 @@ def test_an_mp4_opened_by_opencv(tmp_path: Path) -> None:
     film.release()
 
 
-def test_mp4_says_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mp4_without_its_package_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = _sequence(tmp_path / "maps", 2)
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     done = cadtof("preview", maps, "-o", tmp_path / "a.mp4")
@@ -298,7 +298,7 @@ def test_truth_adds_the_errors(tmp_path: Path) -> None:
     assert (done.status, "--truth goes with the figure of one frame, not with a film" in done.err) == (2, True)
 
 
-def test_what_cannot_be_drawn(tmp_path: Path) -> None:
+def test_impossible_pictures_are_refused(tmp_path: Path) -> None:
     maps = _maps(tmp_path)
     small, other = tmp_path / "small.exr", tmp_path / "other.exr"
     write_exr(small, {"direct.depth": step_truth(height=20).astype(np.float32)})

@@ -281,7 +281,7 @@ def test_a_frame_that_hangs_fails_alone(jobs: int, capture: Path, map_bytes: byt
 
 
 @pytest.mark.parametrize("jobs", [1000, 1_000_000_000])
-def test_more_jobs_than_are_any_good(jobs: int, capture: Path, tmp_path: Path) -> None:
+def test_the_number_of_processes_is_limited(jobs: int, capture: Path, tmp_path: Path) -> None:
     done = program("resolve", capture / "frame_0000.tif", "-o", tmp_path / "out", "-j", jobs)
     assert done.status == 0
     assert f"--jobs {jobs}: at most {4 * available_cores()} processes are started, 4 per core" in done.err
@@ -322,7 +322,7 @@ def test_a_frame_that_kills_every_worker_fails_alone(capture: Path, map_bytes: b
 @pytest.mark.parametrize(
     ("variables", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, min(2, len(os.sched_getaffinity(0))))]
 )
-def test_nothing_but_its_own_threads_runs(
+def test_linear_algebra_starts_no_threads_and_a_run_leaves_none(
     variables: dict[str, str], threads: int, capture: Path, tmp_path: Path
 ) -> None:
     """Linear algebra has no threads unless the user asks for them. The threads that write maps end with the run."""

@@ -67,7 +67,7 @@ def test_other_layers_and_pixels_without_a_value(runs: tuple[Path, Path]) -> Non
     assert list(found) == ["x", "y", "two"]
 
 
-def test_pictures_and_a_file_of_the_table(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_profile_is_written_as_picture_or_table(runs: tuple[Path, Path], tmp_path: Path) -> None:
     truth = runs[0].parent / "truth.exr"
     for name in ("a.png", "a.svg", "a.csv"):
         arguments = ("profile", *runs, "--row", 3, "--truth", truth, "-o", tmp_path / name)
@@ -121,7 +121,7 @@ def test_a_damaged_first_map_does_not_hide_which_pixels_the_others_show(tmp_path
     np.testing.assert_allclose(_table(done.out)["truth"], step_truth()[5, 4:20], rtol=1e-6)
 
 
-def test_what_cannot_be_drawn(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_impossible_profiles_are_refused(runs: tuple[Path, Path], tmp_path: Path) -> None:
     write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
     for arguments, message in (
         ((runs[0],), "found 0 of --row, --column and --line, expected one of them"),

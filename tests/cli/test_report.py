@@ -104,7 +104,7 @@ def test_frames_of_several_captures_are_told_apart_and_their_settings_folded(tmp
     assert "layout.pattern" not in settings
 
 
-def test_the_words_on_a_page_are_explained_on_it(tmp_path: Path) -> None:
+def test_status_bits_are_explained_on_the_page(tmp_path: Path) -> None:
     explanations = _page(_run(tmp_path)).text.partition("Status bits: what became of a pixel")[2]
     for bit, meaning in MEANING.items():
         assert f"{bit_words(bit)}{meaning.replace('`', '')}" in explanations
@@ -191,7 +191,7 @@ def test_maps_alone_and_a_run_that_was_moved(tmp_path: Path) -> None:
     assert "Of 1 frame the page holds: all pixels of 1." in single.text
 
 
-def test_what_cannot_be_written_or_read_is_refused(tmp_path: Path) -> None:
+def test_impossible_pages_are_refused(tmp_path: Path) -> None:
     out = _run(tmp_path, frames=1)
     write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
     (tmp_path / "empty").mkdir()
@@ -222,7 +222,7 @@ def test_the_same_run_gives_the_same_page(tmp_path: Path) -> None:
     assert (tmp_path / "page.html").read_bytes() == first
 
 
-def test_the_page_s_parts_are_in_the_wheel() -> None:
+def test_the_parts_of_the_page_are_in_the_wheel() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     patterns = project["tool"]["setuptools"]["package-data"]["cadtof_cli.report"]
     folder = ROOT / "cadtof_cli" / "report"

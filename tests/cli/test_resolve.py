@@ -169,7 +169,7 @@ def test_which_path_is_direct(choice: tuple[str, ...], direct_ns: float, mpi_ns:
 
 
 @pytest.mark.parametrize("choice", [("--order", "1"), ("--solver", "one-path")])
-def test_one_path_where_only_one_is_asked_for(choice: tuple[str, ...], tmp_path: Path) -> None:
+def test_one_path_everywhere_if_one_is_asked_for(choice: tuple[str, ...], tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     assert cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, *choice).status == 0
     layers = layers_of(tmp_path / "out" / "frame_0.tif")
@@ -181,7 +181,7 @@ def test_one_path_where_only_one_is_asked_for(choice: tuple[str, ...], tmp_path:
     assert np.median(np.abs(layers["direct.depth"] - step_truth())[RIGHT]) > 0.1
 
 
-def test_two_paths_everywhere_where_two_are_asked_for(tmp_path: Path) -> None:
+def test_two_paths_almost_everywhere_if_two_are_asked_for(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     assert cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--order", 2).status == 0
     status = layers_of(tmp_path / "out" / "frame_0.tif")["status"].astype(np.uint32)
@@ -225,7 +225,7 @@ def test_one_file_takes_the_metadata_beside_it(tmp_path: Path) -> None:
     assert np.median(np.abs(layers["direct.depth"] - step_truth())) < 0.01
 
 
-def test_defaults_and_an_estimated_noise_are_told(tmp_path: Path) -> None:
+def test_defaults_and_an_estimated_noise_are_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", form="exr", toml="")
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--json")
     assert done.status == 0
@@ -240,7 +240,7 @@ def test_defaults_and_an_estimated_noise_are_told(tmp_path: Path) -> None:
     assert np.median(np.abs(layers_of(tmp_path / "out" / "frame_0.exr")["direct.depth"] - step_truth())) < 0.01
 
 
-def test_nothing_is_told_of_what_is_given_and_nothing_at_all_when_quiet(tmp_path: Path) -> None:
+def test_given_settings_cause_no_message_and_quiet_runs_print_nothing(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1)
     assert len(done.err.splitlines()) == 1 + (chosen_kernel() == NUMPY)
@@ -291,7 +291,7 @@ def test_a_frame_named_like_one_of_a_stack_keeps_its_name(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("suffix", ["tif", "exr"])
-def test_planes_in_files_of_their_own(suffix: str, tmp_path: Path) -> None:
+def test_planes_in_files_of_one_plane_each(suffix: str, tmp_path: Path) -> None:
     single = record(tmp_path / "single", frames=2)
     capture = tmp_path / "capture"
     capture.mkdir()
@@ -334,7 +334,7 @@ def test_truth_and_maps_in_a_folder_are_no_frames(tmp_path: Path) -> None:
     assert f"2 skipped, see {tmp_path / 'out' / 'frames.jsonl'}" in done.err
 
 
-def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other(tmp_path: Path) -> None:
+def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other_pixel(tmp_path: Path) -> None:
     volts = step_frame(np.random.default_rng(0))
     forms: tuple[Form, ...] = ("tif", "exr")
     for form in forms:
@@ -375,5 +375,5 @@ def _require_bad_pixels_marked(layers: dict[str, NDArray[Any]], form: Form) -> N
 @pytest.mark.parametrize(
     ("frames", "seconds", "text"), [(424, 2.0, "212"), (99, 10.0, "9.9"), (3, 8.5, "0.35"), (1, 3600.0, "0.00028")]
 )
-def test_a_slow_run_is_not_said_to_stand_still(frames: int, seconds: float, text: str) -> None:
+def test_the_rate_of_a_slow_run_is_not_rounded_to_0(frames: int, seconds: float, text: str) -> None:
     assert per_second(frames, seconds) == text

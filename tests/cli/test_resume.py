@@ -218,7 +218,7 @@ def test_links_are_replaced_not_written_through(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["run.json", "frames.jsonl"])
-def test_a_pipe_in_place_of_a_record(name: str, tmp_path: Path) -> None:
+def test_a_pipe_in_place_of_a_record_is_refused(name: str, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out).status == 0
     (out / name).unlink()
@@ -296,7 +296,7 @@ def test_records_that_say_nonsense(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("output", ["", ".", "/"])
-def test_lines_that_name_no_file(output: str, tmp_path: Path) -> None:
+def test_lines_that_name_no_file_are_no_record_of_a_run(output: str, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out).status == 0
     line = json.loads((out / "frames.jsonl").read_text())
@@ -305,7 +305,7 @@ def test_lines_that_name_no_file(output: str, tmp_path: Path) -> None:
     assert "not the record of a run" in _resolve(capture.folder, "-o", out, "--resume").err
 
 
-def test_places_that_are_no_place(tmp_path: Path) -> None:
+def test_folders_that_cannot_be_searched_are_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "A")
     closed = tmp_path / "closed"
     closed.mkdir()
@@ -351,7 +351,7 @@ def test_a_name_with_nul_on_stdin(tmp_path: Path) -> None:
         ("focal_length_px", -28),
     ],
 )
-def test_optics_of_a_record_that_no_camera_has(key: str, value: object, tmp_path: Path) -> None:
+def test_optics_that_no_camera_has_are_unknown(key: str, value: object, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out, "--focal-length", 28).status == 0
     run = json.loads((out / "run.json").read_text())

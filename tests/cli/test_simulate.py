@@ -13,7 +13,7 @@ from tests.support.run_cadtof import cadtof
 PATH_KEYS = {"true_ns", "mean_ns", "bias_ns", "std_ns", "bound_ns", "within_1ns"}
 
 
-def test_the_table_of_the_mission() -> None:
+def test_the_table_agrees_with_table_1_of_the_paper() -> None:
     done = cadtof("simulate", "--asr", 5, "--mpi", 0.3, "--jobs", 1)
     assert (done.status, done.err) == (0, "")
     lines = done.out.splitlines()
@@ -220,7 +220,7 @@ def test_an_out_that_exists_is_left_alone(tmp_path: Path, scene: str) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
-def test_the_paper_way_three_periods_and_three_paths() -> None:
+def test_the_way_of_the_paper_and_three_paths_with_three_periods() -> None:
     same = ("--runs", 50, "--jobs", 1)
     paper = cadtof("simulate", *same, "--solver", "lm", "--order", 2, "--no-pulse-correction", "--wrapped")
     assert paper.status == 0
@@ -234,7 +234,7 @@ def test_the_paper_way_three_periods_and_three_paths() -> None:
     assert lines[4].startswith("path3       21.000")
 
 
-def test_amplitudes_beyond_the_modulation_are_said_to_be_impossible() -> None:
+def test_amplitudes_beyond_the_modulation_are_counted_as_impossible() -> None:
     done = cadtof("simulate", "--offsets", "0.5,0", "--runs", 20, "--jobs", 1)
     assert "impossible amplitudes, and no answer, in 100.0% of the runs" in done.out
 

@@ -31,7 +31,7 @@ def test_a_reader_that_goes_away_ends_us_like_any_program(jobs: int, tmp_path: P
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("resolve", "--help"), ("info", "{capture}"), ("--version",)])
-def test_nobody_reads_at_all(arguments: tuple[str, ...], tmp_path: Path) -> None:
+def test_a_reader_that_is_gone_before_anything_is_written(arguments: tuple[str, ...], tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     # the reader is gone before anything is written
     script = '{ sleep 1; "$@"; echo $? >&2; } | true'
@@ -61,14 +61,14 @@ def test_stdout_that_takes_nothing(place: str, message: str, arguments: tuple[st
     assert "Exception ignored" not in done.err
 
 
-def test_a_log_that_takes_nothing_is_named(tmp_path: Path) -> None:
+def test_a_log_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     done = _shell(
         '"$@"', "resolve", record(tmp_path / "capture").folder, "-o", tmp_path / "out", "-q", "--log", "/dev/full"
     )
     assert (done.status, done.err) == (2, "Error: /dev/full: cannot be written: No space left on device\n")
 
 
-def test_a_folder_that_is_gone_from_under_us(tmp_path: Path) -> None:
+def test_a_current_folder_that_is_gone_is_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     script = 'mkdir gone; cd gone; rmdir ../gone; "$@"'
     done = _shell(f"cd {tmp_path}; {script}", "resolve", capture, "-o", "out", "-q")
@@ -78,7 +78,7 @@ def test_a_folder_that_is_gone_from_under_us(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("most", range(6, 13, 2))
-def test_that_no_more_files_may_be_open_is_said(most: int, tmp_path: Path) -> None:
+def test_the_limit_of_open_files_is_reported(most: int, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=2).folder
     done = _shell(f'ulimit -n {most}; "$@"', "resolve", capture, "-o", tmp_path / "out", "-j", 2)
     assert done.status in {1, 2}

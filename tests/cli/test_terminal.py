@@ -59,7 +59,7 @@ def test_a_terminal_that_cannot_move_its_cursor_gets_lines(tmp_path: Path) -> No
     assert "resolved 4 of 4" in shown
 
 
-def test_a_terminal_that_goes_away_hinders_nobody(tmp_path: Path) -> None:
+def test_a_command_goes_on_when_its_terminal_is_closed(tmp_path: Path) -> None:
     """This happens when a user closes the window of a command that was told to stay (`disown`, `setsid`)."""
     ours, theirs = pty.openpty()
     words = ("simulate", "--scene", "corner", "--width", 64, "--height", 48, "--frames", 30, "-o", tmp_path / "out")
@@ -82,7 +82,7 @@ def test_an_error_at_the_beginning_leaves_no_bar(tmp_path: Path) -> None:
     assert error.startswith("Error: ")
 
 
-def test_reading_is_shown_too(tmp_path: Path) -> None:
+def test_info_shows_a_bar_while_it_reads(tmp_path: Path) -> None:
     out, shown = on_terminal("info", record(tmp_path / "capture", frames=3).folder, "-j", 1)
     assert "3/3" in shown.partition("reading")[2]
     assert "frames" in out

@@ -17,7 +17,9 @@ def recorded(tmp_path: Path) -> Recorded:
     return record(tmp_path / "capture", frames=3)
 
 
-def test_swapped_channels_are_said_once(recorded: Recorded, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_swapped_channels_are_reported_once(
+    recorded: Recorded, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     sound = cadtof("resolve", recorded.folder, "-o", tmp_path / "sound", "--jobs", "1")
     assert "phases as light" not in sound.err
     assert cadtof("info", recorded.folder, "--jobs", "1").status == 0
@@ -39,7 +41,7 @@ def test_swapped_channels_are_said_once(recorded: Recorded, tmp_path: Path, capl
     assert "would with SC1 and SC2 swapped" in caplog.text
 
 
-def test_a_harmonic_that_is_there_twice_fails_its_frame_alone(recorded: Recorded, tmp_path: Path) -> None:
+def test_a_harmonic_that_was_stored_twice_fails_its_frame_alone(recorded: Recorded, tmp_path: Path) -> None:
     broken = recorded.files[1]
     write_pages(broken, tifffile.imread(broken)[[0, 1, 0, 1]])
     done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
@@ -48,7 +50,7 @@ def test_a_harmonic_that_is_there_twice_fails_its_frame_alone(recorded: Recorded
     assert sorted(path.name for path in (tmp_path / "maps").glob("*.tif")) == ["frame_0.tif", "frame_2.tif"]
 
 
-def test_a_harmonic_that_was_not_recorded(tmp_path: Path) -> None:
+def test_a_harmonic_that_was_not_recorded_fails_its_frame(tmp_path: Path) -> None:
     recorded = record(tmp_path / "capture")
     pages = tifffile.imread(recorded.files[0])
     pages[2:] = 8192

@@ -59,7 +59,7 @@ def test_a_command_has_a_page_with_all_its_options(site: Path, words: str) -> No
     assert "Example" in page
 
 
-def test_equations_are_drawn_by_the_browser(site: Path) -> None:
+def test_equations_are_mathml_and_need_no_script(site: Path) -> None:
     page = (site / "physics.html").read_text()
     assert page.count("<math") > 50
     assert not re.search(r"<script[^>]*(mathjax|katex)", page, re.IGNORECASE)
@@ -112,7 +112,7 @@ def test_links_of_a_page_lead_somewhere_in_the_repository(page: Path) -> None:
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").rglob("*.md"))],
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
-def test_files_of_the_source_that_a_page_names_are_there(page: Path) -> None:
+def test_files_of_the_source_that_a_page_names_exist(page: Path) -> None:
     """A name is a path in the repository or in the package. A name in capitals stands for any file."""
     files = [
         path.as_posix() for folder in ("cadtof_cli", "scripts", "tests", "docs") for path in (ROOT / folder).rglob("*")

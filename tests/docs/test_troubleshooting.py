@@ -25,12 +25,12 @@ def test_messages_are_found_in_the_source() -> None:
     assert "No such command '…': did you mean …?" in found
 
 
-def test_an_entry_is_about_what_a_user_sees(tmp_path: Path) -> None:
+def test_a_message_that_a_user_sees_has_an_entry(tmp_path: Path) -> None:
     seen = cadtof("resolve", tmp_path / "nowhere", "-o", tmp_path / "out").err.strip().removeprefix("Error: ")
     assert any(entry.holds(seen) for entry in entries(PAGE))
 
 
-def test_what_is_missing_is_seen(tmp_path: Path) -> None:
+def test_missing_and_stale_entries_are_found(tmp_path: Path) -> None:
     package = tmp_path / "package"
     package.mkdir()
     (package / "errors.py").write_text("class CadtofError(Exception): ...\nclass LensError(CadtofError): ...\n")
@@ -50,7 +50,7 @@ def test_what_is_missing_is_seen(tmp_path: Path) -> None:
     ]
 
 
-def test_an_entry_that_is_like_anything_or_has_no_cure_is_seen() -> None:
+def test_an_entry_that_fits_any_message_or_has_no_cure_is_found() -> None:
     assert Entry("…: found …, expected …", "x").holds("a: found b, expected c")
     wrong = list(unexplained(PACKAGE, PAGE.parent / "glossary.md"))
     assert all("has no entry" in line or "glossary.md" in line for line in wrong)

@@ -138,7 +138,7 @@ def _canvas(browser: Browser, css: str = "#map") -> NDArray[np.uint8]:
     return np.array(browser.run(script, css, WIDTH, HEIGHT), np.uint8).reshape(HEIGHT, WIDTH, 3)
 
 
-def test_it_opens_without_a_complaint_and_runs_nothing_of_a_name(shown: Shown) -> None:
+def test_the_page_opens_without_complaints_and_runs_no_markup_in_a_name(shown: Shown) -> None:
     browser = shown.browser
     assert browser.complaints() == []
     assert not browser.all("img[src=x]")
@@ -208,7 +208,7 @@ def test_a_dragged_line_is_a_profile_of_the_file(shown: Shown) -> None:
     assert browser.find("#profile-title").text == "Profile from pixel 29, 0 to 29, 23"
 
 
-def test_layers_switch_and_share_colours_where_they_are_compared(shown: Shown) -> None:
+def test_layers_can_be_switched_and_compared_layers_share_their_colours(shown: Shown) -> None:
     browser = shown.browser
     names = [option.text for option in browser.all("#layer option")]
     assert names == [
@@ -233,7 +233,7 @@ def test_layers_switch_and_share_colours_where_they_are_compared(shown: Shown) -
     assert not no_answer[away & ~wanted].any()
 
 
-def test_the_slider_lays_the_first_phasor_over_the_left(shown: Shown) -> None:
+def test_the_slider_shows_the_first_phasor_on_the_left(shown: Shown) -> None:
     browser = shown.browser
     resolved = _canvas(browser)
     _show_layer(browser, "first phasor")
@@ -300,7 +300,7 @@ def test_the_points_turn_and_come_back(shown: Shown) -> None:
 
 
 @pytest.mark.parametrize(("width", "dark"), [(360, True), (768, False), (2560, True)])
-def test_it_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bool) -> None:
+def test_the_page_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bool) -> None:
     browser = shown.browser
     browser.look(width=width, dark=dark)
     browser.settle()
@@ -315,7 +315,7 @@ def test_it_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bo
     assert browser.picture("#map").shape[1] <= width
 
 
-def test_it_prints_in_light_colours_with_its_tables(shown: Shown) -> None:
+def test_the_page_prints_in_light_colours_with_its_tables(shown: Shown) -> None:
     browser = shown.browser
     browser.look(dark=True, media="print")
     assert browser.run("return getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
@@ -343,7 +343,7 @@ def test_tables_and_thumbnails_need_no_scripts(shown: Shown) -> None:
         browser.tell("Emulation.setScriptExecutionDisabled", value=False)
 
 
-def test_a_frame_of_which_every_other_pixel_is_held(
+def test_pixels_of_a_frame_that_is_thinned_out_are_those_of_the_file(
     browser: Browser, written: tuple[Path, tuple[Layers, ...]], tmp_path: Path
 ) -> None:
     """A page that is too small for all pixels of its frames holds pixels of the file, and says which."""

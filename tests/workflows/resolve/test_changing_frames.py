@@ -40,7 +40,7 @@ def _write_another(file: Path, seed: int) -> None:
     os.utime(file, ns=(seed * 10**9, seed * 10**9))
 
 
-def test_what_is_there_in_the_end_is_resolved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_that_changed_while_it_was_read_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = record(tmp_path / "capture")
     (file,) = capture.files
     with monkeypatch.context() as patched:
@@ -53,7 +53,9 @@ def test_what_is_there_in_the_end_is_resolved(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.parametrize("options", [(), ("--average", 2)])
-def test_what_never_rests_fails(options: tuple[object, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_that_keeps_changing_fails(
+    options: tuple[object, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     capture = record(tmp_path / "capture", frames=2)
     _after_each_read(monkeypatch, lambda times: _write_another(capture.files[0], times))
     done = _resolve(capture.folder, tmp_path / "out", *options)
@@ -63,7 +65,7 @@ def test_what_never_rests_fails(options: tuple[object, ...], tmp_path: Path, mon
     )
 
 
-def test_what_grows_has_the_same_frame_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_grows_behind_its_frame_is_resolved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = record(tmp_path / "capture")
     assert _resolve(capture.folder, tmp_path / "before").status == 0
 

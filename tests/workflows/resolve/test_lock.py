@@ -70,7 +70,7 @@ def test_the_same_process_is_kept_out_too(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_link_in_place_of_the_lock(tmp_path: Path) -> None:
+def test_a_link_in_place_of_the_lock_is_refused(tmp_path: Path) -> None:
     (tmp_path / LOCK_FILE).symlink_to(tmp_path / "mine")
     with pytest.raises(OutputError, match="cannot be written: Too many levels of symbolic links"), locked(tmp_path):
         pass

@@ -59,7 +59,7 @@ def test_photon_by_photon_agrees_with_statistics_within_sampling_error() -> None
 
 
 @pytest.mark.parametrize("asr", [1.0, 3.0, 6.0])
-def test_direct_path_without_mpi_is_as_sharp_as_two_harmonics_of_one_path_allow(asr: float) -> None:
+def test_the_direct_path_without_mpi_has_the_noise_of_one_path_on_two_harmonics(asr: float) -> None:
     """For a short pulse, the phase of harmonic h over h has the standard deviation √(ASR(1+ASR)/(2(2n_av−1)))/h.
 
     Both harmonics together have that of the first over √(1+4).
@@ -75,7 +75,7 @@ def test_direct_path_without_mpi_is_as_sharp_as_two_harmonics_of_one_path_allow(
 
 
 @pytest.mark.parametrize("direct_ns", [0.1, 5.0, 9.9])
-def test_triangles_are_resolved_as_what_takes_them_for_sines_resolves_them(direct_ns: float) -> None:
+def test_triangles_are_resolved_like_sines_of_their_fundamental(direct_ns: float) -> None:
     """This holds near the peaks of a triangle, too, where voltages exceed the amplitude of its fundamental."""
     model = PixelModel(averaging=Averaging(integration_length=1e5), modulation=Modulation(waveform="triangle"))
     wanted = trials(condition=Condition(asr=0.05, mpi_ratio=0.0, direct_ns=direct_ns), model=model, runs=200)
@@ -152,7 +152,7 @@ def test_streams_of_one_seed_are_independent() -> None:
     assert abs(correlation) < 4 / math.sqrt(400)
 
 
-def test_switched_stages_are_known_by_their_effective_length() -> None:
+def test_switched_stages_have_the_noise_of_their_effective_length() -> None:
     capacitors = Capacitors(values_ff=(1.0, 30.0, 1.0, 30.0, *[10.0] * 8))
     stages = Stages(drive="switched", f1_hz=125e6 / 20, f2_hz=125e6 / 100)
     averaging = Averaging(integration_length=71.0, capacitors=capacitors, stages=stages)
@@ -193,7 +193,7 @@ def test_impossible_trials_are_refused() -> None:
         trials(model=odd)
 
 
-def test_figures_of_a_handful_of_runs_are_those_of_a_sample() -> None:
+def test_figures_of_three_runs_are_those_of_a_sample() -> None:
     """Three runs of one path without noise, at 8.9, 9 and 9.1 ns; 8.95 ns is true.
 
     The variance of a sample divides by n − 1, so the standard deviation is 0.1 ns.
@@ -269,7 +269,7 @@ def test_the_starts_of_a_run_follow_from_its_number() -> None:
     np.testing.assert_array_equal(whole.steps[:, 20:], part.steps)
 
 
-def test_amplitudes_that_no_light_has_are_no_answers() -> None:
+def test_amplitudes_that_no_light_has_count_as_no_answer() -> None:
     """The offset is .5 V, but the amplitude of the modulation is only .2746 V."""
     model = PixelModel(averaging=Averaging(integration_length=1e5), offsets_v=(0.5, 0.0))
     found = outcome(trials(model=model, runs=100))
