@@ -29,6 +29,7 @@ def _require_proper_message(done: Finished) -> None:
     assert done.status in {0, 1, 2}
     assert "unexpected" not in done.err
     assert "Traceback" not in done.err
+    # after a semicolon, a message quotes what a library printed
     assert "Warning: " not in done.err.replace("; Warning: ", "")
 
 

@@ -181,9 +181,7 @@ def test_in_place_of_frames_jsonl_it_is_refused(kind: str, here: Path) -> None:
     _put(kind, here / "again" / "frames.jsonl")
     done = cadtof("resolve", "cap", "-o", "again", "-j", 1, "--resume")
     assert done.status == 2
-    assert (
-        done.err.startswith("Error: again/frames.jsonl: cannot be written: ") or "Error: again/frames.jsonl" in done.err
-    )
+    assert done.err.startswith("Error: again/frames.jsonl: cannot be written: ")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -194,7 +192,7 @@ def test_in_place_of_a_raw_dump_and_of_a_plane(kind: str, here: Path) -> None:
     message = _put(kind, here / "dumps" / "dump.raw")
     done = cadtof("resolve", "dumps/dump.raw", "-o", "new", "-j", 1, *described, *counts)
     assert done.status in {1, 2}
-    assert message in done.err or (kind == "folder" and "dumps/dump.raw: no frames" in done.err) or kind == "loop"
+    assert ("dumps/dump.raw: no frames" if kind == "folder" else message) in done.err
     (here / "planes").mkdir()
     for name in ("h1_c1", "h1_c2", "h2_c1", "h2_c2"):
         write_pages(here / "planes" / f"{name}.tif", np.full((1, 24, 32), 9000, np.uint16))
