@@ -135,7 +135,7 @@ def _garbage(file: Path) -> None:
     file.write_bytes(file.read_bytes()[:8] + content)
 
 
-def _planes(file: Path) -> Float:
+def _planes() -> Float:
     return step_frame(np.random.default_rng(9)).reshape(4, 24, 32)
 
 
@@ -147,11 +147,11 @@ def _write(file: Path, planes: Float) -> None:
 
 
 def _smaller(file: Path) -> None:
-    _write(file, _planes(file)[:, :20, :])
+    _write(file, _planes()[:, :20, :])
 
 
 def _without_last_plane(file: Path) -> None:
-    _write(file, _planes(file)[:3])
+    _write(file, _planes()[:3])
 
 
 def _gone(file: Path) -> None:

@@ -2,7 +2,6 @@
 
 import contextlib
 import http.server
-import json
 import os
 import re
 import shutil
@@ -24,6 +23,7 @@ from tests.support.captures import TOML, write_frame
 from tests.support.cluster import LocalCluster, local_cluster, require_dask
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import ENVIRONMENT, ROOT, Finished
+from tests.support.runs import lines_of, maps_of, run_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers that end with the tests need prctl")
 
@@ -137,16 +137,12 @@ def stderr_until(process: "subprocess.Popen[str]", words: str) -> str:
 
 def contents(out: Path) -> dict[str, Any]:
     """Return what a run has left: bytes of maps, lines without times and folders, totals, names of all other files."""
-    lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
-    for line in lines:
-        del line["seconds"]
-        line["output"] = line["output"] and Path(line["output"]).name
-    record = json.loads((out / "run.json").read_text())
-    totals = record.get("totals", {})
-    totals.pop("seconds", None)
-    maps = {path.name: path.read_bytes() for path in out.iterdir() if path.suffix == ".tif"}
+    record, maps = run_of(out), maps_of(out)
     others = {path.name for path in out.iterdir()} - maps.keys()
-    return {"maps": maps, "lines": lines, "totals": totals, "finished": record["finished"], "others": others}
+    return {
+        "maps": maps, "lines": lines_of(out), "totals": record.get("totals"), "finished": record["finished"],
+        "others": others,
+    }  # fmt: skip
 
 
 @contextlib.contextmanager

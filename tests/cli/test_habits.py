@@ -13,7 +13,7 @@ import tifffile
 
 from cadtof_cli.capture.planes import layout_of_names
 from tests.support.captures import layers_of, record
-from tests.support.run_cadtof import ENVIRONMENT, PROGRAM
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT
 from tests.support.shell import shell
 from tests.support.terminal import on_terminal
 
@@ -44,7 +44,7 @@ def test_the_bar_of_a_stack_counts_to_its_frames(tmp_path: Path) -> None:
 
 
 def test_a_slow_pooling_tells_how_long_it_takes(tmp_path: Path) -> None:
-    capture = Path(__file__).parents[2] / "sample_data" / "corner"
+    capture = ROOT / "sample_data" / "corner"
     command = [*PROGRAM, "resolve", str(capture), "-o", str(tmp_path / "out"), "-j", "1", "--pool", "101"]
     with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None

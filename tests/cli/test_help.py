@@ -2,7 +2,6 @@
 
 import itertools
 import re
-from pathlib import Path
 
 import click
 import pytest
@@ -10,9 +9,7 @@ import pytest
 from cadtof_cli.cli import COMMANDS
 from cadtof_cli.simulation.scene.scenes import SCENES
 from tests.support.commands import every_command
-from tests.support.run_cadtof import cadtof
-
-ROOT = Path(__file__).parents[2]
+from tests.support.run_cadtof import ROOT, cadtof
 
 
 @pytest.mark.parametrize("words", every_command())

@@ -13,10 +13,7 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, Form, counts_of, record
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import program
-
-
-def _maps(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in {".tif", ".exr"}}
+from tests.support.runs import maps_of
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
@@ -31,11 +28,11 @@ def test_the_same_maps_for_any_number_of_processes_and_start_method(form: Form, 
     }
     for name, way in ways.items():
         assert program("resolve", capture.folder, "-o", tmp_path / name, *way, "-q").status == 0
-    first = _maps(tmp_path / "one")
+    first = maps_of(tmp_path / "one")
     assert sorted(first) == [f"frame_{index}.{form}" for index in range(7)]
     assert len(set(first.values())) == 7
     for name in ways:
-        assert _maps(tmp_path / name) == first
+        assert maps_of(tmp_path / name) == first
 
 
 @pytest.mark.parametrize("known", [True, False])

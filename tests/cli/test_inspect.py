@@ -20,9 +20,9 @@ from tests.support.captures import (
     write_pages,
 )
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, phasors_of
-from tests.support.run_cadtof import cadtof
+from tests.support.run_cadtof import ROOT, cadtof
 
-DATA = Path(__file__).parents[2] / "sample_data"
+DATA = ROOT / "sample_data"
 
 
 def _inspected(frame: Path, x: int, y: int, *options: object) -> dict[str, Any]:

@@ -269,26 +269,22 @@ def test_names_that_are_no_utf_8(tmp_path: Path) -> None:
 def test_records_that_say_nonsense(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out).status == 0
-    truth = out / "frame_0.tif"
+    readers = (
+        ("evaluate", out, "--truth", out / "frame_0.tif"),
+        ("info", out),
+        ("preview", out, "-o", tmp_path / "a.png"),
+    )
     sound = json.loads((out / "run.json").read_text())
     for key, value in (("inputs", 5), ("absolute_inputs", 5), ("overrides", 5), ("depth", []), ("inputs", [None])):
         nonsense = {**sound["arguments"], key: value}
         if key == "inputs":
             del nonsense["absolute_inputs"]
         (out / "run.json").write_text(json.dumps({**sound, "arguments": nonsense}))
-        for arguments in (
-            ("evaluate", out, "--truth", truth),
-            ("info", out),
-            ("preview", out, "-o", tmp_path / "a.png"),
-        ):
+        for arguments in readers:
             assert "unexpected" not in cadtof(*arguments).err
     for content in ('{"arguments": 5}', "[]", "5", '{"arguments": {}}', '{"arguments": null, "captures": 3}'):
         (out / "run.json").write_text(content)
-        for arguments in (
-            ("evaluate", out, "--truth", truth),
-            ("info", out),
-            ("preview", out, "-o", tmp_path / "a.png"),
-        ):
+        for arguments in readers:
             assert "unexpected" not in cadtof(*arguments).err
         done = _resolve(capture.folder, "-o", out, "--resume")
         assert done.status == 2

@@ -5,9 +5,9 @@ import json
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import pytest
 
+from tests.support.captures import layers_of
 from tests.support.run_cadtof import cadtof
 
 PATH_KEYS = {"true_ns", "mean_ns", "bias_ns", "std_ns", "bound_ns", "within_1ns"}
@@ -87,15 +87,10 @@ def test_scenes_are_captures_that_resolve_reads(tmp_path: Path, scene: str, fram
     assert done.out == ""
     assert f"2 frames of {scene}" in done.err
     assert cadtof("resolve", tmp_path / "c", "-o", tmp_path / "maps", "--format", "exr", "--jobs", 1).status == 0
-    truth = OpenEXR.File(str(tmp_path / "c" / "truth.exr"), separate_channels=True).channels()["direct.depth"].pixels
+    truth = layers_of(tmp_path / "c" / "truth.exr")["direct.depth"]
     for index in (0, 1):
-        path = tmp_path / "maps" / f"frame_{index:04d}.exr"
-        depth = OpenEXR.File(str(path), separate_channels=True).channels()["direct.depth"].pixels
+        depth = layers_of(tmp_path / "maps" / f"frame_{index:04d}.exr")["direct.depth"]
         assert np.nanmedian(np.abs(depth - truth)) < (0.04 if scene == "corner" else 0.006)
-
-
-def _depth(path: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-    return np.asarray(OpenEXR.File(str(path), separate_channels=True).channels()["direct.depth"].pixels)
 
 
 @pytest.mark.parametrize("scene", ["room", "cornell"])
@@ -107,8 +102,8 @@ def test_rooms_are_captures_that_resolve_reads(tmp_path: Path, scene: str) -> No
     assert (done.status, done.out) == (0, "")
     assert f"1 frame of {scene}" in done.err
     assert cadtof("resolve", tmp_path / "c", "-o", tmp_path / "maps", "--format", "exr", "--jobs", 1).status == 0
-    off = _depth(tmp_path / "maps" / "frame_0000.exr") - _depth(tmp_path / "c" / "truth.exr")
-    assert np.nanmedian(np.abs(off)) < 0.3
+    depth, truth = (layers_of(tmp_path / file)["direct.depth"] for file in ("maps/frame_0000.exr", "c/truth.exr"))
+    assert np.nanmedian(np.abs(depth - truth)) < 0.3
 
 
 def test_the_seed_and_the_options_make_the_room(tmp_path: Path) -> None:

@@ -13,6 +13,10 @@ from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, program
 from tests.support.terminal import on_terminal
 
 
+def _without_control_sequences(shown: str) -> str:
+    return re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", shown)
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_terminal_shows_a_bar(jobs: int, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=4, form="exr", toml="[pixel]\nintegration_length = 1e5\n")
@@ -33,7 +37,7 @@ def test_the_bar_takes_one_line_however_narrow_the_terminal_is(columns: int, par
     _, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, columns=columns)
     drawn, _, _ = shown.partition("resolved 4 of 4")
     assert "\x1b[1A" not in drawn
-    lines = re.split(r"[\r\n]+", re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", drawn))
+    lines = re.split(r"[\r\n]+", _without_control_sequences(drawn))
     assert max(len(line) for line in lines if re.search(r"\d/[4?]", line)) <= columns
     last = [line for line in lines if line][-1]
     by_importance = ("4/4", "0:00:00", "resolving", "━━━━━━━━", " frames/s")
@@ -46,7 +50,7 @@ def test_lines_are_broken_between_words(tmp_path: Path) -> None:
     _, shown = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40)
     _, refused = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40, status=2, TERM="dumb")
     shown += refused
-    lines = re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", shown).replace("\r", "\n").splitlines()
+    lines = _without_control_sequences(shown).replace("\r", "\n").splitlines()
     assert not [line for line in lines if len(line) > 40 and " " in line.strip()]
     assert str(out) in lines
     assert "add --overwrite to replace, --resume to go on" in " ".join(shown.split())
