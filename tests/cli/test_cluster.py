@@ -139,15 +139,13 @@ def contents(out: Path) -> dict[str, Any]:
     """Return what a run has left: bytes of maps, lines without times and folders, totals, names of all other files."""
     record, maps = run_of(out), maps_of(out)
     others = {path.name for path in out.iterdir()} - maps.keys()
-    return {
-        "maps": maps, "lines": lines_of(out), "totals": record.get("totals"), "finished": record["finished"],
-        "others": others,
-    }  # fmt: skip
+    totals, finished = record.get("totals"), record["finished"]
+    return {"maps": maps, "lines": lines_of(out), "totals": totals, "finished": finished, "others": others}
 
 
 @contextlib.contextmanager
 def cluster_with(module: str, folder: Path, *, workers: int, variable: str) -> Iterator[tuple[LocalCluster, Path]]:
-    """Yield a cluster whose workers import `module` when they start, and the file that the variable `tell` names."""
+    """Yield a cluster whose workers import `module` when they start, and the file that they find in `variable`."""
     (folder / "with").mkdir()
     (folder / "with" / "preloaded.py").write_text(module)
     with pytest.MonkeyPatch.context() as environment:
