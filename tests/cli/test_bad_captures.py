@@ -1,4 +1,4 @@
-"""What is wrong with a capture is told with what was found, what was expected and where, and costs only what it must."""
+"""If a capture is wrong, a message says what was found and expected, and where. A bad frame costs no other frame."""
 
 import json
 import shutil
@@ -42,13 +42,13 @@ METADATA = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("toml", "told"), METADATA)
+@pytest.mark.parametrize(("toml", "message"), METADATA)
 @pytest.mark.parametrize("command", ["resolve", "info"])
-def test_metadata_that_is_not_allowed(toml: str, told: str, command: str, tmp_path: Path) -> None:
+def test_metadata_with_a_mistake_is_refused(toml: str, message: str, command: str, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml=toml)
     out = ("-o", tmp_path / "out") if command == "resolve" else ()
     done = cadtof(command, capture.folder, *out, "-j", 1)
-    assert done.err.startswith(f"Error: {capture.folder / 'capture.toml'}: {told}")
+    assert done.err.startswith(f"Error: {capture.folder / 'capture.toml'}: {message}")
     assert (done.status, done.out) == (2, "")
     assert not (tmp_path / "out").exists()
 
@@ -69,17 +69,17 @@ OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("options", "told"), OPTIONS)
-def test_options_that_are_not_allowed(options: tuple[str, ...], told: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("options", "message"), OPTIONS)
+def test_options_with_a_mistake_are_refused(options: tuple[str, ...], message: str, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", *options)
-    assert told in done.err
+    assert message in done.err
     assert "Traceback" not in done.err
     assert (done.status, done.out) == (2, "")
     assert not (tmp_path / "out").exists()
 
 
-def test_what_the_metadata_lacks_for_what_is_asked(tmp_path: Path) -> None:
+def test_missing_metadata_is_named_with_the_option_that_gives_it(tmp_path: Path) -> None:
     counts = record(tmp_path / "counts", toml="[pixel]\nintegration_length = 1e5\n")
     done = cadtof("resolve", counts.folder, "-o", tmp_path / "out", "-j", 1)
     assert done.err == (
@@ -104,19 +104,19 @@ def test_what_the_metadata_lacks_for_what_is_asked(tmp_path: Path) -> None:
 def test_inputs_without_frames_say_what_was_looked_for(tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
-    for inputs, told in (
+    for inputs, message in (
         ((empty,), f"{empty}: no frames: looked for .exr, .tif, .tiff, .npy files other than truth.*, found nothing"),
         ((tmp_path / "gone",), f"{tmp_path / 'gone'}: no such file or folder; expected a capture folder or a frame"),
     ):
         for command in (("resolve", "-o", tmp_path / "out"), ("info",)):
             done = cadtof(*command, *inputs)
-            assert (done.status, done.out, done.err) == (2, "", f"Error: {told}\n")
+            assert (done.status, done.out, done.err) == (2, "", f"Error: {message}\n")
     (empty / "notes.txt").touch()
     write_exr(empty / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
     assert "found notes.txt, truth.exr" in cadtof("resolve", empty, "-o", tmp_path / "out").err
 
 
-def test_harmonics_that_were_not_recorded(tmp_path: Path) -> None:
+def test_more_or_fewer_periods_than_were_recorded_are_refused(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--periods", "40,20,10")
     assert done.status == 1
@@ -135,7 +135,7 @@ def _garbage(file: Path) -> None:
     file.write_bytes(file.read_bytes()[:8] + content)
 
 
-def _planes(file: Path) -> Float:
+def _planes() -> Float:
     return step_frame(np.random.default_rng(9)).reshape(4, 24, 32)
 
 
@@ -147,11 +147,11 @@ def _write(file: Path, planes: Float) -> None:
 
 
 def _smaller(file: Path) -> None:
-    _write(file, _planes(file)[:, :20, :])
+    _write(file, _planes()[:, :20, :])
 
 
 def _without_last_plane(file: Path) -> None:
-    _write(file, _planes(file)[:3])
+    _write(file, _planes()[:3])
 
 
 def _gone(file: Path) -> None:
@@ -182,9 +182,9 @@ DAMAGE: list[tuple[str, Callable[[Path], None], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("form", "damage", "told"), DAMAGE)
+@pytest.mark.parametrize(("form", "damage", "message"), DAMAGE)
 def test_one_bad_frame_of_many_fails_alone(
-    form: str, damage: Callable[[Path], None], told: str, tmp_path: Path
+    form: str, damage: Callable[[Path], None], message: str, tmp_path: Path
 ) -> None:
     capture = record(tmp_path / "capture", frames=4, form="exr" if form == "exr" else "tif")
     bad = capture.files[2]
@@ -201,16 +201,16 @@ def test_one_bad_frame_of_many_fails_alone(
     assert (failed["source"], failed["output"], failed["invalid"]) == (str(bad), None, None)
     assert complaint == f"failed: {failed['reason']}"
     assert failed["reason"].startswith(str(bad))
-    assert told in failed["reason"]
+    assert message in failed["reason"]
     assert "unexpected" not in failed["reason"]
     names = {f"frame_{index}.{form}" for index in (0, 1, 3)} | {"frames.jsonl", "run.json"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
     for index in (0, 1, 3):
         depth = layers_of(tmp_path / "out" / f"frame_{index}.{form}")["direct.depth"]
         assert np.median(np.abs(depth - step_truth())) < 0.01
-    told_by_info = cadtof("info", capture.folder, "-j", 1)
-    assert told_by_info.status == 1
-    assert f"wrong: {bad}" in told_by_info.err
+    info = cadtof("info", capture.folder, "-j", 1)
+    assert info.status == 1
+    assert f"wrong: {bad}" in info.err
 
 
 def test_a_frame_of_saturated_pixels_has_no_answer(tmp_path: Path) -> None:
@@ -228,7 +228,7 @@ def test_a_frame_of_saturated_pixels_has_no_answer(tmp_path: Path) -> None:
     assert "every pixel is saturated" in done.err
 
 
-def test_noise_that_cannot_be_estimated(tmp_path: Path) -> None:
+def test_a_frame_whose_noise_cannot_be_estimated_fails(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     pages = np.full((4, 24, 32), 16383, np.uint16)
     pages[:, :3, :4] = 8200
@@ -251,7 +251,7 @@ def test_a_frame_without_light_has_no_answer(tmp_path: Path) -> None:
         assert not list((tmp_path / "out").glob("*.tif"))
 
 
-def test_files_that_may_not_be_read(tmp_path: Path) -> None:
+def test_files_and_folders_without_permission_are_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3)
     capture.files[1].chmod(0)
     done = without_privilege("resolve", capture.folder, "-o", tmp_path / "out", "-j", 2)
@@ -267,11 +267,11 @@ def test_files_that_may_not_be_read(tmp_path: Path) -> None:
         done = without_privilege("resolve", capture.folder, "-o", tmp_path / "none")
     finally:
         capture.folder.chmod(0o755)
-    told = f"Error: {capture.folder}: no permission to list this folder; expected one that can be read\n"
-    assert (done.status, done.out, done.err) == (2, "", told)
+    message = f"Error: {capture.folder}: no permission to list this folder; expected one that can be read\n"
+    assert (done.status, done.out, done.err) == (2, "", message)
 
 
-def test_names_that_are_no_text(tmp_path: Path) -> None:
+def test_names_that_are_not_utf_8_are_resolved_and_recorded(tmp_path: Path) -> None:
     capture = record(tmp_path / "bytes \udcff and\nlines", toml=TOML["tif"])
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out \udcfe", "-j", 1, "--json")
     assert done.status == 0
@@ -287,7 +287,7 @@ def test_debug_shows_where_an_error_arose(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["Capture.toml", "capture.toml.txt"])
-def test_settings_that_are_not_called_so_are_not_passed_over(name: str, tmp_path: Path) -> None:
+def test_a_settings_file_with_a_wrong_name_is_reported_not_ignored(name: str, tmp_path: Path) -> None:
     capture, above = record(tmp_path / "capture"), tmp_path / "capture.toml"
     settings = (capture.folder / "capture.toml").rename(capture.folder / name)
     above.write_text(TOML["tif"])
@@ -301,10 +301,10 @@ def test_settings_that_are_not_called_so_are_not_passed_over(name: str, tmp_path
 
 def test_optics_that_are_not_in_pixels_are_doubted(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml=TOML["tif"].replace("focal_length_px = 28.0", "focal_length_px = 4.2"))
-    said = f"{capture.folder}: optics.focal_length_px = 4.2 is a view of 151° across: is it in mm?"
+    message = f"{capture.folder}: optics.focal_length_px = 4.2 is a view of 151° across: is it in mm?"
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1)
     assert done.status == 0
-    assert f"warning: {said}" in done.err
-    told = cadtof("info", capture.folder, "-j", 1)
-    assert told.status == 1
-    assert f"wrong: {said}" in told.err
+    assert f"warning: {message}" in done.err
+    info = cadtof("info", capture.folder, "-j", 1)
+    assert info.status == 1
+    assert f"wrong: {message}" in info.err

@@ -1,4 +1,4 @@
-"""`cadtof calibrate` and `resolve --calibration`: what a user sees when something does not fit."""
+"""`cadtof calibrate` and `resolve --calibration`: the measured values, and the messages if something does not fit."""
 
 import json
 import shutil
@@ -38,8 +38,8 @@ def test_petzval_toml_holds_what_the_design_promises(calibrated: Path) -> None:
 
 
 @pytest.mark.parametrize("dark_frames", [0, 1])
-def test_petzval_alone_or_after_a_dark_frame_whose_noise_is_unknown(tmp_path: Path, dark_frames: int) -> None:
-    """Without maps before it, or with a map that has no standard error, the frames' own noise is all that there is."""
+def test_petzval_without_a_dark_part_or_with_one_of_a_single_frame(tmp_path: Path, dark_frames: int) -> None:
+    """Without a dark part, or with that of one frame, which has no standard error, only the frames' own noise counts."""
     seen = camera(Defects(petzval_m=(0.06, -0.02)))
     walls = [
         write(tmp_path / f"wall_{d:g}", seen, wall(seen, d, count=5, seed=index)) for index, d in enumerate((1.0, 3.0))
@@ -60,8 +60,11 @@ def test_petzval_alone_or_after_a_dark_frame_whose_noise_is_unknown(tmp_path: Pa
 
 
 @pytest.mark.parametrize(("frames", "left"), [(1, 0.91), (2, 0.91), (4, 1.0)])
-def test_what_a_response_leaves_is_the_noise_of_the_means(tmp_path: Path, frames: int, left: float) -> None:
-    """Measured where there are frames enough; else that of ambient light alone, which at ASR 2 is a tenth too much."""
+def test_the_residual_of_a_response_is_the_noise_of_the_mean_frames(tmp_path: Path, frames: int, left: float) -> None:
+    """The residual is in units of the noise of the mean frames: 1 if this noise is measured, as with four frames.
+
+    With one or two frames, the noise is predicted for ambient light alone. At ASR 2 this is a tenth too much.
+    """
     seen = camera(Defects())
     targets = [
         write(tmp_path / f"target_{index}", seen, wall(seen, d, count=frames, seed=index), distance_m=d)
@@ -74,22 +77,23 @@ def test_what_a_response_leaves_is_the_noise_of_the_means(tmp_path: Path, frames
 
 
 def test_petzval_of_a_camera_without_other_defects(tmp_path: Path) -> None:
-    """Without dark and response parts there is no noise of theirs, and nothing is divided by it."""
+    """Without dark and response parts, no earlier part is used, and nothing is divided by the noise of one."""
     done = cadtof("calibrate", "petzval", ROOT / "sample_data" / "wall", "-o", tmp_path / "camera", "--quiet")
     assert (done.status, done.err) == (0, "")
     assert "used" not in tomllib.loads((tmp_path / "camera" / "petzval.toml").read_text())
 
 
-def test_a_part_is_not_replaced_unasked(campaign: Campaign, calibrated: Path) -> None:
+def test_a_part_is_replaced_only_with_overwrite(campaign: Campaign, calibrated: Path) -> None:
     before = (calibrated / "dark.toml").read_bytes()
     done = cadtof("calibrate", "dark", campaign.dark, "-o", calibrated)
     assert done.status == 2
-    assert "dark" in done.err
-    assert "--overwrite" in done.err
+    assert done.err.startswith(f"Error: {calibrated / 'dark.toml'}: already exists; add --overwrite to replace it")
     assert (calibrated / "dark.toml").read_bytes() == before
 
 
-def test_resolve_applies_says_and_records_the_calibration(campaign: Campaign, calibrated: Path, tmp_path: Path) -> None:
+def test_resolve_applies_reports_and_records_the_calibration(
+    campaign: Campaign, calibrated: Path, tmp_path: Path
+) -> None:
     frames = write(tmp_path / "card", campaign.seen, card(campaign.seen, count=2, seed=3))
     done = cadtof("resolve", frames, "-o", tmp_path / "maps", "--calibration", calibrated)
     assert done.status == 0, done.err
@@ -100,7 +104,7 @@ def test_resolve_applies_says_and_records_the_calibration(campaign: Campaign, ca
     assert record["digest"]
 
 
-def test_what_does_not_fit_is_refused_before_anything_is_written(
+def test_a_calibration_that_does_not_fit_is_refused_before_anything_is_written(
     campaign: Campaign, calibrated: Path, tmp_path: Path
 ) -> None:
     frames = write(tmp_path / "card", campaign.seen, card(campaign.seen, count=1, seed=3))
@@ -110,7 +114,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
     for part, damage in (("dark.toml", "[what"), ("petzval.toml", "k2_m = 'much'")):
         shutil.copytree(calibrated, tmp_path / part)
         (tmp_path / part / part).write_text(damage)
-    for folder, capture, told in (
+    for folder, capture, message in (
         (calibrated, (small,), "does not belong to this capture: size is 32 × 24 pixels there and 80 × 60 pixels"),
         (calibrated, (frames, "--waveform", "triangle"), "waveform is triangle there and sine in the calibration"),
         (tmp_path / "dark.toml", (frames,), "dark.toml: not valid TOML"),
@@ -120,7 +124,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
     ):
         done = cadtof("resolve", *capture, "-o", tmp_path / "maps", "--calibration", folder)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err
     assert not (tmp_path / "maps").exists()
 
 
@@ -128,5 +132,5 @@ def test_a_response_needs_to_know_the_distance(campaign: Campaign, tmp_path: Pat
     unknown = write(tmp_path / "target", campaign.seen, [np.full((2, 2, 60, 80), 9000, np.uint16)])
     done = cadtof("calibrate", "response", unknown, "-o", tmp_path / "camera")
     assert done.status == 2
-    assert "distance" in done.err
+    assert "the target's distance is not known: set distance_m under [target] in capture.toml" in done.err
     assert not (tmp_path / "camera" / "response.toml").exists()

@@ -1,4 +1,4 @@
-"""`cadtof calibrate` takes captures that are what they should be, and refuses those that are not, with cause and cure."""
+"""`cadtof calibrate` takes suitable captures, and refuses other captures with a message that names cause and cure."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from tests.support.wrong_targets import CASES, calibrated
 
 SEED = 4
 
-TOLD = {
+MESSAGES = {
     "lit: wall, offsets ± 20 mV": ("saw light", "cover the lens"),
     "lit: tilted wall, a third of that light, ± 2 mV": ("as light ties them, and offsets do not", "cover the lens"),
     "lit: card with MPI, offsets ± 20 mV": ("saw light", "mend --zero-counts"),
@@ -23,7 +23,7 @@ TOLD = {
     "petzval: curtain": ("it is not a flat wall", "Take a plain wall"),
 }
 
-TAKEN = (
+SUITABLE = (
     "dark: offsets ± 20 mV, 10 frames",
     "dark: columns of their own",
     "dark: pixels, alike in harmonics and channels",
@@ -32,17 +32,17 @@ TAKEN = (
 )
 
 
-@pytest.mark.parametrize("title", TOLD)
-def test_what_is_not_what_it_should_be_is_refused(title: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("title", MESSAGES)
+def test_unsuitable_captures_are_refused(title: str, tmp_path: Path) -> None:
     done = calibrated(CASES[title], tmp_path, SEED)
     assert (done.status, done.out) == (2, "")
-    for words in TOLD[title]:
+    for words in MESSAGES[title]:
         assert words in done.err
     assert not (tmp_path / "camera" / f"{CASES[title].step}.toml").exists()
 
 
-@pytest.mark.parametrize("title", TAKEN)
-def test_what_is_what_it_should_be_is_taken(title: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("title", SUITABLE)
+def test_suitable_captures_are_taken(title: str, tmp_path: Path) -> None:
     done = calibrated(CASES[title], tmp_path, SEED)
     assert done.status == 0, done.err
     assert (tmp_path / "camera" / f"{CASES[title].step}.toml").exists()

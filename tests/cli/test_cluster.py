@@ -1,8 +1,7 @@
-"""Runs on a real scheduler with real workers: the same files as here, and nothing lost whoever is lost."""
+"""Runs on a real scheduler with real workers: the same files as without a cluster; a lost process costs no frame."""
 
 import contextlib
 import http.server
-import json
 import os
 import re
 import shutil
@@ -24,6 +23,7 @@ from tests.support.captures import TOML, write_frame
 from tests.support.cluster import LocalCluster, local_cluster, require_dask
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import ENVIRONMENT, ROOT, Finished
+from tests.support.runs import lines_of, maps_of, run_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers that end with the tests need prctl")
 
@@ -42,7 +42,7 @@ def read_frame(task):
     return read(task)
 frame_task.read_frame = read_frame
 """
-"""Put into workers when they start: a frame that kills them, as one that is too large for their memory does."""
+"""Workers import this module when they start: one frame ends its worker, like a frame too large for the memory."""
 
 _UNHURRIED = """
 import os, time
@@ -55,7 +55,8 @@ def read_frame(task):
     return read(task)
 frame_task.read_frame = read_frame
 """
-"""Put into workers when they start: a run of theirs is still going on when something happens, until it is told to hurry."""
+"""Workers import this module when they start: from the eleventh on, a frame takes .5 s until the file HURRY exists.
+So a run still goes on when a test disturbs it."""
 
 
 @pytest.fixture(scope="module")
@@ -71,15 +72,15 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def here(capture: Path) -> dict[str, Any]:
-    """What a run of this machine's own makes of it."""
+def local_run(capture: Path) -> dict[str, Any]:
+    """What a run without a cluster leaves in its folder."""
     assert run("resolve", "room", "-o", "here", "-j", 1, cwd=capture.parent).status == 0
     return contents(capture.parent / "here")
 
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
-    """A scheduler with two workers that tests leave as they are."""
+    """A scheduler with two workers, for all tests that do not disturb it."""
     require_dask()
     with local_cluster(tmp_path_factory.mktemp("cluster"), workers=2) as started:
         yield started
@@ -98,7 +99,7 @@ def run(*arguments: object, cwd: Path) -> Finished:
 
 @contextlib.contextmanager
 def running(*arguments: object, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
-    """Start a run, and go on when it has reported its first frames."""
+    """Start a run, and yield it when it has reported three frames; kill it in the end."""
     process = subprocess.Popen(
         command(*arguments, "--json"),
         cwd=cwd,
@@ -117,58 +118,54 @@ def running(*arguments: object, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
         process.communicate()
 
 
-def said_until(process: "subprocess.Popen[str]", words: str) -> str:
-    """What a run says on stderr up to these words; all of it where they do not come within a minute."""
+def stderr_until(process: "subprocess.Popen[str]", words: str) -> str:
+    """Return what a run writes to stderr up to these words, or everything if they do not come within a minute."""
     assert process.stderr is not None
-    said = ""
+    text = ""
     patience = threading.Timer(60.0, process.kill)
     patience.start()
     try:
-        while words not in said:
+        while words not in text:
             line = process.stderr.readline()
             if not line:
                 break
-            said += line
+            text += line
     finally:
         patience.cancel()
-    return said
+    return text
 
 
 def contents(out: Path) -> dict[str, Any]:
-    """What a run has left: its maps' bytes, its lines without times and folders, and its totals."""
-    lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
-    for line in lines:
-        del line["seconds"]
-        line["output"] = line["output"] and Path(line["output"]).name
-    record = json.loads((out / "run.json").read_text())
-    totals = record.get("totals", {})
-    totals.pop("seconds", None)
-    maps = {path.name: path.read_bytes() for path in out.iterdir() if path.suffix == ".tif"}
+    """Return what a run has left: bytes of maps, lines without times and folders, totals, names of all other files."""
+    record, maps = run_of(out), maps_of(out)
     others = {path.name for path in out.iterdir()} - maps.keys()
-    return {"maps": maps, "lines": lines, "totals": totals, "finished": record["finished"], "others": others}
+    totals, finished = record.get("totals"), record["finished"]
+    return {"maps": maps, "lines": lines_of(out), "totals": totals, "finished": finished, "others": others}
 
 
 @contextlib.contextmanager
-def cluster_with(module: str, folder: Path, *, workers: int, tell: str) -> Iterator[tuple[LocalCluster, Path]]:
-    """Yield workers that import a module of the test's when they start, and a file that it is told of by a variable."""
+def cluster_with(module: str, folder: Path, *, workers: int, variable: str) -> Iterator[tuple[LocalCluster, Path]]:
+    """Yield a cluster whose workers import `module` when they start, and the file that they find in `variable`."""
     (folder / "with").mkdir()
     (folder / "with" / "preloaded.py").write_text(module)
     with pytest.MonkeyPatch.context() as environment:
-        environment.setenv(tell, str(folder / "told"))
+        environment.setenv(variable, str(folder / "signal"))
         environment.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{folder / 'with'}")
         with local_cluster(folder / "cluster", workers=workers, preload="preloaded") as cluster:
-            yield cluster, folder / "told"
+            yield cluster, folder / "signal"
 
 
-def test_the_same_files_as_here(cluster: LocalCluster, capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+def test_the_same_files_as_without_a_cluster(
+    cluster: LocalCluster, capture: Path, local_run: dict[str, Any], tmp_path: Path
+) -> None:
     out = os.path.relpath(tmp_path / "out", capture.parent)
     done = run("resolve", "room", "-o", out, "--scheduler", cluster.address, cwd=capture.parent)
     assert done.status == 0, done.err
     assert f"resolved {FRAMES} of {FRAMES} frames" in done.err
-    assert contents(tmp_path / "out") == here
+    assert contents(tmp_path / "out") == local_run
 
 
-def test_a_frame_that_cannot_be_read_fails_alone_and_says_the_same(
+def test_a_frame_that_cannot_be_read_fails_alone_with_the_same_message(
     cluster: LocalCluster, capture: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "room"
@@ -185,9 +182,9 @@ def test_a_frame_that_cannot_be_read_fails_alone_and_says_the_same(
     assert contents(tmp_path / "out_1") == contents(tmp_path / "out_0")
 
 
-def test_ctrl_c_cancels_and_resume_finishes(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+def test_ctrl_c_cancels_and_resume_finishes(capture: Path, local_run: dict[str, Any], tmp_path: Path) -> None:
     require_dask()
-    with cluster_with(_UNHURRIED, tmp_path, workers=2, tell="HURRY") as (cluster, hurry):
+    with cluster_with(_UNHURRIED, tmp_path, workers=2, variable="HURRY") as (cluster, hurry):
         arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
         with running(*arguments, cwd=capture.parent) as process:
             process.send_signal(signal.SIGINT)
@@ -197,36 +194,36 @@ def test_ctrl_c_cancels_and_resume_finishes(capture: Path, here: dict[str, Any],
         left = contents(tmp_path / "out")
         assert left["finished"] is False
         assert left["others"] == {"run.json", "frames.jsonl"}
-        # nobody goes on writing
+        # no worker goes on writing
         hurry.touch()
         time.sleep(1.0)
         assert contents(tmp_path / "out")["maps"] == left["maps"]
         assert run(*arguments, "--resume", cwd=capture.parent).status == 0
-    assert contents(tmp_path / "out")["maps"] == here["maps"]
+    assert contents(tmp_path / "out")["maps"] == local_run["maps"]
 
 
-def test_a_worker_is_killed_and_one_is_added(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+def test_a_worker_is_killed_and_one_is_added(capture: Path, local_run: dict[str, Any], tmp_path: Path) -> None:
     require_dask()
-    with cluster_with(_UNHURRIED, tmp_path, workers=1, tell="HURRY") as (cluster, hurry):
+    with cluster_with(_UNHURRIED, tmp_path, workers=1, variable="HURRY") as (cluster, hurry):
         arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
         with running(*arguments, cwd=capture.parent) as process:
             cluster.workers[0].kill()
-            waits = f"waiting for workers at {cluster.address}"
-            assert waits in said_until(process, waits)
+            waiting = f"waiting for workers at {cluster.address}"
+            assert waiting in stderr_until(process, waiting)
             assert process.poll() is None, "there was nobody to finish the run"
             hurry.touch()
             cluster.add_workers()
             _, err = process.communicate(timeout=120)
         assert process.returncode == 0, err
-        assert contents(tmp_path / "out") == here
+        assert contents(tmp_path / "out") == local_run
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_the_scheduler_is_lost_and_resume_finishes(
-    number: signal.Signals, capture: Path, here: dict[str, Any], tmp_path: Path
+    number: signal.Signals, capture: Path, local_run: dict[str, Any], tmp_path: Path
 ) -> None:
     require_dask()
-    with cluster_with(_UNHURRIED, tmp_path, workers=1, tell="HURRY") as (cluster, _):
+    with cluster_with(_UNHURRIED, tmp_path, workers=1, variable="HURRY") as (cluster, _):
         address = cluster.address
         with running("resolve", "room", "-o", tmp_path / "out", "--scheduler", address, cwd=capture.parent) as process:
             cluster.scheduler.send_signal(number)
@@ -239,14 +236,14 @@ def test_the_scheduler_is_lost_and_resume_finishes(
     left = contents(tmp_path / "out")
     assert left["finished"] is False
     assert len(left["lines"]) < FRAMES
-    assert left["maps"].items() <= here["maps"].items()
+    assert left["maps"].items() <= local_run["maps"].items()
     assert run("resolve", "room", "-o", tmp_path / "out", "-j", 1, "--resume", cwd=capture.parent).status == 0
-    assert contents(tmp_path / "out")["maps"] == here["maps"]
+    assert contents(tmp_path / "out")["maps"] == local_run["maps"]
 
 
-def test_a_frame_that_kills_workers_twice_fails_alone(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+def test_a_frame_that_kills_workers_twice_fails_alone(capture: Path, local_run: dict[str, Any], tmp_path: Path) -> None:
     require_dask()
-    with cluster_with(_DEADLY, tmp_path, workers=3, tell="DEATHS") as (cluster, deaths):
+    with cluster_with(_DEADLY, tmp_path, workers=3, variable="DEATHS") as (cluster, deaths):
         done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent)
     assert deaths.read_text() == "xx"
     assert done.status == 1
@@ -255,7 +252,7 @@ def test_a_frame_that_kills_workers_twice_fails_alone(capture: Path, here: dict[
     assert [(Path(line["source"]).name, "died twice" in line["reason"]) for line in failed] == [
         ("frame_0007.tif", True)
     ]
-    assert found["maps"] == {name: data for name, data in here["maps"].items() if name != "frame_0007.tif"}
+    assert found["maps"] == {name: data for name, data in local_run["maps"].items() if name != "frame_0007.tif"}
 
 
 def test_another_version_on_a_worker_is_named(capture: Path, tmp_path: Path) -> None:
@@ -275,7 +272,7 @@ def test_another_version_on_a_worker_is_named(capture: Path, tmp_path: Path) -> 
 
 @pytest.fixture
 def without_cadtof(tmp_path: Path) -> Path:
-    """Where Python finds that this package is not installed."""
+    """A folder for PYTHONPATH in which importing cadtof fails, as if it were not installed."""
     package = tmp_path / "without" / "cadtof_cli"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("raise ImportError('not installed here')\n")
@@ -283,7 +280,7 @@ def without_cadtof(tmp_path: Path) -> Path:
 
 
 def test_workers_without_cadtof_are_named_and_live(capture: Path, without_cadtof: Path, tmp_path: Path) -> None:
-    """One that is sent a function of a package that it lacks would end, and be started again, without end."""
+    """A worker that receives a function of a package that it lacks would end, and would be started again and again."""
     require_dask()
     with local_cluster(tmp_path / "cluster", workers=0) as cluster:
         cluster.add_workers(python_path=without_cadtof)
@@ -294,24 +291,26 @@ def test_workers_without_cadtof_are_named_and_live(capture: Path, without_cadtof
 
 
 def test_the_scheduler_needs_no_cadtof(
-    capture: Path, here: dict[str, Any], without_cadtof: Path, tmp_path: Path
+    capture: Path, local_run: dict[str, Any], without_cadtof: Path, tmp_path: Path
 ) -> None:
     require_dask()
     with local_cluster(tmp_path / "cluster", workers=1, python_path=without_cadtof) as cluster:
         done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent)
     assert done.status == 0, done.err
-    assert contents(tmp_path / "out") == here
+    assert contents(tmp_path / "out") == local_run
 
 
 @pytest.mark.parametrize("given", ["tcp://", "localhost:8786", "tcp://x:y", "http://127.0.0.1:8786"])
-def test_what_is_no_address_is_refused(given: str, capture: Path, tmp_path: Path) -> None:
+def test_a_malformed_address_is_refused(given: str, capture: Path, tmp_path: Path) -> None:
     done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", given, cwd=capture.parent)
     assert done.status == 2
     assert done.err == f"Error: --scheduler: found {given!r}, expected local or tcp://HOST:PORT\n"
 
 
-def test_a_result_that_does_not_come_is_asked_for_again(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where a worker is frozen for longer than it is waited for, or a laptop sleeps."""
+def test_a_result_that_does_not_arrive_is_requested_again(
+    cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """This happens if a worker is frozen for longer than it is waited for, or if a laptop sleeps."""
     from distributed import Future
 
     result, asked = Future.result, set[str]()
@@ -339,8 +338,8 @@ def test_a_result_that_does_not_come_is_asked_for_again(cluster: LocalCluster, m
     assert ended[0].result in {process.pid for process in cluster.workers}
 
 
-def test_somebody_else_at_that_port_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Such as the dashboard, one port beside: dask's client waits for ever for what it has to say."""
+def test_a_port_where_another_program_listens_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be the dashboard, whose port is the next one. Dask's client would wait for its answer without end."""
     require_dask()
     monkeypatch.setattr(connection, "CONNECT_S", 0.5)
     with http.server.HTTPServer(("127.0.0.1", 0), http.server.BaseHTTPRequestHandler) as server:
@@ -352,7 +351,7 @@ def test_somebody_else_at_that_port_is_no_scheduler(monkeypatch: pytest.MonkeyPa
             server.shutdown()
 
 
-def test_where_no_scheduler_answers_nothing_is_begun(capture: Path, tmp_path: Path) -> None:
+def test_nothing_is_written_if_no_scheduler_answers(capture: Path, tmp_path: Path) -> None:
     require_dask()
     nobody = "tcp://127.0.0.1:9"
     done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", nobody, cwd=capture.parent)

@@ -1,4 +1,4 @@
-"""`cadtof compare`: two runs, or a run and truth, held against what numpy says of the same files."""
+"""`cadtof compare`: its figures about two runs, or a run and truth, equal those that numpy computes from the files."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ from tests.support.run_cadtof import cadtof
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two runs on the same three frames; the second takes every pixel for one path, and lacks those of little confidence."""
+    """Two runs on three frames. The second takes every pixel for one path, and has no answer below 0.0917 V."""
     place = tmp_path_factory.mktemp("runs")
     capture = record(place / "capture", frames=3)
     for name, options in (("a", ()), ("b", ("--order", 1, "--min-confidence", "0.0917"))):
@@ -25,18 +25,18 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return place / "a", place / "b"
 
 
-def _all(run: Path, layer: str) -> NDArray[Any]:
+def _stacked(run: Path, layer: str) -> NDArray[Any]:
     return np.stack([layers_of(run / f"frame_{index}.tif")[layer] for index in range(3)])
 
 
-def test_layer_by_layer_and_bit_by_bit(runs: tuple[Path, Path]) -> None:
+def test_figures_of_each_layer_and_each_status_bit(runs: tuple[Path, Path]) -> None:
     done = cadtof("compare", *runs, "--json")
     assert (done.status, done.err) == (0, "")
     found = json.loads(done.out)
     assert found["frames"] == 3
     assert list(found["layers"]) == [name for name in layers_of(runs[0] / "frame_0.tif") if name != "status"]
     for layer, figures in found["layers"].items():
-        one, other = (_all(run, layer) for run in runs)
+        one, other = (_stacked(run, layer) for run in runs)
         size = np.abs(one.astype(float) - other)
         size = size[np.isfinite(size)]
         expected = [np.median(size), np.quantile(size, 0.9), size.max()] if size.size else None
@@ -45,7 +45,7 @@ def test_layer_by_layer_and_bit_by_bit(runs: tuple[Path, Path]) -> None:
         alone = found["answers"].get(layer, {"only_a": 0, "only_b": 0})
         assert alone["only_a"] == np.count_nonzero(np.isfinite(one) & ~np.isfinite(other))
         assert alone["only_b"] == np.count_nonzero(np.isfinite(other) & ~np.isfinite(one)) == 0
-    before, after = (_all(run, "status").astype(np.uint32) for run in runs)
+    before, after = (_stacked(run, "status").astype(np.uint32) for run in runs)
     assert found["status_changed"] == np.count_nonzero(before != after) > 0
     assert found["status_bits"]["two paths"] == {"gained": 0, "lost": int(np.count_nonzero(before & 16))}
     assert found["status_bits"]["low confidence"]["gained"] == np.count_nonzero(after & 4) > 0
@@ -54,7 +54,7 @@ def test_layer_by_layer_and_bit_by_bit(runs: tuple[Path, Path]) -> None:
     assert worst == sorted(worst, reverse=True)
 
 
-def test_a_run_is_itself(runs: tuple[Path, Path]) -> None:
+def test_a_run_does_not_differ_from_itself(runs: tuple[Path, Path]) -> None:
     assert "differ most" in cadtof("compare", *runs).out
     assert "differ most" not in cadtof("compare", runs[0], runs[0]).out
     found = json.loads(cadtof("compare", runs[0], runs[0], "--json").out)
@@ -63,12 +63,12 @@ def test_a_run_is_itself(runs: tuple[Path, Path]) -> None:
     assert found["status_bits"] == found["answers"] == {}
 
 
-def test_truth_goes_with_every_frame(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_truth_is_compared_with_every_frame(runs: tuple[Path, Path], tmp_path: Path) -> None:
     truth = tmp_path / "truth.exr"
     write_exr(truth, {"direct.depth": step_truth().astype(np.float32), "other": np.zeros((24, 32), np.float32)})
     for order in ((runs[0], truth), (truth, runs[0])):
         found = json.loads(cadtof("compare", *order, "--json").out)
-        size = np.abs(_all(runs[0], "direct.depth").astype(float) - step_truth().astype(np.float32))
+        size = np.abs(_stacked(runs[0], "direct.depth").astype(float) - step_truth().astype(np.float32))
         assert (found["frames"], list(found["layers"]), found["status_changed"]) == (3, ["direct.depth"], None)
         assert found["layers"]["direct.depth"]["median_abs"] == pytest.approx(np.median(size), rel=1e-6)
         assert {*found["only_a"]["layers"], *found["only_b"]["layers"]} >= {"other", "mpi.depth", "status"}
@@ -98,14 +98,14 @@ def test_pixels_that_one_run_alone_answers_have_a_colour_of_their_own(runs: tupl
     assert yellow(runs[0]) == 0
 
 
-def test_what_cannot_be_compared(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_inputs_that_cannot_be_compared_are_refused(runs: tuple[Path, Path], tmp_path: Path) -> None:
     write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
     (tmp_path / "other").mkdir()
     for index in range(2):
         write_exr(tmp_path / "other" / f"elsewhere_{index}.exr", {"direct.depth": np.ones((24, 32), np.float32)})
     capture = runs[0].parent / "capture"
     assert cadtof("resolve", capture, "-o", tmp_path / "z", "-j", 1, "-q", "--depth", "z").status == 0
-    for other, told in (
+    for other, message in (
         (tmp_path / "gone", "no such file or folder; expected maps"),
         (tmp_path / "small.exr", "found 4 × 3 pixels, expected 32 × 24 as in"),
         (tmp_path / "other", "share no frame: found frame_0, frame_1, frame_2 … and elsewhere_0, elsewhere_1 …"),
@@ -113,10 +113,10 @@ def test_what_cannot_be_compared(runs: tuple[Path, Path], tmp_path: Path) -> Non
     ):
         done = cadtof("compare", runs[0], other)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err
 
 
-def test_frames_that_only_one_has_are_named(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_frames_that_only_one_run_has_are_named(runs: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert cadtof("resolve", runs[0].parent / "capture", "-o", out, "-j", 1, "-q", "--frames", "1:3").status == 0
     found = json.loads(cadtof("compare", runs[0], out, "--json").out)
@@ -124,7 +124,7 @@ def test_frames_that_only_one_has_are_named(runs: tuple[Path, Path], tmp_path: P
     assert "only A has the frames frame_0" in cadtof("compare", runs[0], out).out
 
 
-def test_inputs_without_a_common_layer_are_refused_by_the_layers_of_each(
+def test_inputs_without_a_common_layer_are_refused_and_their_layers_named(
     runs: tuple[Path, Path], tmp_path: Path
 ) -> None:
     file, picture = tmp_path / "others.exr", tmp_path / "a.png"

@@ -27,7 +27,7 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def _line(shell: str) -> str:
-    """The line that docs/shells.md gives for a shell."""
+    """Return the line that docs/shells.md gives for a shell."""
     rows = (ROOT / "docs" / "shells.md").read_text(encoding="utf-8").splitlines()
     return next(row.split("|")[2].strip(" `") for row in rows if row.startswith(f"| {shell}"))
 
@@ -68,7 +68,7 @@ def test_fish_completes_commands_and_options(typed: str, completed: str, tmp_pat
     ("typed", "completed"), [("cadtof reso", "cadtof resolve "), ("cadtof resolve --recu", "--recursive")]
 )
 def test_zsh_completes_commands_and_options(typed: str, completed: str, tmp_path: Path) -> None:
-    """A terminal with zsh, into which the letters and the Tab key are typed."""
+    """Type the letters and the Tab key into a terminal in which zsh runs."""
     ours, theirs = pty.openpty()
     environment = {**ENVIRONMENT, **os.environ, "TERM": "dumb", "PS1": "% "}
     setup = f"autoload -Uz compinit; compinit -u; {_line('zsh')}; print rea''dy\n"
@@ -87,7 +87,7 @@ def test_zsh_completes_commands_and_options(typed: str, completed: str, tmp_path
 
 
 def _shown(terminal: int, awaited: str) -> str:
-    """What a terminal shows until the awaited text is there, or a minute is over."""
+    """Return what a terminal shows until the awaited text is there, or until a minute is over."""
     shown, until = "", time.monotonic() + 60
     os.set_blocking(terminal, False)
     while awaited not in shown and time.monotonic() < until:

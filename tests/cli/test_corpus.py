@@ -1,4 +1,4 @@
-"""Files and metadata that once broke something: each is refused by its name, at once, in little memory, or read as it is."""
+"""Files and metadata that once broke something: each is read, or refused by its name, at once and in little memory."""
 
 import lzma
 import resource
@@ -25,10 +25,11 @@ def unpacked(name: str, folder: Path) -> Path:
     return path
 
 
-def _require_told(done: Finished) -> None:
+def _require_proper_message(done: Finished) -> None:
     assert done.status in {0, 1, 2}
     assert "unexpected" not in done.err
     assert "Traceback" not in done.err
+    # after a semicolon, a message quotes what a library printed
     assert "Warning: " not in done.err.replace("; Warning: ", "")
 
 
@@ -47,7 +48,7 @@ def test_files_that_once_broke_something(name: str, tmp_path: Path) -> None:
         ("preview", path, "-o", tmp_path / "new.png"),
     ):
         done = cadtof(*arguments)
-        _require_told(done)
+        _require_proper_message(done)
         assert done.status == 0 or str(path) in done.err
     assert time.monotonic() - began < 10
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 150 * 1024
@@ -60,7 +61,7 @@ def test_a_library_that_prints_does_not_break_json(tmp_path: Path) -> None:
     assert done.out.count("\n") == 1
 
 
-KEYS = {
+FILES = {
     "amplitude.toml": "pulse.fwhm_ns: found 1e+39, expected 39.4 or less: a longer pulse leaves nothing of a modulation of 20 ns",
     "deep.toml": "not valid TOML: tables or lists within each other, hundreds deep",
     "int.toml": "not valid TOML: a whole number of thousands of digits, or no date",
@@ -87,20 +88,20 @@ TABLES = {
 def test_metadata_that_once_broke_something(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = record(tmp_path / "cap")
     monkeypatch.chdir(tmp_path)
-    for name, told in KEYS.items():
+    for name, message in FILES.items():
         shutil.move(unpacked(name, tmp_path), capture.folder / "capture.toml")
         done = cadtof(*command.split())
-        assert (done.status, done.err) == (2, f"Error: cap/capture.toml: {told}\n")
-    for table, told in TABLES.items():
+        assert (done.status, done.err) == (2, f"Error: cap/capture.toml: {message}\n")
+    for table, message in TABLES.items():
         (capture.folder / "capture.toml").write_text(table)
         done = cadtof(*command.split())
         assert done.status == 2
-        assert done.err.startswith(f"Error: cap/capture.toml: {told}")
+        assert done.err.startswith(f"Error: cap/capture.toml: {message}")
         assert len(done.err) < 6000
     assert not (tmp_path / "new").exists()
 
 
-def test_the_same_as_options(tmp_path: Path) -> None:
+def test_values_that_no_camera_has_are_refused_as_options(tmp_path: Path) -> None:
     capture = record(tmp_path / "cap", toml=TOML["tif"])
     for options in (
         ("--fwhm", "400"),
@@ -111,13 +112,15 @@ def test_the_same_as_options(tmp_path: Path) -> None:
         done = cadtof("resolve", capture.folder, "-o", tmp_path / "new", "-j", 1, *options)
         assert done.status == 2
         assert "Error: " in done.err
-        _require_told(done)
+        _require_proper_message(done)
 
 
 @pytest.mark.parametrize(
     "command", ["resolve cap", "calibrate dark cap", "calibrate petzval cap", "export cap", "preview cap"]
 )
-def test_an_option_that_is_required_is_missed(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_required_option_that_is_missing_is_named(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     record(tmp_path / "cap")
     monkeypatch.chdir(tmp_path)
     done = cadtof(*command.split())

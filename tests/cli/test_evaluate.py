@@ -1,4 +1,4 @@
-"""`cadtof evaluate`: errors against truth, held against numbers computed here."""
+"""`cadtof evaluate`: its errors against truth equal numbers that the tests compute."""
 
 import csv
 import json
@@ -44,7 +44,7 @@ def _first_phasor_m(file: Path) -> NDArray[Any]:
     return np.asarray(phase * C_M_PER_NS * T1_NS / (4 * np.pi))
 
 
-def test_errors_are_those_of_the_maps(tmp_path: Path) -> None:
+def test_errors_equal_those_computed_from_the_maps(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=3), tmp_path / "out"
     pages = tifffile.imread(capture.files[0])
     pages[:, 5, 6] = 16383
@@ -78,7 +78,7 @@ def test_errors_are_those_of_the_maps(tmp_path: Path) -> None:
 
 
 def test_the_first_phasor_of_a_far_wall_lies_in_the_far_half_of_the_range(tmp_path: Path) -> None:
-    """25 ns are 3.75 m, more than half of 6 m: the phase there is above π, not below 0."""
+    """25 ns are 3.75 m, which is more than half of the range of 6 m. So the phase is above π; it is not negative."""
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     far = Light(asr=2.0, direct_ns=25.0).voltages(np.random.default_rng(1), 1e5, 24 * 32)
     write_frame(capture.files[0], AMPLITUDE_V * far.reshape(2, 2, 24, 32))
@@ -89,7 +89,7 @@ def test_the_first_phasor_of_a_far_wall_lies_in_the_far_half_of_the_range(tmp_pa
     assert found["direct"]["rmse_cm"] < 1.0
 
 
-def test_one_map_and_its_table(tmp_path: Path) -> None:
+def test_one_map_is_evaluated_and_shown_in_a_table(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     done = cadtof("evaluate", out / "frame_1.tif", "--truth", _truth(tmp_path / "truth.exr"))
@@ -97,7 +97,7 @@ def test_one_map_and_its_table(tmp_path: Path) -> None:
     title, first, direct, about = done.out.splitlines()
     assert "median" in title
     assert about.startswith("1 frame; ")
-    # a terminal has 80 columns where nobody has made it wider
+    # a terminal has 80 columns unless somebody has made it wider
     assert len(title) == len(first) == len(direct) < 80
     error = 100 * (_first_phasor_m(capture.files[1]) - step_truth())
     assert first.startswith("first phasor")
@@ -136,7 +136,7 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
 
 
 def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:
-    """Two of them lead to 2⁴⁰ folders, before the system finds that there are too many links."""
+    """Two links to the folder that they lie in make 2⁴⁰ paths before the system reports too many links."""
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     truth = _truth(tmp_path / "truth.exr")
@@ -146,8 +146,8 @@ def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:
     assert (done.status, json.loads(done.out)["frames"]) == (0, 1)
 
 
-def test_values_that_float32_does_not_hold(tmp_path: Path) -> None:
-    """A NaN that signals, a depth of 1e300 m."""
+def test_a_signalling_nan_in_truth_causes_no_warning(tmp_path: Path) -> None:
+    """A signalling NaN in truth, which numpy warns of when it is converted, causes no warning."""
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     truth = np.full((24, 32), 1.0, np.float32)
@@ -169,7 +169,7 @@ def test_maps_without_an_answer(tmp_path: Path) -> None:
     assert "–" in cadtof("evaluate", out, "--truth", tmp_path / "truth.exr").out
 
 
-def test_what_cannot_be_compared(tmp_path: Path) -> None:
+def test_inputs_that_cannot_be_evaluated_are_refused(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     write_frame(capture.files[0], step_frame(np.random.default_rng(0)))
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
@@ -177,7 +177,7 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
     truth, small = _truth(tmp_path / "truth.exr"), _truth(tmp_path / "small.exr", height=20)
     write_exr(tmp_path / "other.exr", {"Y": np.zeros((24, 32), np.float32)})
     (tmp_path / "empty").mkdir()
-    for maps, against, told in (
+    for maps, against, message in (
         (out, small, f"{out / 'frame_0.tif'}: found 32 × 24 pixels, expected 32 × 20 as in {small}"),
         (out, tmp_path / "other.exr", f"{tmp_path / 'other.exr'}: found layers Y; expected direct.depth"),
         (out, tmp_path / "gone.exr", f"{tmp_path / 'gone.exr'}: cannot be read: No such file or directory"),
@@ -186,7 +186,7 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
         (tmp_path / "z", truth, f"{tmp_path / 'z'}: holds z depth, and truth is radial range; resolve with"),
     ):
         done = cadtof("evaluate", maps, "--truth", against)
-        assert done.err.startswith(f"Error: {told}")
+        assert done.err.startswith(f"Error: {message}")
         assert done.status in {1, 2}
         assert done.out == ""
     counts, volts = record(tmp_path / "counts").folder, record(tmp_path / "volts", form="exr").folder
@@ -197,7 +197,7 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
         assert cadtof("evaluate", recorded, "--truth", truth).err.endswith(f"{hint}\n")
 
 
-def test_a_gate_a_table_of_frames_and_maps_over_time(tmp_path: Path) -> None:
+def test_a_limit_of_the_median_a_table_of_frames_and_maps_over_time(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--mpi-model", "discrete").status == 0
     truth = _truth(tmp_path / "truth.exr")
@@ -233,7 +233,7 @@ def test_a_gate_a_table_of_frames_and_maps_over_time(tmp_path: Path) -> None:
     assert (done.status, "--truth is missing" in done.err) == (2, True)
 
 
-def test_of_one_frame_nothing_is_said_to_scatter(tmp_path: Path) -> None:
+def test_one_frame_has_no_scatter_over_time(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
     done = cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr")
@@ -241,7 +241,7 @@ def test_of_one_frame_nothing_is_said_to_scatter(tmp_path: Path) -> None:
     assert done.out.startswith("over 1 frame: no pixel has two depths that could scatter; predicted ")
 
 
-def test_a_gate_is_shut_where_nothing_has_an_answer(tmp_path: Path) -> None:
+def test_a_limit_of_the_median_fails_if_no_pixel_has_an_answer(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     pages = np.full((2, 24, 32), np.nan, np.float32)

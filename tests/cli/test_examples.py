@@ -33,7 +33,7 @@ def test_an_example_works(words: str, tmp_path: Path, monkeypatch: pytest.Monkey
         command = COMMANDS[arguments[0]]
         if isinstance(command, click.Group):
             command = COMMANDS[" ".join(arguments[:2])]
-        # a test starts no other processes
+        # so that the test starts no other processes
         alone = ("-j", "1") if any("--jobs" in param.opts for param in command.params) else ()
         done = cadtof(*arguments, *alone)
         assert done.status == 0, f"{line}: {done.err}"

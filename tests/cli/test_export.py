@@ -44,8 +44,8 @@ def _maps(folder: Path, *options: object, frames: int = 1) -> Path:
 
 
 @pytest.mark.parametrize("depth", ["range", "z"])
-def test_a_part_of_the_pixels_stays_in_its_place(depth: str, tmp_path: Path) -> None:
-    """Points of the maps of a --roi lie where those of whole maps lie, not about an axis through their middle."""
+def test_points_of_a_part_lie_where_those_of_the_whole_lie(depth: str, tmp_path: Path) -> None:
+    """Points from maps of a --roi lie where those from whole maps lie: the optical axis is that of the whole frame."""
     options = ("-o", tmp_path / "out", "-j", 1, "-q", "--mpi-model", "discrete", "--depth", depth, "--overwrite")
     capture = record(tmp_path / "capture").folder
     places = []
@@ -58,8 +58,8 @@ def test_a_part_of_the_pixels_stays_in_its_place(depth: str, tmp_path: Path) -> 
     assert part_of_it < whole
 
 
-def test_the_axis_of_a_part_of_the_pixels_must_be_known(tmp_path: Path) -> None:
-    """Without a principal point it is the frame's centre, which the maps of a part do not show."""
+def test_points_of_a_part_need_the_principal_point(tmp_path: Path) -> None:
+    """Without a principal point, the axis is at the centre of the frame. Maps of a part do not show where that is."""
     capture = record(tmp_path / "capture", form="exr").folder
     options = ("-j", 1, "-q", "--focal-length", 28)
     assert cadtof("resolve", capture, "-o", tmp_path / "out", "--roi", "3,2,9,8", *options).status == 0
@@ -71,8 +71,11 @@ def test_the_axis_of_a_part_of_the_pixels_must_be_known(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", READERS)
-def test_a_wall_stays_a_wall(ending: str, tmp_path: Path) -> None:
-    """A wall 3 m away, tilted by 20° and 10°: its plane, fitted to the points in the other library, lies and leans as it did."""
+def test_a_wall_keeps_its_distance_and_tilt(ending: str, tmp_path: Path) -> None:
+    """A wall 3 m away, tilted by 20° and 10°: a plane that is fitted to the points has the true distance and tilt.
+
+    Another library reads the points.
+    """
     wall, tilt = tmp_path / "wall", np.radians([20.0, 10.0])
     scene = ("--scene", "wall", "--distance-m", 3, "--tilt-deg", "20,10", "--seed", 5)
     assert cadtof("simulate", *scene, "-o", wall).status == 0
@@ -86,7 +89,7 @@ def test_a_wall_stays_a_wall(ending: str, tmp_path: Path) -> None:
     middle = points.mean(axis=0)
     normal = np.linalg.svd(points - middle, full_matrices=False)[2][2]
     normal *= np.sign(normal[2])
-    # the true plane, from the truth's ranges: 280 px, the axis in the middle
+    # the true plane, from the ranges of truth: focal length 280 px, the optical axis in the middle
     rows, columns = truth.shape
     y, x = np.mgrid[:rows, :columns]
     rays = np.stack([(x - (columns - 1) / 2) / 280.0, (y - (rows - 1) / 2) / 280.0, np.ones_like(x, float)], axis=-1)
@@ -100,7 +103,10 @@ def test_a_wall_stays_a_wall(ending: str, tmp_path: Path) -> None:
 
 
 def test_a_wall_fitted_by_trimesh_lies_and_leans_within_its_noise(tmp_path: Path) -> None:
-    """3 m along the axis, slopes tan 20° and tan 10°: off by no more than five standard errors of a plane through such points."""
+    """The wall is 3 m away along the axis, with slopes tan 20° and tan 10°.
+
+    The fit is off by at most five standard errors of a plane through points with this noise.
+    """
     trimesh, wall = needed_module("trimesh"), tmp_path / "wall"
     scene = ("--scene", "wall", "--distance-m", 3, "--tilt-deg", "20,10", "--seed", 8)
     assert cadtof("simulate", *scene, "-o", wall).status == 0
@@ -116,13 +122,13 @@ def test_a_wall_fitted_by_trimesh_lies_and_leans_within_its_noise(tmp_path: Path
     assert abs(middle @ normal / normal[2] - 3.0) < 5.0 * noise / normal[2]
     tilts_deg, spread_m = np.degrees(np.arctan(normal[:2] / normal[2])), points.std(axis=0)[:2]
     assert (np.abs(tilts_deg - (20.0, 10.0)) < 5.0 * np.degrees(noise / spread_m)).all()
-    # and that is a tenth of a millimetre and a thousandth of a degree or so
+    # five standard errors are about a tenth of a millimetre, and a thousandth of a degree
     assert 5.0 * noise < 2e-4
 
 
 @pytest.mark.parametrize("ending", READERS)
-def test_points_are_the_map_s_pixels(ending: str, tmp_path: Path) -> None:
-    """Ranges along pixels' rays, by a focal length of 28 px and the axis at column 15, row 10."""
+def test_points_are_the_pixels_of_the_map(ending: str, tmp_path: Path) -> None:
+    """A point is the range along its pixel's ray, with a focal length of 28 px and the axis at column 15, row 10."""
     out = _maps(tmp_path, "--min-confidence", "0.05")
     layers = layers_of(out / "frame_0.tif")
     for layer, path in (("direct.depth", "direct"), ("mpi.depth", "mpi")):
@@ -170,7 +176,7 @@ def test_arrays_and_tables_hold_every_layer(tmp_path: Path) -> None:
         assert set(arrays) == set(layers)
         for name, plane in layers.items():
             np.testing.assert_array_equal(arrays[name], plane)
-        # bits are asked for by &, which numpy has for whole numbers alone
+        # bits are tested with &, which numpy offers for integers only
         assert ((arrays["status"] & 16 > 0) == np.isfinite(layers["mpi.depth"])).all()
     with _exported(tmp_path / "a.csv", out).open(encoding="utf-8", newline="") as file:
         lines = list(csv.DictReader(file))
@@ -192,7 +198,7 @@ def test_several_maps_get_a_file_each(tmp_path: Path) -> None:
     assert "two of the maps would be written as" in done.err
 
 
-def test_nothing_is_replaced_without_being_asked(tmp_path: Path) -> None:
+def test_a_file_is_replaced_only_with_overwrite(tmp_path: Path) -> None:
     out, cloud = _maps(tmp_path), tmp_path / "cloud.ply"
     cloud.write_text("somebody's own")
     done = cadtof("export", out, "-o", cloud)
@@ -203,14 +209,14 @@ def test_nothing_is_replaced_without_being_asked(tmp_path: Path) -> None:
     assert len(_ply(cloud)["x"]) == 24 * 32
 
 
-def test_one_file_of_several_that_is_there_keeps_all_from_being_written(tmp_path: Path) -> None:
+def test_no_file_is_written_if_one_of_several_exists(tmp_path: Path) -> None:
     out = _maps(tmp_path, frames=3)
     (tmp_path / "table_frame_2.csv").touch()
     assert cadtof("export", out, "-o", tmp_path / "table.csv").status == 2
     assert [file.name for file in tmp_path.glob("table*")] == ["table_frame_2.csv"]
 
 
-def test_hostile_names_and_optics_of_one_s_own(tmp_path: Path) -> None:
+def test_hostile_names_and_given_optics(tmp_path: Path) -> None:
     """A line break in a file's name must not become a line of a header."""
     plane = np.full((3, 5), 2.0, np.float32)
     file = tmp_path / "a\nend_header\n.exr"
@@ -224,10 +230,10 @@ def test_hostile_names_and_optics_of_one_s_own(tmp_path: Path) -> None:
         assert cloud["x"][5] == pytest.approx(-2.0 * 0.5 / np.sqrt(1.25))
 
 
-def test_what_cannot_be_exported(tmp_path: Path) -> None:
+def test_impossible_exports_are_refused(tmp_path: Path) -> None:
     out = _maps(tmp_path)
     write_exr(tmp_path / "lone.exr", {"direct.depth": np.ones((3, 4), np.float32)})
-    for arguments, told in (
+    for arguments, message in (
         (
             (out, "-o", tmp_path / "a.obj"),
             "-o: found 'a.obj', expected a name that ends with .ply, .pcd, .png, .npz, .csv",
@@ -248,5 +254,5 @@ def test_what_cannot_be_exported(tmp_path: Path) -> None:
     ):
         done = cadtof("export", *arguments)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err
     assert not list(tmp_path.glob("a.*"))

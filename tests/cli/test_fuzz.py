@@ -1,4 +1,4 @@
-"""The campaign of `scripts/fuzz`, in short: every reader, some hundred inputs, and nothing but CadtofErrors."""
+"""The campaign of `scripts/fuzz`, in short: every reader, some hundred inputs, and no exception but CadtofError."""
 
 import subprocess
 import sys
@@ -35,7 +35,7 @@ _FAULTS = {
 }
 
 
-def test_the_campaign_finds_what_there_is_to_be_found() -> None:
+def test_the_campaign_finds_every_kind_of_fault() -> None:
     script = """
 import sys
 from tests.support.fuzz import campaign
@@ -60,14 +60,14 @@ for kind, fault in eval(sys.argv[1]).items():
         assert line == f"{kind} 3 [('{kind}', 1)]", done.stdout
 
 
-def test_an_input_is_the_same_again(tmp_path: Path) -> None:
+def test_an_input_can_be_made_again_from_its_number(tmp_path: Path) -> None:
     reader = Reader("any", lambda _: [b"one sample", b"another one"], BYTES, lambda *_: None)
     assert [input_of(reader, number, tmp_path) for number in range(20)] == [
         input_of(reader, number, tmp_path) for number in range(20)
     ]
 
 
-def test_what_a_user_must_not_see_is_a_surprise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unexpected_error_of_a_command_is_a_surprise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def surprised(*_: object, **__: object) -> None:
         raise ValueError("surprise")
 

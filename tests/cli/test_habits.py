@@ -13,7 +13,7 @@ import tifffile
 
 from cadtof_cli.capture.planes import layout_of_names
 from tests.support.captures import layers_of, record
-from tests.support.run_cadtof import ENVIRONMENT, PROGRAM
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT
 from tests.support.shell import shell
 from tests.support.terminal import on_terminal
 
@@ -44,16 +44,16 @@ def test_the_bar_of_a_stack_counts_to_its_frames(tmp_path: Path) -> None:
 
 
 def test_a_slow_pooling_tells_how_long_it_takes(tmp_path: Path) -> None:
-    capture = Path(__file__).parents[2] / "sample_data" / "corner"
+    capture = ROOT / "sample_data" / "corner"
     command = [*PROGRAM, "resolve", str(capture), "-o", str(tmp_path / "out"), "-j", "1", "--pool", "101"]
     with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        told = next((line for line in process.stderr if "--pool" in line), "")
+        note = next((line for line in process.stderr if "--pool" in line), "")
         process.terminate()
-    assert re.search(r"--pool 101: 1 frame will take about \d+ (s|min)", told)
+    assert re.search(r"--pool 101: 1 frame will take about \d+ (s|min)", note)
 
 
-def test_a_complete_run_is_already_there(here: Path) -> None:
+def test_resuming_a_complete_run_says_that_all_maps_are_there(here: Path) -> None:
     assert shell("cadtof resolve cap -o out -j 1", here).status == 0
     done = shell("cadtof resolve cap -o out -j 1 --resume", here)
     assert done.status == 0
@@ -75,7 +75,7 @@ def test_frames_are_chosen_by_place_or_as_a_slice(typed: str, places: tuple[int,
 
 
 @pytest.mark.parametrize("typed", ["x", "3:1", "-1:2", "1:1"])
-def test_frames_that_are_no_range(typed: str, here: Path) -> None:
+def test_a_malformed_range_of_frames_is_refused(typed: str, here: Path) -> None:
     done = shell(f"cadtof resolve cap -o out --frames={typed}", here)
     assert done.status == 2
     assert "is not a range of frames such as 10:20" in done.err
@@ -87,7 +87,7 @@ def test_some_frames_of_a_stack(tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "out").glob("*.tif")) == ["stack_0005.tif", "stack_0006.tif"]
 
 
-def test_a_region_holds_the_same_maps(here: Path) -> None:
+def test_maps_of_a_region_are_that_part_of_whole_maps(here: Path) -> None:
     assert shell("cadtof resolve cap -o all -j 1; cadtof resolve cap -o part -j 1 --roi 5,3,20,18", here).status == 0
     whole, part = layers_of(here / "all" / "frame_0.tif"), layers_of(here / "part" / "frame_0.tif")
     for name, layer in part.items():
@@ -97,14 +97,14 @@ def test_a_region_holds_the_same_maps(here: Path) -> None:
     )
     assert done.status == 0, done.err
     assert "first phasor" in done.out
-    for typed, told in (
+    for typed, message in (
         ("0,0,33,10", "expected it inside the 32 × 24 pixels"),
         ("5,5,5,9", "0 ≤ X0 < X1"),
         ("1,2", "rectangle"),
     ):
         done = shell(f"cadtof resolve cap -o none --roi {typed}", here)
         assert done.status == 2
-        assert told in done.err
+        assert message in done.err
     assert not (here / "none").exists()
 
 
@@ -122,7 +122,7 @@ def test_maps_of_a_region_say_so_without_their_run(ending: str, here: Path) -> N
     assert "for maps of a --roi --principal-point-px" in refused.err
 
 
-def test_a_dry_run_tells_and_writes_nothing(here: Path) -> None:
+def test_a_dry_run_lists_the_maps_and_writes_nothing(here: Path) -> None:
     done = shell("cadtof resolve cap -o out --dry-run", here)
     assert done.status == 0
     assert done.out == "".join(f"cap/frame_{n}.tif → out/frame_{n}.tif\n" for n in range(3))
@@ -139,7 +139,7 @@ def test_a_dry_run_tells_and_writes_nothing(here: Path) -> None:
     assert "cannot resume: order was 'auto' and is '1' now" in done.err
 
 
-def test_a_log_holds_what_is_said(here: Path) -> None:
+def test_a_log_holds_the_command_its_messages_and_errors(here: Path) -> None:
     (here / "cap" / "frame_1.tif").write_bytes(b"nothing")
     assert (
         shell("cadtof resolve cap -o out -j 1 -q --log run.log; cadtof resolve gone -o x --log run.log", here).status
@@ -153,7 +153,7 @@ def test_a_log_holds_what_is_said(here: Path) -> None:
     assert "ended by CaptureError: gone: no such file" in lines[-1]
 
 
-def test_evaluated_and_drawn_from_anywhere_and_after_a_move(here: Path) -> None:
+def test_maps_are_evaluated_from_any_folder_and_after_a_move(here: Path) -> None:
     (here / "project").mkdir()
     (here / "cap").rename(here / "project" / "cap")
     assert shell("cd project; cadtof resolve cap -o out -j 1", here).status == 0
@@ -171,7 +171,7 @@ def test_evaluated_and_drawn_from_anywhere_and_after_a_move(here: Path) -> None:
     assert "not where they were" in done.err
 
 
-def test_a_missing_pattern_is_one_hint(here: Path) -> None:
+def test_a_missing_pattern_is_suggested_in_one_line(here: Path) -> None:
     folder = here / "planes"
     folder.mkdir()
     (folder / "capture.toml").write_text((here / "cap" / "capture.toml").read_text())
@@ -262,7 +262,7 @@ def test_info_writes_settings_of_volts_and_of_planes_that_nothing_names(here: Pa
         assert tomllib.loads(text)["layout"] == {**layout, "raw": {}}
 
 
-def test_info_writes_what_raw_dumps_hold_into_the_table_of_theirs(here: Path) -> None:
+def test_info_writes_the_layout_of_raw_dumps(here: Path) -> None:
     stored = np.full((2, 2, 4, 5), 9000, np.uint16)
     stored.tofile(here / "dump.raw")
     shell("cadtof info dump.raw --raw-dtype uint16 --raw-shape 2,2,4,5 --write-settings -o capture.toml", here)
@@ -271,22 +271,22 @@ def test_info_writes_what_raw_dumps_hold_into_the_table_of_theirs(here: Path) ->
     assert "2 harmonics × 2 channels × 4 × 5" in shell("cadtof info dump.raw", here).out
 
 
-def test_frames_that_are_not_there(here: Path) -> None:
+def test_frames_beyond_the_capture_end_the_run_with_status_1(here: Path) -> None:
     done = shell("cadtof resolve cap -o out --frames 3:", here)
     assert (done.status, done.out) == (1, "")
     assert done.err == "no frame was resolved: no capture has a frame in the range of --frames\n"
 
 
 @pytest.mark.parametrize(
-    ("typed", "told"),
+    ("typed", "message"),
     [
         ('cd cap; cadtof resolve "$CAPTURE" -o ../out', "after resolve: found nothing"),
         ('cadtof resolve cap -o "$OUT"', "after -o: found nothing"),
         ('cadtof resolve cap --out="$OUT"', "--out: found nothing"),
     ],
 )
-def test_a_variable_that_is_not_set_is_no_folder(typed: str, told: str, here: Path) -> None:
+def test_a_shell_variable_that_is_not_set_is_reported(typed: str, message: str, here: Path) -> None:
     done = shell(typed, here)
     assert (done.status, done.out) == (2, "")
-    assert f"{told}, expected a path or a value: is a variable of the shell not set?" in done.err
+    assert f"{message}, expected a path or a value: is a variable of the shell not set?" in done.err
     assert {path.name for path in here.iterdir()} == {"cap"}

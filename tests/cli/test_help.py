@@ -2,7 +2,6 @@
 
 import itertools
 import re
-from pathlib import Path
 
 import click
 import pytest
@@ -10,9 +9,7 @@ import pytest
 from cadtof_cli.cli import COMMANDS
 from cadtof_cli.simulation.scene.scenes import SCENES
 from tests.support.commands import every_command
-from tests.support.run_cadtof import cadtof
-
-ROOT = Path(__file__).parents[2]
+from tests.support.run_cadtof import ROOT, cadtof
 
 
 @pytest.mark.parametrize("words", every_command())
@@ -59,7 +56,7 @@ def test_an_option_stands_under_its_heading(words: str, option: str, heading: st
 
 
 @pytest.mark.parametrize("words", every_command())
-def test_a_default_is_told_once(words: str) -> None:
+def test_a_default_is_shown_once(words: str) -> None:
     context = click.Context(every_command()[words], info_name=words)
     for option in (param for param in context.command.params if isinstance(param, click.Option)):
         record = option.get_help_record(context)
@@ -77,14 +74,14 @@ def test_help_fits_a_narrow_terminal(words: str, columns: int, monkeypatch: pyte
     assert not [line for line in options.splitlines() if len(line) > columns and " " in line.strip()]
 
 
-def test_what_differs_from_scene_to_scene_has_a_default_for_each() -> None:
-    said = re.sub(r"\s+", " ", cadtof("simulate", "--help").out.replace("-\n", "-"))
+def test_an_option_with_a_default_per_scene_shows_all_of_them() -> None:
+    help_text = re.sub(r"\s+", " ", cadtof("simulate", "--help").out.replace("-\n", "-"))
     for scene, option in itertools.product(SCENES, ("distance_m", "albedo", "opening_deg")):
         if hasattr(SCENES[scene], option):
             default = getattr(SCENES[scene], option)
-            told = re.search(rf"--{option.replace('_', '-')}\b[^]]*?[ ;]{scene} (random|[\d.]+)[;\]]", said)
-            assert told is not None, (scene, option)
-            assert told[1] == ("random" if default is None else f"{default:g}")
+            shown = re.search(rf"--{option.replace('_', '-')}\b[^]]*?[ ;]{scene} (random|[\d.]+)[;\]]", help_text)
+            assert shown is not None, (scene, option)
+            assert shown[1] == ("random" if default is None else f"{default:g}")
 
 
 def test_the_program_lists_its_commands() -> None:
@@ -96,7 +93,7 @@ def test_the_program_lists_its_commands() -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_readme_knows_the_command(name: str) -> None:
+def test_the_readme_names_the_command(name: str) -> None:
     assert f"cadtof {name}" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -142,5 +139,5 @@ def test_an_option_that_is_mistyped() -> None:
         ("report", "--focal-length-px, --focal-length PX"),
     ],
 )
-def test_what_stands_for_a_value_is_its_unit_as_often_as_it_is_asked_for(words: str, line: str) -> None:
+def test_a_value_is_shown_as_its_unit_once_per_number(words: str, line: str) -> None:
     assert re.search(rf"^  {re.escape(line)}( |$)", cadtof(words, "--help").out, re.MULTILINE)

@@ -13,14 +13,11 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, Form, counts_of, record
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import program
-
-
-def _maps(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in {".tif", ".exr"}}
+from tests.support.runs import maps_of
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_any_number_of_processes_and_any_start_method(form: Form, tmp_path: Path) -> None:
+def test_the_same_maps_for_any_number_of_processes_and_start_method(form: Form, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=7, form=form)
     ways = {
         "one": ("--jobs", "1"),
@@ -31,16 +28,16 @@ def test_any_number_of_processes_and_any_start_method(form: Form, tmp_path: Path
     }
     for name, way in ways.items():
         assert program("resolve", capture.folder, "-o", tmp_path / name, *way, "-q").status == 0
-    first = _maps(tmp_path / "one")
+    first = maps_of(tmp_path / "one")
     assert sorted(first) == [f"frame_{index}.{form}" for index in range(7)]
     assert len(set(first.values())) == 7
     for name in ways:
-        assert _maps(tmp_path / name) == first
+        assert maps_of(tmp_path / name) == first
 
 
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("order", ["auto", "1", "2"])
-def test_any_size_of_blocks(order: str, known: bool) -> None:
+def test_the_same_maps_for_any_size_of_blocks(order: str, known: bool) -> None:
     counts: Stored = counts_of(step_frame(np.random.default_rng(3), height=13, width=7)).reshape(2, 2, 13, 7)
     counts[0, 1, 2, 3] = 0
     metadata = CaptureMetadata(
@@ -58,7 +55,7 @@ def test_any_size_of_blocks(order: str, known: bool) -> None:
     assert all(result == results[0] for result in results)
 
 
-def test_reading_changes_nothing(tmp_path: Path) -> None:
+def test_resolve_does_not_change_the_capture(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=2)
     before = {path.name: path.read_bytes() for path in capture.folder.iterdir()}
     assert program("resolve", capture.folder, "-o", tmp_path / "out", "-j", 2, "-q").status == 0

@@ -44,7 +44,7 @@ def test_a_capture_of_counts(tmp_path: Path) -> None:
         values = np.stack(pages)[:, index]
         assert facts["planes"][name] == [values.min(), values.max()]
     assert facts["unambiguous_range_m"] == pytest.approx(C_M_PER_NS * 20)
-    # E x² of a sine is 1/2 of its amplitude, and 2·n_av − 1 samples stand behind a mean
+    # the variance of a sine is half of its squared amplitude, and a mean has that of 2·n_av − 1 samples
     assert facts["noise_mv"] == pytest.approx(1e3 * AMPLITUDE_V * (0.5 / (2e5 - 1)) ** 0.5)
     assert facts["integration_length_seen"] == pytest.approx(1e5, rel=0.3)
     assert facts["problems"] == facts["not_frames"] == []
@@ -53,7 +53,7 @@ def test_a_capture_of_counts(tmp_path: Path) -> None:
     assert facts["metadata"]["target.distance_m"] == {"value": None, "from": "default"}
 
 
-def test_where_values_come_from(tmp_path: Path) -> None:
+def test_the_origin_of_each_value_is_shown(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", form="exr", toml="[pulse]\nfwhm_ns = 1.5\n")
     metadata = _facts(capture.folder, "--amplitude", 0.25)["metadata"]
     assert metadata["modulation.amplitude_v"] == {"value": 0.25, "from": "--amplitude-v"}
@@ -69,12 +69,12 @@ def test_where_values_come_from(tmp_path: Path) -> None:
 
 
 def _rows(*arguments: object) -> dict[str, str]:
-    """Return what `info` shows, by what stands before it."""
+    """Return what `info` shows, by the name that stands before it."""
     lines = cadtof("info", *arguments, "-j", 1).out.splitlines()[1:]
     return {line[:30].strip(): line[30:] for line in lines}
 
 
-def test_what_is_not_known_is_not_shown_as_none(tmp_path: Path) -> None:
+def test_an_unknown_value_is_shown_with_the_reason(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml="[voltage]\nzero_counts = 8192\n")
     known = _rows(capture.folder, "--volts-per-count", 6e-5, "--integration-length", 1e5, "--saturated-counts", "0,1")
     assert known["noise"].endswith("by the integration length")
@@ -82,7 +82,7 @@ def test_what_is_not_known_is_not_shown_as_none(tmp_path: Path) -> None:
     seen = _rows(capture.folder, "--volts-per-count", 6e-5)
     assert seen["noise"].endswith("by what is seen in a frame")
     assert seen["saturated"] == "unknown: voltage.saturated_counts is not given"
-    # pixels at the limits are counted before anybody knows what a count is
+    # pixels at the limits are counted even if nothing says how many volts a count is
     assert _rows(capture.folder, "--saturated-counts", "0,1")["saturated"] == "100.000% of pixels"
     capture.files[0].write_bytes(b"")
     assert not {"saturated", "not finite", "noise"} & _rows(capture.folder).keys()
@@ -105,7 +105,7 @@ def test_infinite_values_are_counted(tmp_path: Path) -> None:
     assert _facts(capture.folder)["not_finite"] == pytest.approx(2 / 768)
 
 
-def test_what_is_wrong_is_told_with_status_1(tmp_path: Path) -> None:
+def test_problems_are_reported_with_status_1(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3, toml="[pixel]\nintegration_length = 1e5\n")
     capture.files[1].write_bytes(b"")
     done = cadtof("info", capture.folder, "-j", 1, "--json")
@@ -120,7 +120,7 @@ def test_what_is_wrong_is_told_with_status_1(tmp_path: Path) -> None:
     assert (facts["frames"], facts["containers"]) == (3, {"tif": 2})
 
 
-def test_what_is_no_frame_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_no_frame_is_named(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     write_exr(capture.folder / "depth.exr", {"direct.depth": step_truth().astype(np.float32)})
     facts = _facts(capture.folder)
@@ -129,7 +129,7 @@ def test_what_is_no_frame_is_named(tmp_path: Path) -> None:
     assert named.startswith(str(capture.folder / "depth.exr"))
 
 
-def test_a_folder_of_what_is_no_frame_is_a_problem_unless_folders_are_searched(tmp_path: Path) -> None:
+def test_a_folder_without_frames_is_a_problem_unless_folders_are_searched(tmp_path: Path) -> None:
     write_exr(tmp_path / "frame.exr", {"f1_I": step_truth().astype(np.float32)})
     done = cadtof("info", tmp_path, "-j", 1)
     assert (done.status, done.err) == (
@@ -139,7 +139,7 @@ def test_a_folder_of_what_is_no_frame_is_a_problem_unless_folders_are_searched(t
     assert cadtof("info", "-r", tmp_path, "-j", 1).status == 0
 
 
-def test_of_many_frames_with_one_problem_a_few_are_named(tmp_path: Path) -> None:
+def test_some_of_many_frames_with_the_same_problem_are_named(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=8)
     for file in capture.files[:7]:
         file.write_bytes(b"II*\0 and no more")
@@ -156,9 +156,9 @@ def test_of_many_frames_with_one_problem_a_few_are_named(tmp_path: Path) -> None
 def test_layers_of_truth_have_their_units(tmp_path: Path) -> None:
     layers = {"direct.depth": np.ones(12), "mpi.delay": np.linspace(3, 20, 12), "mpi.ratio": np.linspace(0, 1, 12)}
     write_exr(tmp_path / "truth.exr", {name: plane.reshape(3, 4).astype(np.float32) for name, plane in layers.items()})
-    told = cadtof("info", tmp_path / "truth.exr").out
-    assert "mpi.delay                   3 … 20 ns, median 11.5, 100.0% of pixels" in told
-    assert "mpi.ratio                   0 … 1, median 0.5, 100.0% of pixels" in told
+    text = cadtof("info", tmp_path / "truth.exr").out
+    assert "mpi.delay                   3 … 20 ns, median 11.5, 100.0% of pixels" in text
+    assert "mpi.ratio                   0 … 1, median 0.5, 100.0% of pixels" in text
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
@@ -186,7 +186,7 @@ def test_maps_by_file_and_by_folder(form: Form, tmp_path: Path) -> None:
 
 
 def test_maps_of_one_capture_of_many(tmp_path: Path) -> None:
-    """The run's record lies above them."""
+    """The record of the run lies in the folder above the maps."""
     for name in ("hall", "stairs"):
         record(tmp_path / name)
     assert cadtof("resolve", tmp_path / "hall", tmp_path / "stairs", "-o", tmp_path / "out", "-j", 1).status == 0
@@ -204,13 +204,13 @@ def test_damaged_maps_and_records(tmp_path: Path) -> None:
     (out / "run.json").write_text("{")
     done = cadtof("info", out, "-j", 1)
     assert done.status == 1
-    record_told, map_told = done.err.splitlines()
-    assert record_told.startswith(f"wrong: {out / 'run.json'}: not the record of a run (")
-    assert map_told.startswith(f"wrong: {out / 'frame_1.tif'}: damaged or truncated TIFF")
+    record_problem, map_problem = done.err.splitlines()
+    assert record_problem.startswith(f"wrong: {out / 'run.json'}: not the record of a run (")
+    assert map_problem.startswith(f"wrong: {out / 'frame_1.tif'}: damaged or truncated TIFF")
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_a_damaged_first_map_does_not_speak_for_its_folder(form: Form, tmp_path: Path) -> None:
+def test_a_folder_whose_first_map_is_damaged_is_described_by_the_next(form: Form, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=3, form=form), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     maps = [out / f"frame_{index}.{form}" for index in range(3)]
@@ -221,8 +221,8 @@ def test_a_damaged_first_map_does_not_speak_for_its_folder(form: Form, tmp_path:
             (out / "run.json").unlink()
         done = cadtof("info", out, "--json", "-j", 1)
         assert done.status == 1
-        (told,) = done.err.splitlines()
-        assert told.startswith(f"wrong: {maps[0]}: ")
+        (problem,) = done.err.splitlines()
+        assert problem.startswith(f"wrong: {maps[0]}: ")
         facts = json.loads(done.out)
         assert (facts["kind"], facts["files"]) == ("maps", 3)
         assert [facts[name] for name in ("pixels", "layers", "status", "about")] == [
@@ -231,7 +231,7 @@ def test_a_damaged_first_map_does_not_speak_for_its_folder(form: Form, tmp_path:
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_truth_beside_damaged_frames_makes_them_no_maps(form: Form, tmp_path: Path) -> None:
+def test_damaged_frames_beside_truth_are_no_maps(form: Form, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", form=form, toml="")
     write_exr(capture.folder / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
     capture.files[0].write_bytes(capture.files[0].read_bytes()[:300])
@@ -249,7 +249,7 @@ def test_a_calibration_has_a_line_for_each_value_and_each_finding(tmp_path: Path
     assert (done.status, done.err) == (0, "")
     head, *lines = done.out.splitlines()
     assert head == str(folder)
-    # names end two columns or more before what stands beside them, however long they are
+    # two blanks or more separate a name from its value, however long the name is
     column = lines[0].index("digest")
     assert all(line[column - 2 : column] == "  " and line[column] != " " for line in lines)
     assert "response.quality.phase_stderr_rad" in [line[:column].strip() for line in lines]

@@ -1,4 +1,4 @@
-"""`cadtof inspect`: one pixel, held against the map that `resolve` writes, the file's values and the light that was recorded."""
+"""`cadtof inspect`: what it says of a pixel agrees with the map of `resolve`, the file and the recorded light."""
 
 import json
 from pathlib import Path
@@ -20,19 +20,19 @@ from tests.support.captures import (
     write_pages,
 )
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, phasors_of
-from tests.support.run_cadtof import cadtof
+from tests.support.run_cadtof import ROOT, cadtof
 
-DATA = Path(__file__).parents[2] / "sample_data"
+DATA = ROOT / "sample_data"
 
 
 def _inspected(frame: Path, x: int, y: int, *options: object) -> dict[str, Any]:
     done = cadtof("inspect", frame, "--pixel", f"{x},{y}", "--json", "-q", *options)
     assert (done.status, done.err) == (0, "")
 
-    def refused(constant: str) -> None:
+    def refuse(constant: str) -> None:
         pytest.fail(f"{constant} is no JSON")
 
-    found: dict[str, Any] = json.loads(done.out, parse_constant=refused)
+    found: dict[str, Any] = json.loads(done.out, parse_constant=refuse)
     return found
 
 
@@ -41,7 +41,7 @@ def _maps(capture: Path, out: Path, *options: object) -> list[Path]:
     return sorted(path for path in out.iterdir() if path.suffix in {".tif", ".exr"})
 
 
-def _same_bits(chosen: dict[str, Any], file: Path, x: int, y: int) -> None:
+def _require_same_bits(chosen: dict[str, Any], file: Path, x: int, y: int) -> None:
     layers = layers_of(file)
     assert set(chosen) == set(layers)
     for name, plane in layers.items():
@@ -67,13 +67,13 @@ def _same_bits(chosen: dict[str, Any], file: Path, x: int, y: int) -> None:
         ("wall", ("--solver", "lm", "--order", "2", "--starts", "2")),
     ],
 )
-def test_what_is_chosen_is_what_the_map_says(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
+def test_the_chosen_answer_is_that_of_the_map(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
     (file, *_) = _maps(DATA / name, tmp_path / "out", *options)
     width, height = layers_of(file)["status"].shape[::-1]
     for x, y in ((0, 0), (width // 2, height // 2), (width - 1, height - 3), (width // 3, height // 4)):
         found = _inspected(DATA / name, x, y, *options)
         assert found["pixel"] == [x, y]
-        _same_bits(found["chosen"], file, x, y)
+        _require_same_bits(found["chosen"], file, x, y)
 
 
 def test_frames_of_a_stack_and_means_are_found_by_their_place(tmp_path: Path) -> None:
@@ -82,11 +82,11 @@ def test_frames_of_a_stack_and_means_are_found_by_their_place(tmp_path: Path) ->
     assert len(files) == 3
     for place, file in enumerate(files):
         found = _inspected(capture.folder, 20, 7, "--average", "2", "--frame", place)
-        _same_bits(found["chosen"], file, 20, 7)
+        _require_same_bits(found["chosen"], file, 20, 7)
         assert found["noise"]["averaged_pixels"] == min(2, 5 - 2 * place)
     (lone, *_) = _maps(capture.files[3], tmp_path / "lone")
     found = _inspected(capture.files[3], 20, 7)
-    _same_bits(found["chosen"], lone, 20, 7)
+    _require_same_bits(found["chosen"], lone, 20, 7)
     assert found["frame"] == str(capture.files[3])
     for beyond in (5, 10**20):
         done = cadtof("inspect", capture.folder, "--pixel", "1,1", "--frame", beyond)
@@ -114,7 +114,7 @@ def test_two_paths_one_path_and_the_test_between_them(tmp_path: Path) -> None:
     light = Light(asr=2.0, mpi=0.3, direct_ns=12.0, second_ns=20.0)
     exact = np.stack([[light.moment(h).real, light.moment(h).imag] for h in (1, 2)])
     volts = np.broadcast_to(AMPLITUDE_V * exact[:, :, np.newaxis, np.newaxis], (2, 2, 24, 32))
-    # no camera records the same in all pixels
+    # no camera records the same value in all pixels
     volts = volts + np.linspace(-1e-6, 1e-6, 24 * 32).reshape(24, 32)
     volts[:, :, 5, 4] = AMPLITUDE_V * exact
     file = capture.folder / "exact.exr"
@@ -146,7 +146,7 @@ def test_two_paths_one_path_and_the_test_between_them(tmp_path: Path) -> None:
     assert alone["chosen"]["mpi.depth"] is None
 
 
-def test_one_path_that_leaves_far_too_much_is_not_weighed() -> None:
+def test_one_path_is_rejected_if_it_is_far_from_the_phasors() -> None:
     found = _inspected(DATA / "card" / "frame_0000.exr", 160, 120)
     assert found["status"] == ["two paths"]
     assert found["order_test"]["moved_m"] < found["order_test"]["needed_m"]
@@ -154,7 +154,7 @@ def test_one_path_that_leaves_far_too_much_is_not_weighed() -> None:
 
 
 def test_the_tail_of_a_corner() -> None:
-    """H₁ is what the first phasor has over the direct light: its lag is the depth that MPI adds."""
+    """H₁ is the first phasor over that of the direct light: its phase is the lag, which is the depth that MPI adds."""
     found = _inspected(DATA / "corner", 60, 60)
     tail = found["diffuse"]["tail"]
     assert (found["status"], found["diffuse"]["model"]) == (["diffuse MPI"], "diffuse")
@@ -181,7 +181,7 @@ def test_neighbours_and_the_edge_of_the_frame(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.array(corner[4][:3], np.float32), depth[2, 29:32])
 
 
-def test_a_pixel_without_an_answer_still_shows_what_there_is(tmp_path: Path) -> None:
+def test_a_pixel_without_an_answer_still_shows_what_is_known(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     pages = tifffile.imread(capture.files[0])
     pages[0, 5, 6] = 16383
@@ -206,20 +206,20 @@ def test_a_pixel_without_an_answer_still_shows_what_there_is(tmp_path: Path) -> 
     assert (found["status"], found["chosen"]["direct.depth"]) == (["low confidence"], None)
 
 
-def test_the_table_says_the_same(tmp_path: Path) -> None:
+def test_the_table_shows_the_values_of_the_json(tmp_path: Path) -> None:
     frame, place = DATA / "card" / "frame_0000.exr", ("--pixel", "80,60")
     done = cadtof("inspect", frame, *place, "-q")
     found = _inspected(frame, 80, 60)
     assert (done.status, done.err) == (0, "")
     lines = done.out.splitlines()
     assert lines[0] == f"{frame}, pixel 80,60: {', '.join(found['status'])}"
-    said = {line[2:24].strip(): line[24:] for line in lines if line.startswith("  ")}
-    depth, unit = said["direct.depth"].split()
+    rows = {line[2:24].strip(): line[24:] for line in lines if line.startswith("  ")}
+    depth, unit = rows["direct.depth"].split()
     assert unit == "m"
     assert float(depth) == pytest.approx(found["chosen"]["direct.depth"], rel=1e-5)
-    assert said["status"] == f"{found['chosen']['status']} ({', '.join(found['status'])})"
-    assert f"{1000 * found['voltages_v'][0][0]:.3f} mV" in said["harmonic 1"]
-    assert f"{found['one_path']['depth_m']:.4f} m" in said["one path"]
+    assert rows["status"] == f"{found['chosen']['status']} ({', '.join(found['status'])})"
+    assert f"{1000 * found['voltages_v'][0][0]:.3f} mV" in rows["harmonic 1"]
+    assert f"{found['one_path']['depth_m']:.4f} m" in rows["one path"]
     assert len(lines[-1].split()) == 5
 
 
@@ -238,25 +238,25 @@ def test_a_pixel_is_drawn_as_phasors_with_paths_and_noise(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_maps_are_refused_by_the_recorded_frame_alone(form: Form, tmp_path: Path) -> None:
-    """Without a word about settings that nobody asked for; and what is named can be inspected as it stands."""
+def test_a_map_is_refused_with_the_recorded_frame_to_inspect(form: Form, tmp_path: Path) -> None:
+    """The message is one line: it names the recorded frame, and the pixel there, and says nothing about settings."""
     capture, out = record(tmp_path / "capture", frames=2, form=form), tmp_path / "out"
     first, second = _maps(capture.folder, out, "--roi", "4,2,20,12")
     for what, place, recorded in ((first, 0, 0), (second, 0, 1), (out, 1, 1)):
         done = cadtof("inspect", what, "--pixel", "3,3", "--frame", place)
         assert (done.status, done.out) == (1, "")
-        (told,) = done.err.splitlines()
-        assert told.startswith(f"Error: {(first, second)[recorded]}: holds ")
+        (message,) = done.err.splitlines()
+        assert message.startswith(f"Error: {(first, second)[recorded]}: holds ")
         expected = f"; inspect the recorded frame: {capture.files[recorded]}; pixel 0,0 of the maps is 4,2 there"
-        assert told.endswith(expected)
+        assert message.endswith(expected)
     (out / "run.json").unlink()
     done = cadtof("inspect", first, "--pixel", "3,3")
     assert done.status == 1
-    (told,) = done.err.splitlines()
-    assert "recorded frame" not in told
+    (message,) = done.err.splitlines()
+    assert "recorded frame" not in message
 
 
-def test_maps_of_stacks_means_and_planes_name_what_can_be_inspected(tmp_path: Path) -> None:
+def test_maps_of_stacks_means_and_planes_name_the_recorded_frame(tmp_path: Path) -> None:
     pages = [tifffile.imread(file) for file in record(tmp_path / "capture", frames=3).files]
     for name, toml in (
         ("stack", "[layout]\nframes = 3\n"),
@@ -280,20 +280,20 @@ def test_maps_of_stacks_means_and_planes_name_what_can_be_inspected(tmp_path: Pa
         ("planes", (), 1, f"the recorded frame: {tmp_path / 'planes'} --frame 1"),
     ):
         file = _maps(tmp_path / name, tmp_path / f"{name}{len(options)}", "--overwrite", *options)[map_index]
-        told = cadtof("inspect", file, "--pixel", "3,3").err
-        assert told.rstrip().endswith(f"; inspect {expected}")
+        message = cadtof("inspect", file, "--pixel", "3,3").err
+        assert message.rstrip().endswith(f"; inspect {expected}")
         if not options:
-            _same_bits(_inspected(*_argument(expected))["chosen"], file, 3, 3)
+            _require_same_bits(_inspected(*_inspect_arguments(expected))["chosen"], file, 3, 3)
 
 
-def _argument(told: str) -> tuple[Any, ...]:
-    path, _, place = told.partition(": ")[2].partition(" --frame ")
+def _inspect_arguments(message: str) -> tuple[Any, ...]:
+    path, _, place = message.partition(": ")[2].partition(" --frame ")
     return Path(path), 3, 3, "--frame", place
 
 
-def test_what_cannot_be_inspected(tmp_path: Path) -> None:
+def test_impossible_pixels_and_frames_are_refused(tmp_path: Path) -> None:
     frame = record(tmp_path / "capture").files[0]
-    for arguments, told in (
+    for arguments, message in (
         ((frame, "--pixel", "32,0"), "--pixel: found 32,0, expected a column 0 … 31 and a row 0 … 23 of"),
         ((frame, "--pixel", "0,-1"), "--pixel: found 0,-1, expected a column 0 … 31 and a row 0 … 23 of"),
         ((frame, "--pixel", "here"), "'here' is not a column and a row such as 160,120"),
@@ -303,4 +303,4 @@ def test_what_cannot_be_inspected(tmp_path: Path) -> None:
     ):
         done = cadtof("inspect", *arguments)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err

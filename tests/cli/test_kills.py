@@ -1,4 +1,4 @@
-"""The campaign of `scripts/kills`, in short: every kind of run, and every victim, once; a cluster's are in `test_cluster.py`."""
+"""The campaign of `scripts/kills`, in short: every kind of run and victim, once. Clusters are in `test_cluster.py`."""
 
 import subprocess
 import sys

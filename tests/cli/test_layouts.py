@@ -1,4 +1,4 @@
-"""Files laid out and named by others, and settings that lie elsewhere: the same maps as of the files that we know."""
+"""Files with layouts and names of other software, and settings that lie elsewhere, give the same maps as our files."""
 
 import json
 import re
@@ -26,7 +26,7 @@ def whole(tmp_path: Path) -> Path:
 
 
 def _write_planes(folder: Path, names: str, layout: str, *, called: dict[str, str], frames: int = 2) -> None:
-    """Write the frames of `whole` as one plane per file, with names and a `capture.toml` such as other software would."""
+    """Write the frames of `whole` as files of one plane each, named as other software does, and a `capture.toml`."""
     for frame in range(frames):
         pages = tifffile.imread(folder / "whole" / f"frame_{frame}.tif")
         for (harmonic, channel), page in zip(PLANES, pages, strict=True):
@@ -37,7 +37,7 @@ def _write_planes(folder: Path, names: str, layout: str, *, called: dict[str, st
     (folder / "planes" / "capture.toml").write_text(f"{TOML['tif']}[layout]\n{layout}\n", encoding="utf-8")
 
 
-def _same(one: Path, other: Path) -> None:
+def _require_same_maps(one: Path, other: Path) -> None:
     expected, found = layers_of(one), layers_of(other)
     assert found.keys() == expected.keys()
     for name in expected:
@@ -57,19 +57,22 @@ NAMES = 'channel = ["A", "B"]\nharmonic = { "25" = 1, "50" = 2 }'
         ("f{frame}_{harmonic}MHz_{channel}.tif", NAMES, NAMED),
         ("{harmonic}/{channel}/{frame}.tif", NAMES, NAMED),
         ("{channel}{harmonic}_größe({frame}).tif", NAMES, NAMED),
-        ("{harmonic}{channel}{frame}.tif", 'channel = ["", "x"]', PLAIN),
     ],
 )
 def test_planes_in_folders_and_under_other_names(pattern: str, more: str, called: dict[str, str], whole: Path) -> None:
     _write_planes(whole, pattern, f'pattern = "{pattern}"\n{more}', called=called)
     done = shell("cadtof resolve planes -o out -j 1", whole)
-    if 'channel = [""' in more:
-        assert done.status == 2
-        assert "layout.channel: found ['', 'x'], expected two different names" in done.err
-        return
     assert done.status == 0, done.err
     for frame in (0, 1):
-        _same(whole / "expected" / f"frame_{frame}.tif", whole / "out" / f"{frame}.tif")
+        _require_same_maps(whole / "expected" / f"frame_{frame}.tif", whole / "out" / f"{frame}.tif")
+
+
+def test_a_channel_without_a_name_is_refused(whole: Path) -> None:
+    layout = 'pattern = "{harmonic}{channel}{frame}.tif"\nchannel = ["", "x"]'
+    _write_planes(whole, "{harmonic}{channel}{frame}.tif", layout, called=PLAIN)
+    done = shell("cadtof resolve planes -o out -j 1", whole)
+    assert done.status == 2
+    assert "layout.channel: found ['', 'x'], expected two different names" in done.err
 
 
 def test_info_shows_names_as_they_are_given(whole: Path) -> None:
@@ -82,8 +85,8 @@ def test_info_shows_names_as_they_are_given(whole: Path) -> None:
 
 
 @pytest.mark.parametrize("names", ["SC{c}.{f}MHz", "SC{c}_{f}MHz", "{f}MHz.SC{c}", "SC{c}.H{h}"])
-def test_names_in_other_words_are_one_rule_for_pages_and_channels(names: str, tmp_path: Path) -> None:
-    """Planes that lie in another order than ours are found by the same names in a TIFF and in an EXR, and drawn as voltages."""
+def test_planes_are_found_by_other_names_in_tiff_and_exr_alike(names: str, tmp_path: Path) -> None:
+    """Planes in another order than ours are found by their names, in TIFF and EXR alike, and are drawn as voltages."""
     volts = step_frame(np.random.default_rng(0)).astype(np.float32)
     planes = {names.format(h=h, c=c, f=25 * h): volts[h - 1, c - 1] for c in (2, 1) for h in (2, 1)}
     (tmp_path / "capture.toml").write_text(TOML["exr"])
@@ -108,16 +111,16 @@ def test_a_tree_of_planes_and_planes_by_name(whole: Path) -> None:
     done = shell("cadtof resolve -r planes -o out -j 1; cadtof resolve planes/H?/*.tif -o given -j 1", whole)
     assert done.status == 0, done.err
     for out in ("out", "given"):
-        _same(whole / "expected" / "frame_1.tif", whole / out / "1.tif")
+        _require_same_maps(whole / "expected" / "frame_1.tif", whole / out / "1.tif")
 
 
-def test_a_pattern_without_frame_is_a_lone_frame(whole: Path) -> None:
+def test_a_pattern_without_frame_means_a_single_frame(whole: Path) -> None:
     _write_planes(whole, "{channel}_{harmonic}.tif", "", called=NAMED, frames=1)
     (whole / "planes" / "capture.toml").write_text(TOML["tif"])
     named = "--pattern '{channel}_{harmonic}.tif' --channel A,B --harmonic 25=1,50=2"
     done = shell(f"cadtof resolve planes -o out -j 1 {named}", whole)
     assert done.status == 0, done.err
-    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame.tif")
+    _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame.tif")
     done = shell(f"cadtof resolve planes -o out2 -j 1 {named.replace('50=2', '50=3')}", whole)
     assert done.status == 2
     assert "layout.harmonic: found {'25': 1, '50': 3}, expected a name for each of the harmonics 1, 2" in done.err
@@ -131,14 +134,14 @@ def test_a_folder_above_describes_its_captures(whole: Path) -> None:
     assert done.status == 0, done.err
     assert f"settings of {whole / 'archive' / 'capture.toml'}" in done.err
     assert f"from {whole / 'archive' / 'capture.toml'}" in done.out
-    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
+    _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [("Capture.toml", "found settings of this name, expected capture.toml"), ("capture.toml", "cannot be read")],
 )
-def test_settings_above_that_cannot_be_taken_are_not_passed_over(name: str, told: str, whole: Path) -> None:
+def test_unusable_settings_in_a_folder_above_are_reported_not_ignored(name: str, message: str, whole: Path) -> None:
     archive = whole / "archive"
     (archive / "day").mkdir(parents=True)
     (whole / "whole").rename(archive / "day" / "scene")
@@ -146,11 +149,11 @@ def test_settings_above_that_cannot_be_taken_are_not_passed_over(name: str, told
     (archive / name).symlink_to("nowhere")
     done = shell("cadtof resolve archive/day/scene -o out -j 1 --volts-per-count 1e-4 --zero-counts 8192", whole)
     assert (done.status, done.out) == (2, "")
-    assert f"{archive / name}: {told}" in done.err
+    assert f"{archive / name}: {message}" in done.err
 
 
 @pytest.mark.parametrize("with_own", [False, True])
-def test_settings_for_an_archive_that_cannot_be_written(with_own: bool, whole: Path) -> None:
+def test_settings_from_elsewhere_for_a_read_only_archive(with_own: bool, whole: Path) -> None:
     shutil.move(whole / "whole" / "capture.toml", whole / "mine.toml")
     if with_own:
         (whole / "whole" / "capture.toml").write_text("[voltage]\nvolts_per_count = 1.0\n")
@@ -158,15 +161,15 @@ def test_settings_for_an_archive_that_cannot_be_written(with_own: bool, whole: P
     done = shell("cadtof resolve whole --settings mine.toml -o out -j 1; cadtof info whole --settings mine.toml", whole)
     assert done.status == 0, done.err
     assert "from mine.toml" in done.out
-    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
+    _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
     evaluated = shell("cd /; cadtof evaluate $OLDPWD/out --truth $OLDPWD/expected/frame_0.tif", whole)
     assert evaluated.status == 0, evaluated.err
     assert "first phasor" in evaluated.out
 
 
-def test_a_capture_toml_out_of_a_windows_editor(whole: Path) -> None:
+def test_a_capture_toml_from_a_windows_editor(whole: Path) -> None:
     toml = whole / "whole" / "capture.toml"
     toml.write_bytes(b"\xef\xbb\xbf" + toml.read_bytes().replace(b"\n", b"\r\n"))
     done = shell("cadtof resolve whole -o out -j 1", whole)
     assert done.status == 0, done.err
-    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
+    _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")

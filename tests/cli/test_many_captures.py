@@ -1,4 +1,4 @@
-"""Several captures in one run, as a shell names them: one record, and OUT mirrors the tree that they lie in."""
+"""Several captures in one run, however a shell names them: there is one record, and OUT mirrors their folders."""
 
 import csv
 import json
@@ -23,7 +23,7 @@ from tests.support.shell import shell
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    """rec/a, rec/b/one and rec/b/two, a frame of the same name in each; beside them what is no capture."""
+    """rec/a, rec/b/one and rec/b/two with a frame of the same name each; a folder without frames; a hidden capture."""
     for index, place in enumerate(("a", "b/one", "b/two")):
         record(tmp_path / "rec" / place, seed=index)
     (tmp_path / "rec" / "notes").mkdir()
@@ -49,7 +49,7 @@ def test_recursive_mirrors_the_tree(tree: Path) -> None:
     run = json.loads((tree / "out" / "run.json").read_text())
     assert [capture["root"] for capture in run["captures"]] == ["rec/a", "rec/b/one", "rec/b/two"]
     assert run["totals"]["ok"] == 3
-    # the same maps as of each alone
+    # a run on one capture alone gives the same maps
     assert shell("cadtof resolve rec/b/two -o alone -j 1", tree).status == 0
     for name, layer in layers_of(tree / "alone" / "frame_0.tif").items():
         np.testing.assert_array_equal(layer, layers_of(tree / "out" / "b/two/frame_0.tif")[name])
@@ -67,7 +67,7 @@ def test_recursive_mirrors_the_tree(tree: Path) -> None:
         "mv rec/b 'rec/b c'; mkdir b; cadtof resolve -r rec -o out -j 1; mv 'out/b c' out/b",
     ],
 )
-def test_however_a_shell_names_them(command: str, tree: Path) -> None:
+def test_captures_can_be_named_in_any_way_of_a_shell(command: str, tree: Path) -> None:
     done = shell(command, tree)
     assert done.status == 0, done.err
     assert _maps(tree / "out") == MIRRORED
@@ -83,7 +83,7 @@ def test_however_a_shell_names_them(command: str, tree: Path) -> None:
         "rec/a/frame_0.tif rec/b/*/*.tif rec/b/../a/frame_0.tif",
     ],
 )
-def test_what_is_named_twice_is_resolved_once(inputs: str, tree: Path) -> None:
+def test_inputs_named_twice_are_resolved_once(inputs: str, tree: Path) -> None:
     (tree / "rec" / "x").mkdir()
     done = shell(f"cadtof resolve {inputs} -o out -j 1 --json", tree)
     assert done.status == 0, done.err
@@ -93,7 +93,7 @@ def test_what_is_named_twice_is_resolved_once(inputs: str, tree: Path) -> None:
     assert shell(f"cadtof resolve {inputs} -o out -j 1 --resume", tree).status == 0
 
 
-def test_of_files_named_twice_each_counts_once(tmp_path: Path) -> None:
+def test_files_named_twice_keep_the_order_of_their_first_naming(tmp_path: Path) -> None:
     record(tmp_path / "a", frames=3)
     record(tmp_path / "b")
     done = shell("cadtof resolve a/frame_0.tif b/frame_0.tif a/frame_1.tif a/frame_0.tif -o out -j 1 --json", tmp_path)
@@ -102,7 +102,7 @@ def test_of_files_named_twice_each_counts_once(tmp_path: Path) -> None:
     assert sources == ["a/frame_0.tif", "b/frame_0.tif", "a/frame_1.tif"]
 
 
-def test_names_with_new_lines_arrive_with_zero_bytes(tmp_path: Path) -> None:
+def test_names_with_line_breaks_arrive_between_zero_bytes(tmp_path: Path) -> None:
     capture = record(tmp_path / "cap\nture")
     capture.files[0].rename(capture.folder / "frame\n0.tif")
     done = shell("find . -name '*.tif' -print0 | cadtof resolve - -0 -o out -j 1", tmp_path)
@@ -110,7 +110,7 @@ def test_names_with_new_lines_arrive_with_zero_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "frame\n0.tif").exists()
 
 
-def test_a_lone_capture_lies_in_out_itself(tree: Path) -> None:
+def test_maps_of_a_lone_capture_lie_in_out_itself(tree: Path) -> None:
     assert shell("cadtof resolve rec/b/one -o out -j 1; cadtof resolve -r rec/a -o below -j 1", tree).status == 0
     assert _maps(tree / "out") == _maps(tree / "below") == ["frame_0.tif"]
 
@@ -155,7 +155,7 @@ def test_a_run_of_many_captures_is_resumed_evaluated_and_drawn(tree: Path) -> No
 
 
 def test_frames_are_resolved_as_they_arrive(tmp_path: Path) -> None:
-    """A camera writes frames while we run, into two folders: each line comes before the next frame is there."""
+    """A camera writes frames into two folders during the run. A frame's line comes before the next frame is written."""
     rng = np.random.default_rng(3)
     for place in ("cam", "cam/night"):
         (tmp_path / place).mkdir(parents=True)
@@ -225,9 +225,9 @@ def test_inotifywait_follows_a_camera(tmp_path: Path) -> None:
     assert _maps(tmp_path / "live") == ["frame_1.tif", "frame_2.tif"]
 
 
-def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
+def test_each_capture_is_compared_with_its_own_truth(tree: Path) -> None:
     assert shell("cadtof resolve -r rec -o out -j 1", tree).status == 0
-    # rec/b holds for both captures below it
+    # the truth in rec/b holds for both captures below it
     for place, map_of, error_m in (("a", "a/frame_0.tif", 0.01), ("b", "b/one/frame_0.tif", 0.03)):
         depth = layers_of(tree / "out" / map_of)["direct.depth"]
         write_layers(tree / "rec" / place / "truth.exr", {"direct.depth": depth - np.float32(error_m)})
@@ -240,7 +240,7 @@ def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
     assert medians["b/two/frame_0"] == pytest.approx(3.0, abs=0.1)
     one = shell("cadtof evaluate out --truth rec/a/truth.exr", tree)
     assert "rec/a/truth.exr: the frames of 3 captures are held against it alone" in one.err
-    _truths_of_pages_and_pictures(tree)
+    _require_same_pages_and_pictures(tree)
     (tree / "rec" / "a" / "truth.exr").unlink()
     done = shell("cadtof report out -o none.html --truth rec", tree)
     assert (done.status, (tree / "none.html").exists()) == (2, False)
@@ -250,8 +250,8 @@ def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
     assert "rec/a: found no truth of a/frame_0, expected a file truth.exr there" in done.err
 
 
-def _truths_of_pages_and_pictures(tree: Path) -> None:
-    """What is drawn and reported against a folder of truths is what is against the file in it that holds."""
+def _require_same_pages_and_pictures(tree: Path) -> None:
+    """Check that a folder of truths is drawn and reported like the file in it that holds for the frame."""
     for frame, place in ((0, "a"), (1, "b"), (2, "b")):
         for name, truth in (("folder", "rec"), ("file", f"rec/{place}/truth.exr")):
             done = shell(f"cadtof preview out -o {name}{frame}.png --frame {frame} --truth {truth}", tree)
@@ -270,7 +270,7 @@ def _truths_of_pages_and_pictures(tree: Path) -> None:
     assert "rec/a/truth.exr: the frames of 3 captures are held against it alone" in one.err
 
 
-def test_info_looks_into_a_tree(tree: Path) -> None:
+def test_info_searches_a_tree(tree: Path) -> None:
     done = shell("cadtof info -r rec --json", tree)
     assert done.status == 0, done.err
     assert [json.loads(line)["root"] for line in done.out.splitlines()] == ["rec/a", "rec/b/one", "rec/b/two"]

@@ -1,4 +1,4 @@
-"""What happens to the folder of a run while it goes on."""
+"""Changes to the folder of a run while the run goes on."""
 
 import fcntl
 import json
@@ -20,7 +20,7 @@ from tests.support.runs import require_same_run
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the size of a pipe is set")
 
 FRAMES, PIPE_BYTES = 60, 4096
-"""A pipe of that size takes few lines, so the run waits after some frames until they are read."""
+"""A pipe of this size holds few lines, so the run waits after some frames until somebody reads them."""
 
 
 @pytest.fixture(scope="module")
@@ -35,15 +35,15 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def undisturbed(capture: Path) -> Path:
-    """What comes of them."""
+    """The folder of a run that nothing disturbed."""
     out = capture.parent / "undisturbed"
     assert cadtof("resolve", capture, "-o", out, "-j", 1).status == 0
     return out
 
 
 @contextmanager
-def _waiting(capture: Path, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    """Start a run that has reported a frame, and waits before it reports its last."""
+def _waiting_run(capture: Path, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
+    """Start a run, and yield it when it has reported a frame. It waits before it reports its last frame."""
     command = [*PROGRAM, "resolve", str(capture), "-o", str(out), "-j", "2", "--json", "--quiet"]
     process = subprocess.Popen(command, env=ENVIRONMENT, bufsize=0, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
@@ -58,7 +58,7 @@ def _waiting(capture: Path, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
 
 def test_lines_that_are_removed_are_written_anew(capture: Path, undisturbed: Path, tmp_path: Path) -> None:
     out = capture.parent / tmp_path.name
-    with _waiting(capture, out) as run:
+    with _waiting_run(capture, out) as run:
         (out / "frames.jsonl").unlink()
         _, err = run.communicate(timeout=60)
     assert run.returncode == 0, err
@@ -68,7 +68,7 @@ def test_lines_that_are_removed_are_written_anew(capture: Path, undisturbed: Pat
 def test_lines_that_are_replaced_are_written_anew(capture: Path, undisturbed: Path, tmp_path: Path) -> None:
     out = capture.parent / tmp_path.name
     (tmp_path / "other").write_text("{}\n")
-    with _waiting(capture, out) as run:
+    with _waiting_run(capture, out) as run:
         (tmp_path / "other").replace(out / "frames.jsonl")
         _, err = run.communicate(timeout=60)
     assert run.returncode == 0, err
@@ -79,21 +79,21 @@ def test_lines_that_are_replaced_are_written_anew(capture: Path, undisturbed: Pa
 def test_a_folder_that_is_replaced_ends_the_run_which_can_go_on(
     kind: str, capture: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
-    # run.json says where the frames lie as seen from here
+    # OUT lies beside the undisturbed folder, because run.json holds the paths of the frames relative to OUT
     out, kept = capture.parent / tmp_path.name, tmp_path / "kept"
-    with _waiting(capture, out) as run:
+    with _waiting_run(capture, out) as run:
         out.rename(kept)
         if kind == "a file":
             out.write_text("mine")
         elif kind == "another folder":
             out.mkdir()
         _, err = run.communicate(timeout=60)
-    told = err.decode()
+    text = err.decode()
     assert run.returncode in ({0, 1, 2} if kind == "another folder" else {1, 2})
-    assert "unexpected" not in told
-    assert "Traceback" not in told
+    assert "unexpected" not in text
+    assert "Traceback" not in text
     if kind != "another folder":
-        assert f"{out}" in told
+        assert f"{out}" in text
     if kind == "a file":
         assert out.read_text() == "mine"
         out.unlink()

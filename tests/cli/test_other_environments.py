@@ -1,4 +1,4 @@
-"""What a user's environment may be, locales, settings of Python, folders that are missing or full of traps: maps are the same."""
+"""Maps are the same in any environment: locales, settings of Python, missing folders, files named like modules."""
 
 import os
 import subprocess
@@ -14,7 +14,7 @@ from tests.support.captures import record
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, Finished
 
 TRAPS = ("click", "json", "numpy", "pathlib", "random", "runpy", "tempfile", "tifffile", "types")
-"""Modules that files in a folder may be called like; most are imported before a program's first line."""
+"""Modules. A folder may hold files with these names; most of the modules are imported before a program's first line."""
 
 ENVIRONMENTS = {
     "a decimal comma, a narrow terminal that can do nothing, no threads": {
@@ -35,7 +35,7 @@ ENVIRONMENTS = {
 def _run(
     *arguments: object, cwd: Path, program: tuple[str, ...] = PROGRAM, environment: Mapping[str, str] | None = None
 ) -> Finished:
-    """Run `cadtof` in a folder, in an environment of which nothing is known but what is given."""
+    """Run `cadtof` in a folder, in an environment with no variables but PATH, PYTHONPATH and the given ones."""
     plain = {"PATH": os.environ["PATH"], "PYTHONPATH": ENVIRONMENT["PYTHONPATH"], **(environment or {})}
     command = [*program, *map(str, arguments)]
     done = subprocess.run(command, env=plain, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
@@ -63,9 +63,9 @@ def _maps(out: Path) -> list[bytes]:
 def test_an_environment_changes_nothing(name: str, capture: Path, maps: list[bytes], tmp_path: Path) -> None:
     done = _run("resolve", capture, "-o", tmp_path / "ö", "-j", 2, cwd=tmp_path, environment=ENVIRONMENTS[name])
     assert (done.status, done.out) == (0, "")
-    # what is compiled, and what is not, differs from machine to machine
-    said = [line for line in done.err.splitlines() if "kernel" not in line]
-    assert [line.partition(" in ")[0] for line in said] == ["resolved 2 of 2 frames"]
+    # a note about kernels says what is compiled, which differs from machine to machine
+    lines = [line for line in done.err.splitlines() if "kernel" not in line]
+    assert [line.partition(" in ")[0] for line in lines] == ["resolved 2 of 2 frames"]
     assert _maps(tmp_path / "ö") == maps
 
 
@@ -102,8 +102,8 @@ def test_help_without_docstrings_says_what_a_command_does(command: str, tmp_path
     assert COMMANDS[command] in done.out
 
 
-def test_bytecode_that_a_full_disk_cut_off(capture: Path, tmp_path: Path) -> None:
-    """Python before 3.14 keeps it, and fails from then on."""
+def test_bytecode_that_a_full_disk_cut_off_is_reported(capture: Path, tmp_path: Path) -> None:
+    """Python before 3.14 keeps such bytecode, and fails from then on."""
     environment = {"PYTHONPYCACHEPREFIX": str(tmp_path)}
     assert _run("info", capture, cwd=tmp_path, environment=environment).status == 0
     (cached,) = tmp_path.rglob("cadtof_cli/commands/info.*.pyc")
@@ -117,13 +117,15 @@ def test_bytecode_that_a_full_disk_cut_off(capture: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("start", START_METHODS)
-def test_files_that_are_called_like_modules(start: str, capture: Path, maps: list[bytes], tmp_path: Path) -> None:
-    """Processes that start for us import nothing from the folder that a user is in."""
+def test_files_named_like_modules_are_not_imported(
+    start: str, capture: Path, maps: list[bytes], tmp_path: Path
+) -> None:
+    """Worker processes import nothing from the current folder of the user."""
     trapped, script = tmp_path / "trapped", tmp_path / "cadtof"
     trapped.mkdir()
     for name in TRAPS:
         (trapped / f"{name}.py").write_text(f"raise SystemExit('imported {name}')")
-    # as what pip installs, and unlike `python -m`, which looks into the current folder itself
+    # like the script that pip installs; `python -m` itself would import from the current folder
     script.write_text('from cadtof_cli.cli import main\nif __name__ == "__main__":\n    main()\n')
     arguments = ("resolve", capture, "-o", tmp_path / "out", "-j", 2, "-q", "--start-method", start)
     done = _run(*arguments, cwd=trapped, program=(sys.executable, str(script)))

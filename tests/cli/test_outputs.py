@@ -1,4 +1,4 @@
-"""Where maps go: what is refused, what a full or closed place costs, and how a run goes on where another stopped."""
+"""Where maps go: which folders are refused, what a full or read-only disk costs, and how a stopped run is resumed."""
 
 import json
 import os
@@ -21,56 +21,58 @@ def _lines(out: Path) -> list[dict[str, object]]:
     return [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
 
 
-def _refused(done: Finished, told: str) -> None:
-    assert done.err.startswith(f"Error: {told}")
+def _require_refused(done: Finished, message: str) -> None:
+    assert done.err.startswith(f"Error: {message}")
     assert (done.status, done.out) == (2, "")
     assert "Traceback" not in done.err
 
 
-def test_out_is_a_file(tmp_path: Path) -> None:
+def test_an_out_that_is_a_file_is_refused(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     (tmp_path / "out").write_text("mine")
     for out in (tmp_path / "out", tmp_path / "out" / "deeper"):
         done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
-        _refused(done, f"{out}: expected a folder that can be written into: ")
+        _require_refused(done, f"{out}: expected a folder that can be written into: ")
     assert (tmp_path / "out").read_text() == "mine"
 
 
-def test_out_may_not_be_written_into(tmp_path: Path) -> None:
+def test_an_out_without_permission_is_refused(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     out = tmp_path / "out"
     out.mkdir(mode=0o555)
     done = without_privilege("resolve", capture.folder, "-o", out)
-    _refused(done, f"{out}: expected a folder that can be written into: Permission denied")
+    _require_refused(done, f"{out}: expected a folder that can be written into: Permission denied")
     done = without_privilege("resolve", capture.folder, "-o", out / "deeper")
-    _refused(done, f"{out / 'deeper'}: expected a folder that can be written into: Permission denied")
+    _require_refused(done, f"{out / 'deeper'}: expected a folder that can be written into: Permission denied")
     assert not list(out.iterdir())
 
 
-def test_out_holds_recorded_frames(tmp_path: Path) -> None:
+def test_an_out_with_recorded_frames_is_refused(tmp_path: Path) -> None:
     a, b = record(tmp_path / "a"), record(tmp_path / "b", seed=1)
     before = _files(a.folder)
-    told = f"{a.folder}: the maps would be written among recorded frames; choose another folder with -o"
+    message = f"{a.folder}: the maps would be written among recorded frames; choose another folder with -o"
     for inputs in ((a.folder,), (a.files[0],), (b.folder,)):
         for extra in ((), ("--overwrite",), ("--resume",)):
-            _refused(cadtof("resolve", *inputs, "-o", a.folder, "-j", 1, *extra), told)
+            _require_refused(cadtof("resolve", *inputs, "-o", a.folder, "-j", 1, *extra), message)
     (a.folder / "capture.toml").unlink()
-    _refused(
-        cadtof("resolve", a.folder, "-o", a.folder, "-j", 1, "--volts-per-count", 6e-5, "--zero-counts", 8192), told
+    _require_refused(
+        cadtof("resolve", a.folder, "-o", a.folder, "-j", 1, "--volts-per-count", 6e-5, "--zero-counts", 8192), message
     )
-    _refused(
+    _require_refused(
         cadtof("resolve", b.folder, "-o", a.folder, "-j", 1),
         f"{a.folder}: frame_0.tif would be replaced; add --overwrite to replace",
     )
     assert _files(a.folder) == {name: content for name, content in before.items() if name != "capture.toml"}
 
 
-def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
+def test_maps_are_replaced_only_with_overwrite(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--order", 1).status == 0
     before = _files(out)
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
-    _refused(done, f"{out}: frame_0.tif, frame_1.tif, frame_2.tif and 3 more would be replaced; add --overwrite")
+    _require_refused(
+        done, f"{out}: frame_0.tif, frame_1.tif, frame_2.tif and 3 more would be replaced; add --overwrite"
+    )
     assert _files(out) == before
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--overwrite").status == 0
     after = _files(out)
@@ -79,7 +81,10 @@ def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
 
 
 def test_nothing_of_the_run_that_is_overwritten_stays(tmp_path: Path) -> None:
-    """Maps of frames that are not resolved again, fail now, or come in another format would be taken for those of the new run."""
+    """An old map would be taken for one of the new run.
+
+    The old maps are of frames that are not resolved again, fail now, or get another format now.
+    """
     capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     moved = out.rename(tmp_path / "moved")
@@ -108,11 +113,13 @@ def test_what_only_looks_like_a_map_of_the_earlier_run_stays(tmp_path: Path) -> 
     assert all(path.exists() for path in of_others)
 
 
-def test_a_map_of_a_stack_is_not_replaced_either(tmp_path: Path) -> None:
+def test_a_map_of_a_stack_is_replaced_only_with_overwrite(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     out.mkdir()
     (out / "frame_0_0001.tif").write_text("mine")
-    _refused(cadtof("resolve", capture.folder, "-o", out, "-j", 1), f"{out}: frame_0_0001.tif would be replaced")
+    _require_refused(
+        cadtof("resolve", capture.folder, "-o", out, "-j", 1), f"{out}: frame_0_0001.tif would be replaced"
+    )
     assert _files(out) == {"frame_0_0001.tif": b"mine"}
 
 
@@ -127,7 +134,7 @@ def test_other_files_in_out_stay(tmp_path: Path) -> None:
     assert (out / "frame_1.tif").read_text() == "frame_1.tif"
 
 
-def test_resume_does_what_is_missing(tmp_path: Path) -> None:
+def test_resume_resolves_the_missing_frames(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=5), tmp_path / "out"
     content = capture.files[3].read_bytes()
     capture.files[3].write_bytes(content[:-50])
@@ -166,7 +173,9 @@ def test_resume_takes_the_same_frames_or_more(tmp_path: Path) -> None:
     before = _files(out)
     for fewer in ("2:3", "1:2", "2:", "0:2", "4:5"):
         refused = cadtof(*resolve, "--resume", "--frames", fewer)
-        _refused(refused, f"{out / 'run.json'}: cannot resume: --frames leaves out some that the earlier run took")
+        _require_refused(
+            refused, f"{out / 'run.json'}: cannot resume: --frames leaves out some that the earlier run took"
+        )
         assert _files(out) == before
     for more in (("--frames", "1:4"), ("--frames", "0:4"), ("--frames", "0:"), ()):
         assert cadtof(*resolve, "--resume", *more).status == 0
@@ -183,34 +192,36 @@ def test_resume_needs_the_same_settings(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     before = _files(out)
-    for options, told in (
+    for options, message in (
         (("--order", "1"), "order was 'auto' and is '1' now; give the same options, or --overwrite"),
         (("--depth", "z"), "depth was 'range' and is 'z' now"),
         (("--format", "exr"), "map_format was 'same' and is 'exr' now"),
         (("--amplitude", "0.3"), f"{capture.folder}: modulation.amplitude_v was 0.2746 and is 0.3 now"),
     ):
         done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume", *options)
-        _refused(done, f"{out / 'run.json'}: cannot resume: {told}")
+        _require_refused(done, f"{out / 'run.json'}: cannot resume: {message}")
     assert _files(out) == before
     toml = capture.folder / "capture.toml"
     toml.write_text(toml.read_text().replace("0.2746", "0.3"))
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume")
-    _refused(done, f"{out / 'run.json'}: cannot resume: {capture.folder}: modulation.amplitude_v was 0.2746 and is 0.3")
+    _require_refused(
+        done, f"{out / 'run.json'}: cannot resume: {capture.folder}: modulation.amplitude_v was 0.2746 and is 0.3"
+    )
 
 
 @pytest.mark.parametrize("name", ["run.json", "frames.jsonl"])
 @pytest.mark.parametrize("content", ["[]\n", "{\n", "3\n"])
-def test_resume_of_what_is_no_run(name: str, content: str, tmp_path: Path) -> None:
+def test_resume_refuses_a_record_that_is_none_of_a_run(name: str, content: str, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     (out / name).write_text(content)
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume")
-    _refused(done, f"{out / name}: not the record of a run, so it cannot be resumed")
+    _require_refused(done, f"{out / name}: not the record of a run, so it cannot be resumed")
 
 
 @pytest.mark.parametrize("map_format", ["tif", "exr"])
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_maps_that_cannot_grow_leave_nothing_behind(map_format: str, jobs: int, tmp_path: Path) -> None:
+def test_maps_beyond_the_limit_of_file_sizes_leave_nothing_behind(map_format: str, jobs: int, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=3), tmp_path / "out"
     words = ("resolve", capture.folder, "-o", out, "-j", jobs, "--format", map_format)
     done = with_small_files(16_000, *words)
@@ -223,12 +234,12 @@ def test_maps_that_cannot_grow_leave_nothing_behind(map_format: str, jobs: int, 
     assert done.status == 1
     assert sorted(path.name for path in out.iterdir()) == ["frames.jsonl", "run.json"]
     assert [line["status"] for line in _lines(out)] == ["failed"]
-    # with room for them the run goes on
+    # without the limit the run goes on
     assert program(*words, "--resume").status == 0
     assert len(list(out.glob(f"frame_?.{map_format}"))) == 3
 
 
-def test_a_scene_that_cannot_grow_names_the_file(tmp_path: Path) -> None:
+def test_a_scene_beyond_the_limit_of_file_sizes_names_the_file(tmp_path: Path) -> None:
     for frame_format in ("tif", "exr"):
         out = tmp_path / frame_format
         done = with_small_files(
@@ -248,8 +259,8 @@ def test_a_scene_that_cannot_grow_names_the_file(tmp_path: Path) -> None:
             frame_format,
         )
         assert done.status == 2
-        told = r"cannot be written: File too large; here a file may have 9,000 \(ulimit -f\)"
-        assert re.fullmatch(rf"Error: {re.escape(str(out))}(/[\w.]+)?: {told}\n", done.err), done.err
+        message = r"cannot be written: File too large; here a file may have 9,000 \(ulimit -f\)"
+        assert re.fullmatch(rf"Error: {re.escape(str(out))}(/[\w.]+)?: {message}\n", done.err), done.err
         assert not list(tmp_path.iterdir())
 
 
@@ -268,7 +279,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 @pytest.mark.parametrize("form", ["tif", "exr"])
 def test_a_full_disk_leaves_whole_maps_and_ends_the_run(small_disk: Path, form: Form, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=16, form=form), small_disk / "out"
-    # 16 maps of 27 kB; what is left below a map has room for the lines
+    # 16 maps of 27 kB do not fit; the rest, which is less than a map, has room for the lines
     done = program("resolve", capture.folder, "-o", out, "-j", 2)
     assert done.status in {1, 2}
     assert "No space left on device" in done.err
@@ -278,7 +289,7 @@ def test_a_full_disk_leaves_whole_maps_and_ends_the_run(small_disk: Path, form: 
     assert not [name for name in names if name.endswith(".partial")]
     written = [name for name in names if name.startswith("frame_")]
     assert 5 <= len(written) < 16
-    # nothing is computed that could not be written
+    # no frame is computed whose maps cannot be written
     assert done.err.count("No space left") <= 2
     assert len([line for line in _lines(out) if line["status"] == "failed"]) <= 1
     subprocess.run(("mount", "-o", "remount,size=2m", str(small_disk)), check=True)
@@ -292,10 +303,10 @@ def test_a_full_disk_leaves_whole_maps_and_ends_the_run(small_disk: Path, form: 
     assert last == dict.fromkeys(map(str, capture.files), "ok")
 
 
-def test_a_disk_that_is_read_only(small_disk: Path, tmp_path: Path) -> None:
+def test_a_read_only_disk_is_refused(small_disk: Path, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     subprocess.run(("mount", "-o", "remount,ro", str(small_disk)), check=True)
     out = small_disk / "out"
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
-    _refused(done, f"{out}: expected a folder that can be written into: Read-only file system")
+    _require_refused(done, f"{out}: expected a folder that can be written into: Read-only file system")
     assert not out.exists()

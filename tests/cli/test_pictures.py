@@ -116,7 +116,7 @@ def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) ->
     (figure,) = figures
     _require_whole(figure)
     assert figure.get_suptitle().startswith("Field curvature: k2 = 5.0000 ± 0.0030 cm, k4 = -3.00 ± 0.20 cm; ")
-    # a row of plots per wall: along the middle row, and over ρ; these walls have exactly this curvature: nothing is left
+    # each wall has two plots, along its middle row and over ρ; the walls have exactly this curvature: nothing is left
     titles = [axes.get_title() for axes in figure.axes]
     assert titles == ["wall: rows 9 to 13", "wall", f"{SHOWN_HOSTILE}: rows 9 to 13", SHOWN_HOSTILE]
     for radial in (figure.axes[1], figure.axes[3]):
@@ -139,7 +139,7 @@ def test_walls_of_a_part_of_an_array_are_drawn_next_to_a_principal_point_beside_
 
 @pytest.mark.parametrize("alone", [0, 30, 59])
 def test_a_pixel_alone_on_a_line_is_drawn_as_a_point(alone: int, figures: list[Figure], tmp_path: Path) -> None:
-    """A line joins neighbours; the first and the last pixel are no neighbours."""
+    """A line joins neighbours, so a lone pixel needs a point. The first and the last pixel are no neighbours."""
     values = np.ones(60)
     values[[place for place in (alone - 1, alone + 1) if 0 <= place < 60]] = np.nan
     for curve in (np.ones(60), values):
@@ -167,8 +167,8 @@ def _require_whole(figure: Figure) -> None:
     headings = [(text.get_text(), text.get_window_extent()) for text in figure.texts if text.get_text()]
     headings += [(axes.get_title(), axes.title.get_window_extent()) for axes in shown if axes.get_title()]
     for number, (name, box) in enumerate(headings):
-        for other, there in headings[:number]:
-            assert not _overlap(box, there), f"{name!r} overlaps {other!r}"
+        for other, other_box in headings[:number]:
+            assert not _overlap(box, other_box), f"{name!r} overlaps {other!r}"
     assert any(axes.get_xlabel() for axes in shown) or not any(axes.images for axes in shown)
     assert any(axes.get_ylabel() for axes in shown)
 
@@ -204,15 +204,15 @@ def _overlap(box: BboxBase, other: BboxBase) -> bool:
         ("inspect", "png", b"\x89PNG"),
     ],
 )
-def test_nothing_is_replaced_and_only_pictures_are_written(
+def test_pictures_are_replaced_only_with_overwrite_and_have_known_suffixes(
     command: str, kind: str, magic: bytes, place: Path, tmp_path: Path
 ) -> None:
-    there = tmp_path / f"a.{kind}"
-    there.write_text("mine")
-    done = cadtof(*_typed(place, command), "-o", there)
+    existing = tmp_path / f"a.{kind}"
+    existing.write_text("mine")
+    done = cadtof(*_typed(place, command), "-o", existing)
     assert (done.status, "already exists; add --overwrite" in done.err) == (2, True)
-    assert there.read_text() == "mine"
-    assert cadtof(*_typed(place, command), "-o", there, "--overwrite").status == 0
-    assert there.read_bytes().startswith(magic)
+    assert existing.read_text() == "mine"
+    assert cadtof(*_typed(place, command), "-o", existing, "--overwrite").status == 0
+    assert existing.read_bytes().startswith(magic)
     done = cadtof(*_typed(place, command), "-o", tmp_path / "a.bmp")
     assert (done.status, "found the suffix '.bmp', expected one of .png" in done.err) == (2, True)

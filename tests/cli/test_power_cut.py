@@ -1,4 +1,4 @@
-"""A disk that loses power: whatever was not synchronised is gone, and what is left is whole."""
+"""A disk that loses power: everything that was not synchronised is gone, and every file that is left is whole."""
 
 import json
 import os
@@ -24,7 +24,7 @@ _SOURCE = Path(__file__).parents[1] / "support" / "power_cut.c"
 
 @pytest.fixture(scope="module")
 def layer(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The layer that remembers what was synchronised, compiled by the system's compiler."""
+    """The library that records what is synchronised, compiled by the compiler of the system; processes preload it."""
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
     if compiler is None:
         miss("no C compiler is installed")
@@ -40,14 +40,18 @@ def _environment(layer: Path, memory: Path) -> dict[str, str]:
 
 
 def _synchronised(out: Path, memory: Path) -> dict[str, int]:
-    """Return the inodes of a folder's files by the names that were synchronised."""
+    """Return the names that a folder had when it was last synchronised, each with the inode of its file."""
     kept = memory / f"{out.stat().st_ino}.names"
     lines = kept.read_text().splitlines() if kept.exists() else []
     return {name: int(inode) for inode, name in (line.split(" ", 1) for line in lines)}
 
 
-def _left(out: Path, memory: Path, *, names_too: bool) -> None:
-    """Make of a folder what the disk still has of it: of every file what was synchronised, under the names that were, or all."""
+def _lose_power(out: Path, memory: Path, *, names_too: bool) -> None:
+    """Replace a folder by what the disk still has of it after a power cut.
+
+    Each file has the content that was synchronised last. With `names_too`, only names that were synchronised are left;
+    otherwise all names are.
+    """
     names = _synchronised(out, memory) if names_too else {path.name: path.stat().st_ino for path in out.iterdir()}
     contents = {name: memory / str(inode) for name, inode in names.items()}
     left = {name: file.read_bytes() if file.exists() else b"" for name, file in contents.items()}
@@ -72,7 +76,7 @@ for name, synchronised in (("kept", True), ("lost", False), ("half", True)):
             file.write("second")
 """
     subprocess.run([sys.executable, "-c", script, str(out)], env=_environment(layer, memory), check=True)
-    _left(out, memory, names_too=False)
+    _lose_power(out, memory, names_too=False)
     assert {path.name: path.read_text() for path in out.iterdir()} == {"kept": "first", "lost": "", "half": "first"}
 
 
@@ -93,9 +97,9 @@ def test_a_run_is_resumed_after_power_was_lost(share: float, names_too: bool, la
         time.sleep(0.002)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    # a worker may be in the middle of giving a file its name
+    # a worker may be in the middle of renaming a file
     assert session_is_over(process.pid, 60)
-    _left(out, memory, names_too=names_too)
+    _lose_power(out, memory, names_too=names_too)
     left = maps_of(out)
     assert left
     assert all(content == whole[name] for name, content in left.items())

@@ -39,6 +39,11 @@ def _picture(path: Path) -> NDArray[Any]:
     return np.asarray(np.rint(255 * mpl.image.imread(path)[..., :3])).astype(int)
 
 
+def _words(svg: Path) -> set[str]:
+    """Return the texts of an SVG, which holds letters as outlines, with the text as a comment."""
+    return set(re.findall(r"<!-- (.*?) -->", svg.read_text()))
+
+
 def _count(picture: NDArray[Any], colour: tuple[int, int, int]) -> int:
     return int(np.count_nonzero((abs(picture - colour) <= 1).all(axis=-1)))
 
@@ -53,7 +58,7 @@ def test_a_picture_of_maps(form: Form, tmp_path: Path) -> None:
     assert 600 < height < width < 3000
     assert cadtof("preview", maps / f"frame_0.{form}", "-o", tmp_path / "b.png").status == 0
     np.testing.assert_array_equal(_picture(tmp_path / "b.png"), whole)
-    # colours, not shades alone
+    # the picture has colours, not only shades of grey
     assert np.count_nonzero(np.ptp(whole, axis=-1) > 60) > 0.05 * height * width
 
 
@@ -66,9 +71,9 @@ def test_pixels_without_a_depth_have_colours_of_their_own(tmp_path: Path) -> Non
         assert cadtof("preview", maps, "-o", tmp_path / f"{name}.png").status == 0
     whole, half, bright = (_picture(tmp_path / f"{name}.png") for name in "abc")
     share = 0.02 * whole[..., 0].size
-    # half of the MPI panel has one path in all three
+    # in all three, half of the MPI panel shows pixels with one path
     assert _count(whole, ONE_PATH) > share
-    # letters have shades of grey
+    # letters have some pixels of this grey
     assert max(_count(whole, NO_ANSWER), _count(whole, SATURATED), _count(half, SATURATED)) < share / 20
     assert _count(half, NO_ANSWER) > 2 * share
     assert _count(bright, SATURATED) > share
@@ -92,19 +97,18 @@ def test_any_file_name_is_drawn(name: str, tmp_path: Path) -> None:
     assert (done.status, done.err) == (0, "")
 
 
-def test_planar_depth_is_said(tmp_path: Path) -> None:
+def test_planar_depth_is_named(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     for depth in ("z", "range"):
         out = tmp_path / depth
         assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--depth", depth).status == 0
         assert cadtof("preview", out, "-o", tmp_path / f"{depth}.svg").status == 0
-        # letters of an SVG are outlines with the text as a comment
-        assert ("planar depth z, m" in (tmp_path / f"{depth}.svg").read_text()) == (depth == "z")
+        assert ("planar depth z, m" in _words(tmp_path / f"{depth}.svg")) == (depth == "z")
 
 
 @pytest.mark.parametrize(("height", "width"), [(24, 32), (5, 40), (700, 3)])
 def test_a_layer_is_drawn_at_full_resolution(height: int, width: int, tmp_path: Path) -> None:
-    """Every pixel of the map is a square of its colour, as many as there are, in the colours of matplotlib's own scale."""
+    """Every pixel of the map is a square of its own in the picture, in the colour of matplotlib's own scale."""
     depth = np.random.default_rng(0).uniform(1.0, 2.0, (height, width)).astype(np.float32)
     depth[1, 2] = np.nan
     write_exr(tmp_path / "a.exr", {"direct.depth": depth})
@@ -115,8 +119,9 @@ def test_a_layer_is_drawn_at_full_resolution(height: int, width: int, tmp_path: 
     expected[1, 2] = NO_ANSWER
     side = max(1, 960 // max(height, width))
     whole = np.repeat(np.repeat(expected, side, axis=0), side, axis=1)
+    # where the axes begin in the picture
     left = 58
-    top = 81 + int(np.abs(picture[81, left] - whole[0, 0]).max() > 1)  # matplotlib 3.10 rounds otherwise
+    top = 81 + int(np.abs(picture[81, left] - whole[0, 0]).max() > 1)  # matplotlib 3.10 rounds differently
     found = picture[top : top + height * side, left : left + width * side]
     np.testing.assert_allclose(found, whole, rtol=0, atol=1)
 
@@ -132,11 +137,13 @@ def test_status_as_a_picture(tmp_path: Path) -> None:
     assert _count(picture, NO_ANSWER) == pytest.approx(none * side, rel=0.05)
 
 
-def test_recorded_frames_truth_and_other_layers(tmp_path: Path) -> None:
-    capture = record(tmp_path / "capture", frames=2)
+def test_recorded_frames_truth_and_other_layers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # a longer path would be shortened in a title
+    monkeypatch.chdir(tmp_path)
+    capture = record(Path("capture"), frames=2)
     write_exr(tmp_path / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
     write_exr(tmp_path / "other.exr", {"Y": np.zeros((24, 32), np.float32)})
-    for name, what, told in (
+    for name, what, expected in (
         ("frame", capture.files[0], {"H1.SC1", "H2.SC2", "H1.amplitude", "H2.phase", "V", "rad"}),
         ("truth", tmp_path / "truth.exr", {"direct.depth", "radial range, m"}),
         ("other", tmp_path / "other.exr", {"Y"}),
@@ -145,32 +152,30 @@ def test_recorded_frames_truth_and_other_layers(tmp_path: Path) -> None:
     ):
         done = cadtof("preview", *(what if isinstance(what, tuple) else (what,)), "-o", tmp_path / f"{name}.svg")
         assert (done.status, done.err) == (0, "")
-        words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / f"{name}.svg").read_text()))
-        shortened = {word for word in told if "as recorded" in word and word not in words}
-        assert told - shortened <= words
+        assert expected <= _words(tmp_path / f"{name}.svg")
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, -2.5e-3])
-def test_a_layer_that_is_the_same_everywhere_has_a_scale_about_its_value(
+def test_a_layer_with_one_value_has_a_scale_about_this_value(
     value: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_exr(Path("even.exr"), {"Y": np.full((24, 32), value, np.float32)})
     assert cadtof("preview", "even.exr", "-o", "a.svg").status == 0
-    words = re.findall(r"<!-- (.*?) -->", Path("a.svg").read_text())
+    words = _words(Path("a.svg"))
     # the file's name, without a folder before it
     assert "even.exr" in words
-    # numbers along the bar, none of them with an offset or a power of ten beside it
+    # no number along the bar has an offset or a power of ten beside it
     assert not [word for word in words if re.search(r"\de[+−-]|\+1", word)]
     low, high = limits_of(np.full((24, 32), value))
     assert low < value < high
 
 
-def test_counts_are_drawn_where_nothing_says_how_many_volts_they_are(tmp_path: Path) -> None:
+def test_counts_are_drawn_if_nothing_says_how_many_volts_they_are(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml="")
     done = cadtof("preview", capture.files[0], "-o", tmp_path / "a.svg", "--layer", "H2.SC1")
     assert (done.status, done.err) == (0, "")
-    assert "<!-- counts -->" in (tmp_path / "a.svg").read_text()
+    assert "counts" in _words(tmp_path / "a.svg")
 
 
 def test_a_calibration_is_drawn_with_all_its_parts(tmp_path: Path) -> None:
@@ -180,23 +185,14 @@ def test_a_calibration_is_drawn_with_all_its_parts(tmp_path: Path) -> None:
         save_part(tmp_path / "calibration", part)
     done = cadtof("preview", tmp_path / "calibration", "-o", tmp_path / "a.svg")
     assert (done.status, done.err) == (0, "")
-    words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / "a.svg").read_text()))
-    assert {
-        "dark offset H1.SC1",
-        "dark noise H2.SC2",
-        "phase H2",
-        "gain H2",
-        "field curvature",
-        "mV",
-        "cm",
-        "°",
-    } <= words
+    titles = {"dark offset H1.SC1", "dark noise H2.SC2", "phase H2", "gain H2", "field curvature"}
+    assert titles | {"mV", "cm", "°"} <= _words(tmp_path / "a.svg")
     done = cadtof("preview", tmp_path / "calibration", "-o", tmp_path / "b.png", "--layer", "gain")
     assert (done.status, "a calibration is drawn whole" in done.err) == (2, True)
 
 
 def _sequence(folder: Path, count: int) -> Path:
-    """Maps whose depth grows from frame to frame, 1 m, 1.5 m, …, and the same in all pixels."""
+    """Write maps with one depth in all pixels, which grows from frame to frame: 1 m, 1.5 m, …"""
     folder.mkdir()
     for index in range(count):
         write_exr(folder / f"frame_{index}.exr", {"direct.depth": np.full((20, 30), 1.0 + 0.5 * index, np.float32)})
@@ -225,20 +221,20 @@ def test_a_damaged_first_map_is_left_out_of_the_sheet(form: Form, tmp_path: Path
     first.write_bytes(first.read_bytes()[:3000])
     done = cadtof("preview", out, "-o", tmp_path / "a.png")
     assert done.status == 0
-    (told,) = done.err.splitlines()
-    assert told.startswith(f"left out: {first}: ")
+    (message,) = done.err.splitlines()
+    assert message.startswith(f"left out: {first}: ")
     assert _picture(tmp_path / "a.png").size > 0
 
 
-def test_a_layer_that_no_frame_has_is_told_once(tmp_path: Path) -> None:
+def test_a_layer_that_no_frame_has_is_reported_once(tmp_path: Path) -> None:
     maps = _sequence(tmp_path / "maps", 4)
     done = cadtof("preview", maps, "-o", tmp_path / "a.png", "--layer", "depth")
     assert done.status == 2
     assert done.err == "Error: --layer: found 'depth', expected one of direct.depth: maps/frame_0.exr\n"
 
 
-def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
-    """Opened by Pillow."""
+def test_a_film_has_one_scale_for_all_frames(tmp_path: Path) -> None:
+    """Pillow reads the film."""
     maps = _sequence(tmp_path / "maps", 5)
     arguments = ("preview", maps, "-o", tmp_path / "a.gif", "--range", "1,3", "--fps", 5)
     done = cadtof(*arguments)
@@ -257,15 +253,15 @@ def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
 
 
 def test_an_mp4_opened_by_opencv(tmp_path: Path) -> None:
-    """An MP4 loses a little of its colours."""
+    """The compression of an MP4 changes colours a little."""
     needed_module("imageio_ffmpeg")
     cv2 = needed_module("cv2")
     maps = _sequence(tmp_path / "maps", 5)
     assert cadtof("preview", maps, "-o", tmp_path / "a.mp4", "--range", "1,3").status == 0
     film = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     for index in range(5):
-        there, picture = film.read()
-        assert there
+        is_read, picture = film.read()
+        assert is_read
         middle = picture[picture.shape[0] // 2, picture.shape[1] // 2, ::-1].astype(int)
         expected = np.array(mpl.colormaps["viridis"](0.25 * index, bytes=True))[:3].astype(int)
         assert np.abs(middle - expected).max() <= 12
@@ -273,7 +269,7 @@ def test_an_mp4_opened_by_opencv(tmp_path: Path) -> None:
     film.release()
 
 
-def test_mp4_says_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mp4_without_its_package_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = _sequence(tmp_path / "maps", 2)
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     done = cadtof("preview", maps, "-o", tmp_path / "a.mp4")
@@ -297,13 +293,13 @@ def test_truth_adds_the_errors(tmp_path: Path) -> None:
     assert (done.status, "--truth goes with the figure of one frame, not with a film" in done.err) == (2, True)
 
 
-def test_what_cannot_be_drawn(tmp_path: Path) -> None:
+def test_impossible_pictures_are_refused(tmp_path: Path) -> None:
     maps = _maps(tmp_path)
     small, other = tmp_path / "small.exr", tmp_path / "other.exr"
     write_exr(small, {"direct.depth": step_truth(height=20).astype(np.float32)})
     write_exr(other, {"Y": np.zeros((24, 32), np.float32)})
     (tmp_path / "empty").mkdir()
-    for arguments, told in (
+    for arguments, message in (
         ((tmp_path / "gone",), f"{tmp_path / 'gone'}: no such file or folder; expected maps that"),
         ((tmp_path / "empty",), f"{tmp_path / 'empty'}: found no maps (.exr, .tif)"),
         (
@@ -319,7 +315,7 @@ def test_what_cannot_be_drawn(tmp_path: Path) -> None:
         ((maps, "--truth", small), f"{maps / 'frame_0.tif'}: found 32 × 24 pixels, expected 32 × 20 as in {small}"),
     ):
         done = cadtof("preview", *arguments, "-o", tmp_path / "a.png")
-        assert done.err.startswith(f"Error: {told}")
+        assert done.err.startswith(f"Error: {message}")
         assert (done.status, done.out) == (2, "")
     done = cadtof("preview", maps, "-o", tmp_path / "gone" / "a.png")
     assert done.err == f"Error: {tmp_path / 'gone' / 'a.png'}: cannot be written: No such file or directory\n"

@@ -1,4 +1,4 @@
-"""Real runs that are stopped, killed, or lose a worker: nothing half-written stays, nobody is left, and nothing is lost."""
+"""Real runs that are stopped, killed, or lose a worker: no partial file and no process is left, and no frame is lost."""
 
 import fcntl
 import json
@@ -26,10 +26,10 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are f
 
 FRAMES = 120
 PIPE_BYTES = 4096
-"""Of the lines of that many frames few fit into such a pipe: while nobody empties it, a run cannot end."""
+"""Such a pipe holds few of the lines of so many frames. So a run cannot end while nobody empties the pipe."""
 
 _PROGRAM = (sys.executable, "-m", "cadtof_cli")
-"""Not with warnings as errors: a library that Ctrl-C leaves in the middle of opening a file does not close it at once."""
+"""Warnings are no errors here: if Ctrl-C interrupts a library while it opens a file, the file is not closed at once."""
 
 
 _THREADS = """
@@ -47,7 +47,7 @@ print(len(list(Path("/proc/self/task").iterdir())))
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of many names of one small frame."""
+    """A folder in which one small frame has many names."""
     folder = tmp_path_factory.mktemp("capture")
     (folder / "capture.toml").write_text(TOML["tif"])
     first = folder / "frame_0000.tif"
@@ -59,20 +59,20 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def map_bytes(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """What the map of that frame holds."""
+    """The bytes of the map of that frame, without its name."""
     out = tmp_path_factory.mktemp("expected") / "out"
     assert program("resolve", capture / "frame_0000.tif", "-o", out, "-j", 1).status == 0
-    return _unnamed(out / "frame_0000.tif")
+    return _bytes_without_name(out / "frame_0000.tif")
 
 
 class Run:
-    """A run that goes on: it has reported its first frame, and cannot report its last before its lines are read."""
+    """A run that goes on: it has reported a frame, and cannot report its last frame until somebody reads its lines."""
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         assert process.stdout is not None
         self.process = process
         fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        # the pipe is not buffered here, so that what follows the first line stays in it
+        # Python does not buffer this pipe, so the lines after the first stay in it
         self._first = process.stdout.readline()
 
     @property
@@ -80,8 +80,8 @@ class Run:
         pid = self.process.pid
         return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
-    def ended(self) -> tuple[int, str, list[dict[str, Any]]]:
-        """Wait for the end; return status, what was said on stderr, and the frames' lines."""
+    def wait(self) -> tuple[int, str, list[dict[str, Any]]]:
+        """Wait for the end; return the exit status, the text on stderr, and the lines of the frames."""
         out, err = self.process.communicate(timeout=60)
         return self.process.returncode, err.decode(), [json.loads(line) for line in (self._first + out).splitlines()]
 
@@ -100,15 +100,15 @@ def _running(*arguments: object, command: tuple[str, ...] = _PROGRAM) -> Iterato
         process.communicate()
 
 
-def _unnamed(path: Path) -> bytes:
-    """Bytes of a map without the name of the frame that it is of, which its header tells; all names have one length."""
+def _bytes_without_name(path: Path) -> bytes:
+    """Return the bytes of a map without the name of its frame, which its header holds. All names have one length."""
     return path.read_bytes().replace(path.stem.encode(), b"")
 
 
-def _sound(out: Path, map_bytes: bytes) -> int:
-    """Make sure that there are whole maps and records alone, and one for every line; return how many."""
+def _whole_maps(out: Path, map_bytes: bytes) -> int:
+    """Make sure that OUT holds only whole maps and records, and a map for every ok line; return the number of maps."""
     maps = [path for path in out.iterdir() if path.name not in {"run.json", "frames.jsonl"}]
-    assert all(path.suffix == ".tif" and _unnamed(path) == map_bytes for path in maps)
+    assert all(path.suffix == ".tif" and _bytes_without_name(path) == map_bytes for path in maps)
     lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
     assert all(Path(line["output"]) in maps for line in lines if line["status"] == "ok")
     json.loads((out / "run.json").read_text())
@@ -123,8 +123,8 @@ def _to_parent(run: Run, number: signal.Signals) -> None:
     run.process.send_signal(number)
 
 
-def _ended(run: Run) -> tuple[int, str]:
-    """Wait for the end, but leave its last lines unread, as after a kill they may be cut."""
+def _wait_for_end(run: Run) -> tuple[int, str]:
+    """Wait for the end; return exit status and stderr. The last lines are dropped, because a kill may cut them off."""
     _, err = run.process.communicate(timeout=60)
     return run.process.returncode, err.decode().strip()
 
@@ -135,11 +135,11 @@ INTERRUPTED = rf"interrupted: (\d+) of {FRAMES} frames are resolved; the same co
 @pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.parametrize("send", [_to_all, _to_parent])
 @pytest.mark.parametrize(
-    ("number", "status", "told"),
+    ("number", "status", "message"),
     [(signal.SIGINT, 130, INTERRUPTED), (signal.SIGTERM, 143, ""), (signal.SIGHUP, 129, "")],
 )
 def test_a_run_that_is_stopped(
-    number: signal.Signals, status: int, told: str, send: Callable[[Run, signal.Signals], None], jobs: int,
+    number: signal.Signals, status: int, message: str, send: Callable[[Run, signal.Signals], None], jobs: int,
     capture: Path, map_bytes: bytes, tmp_path: Path,
 ) -> None:  # fmt: skip
     out = tmp_path / "out"
@@ -147,13 +147,13 @@ def test_a_run_that_is_stopped(
         workers = run.workers
         assert len(workers) == (jobs if jobs > 1 else 0)
         send(run, number)
-        found, err = _ended(run)
-    said = re.fullmatch(told, err)
-    assert (found, said is not None) == (status, True), err
+        found, err = _wait_for_end(run)
+    matched = re.fullmatch(message, err)
+    assert (found, matched is not None) == (status, True), err
     assert nobody_left(workers, 0)
-    maps = _sound(out, map_bytes)
+    maps = _whole_maps(out, map_bytes)
     assert 1 <= maps < FRAMES
-    assert said is None or all(int(count) <= maps for count in said.groups())
+    assert matched is None or all(int(count) <= maps for count in matched.groups())
     assert json.loads((out / "run.json").read_text())["finished"] is False
 
 
@@ -167,13 +167,13 @@ def test_a_run_that_is_killed_leaves_no_worker_and_can_be_resumed(
             workers = run.workers
             assert len(workers) >= 2
             run.process.kill()
-            # where processes are spawned, Python's own resource tracker has a word about the kill
-            assert _ended(run)[0] == -signal.SIGKILL
+            # stderr may hold text: with spawned processes, Python's own resource tracker writes about the kill
+            assert _wait_for_end(run)[0] == -signal.SIGKILL
             assert nobody_left(workers, 10)
     (out / ".frame_0119.tif.1234abcd.partial").write_bytes(map_bytes[:100])
     done = program("resolve", capture, "-o", out, "-j", 2, "--resume")
     assert done.status == 0
-    assert _sound(out, map_bytes) == FRAMES
+    assert _whole_maps(out, map_bytes) == FRAMES
     run_record = json.loads((out / "run.json").read_text())
     assert (run_record["finished"], run_record["totals"]["failed"]) == (True, 0)
     assert run_record["totals"]["ok"] + run_record["totals"]["skipped"] == FRAMES
@@ -188,11 +188,11 @@ def test_a_run_that_loses_a_worker_loses_no_frame(
     out = tmp_path / "out"
     with _running("resolve", capture, "-o", out, "-j", 2) as run:
         os.kill(run.workers[0], number)
-        status, told, reports = run.ended()
-    assert (status, told) == (0, "")
+        status, err, reports = run.wait()
+    assert (status, err) == (0, "")
     assert [report["source"] for report in reports] == [str(capture / f"frame_{i:04}.tif") for i in range(FRAMES)]
     assert {report["status"] for report in reports} == {"ok"}
-    assert _sound(out, map_bytes) == FRAMES
+    assert _whole_maps(out, map_bytes) == FRAMES
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
@@ -203,7 +203,7 @@ def test_a_stopped_worker_keeps_nobody_waiting(number: signal.Signals, capture: 
             os.kill(worker, signal.SIGSTOP)
         began = time.monotonic()
         run.process.send_signal(number)
-        assert _ended(run)[0] == 128 + number
+        assert _wait_for_end(run)[0] == 128 + number
         assert time.monotonic() - began < 5
         assert nobody_left(workers, 0)
 
@@ -221,14 +221,14 @@ def test_a_worker_that_hangs_costs_no_frame(capture: Path, map_bytes: bytes, tmp
     out = tmp_path / "out"
     with _running("resolve", capture, "-o", out, "-j", 2, "--frame-timeout", 2) as run:
         os.kill(run.workers[0], signal.SIGSTOP)
-        status, told, reports = run.ended()
-    assert (status, told) == (0, "")
+        status, err, reports = run.wait()
+    assert (status, err) == (0, "")
     assert {report["status"] for report in reports} == {"ok"}
-    assert _sound(out, map_bytes) == FRAMES
+    assert _whole_maps(out, map_bytes) == FRAMES
 
 
 def test_ctrl_c_while_modules_are_imported(tmp_path: Path) -> None:
-    """Python would show where it was, twenty lines of its own and of libraries."""
+    """Python itself would print a traceback of twenty lines."""
     (tmp_path / "click.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(9)\n")
     command = [sys.executable, "-m", "cadtof_cli", "--version"]
     environment = {**ENVIRONMENT, "PYTHONPATH": f"{tmp_path}:{ENVIRONMENT['PYTHONPATH']}"}
@@ -238,15 +238,15 @@ def test_ctrl_c_while_modules_are_imported(tmp_path: Path) -> None:
 
 def test_nohup_is_respected(capture: Path, map_bytes: bytes, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with _running("-c", _UNHANGABLE, *_PROGRAM, "resolve", capture, "-o", out, "-j", 2, command=_PYTHON) as run:
+    with _running("-c", _IGNORES_HANGUP, *_PROGRAM, "resolve", capture, "-o", out, "-j", 2, command=_PYTHON) as run:
         run.process.send_signal(signal.SIGHUP)
-        assert run.ended()[0] == 0
-    assert _sound(out, map_bytes) == FRAMES
+        assert run.wait()[0] == 0
+    assert _whole_maps(out, map_bytes) == FRAMES
 
 
 _PYTHON = (sys.executable,)
 
-_UNHANGABLE = """
+_IGNORES_HANGUP = """
 import os, signal, sys
 signal.signal(signal.SIGHUP, signal.SIG_IGN)
 os.execv(sys.argv[1], sys.argv[1:])
@@ -272,22 +272,22 @@ def test_a_frame_that_hangs_fails_alone(jobs: int, capture: Path, map_bytes: byt
     inputs = [capture / f"frame_{index:04}.tif" for index in range(10)]
     limit = ("--frame-timeout", 1.5)
     with _running("resolve", *inputs, "-o", out, "-j", jobs, *limit, command=(sys.executable, "-c", _HANGING)) as run:
-        status, told, reports = run.ended()
+        status, err, reports = run.wait()
     assert status == 1
     assert [report["status"] for report in reports] == ["failed" if index == 7 else "ok" for index in range(10)]
     assert reports[7]["reason"].startswith("not done in the 1.5 s of --frame-timeout, twice")
-    assert reports[7]["reason"] in told
-    assert _sound(out, map_bytes) == 9
+    assert reports[7]["reason"] in err
+    assert _whole_maps(out, map_bytes) == 9
 
 
 @pytest.mark.parametrize("jobs", [1000, 1_000_000_000])
-def test_more_jobs_than_are_any_good(jobs: int, capture: Path, tmp_path: Path) -> None:
+def test_the_number_of_processes_is_limited(jobs: int, capture: Path, tmp_path: Path) -> None:
     done = program("resolve", capture / "frame_0000.tif", "-o", tmp_path / "out", "-j", jobs)
     assert done.status == 0
     assert f"--jobs {jobs}: at most {4 * available_cores()} processes are started, 4 per core" in done.err
     with _running("resolve", capture, "-o", tmp_path / "all", "-j", jobs) as run:
         assert len(run.workers) <= 4 * available_cores()
-        assert run.ended()[0] == 0
+        assert run.wait()[0] == 0
 
 
 _DEADLY = """
@@ -310,23 +310,25 @@ def test_a_frame_that_kills_every_worker_fails_alone(capture: Path, map_bytes: b
     out = tmp_path / "out"
     inputs = [capture / f"frame_{index:04}.tif" for index in range(20)]
     with _running("resolve", *inputs, "-o", out, "-j", 2, command=(sys.executable, "-c", _DEADLY)) as run:
-        status, told, reports = run.ended()
+        status, err, reports = run.wait()
     assert status == 1
-    assert told.startswith("failed: ")
+    assert err.startswith("failed: ")
     assert [report["status"] for report in reports] == ["failed" if index == 7 else "ok" for index in range(20)]
     assert reports[7]["source"] == str(inputs[7])
     assert "the worker process died twice on this frame" in reports[7]["reason"]
-    assert _sound(out, map_bytes) == 19
+    assert _whole_maps(out, map_bytes) == 19
 
 
 @pytest.mark.parametrize(
-    ("said", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, min(2, len(os.sched_getaffinity(0))))]
+    ("variables", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, min(2, len(os.sched_getaffinity(0))))]
 )
-def test_nothing_but_its_own_threads_runs(said: dict[str, str], threads: int, capture: Path, tmp_path: Path) -> None:
-    """Linear algebra has no threads of its own, unless the user asks for them; what writes the maps has ended with the run."""
-    if said and "openblas" not in str(np.show_config(mode="dicts")).lower():
+def test_linear_algebra_starts_no_threads_and_a_run_leaves_none(
+    variables: dict[str, str], threads: int, capture: Path, tmp_path: Path
+) -> None:
+    """Linear algebra has no threads unless the user asks for them. The threads that write maps end with the run."""
+    if variables and "openblas" not in str(np.show_config(mode="dicts")).lower():
         pytest.skip("numpy's linear algebra is another")
-    environment = {name: value for name, value in ENVIRONMENT.items() if "NUM_THREADS" not in name} | said
+    environment = {name: value for name, value in ENVIRONMENT.items() if "NUM_THREADS" not in name} | variables
     words = ["resolve", str(capture), "-o", str(tmp_path / "out"), "-q", "-j", "1", "--frames", ":2"]
     done = subprocess.run(
         [sys.executable, "-c", _THREADS, *words], env=environment, capture_output=True, text=True, check=True

@@ -1,4 +1,4 @@
-"""`cadtof profile`: what maps say along a line, held against the pixels of their files."""
+"""`cadtof profile`: the values along a line are those of the pixels of the maps."""
 
 import csv
 import re
@@ -67,7 +67,7 @@ def test_other_layers_and_pixels_without_a_value(runs: tuple[Path, Path]) -> Non
     assert list(found) == ["x", "y", "two"]
 
 
-def test_pictures_and_a_file_of_the_table(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_profile_is_written_as_picture_or_table(runs: tuple[Path, Path], tmp_path: Path) -> None:
     truth = runs[0].parent / "truth.exr"
     for name in ("a.png", "a.svg", "a.csv"):
         arguments = ("profile", *runs, "--row", 3, "--truth", truth, "-o", tmp_path / name)
@@ -76,14 +76,14 @@ def test_pictures_and_a_file_of_the_table(runs: tuple[Path, Path], tmp_path: Pat
         assert (cadtof(*arguments).status, cadtof(*arguments, "--overwrite").status) == (2, 0)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "a.csv").read_text() == cadtof("profile", *runs, "--row", 3, "--truth", truth).out
-    # letters are outlines with the text as a comment: both runs, one first phasor for both, truth, errors
+    # an SVG holds letters as outlines, with the text as a comment: both runs, one first phasor for both, truth, errors
     words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / "a.svg").read_text()))
     assert {"two", "one", "first phasor", "truth", "radial range, m", "error, cm", "column, px"} <= words
     assert "direct.depth, row 3 of frame_0" in words
 
 
 def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -> None:
-    """z over range is 1/√(1 + X² + Y²): 28 px, the axis at column 15, row 10."""
+    """z over range is 1/√(1 + X² + Y²), with a focal length of 28 px and the axis at column 15, row 10."""
     out, truth = tmp_path / "z", runs[0].parent / "truth.exr"
     capture = runs[0].parent / "capture"
     assert cadtof("resolve", capture, "-o", out, "-j", 1, "-q", "--depth", "z").status == 0
@@ -97,7 +97,7 @@ def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -
 
 
 def test_maps_of_other_pixels_are_not_drawn_together(runs: tuple[Path, Path], tmp_path: Path) -> None:
-    """They have one size, and nothing in the picture would tell that they show different parts of a frame."""
+    """The maps have the same size, so a picture would not show that they are different parts of a frame."""
     capture = runs[0].parent / "capture"
     for roi in ("0,0,16,12", "16,12,32,24"):
         assert cadtof("resolve", capture, "-o", tmp_path / roi, "-j", 1, "-q", "--roi", roi).status == 0
@@ -121,9 +121,9 @@ def test_a_damaged_first_map_does_not_hide_which_pixels_the_others_show(tmp_path
     np.testing.assert_allclose(_table(done.out)["truth"], step_truth()[5, 4:20], rtol=1e-6)
 
 
-def test_what_cannot_be_drawn(runs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_impossible_profiles_are_refused(runs: tuple[Path, Path], tmp_path: Path) -> None:
     write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
-    for arguments, told in (
+    for arguments, message in (
         ((runs[0],), "found 0 of --row, --column and --line, expected one of them"),
         ((runs[0], "--row", 3, "--column", 4), "found 2 of --row, --column and --line"),
         ((runs[0], "--row", 24), "--row: found 24, expected columns 0 … 31 and rows 0 … 23"),
@@ -136,4 +136,4 @@ def test_what_cannot_be_drawn(runs: tuple[Path, Path], tmp_path: Path) -> None:
     ):
         done = cadtof("profile", *arguments)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err

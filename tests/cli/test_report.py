@@ -20,7 +20,7 @@ ATTACK = "</script><script>alert(1)</script>"
 
 
 class _Page(HTMLParser):
-    """What a parser that is not ours finds in a page."""
+    """The scripts, the policy and the text of a page, as Python's HTML parser finds them."""
 
     def __init__(self) -> None:
         super().__init__(convert_charrefs=True)
@@ -56,11 +56,11 @@ def _run(folder: Path, *, frames: int = 2) -> Path:
     return folder / "out"
 
 
-def _page(*arguments: object, told: str = "") -> _Page:
+def _page(*arguments: object, message: str = "") -> _Page:
     out = Path(str(arguments[0])).parent / "page.html"
     done = cadtof("report", *arguments, "-o", out, "--overwrite")
     assert (done.status, done.out) == (0, f"{out}\n")
-    assert told in done.err
+    assert message in done.err
     page = _Page()
     page.feed(out.read_text(encoding="utf-8"))
     return page
@@ -104,10 +104,10 @@ def test_frames_of_several_captures_are_told_apart_and_their_settings_folded(tmp
     assert "layout.pattern" not in settings
 
 
-def test_the_words_on_a_page_are_explained_on_it(tmp_path: Path) -> None:
-    said = _page(_run(tmp_path)).text.partition("Status bits: what became of a pixel")[2]
+def test_status_bits_are_explained_on_the_page(tmp_path: Path) -> None:
+    explanations = _page(_run(tmp_path)).text.partition("Status bits: what became of a pixel")[2]
     for bit, meaning in MEANING.items():
-        assert f"{bit_words(bit)}{meaning.replace('`', '')}" in said
+        assert f"{bit_words(bit)}{meaning.replace('`', '')}" in explanations
 
 
 def test_the_policy_lets_its_own_script_run_and_nothing_else(tmp_path: Path) -> None:
@@ -177,16 +177,13 @@ def test_a_run_without_a_single_map_has_a_page(tmp_path: Path) -> None:
 
 
 def test_maps_alone_and_a_run_that_was_moved(tmp_path: Path) -> None:
-    """Without a record, the maps are shown nevertheless.
-
-    In a folder that was moved, frames are found by their places.
-    """
+    """Maps without a record are shown, too. In a folder that was moved, maps are found by their places in it."""
     out = _run(tmp_path)
     shutil.copytree(out, tmp_path / "moved" / "there")
     assert "2resolved2failed0" in _page(tmp_path / "moved" / "there").text.replace("\n", "")
     (tmp_path / "bare").mkdir()
     shutil.copy(out / "frame_0.tif", tmp_path / "bare" / "one.tif")
-    bare = _page(tmp_path / "bare", told="no run.json beside the maps")
+    bare = _page(tmp_path / "bare", message="no run.json beside the maps")
     assert "There is no run.json beside the maps" in bare.text
     assert "frames1" in bare.text.replace("\n", "")
     single = _page(out / "frame_1.tif")
@@ -194,12 +191,12 @@ def test_maps_alone_and_a_run_that_was_moved(tmp_path: Path) -> None:
     assert "Of 1 frame the page holds: all pixels of 1." in single.text
 
 
-def test_what_cannot_be_written_or_read_is_refused(tmp_path: Path) -> None:
+def test_impossible_pages_are_refused(tmp_path: Path) -> None:
     out = _run(tmp_path, frames=1)
     write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
     (tmp_path / "empty").mkdir()
     (tmp_path / "there.html").write_text("mine")
-    for arguments, told in (
+    for arguments, message in (
         ((out, "-o", tmp_path / "a.pdf"), "found the suffix '.pdf', expected .html or .htm"),
         ((out, "-o", tmp_path / "there.html"), "already exists; add --overwrite to replace it"),
         ((out, "-o", tmp_path / "gone" / "a.html"), "cannot be written: No such file or directory"),
@@ -212,7 +209,7 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path: Path) -> None:
     ):
         done = cadtof("report", *arguments)
         assert (done.status, done.out) == (2, "")
-        assert told in done.err
+        assert message in done.err
     assert (tmp_path / "there.html").read_text() == "mine"
     assert not list(tmp_path.glob("a.*"))
 
@@ -225,7 +222,7 @@ def test_the_same_run_gives_the_same_page(tmp_path: Path) -> None:
     assert (tmp_path / "page.html").read_bytes() == first
 
 
-def test_the_page_s_parts_are_in_the_wheel() -> None:
+def test_the_parts_of_the_page_are_in_the_wheel() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     patterns = project["tool"]["setuptools"]["package-data"]["cadtof_cli.report"]
     folder = ROOT / "cadtof_cli" / "report"

@@ -38,7 +38,7 @@ LINE_KEYS = [
 ]
 PULSE_RESPONSE = np.exp(-((2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
 LEFT, RIGHT = np.s_[:, :16], np.s_[:, 16:]
-"""Of `step_frame`: one path at 5 ns, and 12 ns with MPI of 0.3 at 20 ns."""
+"""The halves of `step_frame`: one path at 5 ns, and 12 ns with MPI of 0.3 at 20 ns."""
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
@@ -54,12 +54,13 @@ def test_maps_hold_the_truth_within_noise(form: Form, map_format: str, tmp_path:
     layers = layers_of(tmp_path / "out" / f"frame_0.{suffix}")
     assert sorted(layers) == sorted(LAYERS)
     assert {layer.shape for layer in layers.values()} == {(24, 32)}
-    _hold_truth(layers)
+    _require_truth(layers)
 
 
-def _hold_truth(layers: dict[str, NDArray[Any]]) -> None:
+def _require_truth(layers: dict[str, NDArray[Any]]) -> None:
     error = layers["direct.depth"] - step_truth()
-    # one path at ASR 2: sigma of the phase is 1.58e-3 · 3 for one harmonic, 4.5 mm, and less for two
+    # one path at ASR 2: sigma of the phase is 1.58e-3 · 3 rad, 4.5 mm, for one harmonic, and less for two;
+    # the median of the absolute error is .67 of sigma
     assert np.sqrt(np.median(np.square(error[LEFT]))) < 0.0031
     assert np.median(np.abs(error[RIGHT])) < 0.012
     status = layers["status"].astype(np.uint32)
@@ -154,7 +155,7 @@ def test_planar_depth_by_the_pinhole(tmp_path: Path) -> None:
         (("--return", "first"), 12.0, 20.0),
         (("--return", "last"), 20.0, 12.0),
         (("--return", "strongest"), 12.0, 20.0),
-        # the second path has 0.3 of the first
+        # the second path has 0.3 of the amplitude of the first
         (("--return", "last", "--min-return-ratio", "0.45"), 12.0, 20.0),
         (("--return", "last", "--min-return-ratio", "0.2"), 20.0, 12.0),
     ],
@@ -168,7 +169,7 @@ def test_which_path_is_direct(choice: tuple[str, ...], direct_ns: float, mpi_ns:
 
 
 @pytest.mark.parametrize("choice", [("--order", "1"), ("--solver", "one-path")])
-def test_one_path_where_only_one_is_asked_for(choice: tuple[str, ...], tmp_path: Path) -> None:
+def test_one_path_everywhere_if_one_is_asked_for(choice: tuple[str, ...], tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     assert cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, *choice).status == 0
     layers = layers_of(tmp_path / "out" / "frame_0.tif")
@@ -176,11 +177,11 @@ def test_one_path_where_only_one_is_asked_for(choice: tuple[str, ...], tmp_path:
     assert (layers["status"] == ONE_PATH + ILL_CONDITIONED)[RIGHT].all()
     assert np.isnan(layers["mpi.depth"]).all()
     assert np.median(np.abs(layers["direct.depth"] - step_truth())[LEFT]) < 0.003
-    # what the second path does to an answer that leaves it out: the first phasor is off by about 20 cm
+    # an answer that ignores the second path is wrong: the first phasor is off by about 20 cm
     assert np.median(np.abs(layers["direct.depth"] - step_truth())[RIGHT]) > 0.1
 
 
-def test_two_paths_everywhere_where_two_are_asked_for(tmp_path: Path) -> None:
+def test_two_paths_almost_everywhere_if_two_are_asked_for(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     assert cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--order", 2).status == 0
     status = layers_of(tmp_path / "out" / "frame_0.tif")["status"].astype(np.uint32)
@@ -224,7 +225,7 @@ def test_one_file_takes_the_metadata_beside_it(tmp_path: Path) -> None:
     assert np.median(np.abs(layers["direct.depth"] - step_truth())) < 0.01
 
 
-def test_defaults_and_an_estimated_noise_are_told(tmp_path: Path) -> None:
+def test_defaults_and_an_estimated_noise_are_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", form="exr", toml="")
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--json")
     assert done.status == 0
@@ -239,7 +240,7 @@ def test_defaults_and_an_estimated_noise_are_told(tmp_path: Path) -> None:
     assert np.median(np.abs(layers_of(tmp_path / "out" / "frame_0.exr")["direct.depth"] - step_truth())) < 0.01
 
 
-def test_nothing_is_told_of_what_is_given_and_nothing_at_all_when_quiet(tmp_path: Path) -> None:
+def test_given_settings_cause_no_message_and_quiet_runs_print_nothing(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1)
     assert len(done.err.splitlines()) == 1 + (chosen_kernel() == NUMPY)
@@ -247,7 +248,7 @@ def test_nothing_is_told_of_what_is_given_and_nothing_at_all_when_quiet(tmp_path
     assert (done.status, done.out, done.err) == (0, "", "")
 
 
-def _same_depths(file: Path, expected: Path) -> None:
+def _require_same_depths(file: Path, expected: Path) -> None:
     np.testing.assert_array_equal(layers_of(file)["direct.depth"], layers_of(expected)["direct.depth"])
 
 
@@ -270,7 +271,7 @@ def test_a_stack_is_resolved_frame_by_frame(labelled: bool, tmp_path: Path) -> N
     assert [line["source"] for line in lines] == [f"{stack / 's.tif'}[{index}]" for index in range(3)]
     for index, line in enumerate(lines):
         assert line["output"] == str(tmp_path / "out" / f"s_{index:04}.tif")
-        _same_depths(Path(line["output"]), tmp_path / "singles" / f"frame_{index}.tif")
+        _require_same_depths(Path(line["output"]), tmp_path / "singles" / f"frame_{index}.tif")
 
 
 def test_a_frame_named_like_one_of_a_stack_keeps_its_name(tmp_path: Path) -> None:
@@ -286,11 +287,11 @@ def test_a_frame_named_like_one_of_a_stack_keeps_its_name(tmp_path: Path) -> Non
     names = ["s_00000.tif", "s_00001.tif", "s_0001.tif"]
     assert sorted(p.name for p in (tmp_path / "out").glob("*.tif")) == names
     for index, name in enumerate(names):
-        _same_depths(tmp_path / "out" / name, tmp_path / "singles" / f"frame_{index}.tif")
+        _require_same_depths(tmp_path / "out" / name, tmp_path / "singles" / f"frame_{index}.tif")
 
 
 @pytest.mark.parametrize("suffix", ["tif", "exr"])
-def test_planes_in_files_of_their_own(suffix: str, tmp_path: Path) -> None:
+def test_planes_in_files_of_one_plane_each(suffix: str, tmp_path: Path) -> None:
     single = record(tmp_path / "single", frames=2)
     capture = tmp_path / "capture"
     capture.mkdir()
@@ -333,7 +334,7 @@ def test_truth_and_maps_in_a_folder_are_no_frames(tmp_path: Path) -> None:
     assert f"2 skipped, see {tmp_path / 'out' / 'frames.jsonl'}" in done.err
 
 
-def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other(tmp_path: Path) -> None:
+def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other_pixel(tmp_path: Path) -> None:
     volts = step_frame(np.random.default_rng(0))
     forms: tuple[Form, ...] = ("tif", "exr")
     for form in forms:
@@ -344,7 +345,7 @@ def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other(tmp_path: 
     floats = volts.reshape(4, 24, 32).astype(np.float32)
     floats[1, 7, 8], floats[3, 9, 10], floats[0, 9, 11], floats[2, 9, 12] = np.nan, np.inf, -np.inf, 3e38
     write_exr(tmp_path / "exr" / "frame_0.exr", dict(zip(PLANE_NAMES, floats, strict=True)))
-    # once with the noise known, by two processes; once estimated from a frame that holds them, by one
+    # once with known noise, by two processes; once with noise that is estimated from such a frame, by one process
     for noise, jobs in (("known", 2), ("estimated", 1)):
         for form in forms:
             if noise == "estimated":
@@ -357,10 +358,10 @@ def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other(tmp_path: 
             assert (line["invalid"], line["reason"] is None) == ({"tif": 2, "exr": 4}[form], noise == "known")
             if noise == "estimated":
                 assert float(line["reason"].rpartition(" ")[2]) == pytest.approx(1e5, rel=0.25)
-            _bad_pixels_are_marked(layers_of(out / f"frame_0.{form}"), form)
+            _require_bad_pixels_marked(layers_of(out / f"frame_0.{form}"), form)
 
 
-def _bad_pixels_are_marked(layers: dict[str, NDArray[Any]], form: Form) -> None:
+def _require_bad_pixels_marked(layers: dict[str, NDArray[Any]], form: Form) -> None:
     status = layers["status"].astype(np.uint32)
     marked = {1: {(3, 4), (5, 6)}} if form == "tif" else {2: {(7, 8), (9, 10), (9, 11)}, 4096: {(9, 12)}}
     for bit, pixels in marked.items():
@@ -372,7 +373,7 @@ def _bad_pixels_are_marked(layers: dict[str, NDArray[Any]], form: Form) -> None:
 
 
 @pytest.mark.parametrize(
-    ("frames", "seconds", "told"), [(424, 2.0, "212"), (99, 10.0, "9.9"), (3, 8.5, "0.35"), (1, 3600.0, "0.00028")]
+    ("frames", "seconds", "text"), [(424, 2.0, "212"), (99, 10.0, "9.9"), (3, 8.5, "0.35"), (1, 3600.0, "0.00028")]
 )
-def test_a_slow_run_is_not_said_to_stand_still(frames: int, seconds: float, told: str) -> None:
-    assert per_second(frames, seconds) == told
+def test_the_rate_of_a_slow_run_is_not_rounded_to_0(frames: int, seconds: float, text: str) -> None:
+    assert per_second(frames, seconds) == text

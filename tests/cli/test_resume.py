@@ -1,4 +1,4 @@
-"""A run that goes on where another stopped: only the same run, only where nothing changed, and with the record of one run."""
+"""`--resume`: only the same run goes on, only unchanged frames keep their maps, and the record is that of one run."""
 
 import json
 import os
@@ -74,7 +74,7 @@ def _other_frame(capture: Recorded, _out: Path) -> None:
     write_frame(capture.files[1], step_frame(np.random.default_rng(99)))
 
 
-def _with_its_old_time(capture: Recorded, out: Path) -> None:
+def _other_frame_with_the_old_time(capture: Recorded, out: Path) -> None:
     before = capture.files[1].stat()
     _other_frame(capture, out)
     assert capture.files[1].stat().st_size == before.st_size
@@ -114,10 +114,10 @@ def _line_lost(_capture: Recorded, out: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "told", "status"),
+    ("fault", "message", "status"),
     [
         (_other_frame, "frame_1.tif: its recorded frame has changed since; made again", 0),
-        (_with_its_old_time, "frame_1.tif: its recorded frame has changed since; made again", 0),
+        (_other_frame_with_the_old_time, "frame_1.tif: its recorded frame has changed since; made again", 0),
         (_truncated, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
         (_emptied, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
         (_map_truncated, "frame_1.tif: changed since it was written; made again", 0),
@@ -128,14 +128,14 @@ def _line_lost(_capture: Recorded, out: Path) -> None:
     ],
 )
 def test_what_changed_is_done_again(
-    fault: Callable[[Recorded, Path], None], told: str, status: int, tmp_path: Path
+    fault: Callable[[Recorded, Path], None], message: str, status: int, tmp_path: Path
 ) -> None:
     capture, out, fresh = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "fresh"
     assert _resolve(capture.folder, "-o", out).status == 0
     fault(capture, out)
     done = _resolve(capture.folder, "-o", out, "--resume", "--json")
     assert (done.status, _skipped(done)) == (status, 2)
-    assert told in done.err
+    assert message in done.err
     assert _resolve(capture.folder, "-o", fresh).status == status
     require_same_run(out, fresh)
 
@@ -157,7 +157,7 @@ def test_maps_whose_lines_are_lost_are_made_again(tmp_path: Path) -> None:
     (out / "frames.jsonl").unlink()
     done = _resolve(capture.folder, "-o", out, "--resume")
     assert done.status == 0
-    # some are named, the others counted
+    # three maps are named, the other two are counted
     why = "has no line in frames.jsonl, as where a run was stopped; made again"
     assert done.err.splitlines()[:-1] == [
         *(f"{out}/frame_{index}.tif: {why}" for index in range(3)),
@@ -218,7 +218,7 @@ def test_links_are_replaced_not_written_through(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["run.json", "frames.jsonl"])
-def test_a_pipe_in_place_of_a_record(name: str, tmp_path: Path) -> None:
+def test_a_pipe_in_place_of_a_record_is_refused(name: str, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out).status == 0
     (out / name).unlink()
@@ -269,26 +269,22 @@ def test_names_that_are_no_utf_8(tmp_path: Path) -> None:
 def test_records_that_say_nonsense(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out).status == 0
-    truth = out / "frame_0.tif"
+    readers = (
+        ("evaluate", out, "--truth", out / "frame_0.tif"),
+        ("info", out),
+        ("preview", out, "-o", tmp_path / "a.png"),
+    )
     sound = json.loads((out / "run.json").read_text())
     for key, value in (("inputs", 5), ("absolute_inputs", 5), ("overrides", 5), ("depth", []), ("inputs", [None])):
         nonsense = {**sound["arguments"], key: value}
         if key == "inputs":
             del nonsense["absolute_inputs"]
         (out / "run.json").write_text(json.dumps({**sound, "arguments": nonsense}))
-        for arguments in (
-            ("evaluate", out, "--truth", truth),
-            ("info", out),
-            ("preview", out, "-o", tmp_path / "a.png"),
-        ):
+        for arguments in readers:
             assert "unexpected" not in cadtof(*arguments).err
     for content in ('{"arguments": 5}', "[]", "5", '{"arguments": {}}', '{"arguments": null, "captures": 3}'):
         (out / "run.json").write_text(content)
-        for arguments in (
-            ("evaluate", out, "--truth", truth),
-            ("info", out),
-            ("preview", out, "-o", tmp_path / "a.png"),
-        ):
+        for arguments in readers:
             assert "unexpected" not in cadtof(*arguments).err
         done = _resolve(capture.folder, "-o", out, "--resume")
         assert done.status == 2
@@ -296,7 +292,7 @@ def test_records_that_say_nonsense(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("output", ["", ".", "/"])
-def test_lines_that_name_no_file(output: str, tmp_path: Path) -> None:
+def test_lines_that_name_no_file_are_no_record_of_a_run(output: str, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out).status == 0
     line = json.loads((out / "frames.jsonl").read_text())
@@ -305,7 +301,7 @@ def test_lines_that_name_no_file(output: str, tmp_path: Path) -> None:
     assert "not the record of a run" in _resolve(capture.folder, "-o", out, "--resume").err
 
 
-def test_places_that_are_no_place(tmp_path: Path) -> None:
+def test_folders_that_cannot_be_searched_are_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "A")
     closed = tmp_path / "closed"
     closed.mkdir()
@@ -351,7 +347,7 @@ def test_a_name_with_nul_on_stdin(tmp_path: Path) -> None:
         ("focal_length_px", -28),
     ],
 )
-def test_optics_of_a_record_that_no_camera_has(key: str, value: object, tmp_path: Path) -> None:
+def test_optics_that_no_camera_has_are_unknown(key: str, value: object, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out, "--focal-length", 28).status == 0
     run = json.loads((out / "run.json").read_text())

@@ -139,7 +139,7 @@ def test_a_lone_frame_that_cannot_be_read_fails_once(tmp_path: Path, monkeypatch
         ((1,), (), "2 paths need at least 2 periods"),
     ],
 )
-def test_what_cannot_be_done_is_refused_before_anything_is_written(
+def test_impossible_settings_are_refused_before_anything_is_written(
     tmp_path: Path, harmonics: tuple[int, ...], options: tuple[object, ...], words: str
 ) -> None:
     capture = write_capture(tmp_path / "capture", TWO, harmonics=harmonics, size=(2, 2))

@@ -1,4 +1,4 @@
-"""Standard streams that are closed, full, or lose their reader: what happened is said, where it can be, and the status tells."""
+"""Standard streams that are closed, full, or lose their reader: the status tells, and a message if one can be written."""
 
 import json
 import re
@@ -13,7 +13,7 @@ from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished
 
 
 def _shell(script: str, *arguments: object) -> Finished:
-    """Run `cadtof` from a shell, where "$@" stands for it and its arguments."""
+    """Run a script by bash; in it, "$@" stands for `cadtof` with its arguments."""
     command = ["bash", "-c", script, "bash", *PROGRAM, *map(str, arguments)]
     done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False)
     return Finished(done.returncode, done.stdout, done.stderr)
@@ -31,7 +31,7 @@ def test_a_reader_that_goes_away_ends_us_like_any_program(jobs: int, tmp_path: P
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("resolve", "--help"), ("info", "{capture}"), ("--version",)])
-def test_nobody_reads_at_all(arguments: tuple[str, ...], tmp_path: Path) -> None:
+def test_a_reader_that_is_gone_before_anything_is_written(arguments: tuple[str, ...], tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     # the reader is gone before anything is written
     script = '{ sleep 1; "$@"; echo $? >&2; } | true'
@@ -48,35 +48,37 @@ def test_nobody_reads_at_all(arguments: tuple[str, ...], tmp_path: Path) -> None
         ("resolve", "{capture}", "-o", "{out}", "--json"),
     ],
 )
-@pytest.mark.parametrize(("place", "told"), [(">/dev/full", "No space left on device"), (">&-", "Bad file descriptor")])
-def test_stdout_that_takes_nothing(place: str, told: str, arguments: tuple[str, ...], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("place", "message"), [(">/dev/full", "No space left on device"), (">&-", "Bad file descriptor")]
+)
+def test_stdout_that_takes_nothing(place: str, message: str, arguments: tuple[str, ...], tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     done = _shell(f'"$@" {place}', *(word.format(capture=capture, out=tmp_path / "out") for word in arguments))
     assert done.status == 2
     assert done.err.splitlines()[-1].startswith("Error: standard output: cannot be written: ")
-    assert told in done.err
+    assert message in done.err
     assert "unexpected" not in done.err
     assert "Exception ignored" not in done.err
 
 
-def test_a_log_that_takes_nothing_is_named(tmp_path: Path) -> None:
+def test_a_log_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     done = _shell(
         '"$@"', "resolve", record(tmp_path / "capture").folder, "-o", tmp_path / "out", "-q", "--log", "/dev/full"
     )
     assert (done.status, done.err) == (2, "Error: /dev/full: cannot be written: No space left on device\n")
 
 
-def test_a_folder_that_is_gone_from_under_us(tmp_path: Path) -> None:
+def test_a_current_folder_that_is_gone_is_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     script = 'mkdir gone; cd gone; rmdir ../gone; "$@"'
     done = _shell(f"cd {tmp_path}; {script}", "resolve", capture, "-o", "out", "-q")
-    told = "Error: the folder that cadtof was started in is gone; go into one that is there\n"
-    assert (done.status, done.err) == (2, told)
+    message = "Error: the folder that cadtof was started in is gone; go into one that is there\n"
+    assert (done.status, done.err) == (2, message)
     assert _shell(f"cd {tmp_path}; {script}", "--version").status == 0
 
 
 @pytest.mark.parametrize("most", range(6, 13, 2))
-def test_that_no_more_files_may_be_open_is_said(most: int, tmp_path: Path) -> None:
+def test_the_limit_of_open_files_is_reported(most: int, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=2).folder
     done = _shell(f'ulimit -n {most}; "$@"', "resolve", capture, "-o", tmp_path / "out", "-j", 2)
     assert done.status in {1, 2}
@@ -95,7 +97,7 @@ def test_stderr_that_takes_nothing(place: str, tmp_path: Path) -> None:
 
 
 def test_notes_that_stderr_cannot_take_do_not_keep_workers_from_starting(tmp_path: Path) -> None:
-    """Python writes what is left in its buffers before it forks."""
+    """Python writes out its buffers before it forks, and stderr cannot take them."""
     capture = record(tmp_path / "capture", frames=4)
     (capture.folder / "capture.toml").write_text("[voltage]\nzero_counts = 8192.0\nvolts_per_count = 6.0e-5\n")
     arguments = ("resolve", capture.folder, "-o", tmp_path / "out", "-j", 2, "--json")
@@ -142,7 +144,7 @@ def test_control_characters_are_escaped_and_other_letters_shown(capsys: pytest.C
 
 
 def test_everything_that_is_said_goes_through_tell() -> None:
-    """So that nothing steers a terminal, and what could not be written is said."""
+    """`tell` escapes what would steer a terminal, and reports what could not be written."""
     package = ROOT / "cadtof_cli"
     for path in package.rglob("*.py"):
         if path != package / "commands" / "terminal.py":

@@ -89,7 +89,7 @@ def test_an_out_that_exists_is_left_alone(tmp_path: Path) -> None:
     assert (tmp_path / "s.csv").read_text() == "mine"
 
 
-def test_harmonics_and_paths_that_resolve_takes(tmp_path: Path) -> None:
+def test_three_harmonics_and_three_paths(tmp_path: Path) -> None:
     three = ("--periods-ns", "40,20,13.3333", "--paths", "3", "--path", "0.2@27", "--integration-length", "1e6")
     done = cadtof(
         "sweep", "--asr", "2,4", "--mpi", "0.4", "--runs", "40", *three, "--jobs", 1, "--plot", tmp_path / "p"
@@ -111,6 +111,7 @@ def test_a_sweep_as_the_paper_made_it_scatters_as_the_paper_says() -> None:
 
 
 def test_a_sweep_of_a_moving_target() -> None:
+    """Twice the error at 30 frames per second (`test_simulate.py`), and negative, because the target comes nearer."""
     grid = ("--asr", "1", "--mpi", "0", "--integration-length", "1e6", "--order", "1", "--jobs", 1)
     (still,), (fast,) = (
         table(cadtof("sweep", *grid, *way).out) for way in ((), ("--speed", "-2", "--frame-rate", "15"))

@@ -1,4 +1,4 @@
-"""Progress is drawn on a terminal, where a person looks, and nowhere else."""
+"""Progress is drawn on a terminal and nowhere else."""
 
 import os
 import pty
@@ -11,6 +11,10 @@ import pytest
 from tests.support.captures import record
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, program
 from tests.support.terminal import on_terminal
+
+
+def _without_control_sequences(shown: str) -> str:
+    return re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", shown)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -33,23 +37,23 @@ def test_the_bar_takes_one_line_however_narrow_the_terminal_is(columns: int, par
     _, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, columns=columns)
     drawn, _, _ = shown.partition("resolved 4 of 4")
     assert "\x1b[1A" not in drawn
-    lines = re.split(r"[\r\n]+", re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", drawn))
+    lines = re.split(r"[\r\n]+", _without_control_sequences(drawn))
     assert max(len(line) for line in lines if re.search(r"\d/[4?]", line)) <= columns
     last = [line for line in lines if line][-1]
-    said = ("4/4", "0:00:00", "resolving", "━━━━━━━━", " frames/s")
-    assert [part in last for part in said] == [place < parts for place in range(5)]
+    by_importance = ("4/4", "0:00:00", "resolving", "━━━━━━━━", " frames/s")
+    assert [part in last for part in by_importance] == [place < parts for place in range(5)]
 
 
 def test_lines_are_broken_between_words(tmp_path: Path) -> None:
     """This holds above the bar, below it, and in an error. A path stays whole."""
     capture, out = record(tmp_path / "capture", frames=2).folder, tmp_path / ("long_" * 20 + "name")
-    _, said = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40)
+    _, shown = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40)
     _, refused = on_terminal("resolve", capture, "-o", out, "-j", 1, columns=40, status=2, TERM="dumb")
-    said += refused
-    lines = re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", said).replace("\r", "\n").splitlines()
+    shown += refused
+    lines = _without_control_sequences(shown).replace("\r", "\n").splitlines()
     assert not [line for line in lines if len(line) > 40 and " " in line.strip()]
     assert str(out) in lines
-    assert "add --overwrite to replace, --resume to go on" in " ".join(said.split())
+    assert "add --overwrite to replace, --resume to go on" in " ".join(shown.split())
 
 
 def test_a_terminal_that_cannot_move_its_cursor_gets_lines(tmp_path: Path) -> None:
@@ -59,7 +63,7 @@ def test_a_terminal_that_cannot_move_its_cursor_gets_lines(tmp_path: Path) -> No
     assert "resolved 4 of 4" in shown
 
 
-def test_a_terminal_that_goes_away_hinders_nobody(tmp_path: Path) -> None:
+def test_a_command_goes_on_when_its_terminal_is_closed(tmp_path: Path) -> None:
     """This happens when a user closes the window of a command that was told to stay (`disown`, `setsid`)."""
     ours, theirs = pty.openpty()
     words = ("simulate", "--scene", "corner", "--width", 64, "--height", 48, "--frames", 30, "-o", tmp_path / "out")
@@ -82,7 +86,7 @@ def test_an_error_at_the_beginning_leaves_no_bar(tmp_path: Path) -> None:
     assert error.startswith("Error: ")
 
 
-def test_reading_is_shown_too(tmp_path: Path) -> None:
+def test_info_shows_a_bar_while_it_reads(tmp_path: Path) -> None:
     out, shown = on_terminal("info", record(tmp_path / "capture", frames=3).folder, "-j", 1)
     assert "3/3" in shown.partition("reading")[2]
     assert "frames" in out

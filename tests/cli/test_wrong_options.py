@@ -68,24 +68,24 @@ def _run(line: str, capture: Path, maps: Path) -> tuple[int, str, str]:
 
 
 @pytest.mark.parametrize(("line", "message"), WITHOUT_EFFECT)
-def test_what_changes_nothing_is_told(
+def test_options_without_effect_are_named(
     line: str, message: str, capture: Path, maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A user who types an option expects an effect. Scripts that give the same options to every run go on."""
     monkeypatch.chdir(tmp_path)
     status, _, err = _run(line, capture, maps)
     assert status == (2 if "--scheduler" in line else 0)
-    told = err.splitlines()[0]
-    assert told.startswith(message)
-    assert told.endswith(", where it has no effect")
+    first_line = err.splitlines()[0]
+    assert first_line.startswith(message)
+    assert first_line.endswith(", where it has no effect")
 
 
-def test_quiet_runs_do_not_tell(capture: Path, tmp_path: Path) -> None:
+def test_quiet_runs_do_not_name_options_without_effect(capture: Path, tmp_path: Path) -> None:
     done = cadtof("resolve", capture, "-o", tmp_path / "maps", "-j", 1, "-q", "--starts", 5)
     assert (done.status, done.err) == (0, "")
 
 
-def test_info_writes_no_file_but_settings(capture: Path, tmp_path: Path) -> None:
+def test_info_refuses_out_without_write_settings(capture: Path, tmp_path: Path) -> None:
     """A user who asks for a file would mistake an older file of this name for it."""
     done = cadtof("info", capture, "-o", tmp_path / "new.toml")
     assert done.status == 2
@@ -93,7 +93,7 @@ def test_info_writes_no_file_but_settings(capture: Path, tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
-def test_info_writes_settings_of_captures_alone(maps: Path) -> None:
+def test_info_writes_no_settings_of_maps(maps: Path) -> None:
     done = cadtof("info", maps, "--write-settings")
     assert done.status == 2
     assert "--write-settings: found 0 captures, expected one to write the settings of" in done.err
@@ -128,7 +128,7 @@ IMPOSSIBLE = [
 
 
 @pytest.mark.parametrize(("line", "message"), IMPOSSIBLE)
-def test_values_that_nothing_can_be_done_with(
+def test_impossible_values_are_refused(
     line: str, message: str, capture: Path, maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

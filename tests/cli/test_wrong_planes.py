@@ -1,4 +1,4 @@
-"""Planes that were written in another order are said once for a capture; planes that were not recorded fail their frame alone."""
+"""Planes in another order cause one warning per capture. Planes that were not recorded fail their frame alone."""
 
 import logging
 from pathlib import Path
@@ -17,7 +17,9 @@ def recorded(tmp_path: Path) -> Recorded:
     return record(tmp_path / "capture", frames=3)
 
 
-def test_swapped_channels_are_said_once(recorded: Recorded, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_swapped_channels_are_reported_once(
+    recorded: Recorded, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     sound = cadtof("resolve", recorded.folder, "-o", tmp_path / "sound", "--jobs", "1")
     assert "phases as light" not in sound.err
     assert cadtof("info", recorded.folder, "--jobs", "1").status == 0
@@ -25,19 +27,21 @@ def test_swapped_channels_are_said_once(recorded: Recorded, tmp_path: Path, capl
         write_pages(file, tifffile.imread(file)[[1, 0, 3, 2]])
     done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
     assert done.status == 0
-    (said,) = (line for line in done.err.splitlines() if "phases as light" in line)
-    assert said.startswith(f"warning: {recorded.folder}: only ")
-    assert "would with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2, H2.SC1, H2.SC2, one after the other" in said
-    told = cadtof("info", recorded.folder, "--jobs", "1")
-    assert told.status == 1
-    assert "would with SC1 and SC2 swapped" in told.err
-    assert "(and 2 frames more)" in told.err
+    (warning,) = (line for line in done.err.splitlines() if "phases as light" in line)
+    assert warning.startswith(f"warning: {recorded.folder}: only ")
+    assert (
+        "would with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2, H2.SC1, H2.SC2, one after the other" in warning
+    )
+    info = cadtof("info", recorded.folder, "--jobs", "1")
+    assert info.status == 1
+    assert "would with SC1 and SC2 swapped" in info.err
+    assert "(and 2 frames more)" in info.err
     with caplog.at_level(logging.WARNING, "cadtof_cli"):
         list(read_frames(recorded.folder))
     assert "would with SC1 and SC2 swapped" in caplog.text
 
 
-def test_a_harmonic_that_is_there_twice_fails_its_frame_alone(recorded: Recorded, tmp_path: Path) -> None:
+def test_a_harmonic_that_was_stored_twice_fails_its_frame_alone(recorded: Recorded, tmp_path: Path) -> None:
     broken = recorded.files[1]
     write_pages(broken, tifffile.imread(broken)[[0, 1, 0, 1]])
     done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
@@ -46,7 +50,7 @@ def test_a_harmonic_that_is_there_twice_fails_its_frame_alone(recorded: Recorded
     assert sorted(path.name for path in (tmp_path / "maps").glob("*.tif")) == ["frame_0.tif", "frame_2.tif"]
 
 
-def test_a_harmonic_that_was_not_recorded(tmp_path: Path) -> None:
+def test_a_harmonic_that_was_not_recorded_fails_its_frame(tmp_path: Path) -> None:
     recorded = record(tmp_path / "capture")
     pages = tifffile.imread(recorded.files[0])
     pages[2:] = 8192
@@ -57,7 +61,7 @@ def test_a_harmonic_that_was_not_recorded(tmp_path: Path) -> None:
 
 
 def test_a_response_of_swapped_channels_is_doubted(tmp_path: Path) -> None:
-    """At one distance the phases of a camera explain them, and its field would curve the other way."""
+    """With one distance, phases of the camera explain swapped channels; its field would then curve the other way."""
     case = CASES["response: wall at 1 distance"]
     sound = calibrated(case, tmp_path, 4)
     assert (sound.status, "phases as light" in sound.err) == (0, False)
@@ -65,6 +69,6 @@ def test_a_response_of_swapped_channels_is_doubted(tmp_path: Path) -> None:
     for file in folder.glob("*.tif"):
         write_pages(file, tifffile.imread(file).reshape(4, *tifffile.imread(file).shape[-2:])[[1, 0, 3, 2]])
     done = cadtof("calibrate", "response", folder, "-o", tmp_path / "camera", "--overwrite")
-    (said,) = (line for line in done.err.splitlines() if "phases as light" in line)
-    assert said.startswith(f"warning: {folder}: only ")
-    assert "with SC1 and SC2 swapped" in said
+    (warning,) = (line for line in done.err.splitlines() if "phases as light" in line)
+    assert warning.startswith(f"warning: {folder}: only ")
+    assert "with SC1 and SC2 swapped" in warning

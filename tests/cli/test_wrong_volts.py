@@ -1,4 +1,4 @@
-"""Values that cannot be voltages of the capture are refused, with what has likely happened and the option that mends it."""
+"""Values that cannot be voltages of the capture are refused, with the likely cause and the option that mends it."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from tests.support.run_cadtof import Finished, cadtof
 
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
-    """A sound capture's only frame: uint16 counts."""
+    """The only frame of a sound capture: uint16 counts."""
     return record(tmp_path / "sound").files[0]
 
 
@@ -38,7 +38,7 @@ def test_the_sound_capture_is_resolved(recorded: Path, tmp_path: Path) -> None:
     assert cadtof("resolve", recorded.parent, "-o", tmp_path / "maps", "--jobs", "1").status == 0
 
 
-def test_float_counts_without_settings(recorded: Path, tmp_path: Path) -> None:
+def test_float_counts_without_settings_are_refused(recorded: Path, tmp_path: Path) -> None:
     folder = _capture(tmp_path / "floats", tifffile.imread(recorded).astype("f4"))
     done = _refused(folder)
     assert "they look like counts: give --volts-per-count, and --zero-counts (their middle is 8" in done.err
@@ -51,40 +51,40 @@ def test_unsigned_counts_need_their_zero(recorded: Path, tmp_path: Path) -> None
     done = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}")
     assert done.status == 2
     assert "unsigned numbers (uint16), and the stored value of 0 V is unknown: set zero_counts" in done.err
-    told = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", "0")
-    assert "give --zero-counts (their middle is 8" in told.err
+    refused = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", "0")
+    assert "give --zero-counts (their middle is 8" in refused.err
 
 
-def test_values_that_are_cut_off_are_told_until_a_limit_is_known(recorded: Path, tmp_path: Path) -> None:
+def test_values_that_are_cut_off_are_reported_until_the_limit_is_given(recorded: Path, tmp_path: Path) -> None:
     pages = tifffile.imread(recorded)
     limit = int(np.quantile(pages, 0.9))
     folder = _capture(tmp_path / "cut", np.minimum(pages, limit), toml=TOML["tif"])
-    said = f" of the pixels hold {limit}, the largest stored value: if the camera or a program cuts values off there"
+    warning = f" of the pixels hold {limit}, the largest stored value: if the camera or a program cuts values off there"
     done = cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1")
     assert done.status == 0
-    assert [line.startswith(f"warning: {folder}: ") for line in done.err.splitlines() if said in line] == [True]
+    assert [line.startswith(f"warning: {folder}: ") for line in done.err.splitlines() if warning in line] == [True]
     dark = cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera")
-    assert said in dark.err
+    assert warning in dark.err
     assert cadtof("info", folder).status == 1
     mended = ("--saturated-counts", f"0,{limit}")
     assert cadtof("info", folder, *mended).status == 0
-    assert said not in cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).err
+    assert warning not in cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).err
 
 
-def test_a_channel_that_is_not_connected_is_told(recorded: Path, tmp_path: Path) -> None:
+def test_a_channel_that_is_not_connected_is_reported(recorded: Path, tmp_path: Path) -> None:
     pages = tifffile.imread(recorded)
     noise = np.random.default_rng(3).normal(ZERO_COUNTS, 7.0, pages.shape).astype(pages.dtype)
     folder = _capture(tmp_path / "loose", np.concatenate([pages[:3], noise[3:]]), toml=TOML["tif"])
-    said = f"warning: {folder}: only noise in H2.SC2, where other planes show a scene"
-    assert said in cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1").err
+    warning = f"warning: {folder}: only noise in H2.SC2, where other planes show a scene"
+    assert warning in cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1").err
     looked = cadtof("info", folder)
     assert looked.status == 1
     assert "only noise in H2.SC2" in looked.err
     assert "one after the other" not in looked.err
-    assert said not in cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera").err
+    assert warning not in cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera").err
 
 
-def test_eight_bits_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Tool) -> None:
+def test_eight_bits_from_imagemagick_are_refused(recorded: Path, tmp_path: Path, tool: Tool) -> None:
     folder = tmp_path / "magick"
     folder.mkdir()
     (folder / "capture.toml").write_text(TOML["tif"])
@@ -92,7 +92,7 @@ def test_eight_bits_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Too
     assert "they look scaled to 8 bits, as ImageMagick does with -depth 8" in _refused(folder).err
 
 
-def test_floats_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Tool) -> None:
+def test_floats_from_imagemagick_are_refused(recorded: Path, tmp_path: Path, tool: Tool) -> None:
     folder = tmp_path / "magick"
     folder.mkdir()
     (folder / "capture.toml").write_text(TOML["tif"])
@@ -110,7 +110,7 @@ def test_floats_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Tool) -
     assert "scaled to 0 … 1, as ImageMagick writes floats" in _refused(folder).err
 
 
-def test_millivolts_are_told_with_the_option_that_mends_them(recorded: Path, tmp_path: Path) -> None:
+def test_millivolts_are_refused_with_the_option_that_mends_them(recorded: Path, tmp_path: Path) -> None:
     millivolts = (tifffile.imread(recorded).astype("f8") - ZERO_COUNTS) * VOLTS_PER_COUNT * 1000
     folder = _capture(tmp_path / "mv", millivolts.astype("f4"), toml=TOML["exr"])
     assert "they look like millivolts: give --volts-per-count 0.001" in _refused(folder).err
@@ -118,14 +118,14 @@ def test_millivolts_are_told_with_the_option_that_mends_them(recorded: Path, tmp
     assert cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).status == 0
 
 
-def test_counts_with_the_zero_taken_out_under_settings_of_counts(recorded: Path, tmp_path: Path) -> None:
+def test_counts_without_their_zero_are_refused_under_settings_of_counts(recorded: Path, tmp_path: Path) -> None:
     shifted = (tifffile.imread(recorded).astype(int) - ZERO_COUNTS).astype("i2")
     done = _refused(_capture(tmp_path / "shifted", shifted, toml=TOML["tif"]))
     assert done.status == 1
     assert "they look like counts with the zero taken out: give --zero-counts 0" in done.err
 
 
-def test_volts_under_settings_of_counts(recorded: Path, tmp_path: Path) -> None:
+def test_volts_are_refused_under_settings_of_counts(recorded: Path, tmp_path: Path) -> None:
     volts = (tifffile.imread(recorded).astype("f8") - ZERO_COUNTS) * VOLTS_PER_COUNT
     done = _refused(_capture(tmp_path / "volts", volts.astype("f4"), toml=TOML["tif"]))
     assert done.status == 1
@@ -141,7 +141,7 @@ def test_a_frame_without_an_answer_is_a_failed_frame(recorded: Path, tmp_path: P
     assert [path.name for path in (tmp_path / "maps").glob("*.tif")] == ["frame_0.tif"]
 
 
-def test_one_frame_of_other_values_fails_alone(recorded: Path, tmp_path: Path) -> None:
+def test_frames_with_values_of_8_bits_fail_alone(recorded: Path, tmp_path: Path) -> None:
     write_pages(recorded.parent / "frame_0a.tif", (tifffile.imread(recorded) >> 8).astype("u1"))
     write_pages(recorded.parent / "a_first.tif", (tifffile.imread(recorded) >> 8).astype("u1"))
     done = cadtof("resolve", recorded.parent, "-o", tmp_path / "maps", "--jobs", "1")
@@ -150,7 +150,7 @@ def test_one_frame_of_other_values_fails_alone(recorded: Path, tmp_path: Path) -
     assert [path.name for path in (tmp_path / "maps").glob("*.tif")] == ["frame_0.tif"]
 
 
-def test_a_few_hot_pixels_are_no_reason(recorded: Path, tmp_path: Path) -> None:
+def test_a_few_hot_pixels_are_accepted(recorded: Path, tmp_path: Path) -> None:
     pages = tifffile.imread(recorded)
     pages[:, ::5, ::5] = 16000
     folder = _capture(tmp_path / "hot", pages, toml=TOML["tif"])
@@ -158,7 +158,7 @@ def test_a_few_hot_pixels_are_no_reason(recorded: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("part", ["dark", "response", "petzval"])
-def test_nothing_is_calibrated_by_them(part: str, recorded: Path, tmp_path: Path) -> None:
+def test_float_counts_without_settings_are_not_calibrated(part: str, recorded: Path, tmp_path: Path) -> None:
     pages = tifffile.imread(recorded).astype(np.float32)
     capture = _capture(tmp_path / "float", pages)
     distance = () if part == "dark" else ("--distance", 1)
@@ -168,7 +168,7 @@ def test_nothing_is_calibrated_by_them(part: str, recorded: Path, tmp_path: Path
     assert not (tmp_path / "camera").exists()
 
 
-def test_info_says_it_too(recorded: Path, tmp_path: Path) -> None:
+def test_info_reports_float_counts_without_settings(recorded: Path, tmp_path: Path) -> None:
     folder = _capture(tmp_path / "floats", tifffile.imread(recorded).astype("f4"))
     done = cadtof("info", folder, "--jobs", "1")
     assert done.status == 1
@@ -186,7 +186,7 @@ def test_a_file_that_is_no_frame_is_skipped_with_its_reason(names: str, tmp_path
 
 
 @pytest.mark.parametrize("samples", [3, 4])
-def test_photographs_are_treated_alike_in_tiff(samples: int, tmp_path: Path) -> None:
+def test_a_colour_picture_in_tiff_is_skipped_with_its_reason(samples: int, tmp_path: Path) -> None:
     picture = np.full((24, 32, samples), 100, "u1")
     tifffile.imwrite(tmp_path / "photo.tif", picture, photometric="rgb")
     settings = ("--volts-per-count", "1e-3", "--zero-counts", "100")
@@ -195,7 +195,7 @@ def test_photographs_are_treated_alike_in_tiff(samples: int, tmp_path: Path) -> 
     assert f"skipped: {tmp_path / 'photo.tif'}: holds a colour picture (RGB" in done.err
 
 
-def test_maps_in_place_of_frames(recorded: Path, tmp_path: Path) -> None:
+def test_maps_in_place_of_frames_are_skipped(recorded: Path, tmp_path: Path) -> None:
     cadtof("resolve", recorded.parent, "-o", tmp_path / "maps", "--jobs", "1")
     done = cadtof("resolve", tmp_path / "maps", "-o", tmp_path / "again", "--jobs", "1")
     assert done.status == 1

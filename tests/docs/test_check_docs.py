@@ -1,4 +1,4 @@
-"""What `scripts/check_docs` finds on pages with mistakes; and its quick checks, on our own pages."""
+"""`scripts/check_docs` finds mistakes on pages that have some, and its quick checks find none on our own pages."""
 
 import re
 from pathlib import Path
@@ -59,12 +59,12 @@ def test_nothing_is_wrong_with_our_pages(name: str) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-def test_the_first_page_of_all() -> None:
+def test_the_readme_is_checked_first() -> None:
     assert PAGES[0].name == "README.md"
 
 
 def test_a_script_that_is_asked_for_help_does_nothing_else() -> None:
-    """One script writes a page of docs, another the pictures of the docs."""
+    """Without a parser, `--help` would run the script: one writes a page of docs, another the pictures of the docs."""
     mains = {
         path.name: path.read_text() for path in (ROOT / "scripts").glob("*.py") if "\ndef main(" in path.read_text()
     }
@@ -83,7 +83,7 @@ def test_the_settings_of_the_readme_can_be_copied_and_are_all_there(tmp_path: Pa
     assert found == corner
 
 
-def test_the_commands_of_the_readme(tmp_path: Path) -> None:
+def test_the_commands_of_the_readme_print_what_it_says(tmp_path: Path) -> None:
     wrong = list(check_commands(ROOT / "README.md", ROOT, tmp_path, slow=False))
     assert not wrong, "\n".join(wrong)
 
@@ -102,24 +102,24 @@ def test_commands_with_what_they_print(page: Path) -> None:
     assert (second.words, second.slow) == ("cadtof info nowhere", True)
 
 
-def test_commands_are_run(page: Path, tmp_path: Path) -> None:
+def test_commands_are_run_and_their_output_is_compared(page: Path, tmp_path: Path) -> None:
     folder = tmp_path / "here"
     folder.mkdir()
     assert not list(check_commands(page, ROOT, folder, slow=False))
-    (told,) = check_commands(page, ROOT, folder, slow=True)
-    assert told.startswith("page.md: $ cadtof info nowhere: ends with status 2")
+    (problem,) = check_commands(page, ROOT, folder, slow=True)
+    assert problem.startswith("page.md: $ cadtof info nowhere: ends with status 2")
     page.write_text(PAGE.replace("cadtof, version …", "cadtof, release …"))
-    (told,) = check_commands(page, ROOT, folder, slow=False)
-    assert "expected 'cadtof, release …', found 'cadtof, version" in told
+    (problem,) = check_commands(page, ROOT, folder, slow=False)
+    assert "expected 'cadtof, release …', found 'cadtof, version" in problem
     page.write_text("    $ rm -rf /nowhere\n")
     assert list(check_commands(page, ROOT, folder, slow=False)) == [
         "page.md: $ rm -rf /nowhere: only `cadtof` is run here"
     ]
 
 
-def test_numbers_without_a_source_are_told(page: Path) -> None:
-    (told,) = unsourced(page, ROOT)
-    assert told.startswith("page.md: “Two” has numbers (.23, 1.69, 2.0)")
+def test_numbers_without_a_source_are_found(page: Path) -> None:
+    (problem,) = unsourced(page, ROOT)
+    assert problem.startswith("page.md: “Two” has numbers (.23, 1.69, 2.0)")
     for source in ("`scripts/accuracy` prints it", "see `tests/test_imports.py`", "<!-- numbers: chosen -->"):
         page.write_text(f"{PAGE}\n{source}\n")
         assert not list(unsourced(page, ROOT))
@@ -129,7 +129,7 @@ def test_numbers_without_a_source_are_told(page: Path) -> None:
     assert not list(unsourced(page, ROOT))
 
 
-def test_an_option_that_is_gone(page: Path) -> None:
+def test_an_option_that_does_not_exist_is_found(page: Path) -> None:
     page.write_text("`cadtof resolve --pool 3 --puddle 4` and --prose\n\n    $ cadtof info --jsn\n")
     assert list(stale_options(page, frozenset({"--pool"}))) == [
         "page.md: no command or script has the option --puddle",
@@ -137,14 +137,14 @@ def test_an_option_that_is_gone(page: Path) -> None:
     ]
 
 
-def test_rows_that_a_script_prints_otherwise(page: Path, tmp_path: Path) -> None:
+def test_rows_that_differ_from_those_of_a_script_are_found(page: Path, tmp_path: Path) -> None:
     table = Table("page.md", "Two", "scripts/x.py")
     printed = "| capture | cm |\n|---|---|\n| card | 0.23 | 99% |\n| wall | 1.70 |\n"
     assert not list(check_table(table, tmp_path, printed=printed))
-    (told,) = check_table(table, tmp_path, printed=printed.replace("0.23", "0.31"))
-    assert told == "page.md, “Two”: | `sample_data/card` | .23 |: scripts/x.py prints | card | 0.31 | 99% |"
-    (told,) = check_table(table, tmp_path, printed=printed.replace("wall", "hall"))
-    assert told == "page.md, “Two”: scripts/x.py prints no row like | wall | 1.69 (asked ≤ 2.0) |"
+    (problem,) = check_table(table, tmp_path, printed=printed.replace("0.23", "0.31"))
+    assert problem == "page.md, “Two”: | `sample_data/card` | .23 |: scripts/x.py prints | card | 0.31 | 99% |"
+    (problem,) = check_table(table, tmp_path, printed=printed.replace("wall", "hall"))
+    assert problem == "page.md, “Two”: scripts/x.py prints no row like | wall | 1.69 (asked ≤ 2.0) |"
     assert list(check_table(Table("page.md", "Three", "scripts/x.py"), tmp_path, printed=printed)) == [
         "page.md, “Three”: no rows of scripts/x.py"
     ]

@@ -17,7 +17,7 @@ from docs_checks.printed import close, differences, like
         ("shape 2 × 240", "shape 2 × 240"),
     ],
 )
-def test_lines_that_are_alike(expected: str, found: str) -> None:
+def test_lines_with_close_numbers_and_any_timings_are_alike(expected: str, found: str) -> None:
     assert like(expected, found)
 
 
@@ -44,7 +44,7 @@ def test_numbers_are_close_within_a_share_or_one_in_the_last_digit() -> None:
     assert not close("3", "4")
 
 
-def test_texts_line_by_line() -> None:
+def test_texts_are_compared_line_by_line() -> None:
     assert not list(differences("a 1\n…\nb 2", "a 1\nx\ny\nb 2"))
     assert not list(differences("a 1\n…", "a 1\nx\ny"))
     assert list(differences("a 1\nb 2", "a 1")) == ["expected 'b 2', and nothing more is printed"]

@@ -13,7 +13,7 @@ from tests.support.run_cadtof import ROOT
 
 
 @pytest.mark.parametrize("page", ["python.md", "physics.md"])
-def test_the_examples_of_a_page(page: str) -> None:
+def test_the_examples_of_a_page_print_what_it_says(page: str) -> None:
     needed_module("xarray")
     assert not list(check_python(ROOT / "docs" / page, ROOT))
 
@@ -23,7 +23,7 @@ def test_nothing_is_wrong_with_the_notebook() -> None:
     assert not list(check_notebook(ROOT / "docs" / "python.ipynb"))
 
 
-def test_what_differs_is_seen(tmp_path: Path) -> None:
+def test_examples_that_print_something_else_are_found(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("```python\n>>> 1 + 1\n3\n\n```\n")
     assert "Expected:\n    3\nGot:\n    2" in next(check_python(page, tmp_path))
@@ -42,7 +42,7 @@ def test_what_differs_is_seen(tmp_path: Path) -> None:
     notebook.write_text(json.dumps(document))
     assert not list(check_notebook(notebook))
     notebook.write_text(json.dumps(document).replace("depth 1.0", "depth 1.3"))
-    (told,) = check_notebook(notebook)
-    assert "expected 'depth 1.3" in told
+    (problem,) = check_notebook(notebook)
+    assert "expected 'depth 1.3" in problem
     with pytest.raises(ZeroDivisionError):
         run_notebook({"cells": [{"cell_type": "code", "source": ["1 / 0"]}]}, tmp_path)

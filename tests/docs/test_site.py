@@ -59,14 +59,14 @@ def test_a_command_has_a_page_with_all_its_options(site: Path, words: str) -> No
     assert "Example" in page
 
 
-def test_equations_are_drawn_by_the_browser(site: Path) -> None:
+def test_equations_are_mathml_and_need_no_script(site: Path) -> None:
     page = (site / "physics.html").read_text()
     assert page.count("<math") > 50
     assert not re.search(r"<script[^>]*(mathjax|katex)", page, re.IGNORECASE)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "problem"),
     [
         ('<a href="gone.html">x</a>', "gone.html leads nowhere"),
         ('<a href="#gone">x</a>', "#gone has no such anchor"),
@@ -75,11 +75,11 @@ def test_equations_are_drawn_by_the_browser(site: Path) -> None:
         ('<a href="b.html#there">x</a> <a href="https://example.org">x</a> <img src="b.html">', ""),
     ],
 )
-def test_a_broken_link_is_found(tmp_path: Path, text: str, told: str) -> None:
+def test_a_broken_link_is_found(tmp_path: Path, text: str, problem: str) -> None:
     (tmp_path / "a.html").write_text(text)
     (tmp_path / "b.html").write_text('<p id="there">')
     found = list(broken_links(tmp_path))
-    assert (told in found[0]) if told else not found
+    assert (problem in found[0]) if problem else not found
 
 
 def test_a_style_that_loads_from_the_network_is_found(tmp_path: Path) -> None:
@@ -100,10 +100,10 @@ def _links(page: Path) -> list[str]:
 def test_links_of_a_page_lead_somewhere_in_the_repository(page: Path) -> None:
     for target in _links(page):
         path, _, heading = target.partition("#")
-        there = page.parent / path if path else page
-        assert there.exists(), f"{target} leads nowhere"
-        if heading and there.suffix == ".md":
-            headings = re.findall(r"(?m)^#+ (.+)$", there.read_text(encoding="utf-8"))
+        linked = page.parent / path if path else page
+        assert linked.exists(), f"{target} leads nowhere"
+        if heading and linked.suffix == ".md":
+            headings = re.findall(r"(?m)^#+ (.+)$", linked.read_text(encoding="utf-8"))
             assert heading in {anchor(one) for one in headings}, f"{target} has no such heading"
 
 
@@ -112,7 +112,7 @@ def test_links_of_a_page_lead_somewhere_in_the_repository(page: Path) -> None:
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").rglob("*.md"))],
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
-def test_files_of_the_source_that_a_page_names_are_there(page: Path) -> None:
+def test_files_of_the_source_that_a_page_names_exist(page: Path) -> None:
     """A name is a path in the repository or in the package. A name in capitals stands for any file."""
     files = [
         path.as_posix() for folder in ("cadtof_cli", "scripts", "tests", "docs") for path in (ROOT / folder).rglob("*")

@@ -1,4 +1,4 @@
-"""Codes of a page, read back by a reader written for the tests: the only loss is the rounding error that is stated."""
+"""Codes of a page, decoded by the tests' own code: values change by no more than the stated rounding error."""
 
 import base64
 import zlib
@@ -55,7 +55,7 @@ def test_depths_have_even_steps_and_wide_layers_those_of_their_logarithm() -> No
     assert wide.loss < 1e-4
 
 
-def test_a_plane_without_an_answer_and_one_of_one_value() -> None:
+def test_a_plane_without_an_answer_and_a_plane_with_one_value_have_no_loss() -> None:
     codes, scale = coded_values(np.full((2, 2), np.nan), is_depth=True)
     assert not codes.any()
     assert scale.loss == 0.0

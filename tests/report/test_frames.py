@@ -23,14 +23,14 @@ def test_every_nth_pixel_is_one_of_the_plane(shape: tuple[int, int], step: int, 
     assert kept.size == -(-(shape[0] - first[0]) // step) * -(-(shape[1] - first[1]) // step)
 
 
-def test_what_fits_is_held_whole() -> None:
+def test_frames_that_fit_keep_all_pixels() -> None:
     shares = planned_shares([_planes()], 5, limit_bytes=25 * MB, whole=None)
     assert [shares.step_of(place) for place in range(5)] == [1] * 5
     assert shares.thumbnail_px == 80
 
 
 @pytest.mark.parametrize(("frames", "limit_mb"), [(40, 10), (500, 25), (2000, 25)])
-def test_what_does_not_fit_is_thinned_out(frames: int, limit_mb: float) -> None:
+def test_frames_that_do_not_fit_are_thinned_out(frames: int, limit_mb: float) -> None:
     """Frames with all pixels are spread over the run, and all frames together stay below the limit."""
     planes = _planes()
     shares = planned_shares([planes], frames, limit_bytes=limit_mb * MB, whole=None)
@@ -50,10 +50,10 @@ def test_as_many_whole_frames_as_are_asked_for() -> None:
     assert planned_shares([_planes()], 3, limit_bytes=2 * MB, whole=0).whole == set()
 
 
-def test_where_thumbnails_alone_take_more_than_there_is_no_frame_is_whole() -> None:
+def test_no_frame_is_whole_if_thumbnails_alone_exceed_the_limit() -> None:
     shares = planned_shares([_planes()], 20_000, limit_bytes=0.0, whole=None)
     assert (shares.whole, shares.step, shares.thumbnail_px) == (frozenset(), 20, 20)
 
 
-def test_thumbnails_shrink_where_there_are_many() -> None:
+def test_thumbnails_shrink_if_there_are_many() -> None:
     assert planned_shares([_planes()], 5000, limit_bytes=25 * MB, whole=None).thumbnail_px < 80

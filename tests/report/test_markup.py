@@ -9,7 +9,7 @@ from cadtof_cli.report.markup import Markup, element, printable, table, text
 
 
 class _Reader(HTMLParser):
-    """Elements and texts of markup, as a parser that is not ours sees them."""
+    """The elements and texts of markup, as Python's HTML parser sees them."""
 
     def __init__(self) -> None:
         super().__init__(convert_charrefs=True)
@@ -68,7 +68,7 @@ def test_a_table_has_the_cells_that_it_was_given(name: str) -> None:
     assert read.shown == f"{printable(name) * 2}b{printable(name) * 2}"
 
 
-def test_what_cannot_be_seen_is_escaped() -> None:
+def test_invisible_characters_are_escaped() -> None:
     assert text("a\u202eb\x00c\udce9") == "a\\u202eb\\x00c\\udce9"
     assert text("Größe ∞ 日本") == "Größe ∞ 日本"
     assert printable("a\nb") == "a\\nb"

@@ -19,25 +19,25 @@ HEIGHT, WIDTH = 24, 32
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'&lt;\u202e$title"
 
-SEEN = HOSTILE.replace("\u202e", "\\u202e")
+ESCAPED = HOSTILE.replace("\u202e", "\\u202e")
 """How the name is shown: the character that changes the direction of writing is escaped."""
 
 FRAMES = (HOSTILE, "frame_1", "frame_2", "frame_3")
-"""The third of the four is broken."""
+"""Names of the four frames; the third frame is broken."""
 
 Layers = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A page, and the layers of the frames on it by their place in the viewer."""
+    """A page in a browser, and the layers of its frames, in the order of the viewer."""
 
     page: Path
     browser: Browser
     frames: tuple[Layers, ...]
 
     def loss(self, layer: str) -> float:
-        """Largest rounding error of a layer of the first frame: half of its step."""
+        """Return the largest rounding error of a layer of the first frame: half of its step."""
         values = self.frames[0][layer]
         return float(np.nanmax(values) - np.nanmin(values)) / 65533 / 2
 
@@ -72,31 +72,31 @@ def shown(browser: Browser, written: tuple[Path, tuple[Layers, ...]]) -> Shown:
     return Shown(page, browser, frames)
 
 
-def _pixel_said(browser: Browser) -> dict[str, float | str]:
-    """What the page says of a pixel, by the title of each row.
+def _pixel_on_page(browser: Browser) -> dict[str, float | str]:
+    """Return what the page says of a pixel, by the title of each row.
 
     The first phasor is left out, because no file holds it.
     """
     rows = browser.run(
         "return [...document.querySelectorAll('#readout tbody tr')].map(row => [...row.cells].map(one => one.textContent))"
     )
-    said = {name: text if name == "status" else _number(text) for name, text in rows if "first phasor" not in name}
-    return {"pixel": browser.find("#readout-title").text, **said}
+    values = {name: text if name == "status" else _number(text) for name, text in rows if "first phasor" not in name}
+    return {"pixel": browser.find("#readout-title").text, **values}
 
 
 def _number(text: str) -> float:
-    """The value of a text on the page, in m or V."""
+    """Return the value of a text on the page, in m or V."""
     if text == "no answer":
         return np.nan
     digits, unit = text.replace("−", "-").split(" ")
     return float(digits) * (1e-3 if unit in {"mm", "mV"} else 1.0)
 
 
-def _pixel_held(shown: Shown, frame: int, x: int, y: int) -> dict[str, Any]:
-    """What the files hold of a pixel, within the errors of the page.
+def _pixel_in_files(shown: Shown, frame: int, x: int, y: int) -> dict[str, Any]:
+    """Return what the files hold of a pixel, with the tolerances of the page.
 
-    These are the rounding error of each layer, and that of numbers of five digits, at most four of them behind the
-    point, in m, V, mm or mV.
+    A tolerance has two parts: the rounding error of the layer, and that of the number on the page. The number has five
+    digits, at most four of them behind the point, in m, V, mm or mV.
     """
     layers, truth = dict(shown.frames[frame]), step_truth()
     status = {8: "one path", 16: "two paths"}[int(layers.pop("status")[y, x])]
@@ -123,7 +123,7 @@ def _place(x: int, y: int) -> tuple[float, float]:
 
 
 def _canvas(browser: Browser, css: str = "#map") -> NDArray[np.uint8]:
-    """The colours of a canvas, RGB, at the middle of each pixel of the map."""
+    """Return the colours of a canvas, RGB, at the middle of each pixel of the map."""
     browser.settle()
     script = """
         const [css, columns, rows] = arguments, canvas = document.querySelector(css), found = [];
@@ -138,14 +138,14 @@ def _canvas(browser: Browser, css: str = "#map") -> NDArray[np.uint8]:
     return np.array(browser.run(script, css, WIDTH, HEIGHT), np.uint8).reshape(HEIGHT, WIDTH, 3)
 
 
-def test_it_opens_without_a_complaint_and_runs_nothing_of_a_name(shown: Shown) -> None:
+def test_the_page_opens_without_complaints_and_runs_no_markup_in_a_name(shown: Shown) -> None:
     browser = shown.browser
     assert browser.complaints() == []
     assert not browser.all("img[src=x]")
     assert (
         browser.run("return document.querySelectorAll('script').length") == 3 + 1 + 1 + 1
     )  # frames, truth, run, its own
-    assert browser.find("#frame-name").text == f"{SEEN} (1 of 3)"
+    assert browser.find("#frame-name").text == f"{ESCAPED} (1 of 3)"
     assert "frame_2.tif" in browser.find("#failures").text
     assert (
         browser.run(
@@ -170,23 +170,23 @@ def test_scripts_and_markup_from_elsewhere_are_refused(shown: Shown) -> None:
 def test_pointing_at_a_pixel_shows_the_values_of_the_file(shown: Shown) -> None:
     for x, y in ((0, 0), (31, 23), (3, 20), (20, 5)):
         shown.browser.point("#map", _place(x, y))
-        assert _pixel_said(shown.browser) == _pixel_held(shown, 0, x, y)
+        assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 0, x, y)
 
 
 def test_keys_move_the_pixel_and_change_the_frame(shown: Shown) -> None:
     shown.browser.point("#map", _place(10, 10))
     shown.browser.press("#map", "ARROW_RIGHT", "ARROW_RIGHT", "ARROW_UP")
-    assert _pixel_said(shown.browser) == _pixel_held(shown, 0, 12, 9)
+    assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 0, 12, 9)
     assert "Column 12, row 9: direct.depth" in shown.browser.find("#said").get_attribute("textContent")
     shown.browser.press("#map", "ENTER", "ARROW_DOWN", "ARROW_DOWN", "ENTER", "ARROW_UP", "ARROW_UP")
     assert shown.browser.find("#profile-title").text == "Profile from pixel 12, 9 to 12, 11"
     shown.browser.press("#map", "PAGE_DOWN")
     shown.browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_1')")
-    assert _pixel_said(shown.browser) == _pixel_held(shown, 1, 12, 9)
+    assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 1, 12, 9)
     shown.browser.press("#strip li:first-child button", "END")
     shown.browser.driver.switch_to.active_element.send_keys("\n")
     shown.browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_3')")
-    assert _pixel_said(shown.browser) == _pixel_held(shown, 2, 12, 9)
+    assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 2, 12, 9)
 
 
 def test_a_dragged_line_is_a_profile_of_the_file(shown: Shown) -> None:
@@ -208,7 +208,7 @@ def test_a_dragged_line_is_a_profile_of_the_file(shown: Shown) -> None:
     assert browser.find("#profile-title").text == "Profile from pixel 29, 0 to 29, 23"
 
 
-def test_layers_switch_and_share_colours_where_they_are_compared(shown: Shown) -> None:
+def test_layers_can_be_switched_and_compared_layers_share_their_colours(shown: Shown) -> None:
     browser = shown.browser
     names = [option.text for option in browser.all("#layer option")]
     assert names == [
@@ -228,12 +228,12 @@ def test_layers_switch_and_share_colours_where_they_are_compared(shown: Shown) -
     no_answer = (pictures["mpi.depth"] == (0x8A, 0x8A, 0x92)).all(axis=2)
     wanted = np.isnan(shown.frames[0]["mpi.depth"])
     away = np.ones((HEIGHT, WIDTH), bool)
-    away[10:15] = False  # the marks of pixel and profile
+    away[10:15] = False  # the marks of the pixel and the profile lie in these rows
     assert no_answer[away & wanted].all()
     assert not no_answer[away & ~wanted].any()
 
 
-def test_the_slider_lays_the_first_phasor_over_the_left(shown: Shown) -> None:
+def test_the_slider_shows_the_first_phasor_on_the_left(shown: Shown) -> None:
     browser = shown.browser
     resolved = _canvas(browser)
     _show_layer(browser, "first phasor")
@@ -300,7 +300,7 @@ def test_the_points_turn_and_come_back(shown: Shown) -> None:
 
 
 @pytest.mark.parametrize(("width", "dark"), [(360, True), (768, False), (2560, True)])
-def test_it_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bool) -> None:
+def test_the_page_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bool) -> None:
     browser = shown.browser
     browser.look(width=width, dark=dark)
     browser.settle()
@@ -311,11 +311,11 @@ def test_it_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bo
     lightness = sum(map(int, background.strip("rgb()").split(","))) / 3
     assert lightness < 60 if dark else lightness > 200
     browser.point("#map", _place(20, 5))
-    assert _pixel_said(shown.browser) == _pixel_held(shown, 0, 20, 5)
+    assert _pixel_on_page(shown.browser) == _pixel_in_files(shown, 0, 20, 5)
     assert browser.picture("#map").shape[1] <= width
 
 
-def test_it_prints_in_light_colours_with_its_tables(shown: Shown) -> None:
+def test_the_page_prints_in_light_colours_with_its_tables(shown: Shown) -> None:
     browser = shown.browser
     browser.look(dark=True, media="print")
     assert browser.run("return getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
@@ -332,22 +332,22 @@ def test_tables_and_thumbnails_need_no_scripts(shown: Shown) -> None:
     browser.tell("Emulation.setScriptExecutionDisabled", value=True)
     try:
         browser.driver.refresh()
-        told = browser.find("main").text
+        text = browser.find("main").text
         assert not browser.find("#viewer").is_displayed()
-        assert "need scripts" in told
-        assert "modulation.periods_ns" in told
-        assert "largest rounding" in told
+        assert "need scripts" in text
+        assert "modulation.periods_ns" in text
+        assert "largest rounding" in text
         assert "damaged or truncated TIFF" in browser.find("#failures").text
         assert len(browser.all("#strip img")) == 3
     finally:
         browser.tell("Emulation.setScriptExecutionDisabled", value=False)
 
 
-def test_a_frame_of_which_every_other_pixel_is_held(
+def test_pixels_of_a_frame_that_is_thinned_out_are_those_of_the_file(
     browser: Browser, written: tuple[Path, tuple[Layers, ...]], tmp_path: Path
 ) -> None:
-    """On a page that is far too small for its frames, the pixels are pixels of the file, and the page says which."""
-    page, frames = written
+    """A page that is too small for all pixels of its frames holds pixels of the file, and says which."""
+    _, frames = written
     noise = np.random.default_rng(3).uniform(0.9, 1.1, (480, 640)).astype(np.float32)
     layers: dict[str, NDArray[np.generic]] = {
         name: np.tile(plane, (20, 20)) * (1 if name == "status" else noise) for name, plane in frames[1].items()
@@ -369,12 +369,11 @@ def test_a_frame_of_which_every_other_pixel_is_held(
     assert done.status == 0
     assert (tmp_path / "page.html").stat().st_size < 1_000_000
     browser.open(tmp_path / "page.html")
-    told = browser.find("#sampling").text
-    assert told.endswith("of 640 × 480 pixels.")
+    note = browser.find("#sampling").text
+    assert note.endswith("of 640 × 480 pixels.")
     browser.point("#map", (0.3, 0.7))
     x, y = map(int, browser.find("#readout-title").text.removeprefix("Pixel ").split(", "))
-    assert _pixel_said(browser)["direct.depth"] == pytest.approx(layers["direct.depth"][y, x], abs=1.5e-4)
+    assert _pixel_on_page(browser)["direct.depth"] == pytest.approx(layers["direct.depth"][y, x], abs=1.5e-4)
     assert abs(x / 640 - 0.3) < 0.02
     assert abs(y / 480 - 0.7) < 0.02
     assert json.loads(browser.run("return document.querySelector('#run').textContent"))["truth"] == []
-    assert page.exists()

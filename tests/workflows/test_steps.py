@@ -1,4 +1,4 @@
-"""Every step that is promised to whoever watches is told of, the last one too."""
+"""Progress reports as many steps as it has announced, the last one included."""
 
 from pathlib import Path
 
@@ -14,14 +14,14 @@ from tests.support.captures import TOML, record
 from tests.support.told import Told
 
 
-def test_a_sweep_tells_as_many_steps_as_it_has_cells() -> None:
+def test_a_sweep_reports_a_step_for_each_cell() -> None:
     told, pixel = Told(), PixelModel(averaging=Averaging(integration_length=1e4))
     base = Trials(condition=Condition(asr=1.0, mpi_ratio=0.1), model=pixel, runs=2)
     sweep(SweepSettings(base=base, asrs=(1.0, 2.0), mpi_ratios=(0.0, 0.1), integration_lengths=(1e4,)), progress=told)
     assert (told.expected, told.steps) == (4, 4)
 
 
-def test_a_calibration_by_a_stack(tmp_path: Path) -> None:
+def test_a_calibration_reports_a_step_for_each_frame_of_a_stack(tmp_path: Path) -> None:
     told, folder = Told(), record(tmp_path / "capture", frames=0, toml=TOML["tif"]).folder
     np.save(folder / "stack.npy", np.full((3, 2, 2, 8, 6), 8192, "u2"))
     settings = CalibrateSettings(out=tmp_path / "camera")

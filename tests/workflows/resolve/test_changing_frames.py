@@ -1,4 +1,4 @@
-"""Frames that something else writes while they are read: never half of one and half of another."""
+"""Frames that another program writes while they are read: no map is made of half an old and half a new frame."""
 
 import json
 import os
@@ -22,7 +22,7 @@ def _resolve(capture: Path, out: Path, *options: object) -> Finished:
 
 
 def _after_each_read(monkeypatch: pytest.MonkeyPatch, change: Callable[[int], None]) -> None:
-    """Have something happen when a frame has been read, and before that is known."""
+    """Call `change` with the number of reads after each read of a frame, before the files are checked for changes."""
     times = [0]
 
     def reading(*arguments: Any, **more: Any) -> Stored:
@@ -35,12 +35,12 @@ def _after_each_read(monkeypatch: pytest.MonkeyPatch, change: Callable[[int], No
 
 
 def _write_another(file: Path, seed: int) -> None:
-    """Write another frame over a file, at another time, however coarse the clock of the file system is."""
+    """Write another frame over a file, and set another time, because the clock of the file system may be coarse."""
     write_frame(file, step_frame(np.random.default_rng(seed)))
     os.utime(file, ns=(seed * 10**9, seed * 10**9))
 
 
-def test_what_is_there_in_the_end_is_resolved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_that_changed_while_it_was_read_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = record(tmp_path / "capture")
     (file,) = capture.files
     with monkeypatch.context() as patched:
@@ -53,7 +53,9 @@ def test_what_is_there_in_the_end_is_resolved(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.parametrize("options", [(), ("--average", 2)])
-def test_what_never_rests_fails(options: tuple[object, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_that_keeps_changing_fails(
+    options: tuple[object, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     capture = record(tmp_path / "capture", frames=2)
     _after_each_read(monkeypatch, lambda times: _write_another(capture.files[0], times))
     done = _resolve(capture.folder, tmp_path / "out", *options)
@@ -63,7 +65,7 @@ def test_what_never_rests_fails(options: tuple[object, ...], tmp_path: Path, mon
     )
 
 
-def test_what_grows_has_the_same_frame_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_grows_behind_its_frame_is_resolved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = record(tmp_path / "capture")
     assert _resolve(capture.folder, tmp_path / "before").status == 0
 

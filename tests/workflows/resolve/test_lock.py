@@ -1,4 +1,4 @@
-"""One run at a time in a folder, and the lock is gone with its process."""
+"""Only one run at a time writes into a folder, and the lock ends with its process."""
 
 import json
 import os
@@ -43,10 +43,10 @@ def test_a_second_run_says_who_holds_the_folder(tmp_path: Path) -> None:
             assert done.err.startswith(
                 f"Error: {out}: process {holder.pid} on {os.uname().nodename} has been writing into it since 2"
             )
-        # what the other run is writing is still there
+        # the file that the other run is writing is still there
         after = {path.name: path.read_bytes() for path in out.iterdir()}
         assert after == before | {".frame_0.tif.0.other.partial": b"", LOCK_FILE: after[LOCK_FILE]}
-        # a worker outlives the run for a while: the folder is free all the same
+        # the folder is free even while a worker of the killed run still lives
         holder.kill()
         holder.wait()
         done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--overwrite")
@@ -70,7 +70,7 @@ def test_the_same_process_is_kept_out_too(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_link_in_place_of_the_lock(tmp_path: Path) -> None:
+def test_a_link_in_place_of_the_lock_is_refused(tmp_path: Path) -> None:
     (tmp_path / LOCK_FILE).symlink_to(tmp_path / "mine")
     with pytest.raises(OutputError, match="cannot be written: Too many levels of symbolic links"), locked(tmp_path):
         pass

@@ -1,4 +1,4 @@
-"""Resolved runs against the paper's Table 1, the Cramér–Rao bound, and the two ways of simulating against each other."""
+"""Simulated runs agree with the paper's Table 1 and with the Cramér–Rao bound; the two ways of simulating agree."""
 
 import math
 from dataclasses import replace
@@ -24,7 +24,7 @@ from cadtof_cli.workflows.simulate.trials import (
 )
 
 TABLE_1 = [(16.0, 0.05, 0.16), (25.0, 0.03, 0.12), (11.0, 0.17, 0.52)]
-"""Second path, then the standard deviations of both, in ns, at ASR 5, MPI ratio 0.3 and n_av 1e5."""
+"""Time of the second path, then the standard deviations of both paths, in ns, at ASR 5, MPI ratio 0.3 and n_av 1e5."""
 
 
 def trials(integration_length: float = 1e5, **settings: Any) -> Trials:
@@ -59,11 +59,14 @@ def test_photon_by_photon_agrees_with_statistics_within_sampling_error() -> None
 
 
 @pytest.mark.parametrize("asr", [1.0, 3.0, 6.0])
-def test_direct_path_without_mpi_is_as_sharp_as_two_harmonics_of_one_path_allow(asr: float) -> None:
-    """Each harmonic's phase over h has √(ASR(1+ASR)/(2(2n_av−1)))/h for a short pulse; together 1/√(1+4) of the first's."""
+def test_the_direct_path_without_mpi_has_the_noise_of_one_path_on_two_harmonics(asr: float) -> None:
+    """For a short pulse, the phase of harmonic h over h has the standard deviation √(ASR(1+ASR)/(2(2n_av−1)))/h.
+
+    Both harmonics together have that of the first over √(1+4).
+    """
     found = outcome(trials(condition=Condition(asr=asr, mpi_ratio=0.0, fwhm_ns=1e-3), runs=20_000))
     alone = math.sqrt(asr * (1 + asr) / (2 * (2e5 - 1))) * 40.0 / (2 * math.pi)
-    # a hundredth of the runs at most is taken for two paths, which scatter more
+    # at most one run in a hundred is taken for two paths, which scatter more
     assert found.direct.std_ns == pytest.approx(alone / math.sqrt(5.0), rel=0.06)
     assert abs(found.direct.bias_ns) < 4 * found.direct.std_ns / math.sqrt(20_000)
     assert found.phase_std_rad * 40.0 / (2 * math.pi) == pytest.approx(alone, rel=0.02)
@@ -72,8 +75,8 @@ def test_direct_path_without_mpi_is_as_sharp_as_two_harmonics_of_one_path_allow(
 
 
 @pytest.mark.parametrize("direct_ns", [0.1, 5.0, 9.9])
-def test_triangles_are_resolved_as_what_takes_them_for_sines_resolves_them(direct_ns: float) -> None:
-    """Near their peaks, too, where the light is more than the modulation's fundamental."""
+def test_triangles_are_resolved_like_sines_of_their_fundamental(direct_ns: float) -> None:
+    """This holds near the peaks of a triangle, too, where voltages exceed the amplitude of its fundamental."""
     model = PixelModel(averaging=Averaging(integration_length=1e5), modulation=Modulation(waveform="triangle"))
     wanted = trials(condition=Condition(asr=0.05, mpi_ratio=0.0, direct_ns=direct_ns), model=model, runs=200)
     found = Recordings.joined([recordings(wanted, runs) for runs in wanted.blocks])
@@ -85,7 +88,7 @@ def test_triangles_are_resolved_as_what_takes_them_for_sines_resolves_them(direc
 
 @pytest.mark.parametrize("direct_ns", [0.0, 0.02, 20.0, 39.98])
 def test_times_at_the_ends_of_the_period_are_no_errors_of_a_period(direct_ns: float) -> None:
-    """At 3 of n_av a thousand, half the runs fall on the other side of the period's end."""
+    """The standard deviation is .02 ns. So half of the runs at 0 ns fall on the other side of the end of the period."""
     condition = Condition(asr=2.0, mpi_ratio=0.0, direct_ns=direct_ns, second_ns=39.99)
     found = outcome(trials(3e4, condition=condition, runs=2000, resolver=ResolverSettings(order="1"))).direct
     middle = Condition(asr=2.0, mpi_ratio=0.0, direct_ns=12.0)
@@ -106,14 +109,14 @@ def test_success_is_a_time_within_one_nanosecond_of_the_truth() -> None:
 
 
 def test_jitter_widens_the_pulse_of_drawn_voltages_and_of_the_bound_alike() -> None:
-    """2 ns beside a pulse of 1.7 ns: r1 = exp(−(2π·s/T1)²/2) with s² the sum of squares."""
+    """Jitter of 2 ns and a pulse of 1.7 ns (FWHM): r1 = exp(−(2π·s/T1)²/2), where s² is the sum of both variances."""
     model = PixelModel(averaging=Averaging(integration_length=1e5), jitter_ns=2.0)
     found = outcome(trials(model=model, condition=Condition(asr=1.0, mpi_ratio=0.0), runs=2000))
     spread_rad = 2 * math.pi * math.hypot(1.7 / 2.354820045, 2.0) / 40.0
     expected_v = 0.2746 * math.exp(-(spread_rad**2) / 2) / 2.0
     assert found.confidence_v == pytest.approx(expected_v, rel=1e-3)
     assert found.confidence_model_v == pytest.approx(expected_v, rel=1e-9)
-    # one harmonic alone scatters by the spread across it over its length; the bound for both amplitude and time lies below
+    # the phase of one harmonic scatters by the noise across its phasor over its length; the bound of both is lower
     across = (1 - math.exp(-2 * spread_rad**2) / 2) / 2
     alone_rad = math.sqrt(across / (2e5 - 1)) / (math.exp(-(spread_rad**2) / 2) / 2)
     assert found.phase_std_rad == pytest.approx(alone_rad, rel=0.05)
@@ -124,6 +127,7 @@ def test_jitter_widens_the_pulse_of_drawn_voltages_and_of_the_bound_alike() -> N
 
 
 def test_phase_error_does_not_depend_on_asr() -> None:
+    """10 ns are 90°, and MPI of 0.3 at 17 ns, 153°, turns the sum by 13.24°. Ambient light turns nothing."""
     errors = [
         outcome(trials(condition=Condition(asr=asr, mpi_ratio=0.3, direct_ns=10.0, second_ns=17.0), runs=2000))
         for asr in (0.5, 2.0, 6.0)
@@ -148,7 +152,7 @@ def test_streams_of_one_seed_are_independent() -> None:
     assert abs(correlation) < 4 / math.sqrt(400)
 
 
-def test_switched_stages_are_known_by_their_effective_length() -> None:
+def test_switched_stages_have_the_noise_of_their_effective_length() -> None:
     capacitors = Capacitors(values_ff=(1.0, 30.0, 1.0, 30.0, *[10.0] * 8))
     stages = Stages(drive="switched", f1_hz=125e6 / 20, f2_hz=125e6 / 100)
     averaging = Averaging(integration_length=71.0, capacitors=capacitors, stages=stages)
@@ -189,8 +193,11 @@ def test_impossible_trials_are_refused() -> None:
         trials(model=odd)
 
 
-def test_figures_of_a_handful_of_runs_are_those_of_a_sample() -> None:
-    """Three runs of one path, without noise, at 8.9, 9 and 9.1 ns where 8.95 is true: by n − 1, as for any sample."""
+def test_figures_of_three_runs_are_those_of_a_sample() -> None:
+    """Three runs of one path without noise, at 8.9, 9 and 9.1 ns; 8.95 ns is true.
+
+    The variance of a sample divides by n − 1, so the standard deviation is 0.1 ns.
+    """
     times = np.array([8.9, 9.0, 9.1])
     phasors = [0.2746 * np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) / 3 for h in (1, 2)]
     waves = np.stack([a * np.exp(2j * np.pi * h * times / 40.0) for a, h in zip(phasors, (1, 2), strict=True)], axis=1)
@@ -208,7 +215,10 @@ THREE = PixelModel(modulation=Modulation(periods_ns=(40.0, 20.0, 13.3333)), aver
 
 
 def test_three_harmonics_reach_their_bound_which_is_below_that_of_two() -> None:
-    """At 6 ns and the same light a harmonic, three harmonics are worth much more than a half of variance (2.9)."""
+    """With 6 ns between the paths and the same light in all, three harmonics are 2.9 times better (docs/solvers.md).
+
+    Here each harmonic has the same light, so they are 2.9 · √1.5 = 3.6 times better.
+    """
     light = Condition(asr=5.0, mpi_ratio=0.3, second_ns=11.0)
     three, two = (
         outcome(trials(condition=light, model=THREE, runs=2000)),
@@ -232,7 +242,7 @@ def test_three_paths_come_back_in_falling_strength() -> None:
 
 
 def test_the_papers_way_wraps_times_at_half_the_period() -> None:
-    """A uniform angle scatters by 40/√12 = 11.5 ns; one whose truth lies near the end of its range by more."""
+    """A uniform time scatters by 40/√12 = 11.5 ns; a time whose truth lies near the end of its range, by more."""
     worst = Condition(asr=6.0, mpi_ratio=0.1)
     ways = {"pulse_correction": False, "resolver": ResolverSettings(solver="lm", order="2", returns="strongest")}
     paper = outcome(trials(1e3, condition=worst, runs=1000, wrapped=True, **ways))
@@ -259,8 +269,8 @@ def test_the_starts_of_a_run_follow_from_its_number() -> None:
     np.testing.assert_array_equal(whole.steps[:, 20:], part.steps)
 
 
-def test_amplitudes_that_no_light_has_are_no_answers() -> None:
-    """An offset of .5 V, where the modulation has .2746 V."""
+def test_amplitudes_that_no_light_has_count_as_no_answer() -> None:
+    """The offset is .5 V, but the amplitude of the modulation is only .2746 V."""
     model = PixelModel(averaging=Averaging(integration_length=1e5), offsets_v=(0.5, 0.0))
     found = outcome(trials(model=model, runs=100))
     assert found.impossible == 1.0
