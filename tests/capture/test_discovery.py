@@ -1,4 +1,4 @@
-"""Captures are found by names alone: what is a frame, in which order, and what is said where there is none."""
+"""Captures are found by file names alone: which files are frames, in which order, and the message if there are none."""
 
 from pathlib import Path
 from typing import Any

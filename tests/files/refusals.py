@@ -1,4 +1,4 @@
-"""What a reader says of a file that it refuses, and files to be refused."""
+"""The message of a reader that refuses a file, and writers of files to be refused."""
 
 from pathlib import Path
 from typing import Any

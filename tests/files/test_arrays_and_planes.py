@@ -139,7 +139,7 @@ def test_arrays_that_were_saved_one_after_the_other_are_not_lost(tmp_path: Path)
     )
     np.save(path, known_frame("u2"))
     with path.open("ab") as file:
-        # as a device that writes whole blocks leaves
+        # a device that writes whole blocks leaves zeros at the end
         file.write(bytes(100))
     np.testing.assert_array_equal(read_stored(FrameSource("frame", (path,)), LAYOUT), known_frame("u2"))
 
@@ -205,7 +205,7 @@ with open_frames(FrameSource("frame", (path,)), FrameLayout((1, 2), raw=RawLayou
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("name", ["frame.npy", "frame.raw"])
 def test_a_file_that_is_cut_off_while_it_is_read(name: str, order: Literal["C", "F"], tmp_path: Path) -> None:
-    """A process that looks into memory that a file is mapped into, and no longer has, is ended by the system."""
+    """The system ends a process that reads mapped memory beyond the end of its file; the reader must not read there."""
     path, recorded = tmp_path / name, np.array(known_frame("u2"), order=order)
     if name.endswith(".npy"):
         np.save(path, recorded)
@@ -285,7 +285,7 @@ def test_png_that_holds_no_plane(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_a_png_whose_exif_says_that_it_is_turned(orientation: int, tmp_path: Path) -> None:
-    """As TIFF's are: libraries decode the rows as they lie, so depth would stand in the wrong pixels, without a word."""
+    """Refused, as in TIFF: libraries decode the rows as stored, so that depths would be in wrong pixels, unnoticed."""
     from PIL import Image
 
     path, (plane, *_) = tmp_path / "plane.png", known_frame("u2").reshape(4, 37, 53)
@@ -302,7 +302,7 @@ def test_a_png_whose_exif_says_that_it_is_turned(orientation: int, tmp_path: Pat
 
 @pytest.mark.parametrize("exif", [b"II*\0", b"MM\0*\xff\xff\xff\xff", b"MM\0*\0\0\0\x08\xff\xff\x01\x12", b"a text"])
 def test_a_png_whose_exif_says_nothing_is_read(exif: bytes, tmp_path: Path) -> None:
-    """Its check sum is right, so the plane is what was written, whatever became of the Exif."""
+    """The check sum is right, so the plane is what was written, even if the Exif data are damaged."""
     from PIL import Image
 
     path, (plane, *_) = tmp_path / "plane.png", known_frame("u2").reshape(4, 37, 53)
@@ -312,7 +312,7 @@ def test_a_png_whose_exif_says_nothing_is_read(exif: bytes, tmp_path: Path) -> N
 
 
 def test_every_byte_of_a_png_is_checked(tmp_path: Path) -> None:
-    """By us: the library is left with memory that is lost after each failure, and after some thousands of them it aborts."""
+    """Our code checks them, not the library, which loses memory at each failure and aborts after some thousands."""
     path = tmp_path / "plane.png"
     _pillow(path, known_frame("u2")[0, 0])
     whole = path.read_bytes()

@@ -144,7 +144,7 @@ def small_files() -> Iterator[None]:
 
 
 def _library_fails(path: Path, size: int) -> None:
-    """Fail as numpy and OpenEXR do: without the system's number."""
+    """Fail as numpy and OpenEXR do: without the error number of the system."""
     with atomic_write(path) as temporary, codes_of_the_system(temporary, size):
         temporary.write_bytes(b"half")
         raise OSError("could not write 17 bytes")

@@ -1,4 +1,4 @@
-"""An EXR file that is no frame, or a damaged one, says what was found in it and what was expected."""
+"""The message for an EXR file that is damaged or holds no frame says what was found in it and what was expected."""
 
 import contextlib
 import os
@@ -68,7 +68,7 @@ def test_exr_parts_that_show_different_pixels(tmp_path: Path) -> None:
 
 @pytest.fixture
 def few_files() -> Iterator[Callable[[], list[int]]]:
-    """Few files may be open; what is handed over opens as many as may be, and returns their descriptors."""
+    """Let few files be open; yield a function that opens files up to this limit and returns their descriptors."""
     resource = needed_module("resource")
     limits, held = resource.getrlimit(resource.RLIMIT_NOFILE), list[int]()
 
@@ -105,13 +105,13 @@ def test_that_no_more_files_may_be_open_is_no_damage(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system has no file that cannot be read")
 def test_a_disk_that_fails_is_no_damage() -> None:
-    # nothing lies at the first address of a process's memory: reading there fails as on a disk
+    # a process has no memory at address 0: reading there fails as it does on a broken disk
     with pytest.raises(FrameError, match="/proc/self/mem: cannot be read: Input/output error"):
         read_parts(Path("/proc/self/mem"))
 
 
 def test_a_tile_larger_than_any_file(tmp_path: Path) -> None:
-    """The library makes room for a whole tile: this one takes gigabytes."""
+    """The library allocates memory for a whole tile, and the header of this file promises a tile of gigabytes."""
     tile = OpenEXR.TileDescription()
     tile.xSize, tile.ySize = 32, 64
     header = {"type": OpenEXR.tiledimage, "tiles": tile}

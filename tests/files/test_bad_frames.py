@@ -1,4 +1,4 @@
-"""A frame that cannot be read says which file, what was found there and what was expected."""
+"""The message for a frame that cannot be read names the file, what was found there and what was expected."""
 
 import builtins
 import logging
@@ -142,7 +142,7 @@ def test_a_width_that_is_no_whole_number(tmp_path: Path) -> None:
     with tifffile.TiffFile(path) as tiff:
         width = tiff.pages.first.tags[256].offset
     content = bytearray(path.read_bytes())
-    # its type, its count and its value
+    # the tag gets the type 11 (float), the count 1 and this value
     struct.pack_into("<HIf", content, width + 2, 11, 1, 5e-39)
     path.write_bytes(content)
     assert "damaged TIFF: 'float' object cannot be interpreted as an integer" in message(path)
@@ -153,7 +153,7 @@ def test_what_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest.CaptureFi
     with tifffile.TiffFile(path) as tiff:
         (begin, *_) = tiff.pages.first.dataoffsets
     content = bytearray(path.read_bytes())
-    # its fifth tag, of a resolution that nobody needs, is one that the library does not know
+    # the fifth tag, a resolution that nobody needs, gets a code that the library does not know
     (tags,) = struct.unpack_from("<I", content, begin + 4)
     struct.pack_into("<H", content, begin + tags + 2 + 4 * 12, 1)
     path.write_bytes(content)

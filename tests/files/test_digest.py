@@ -1,4 +1,4 @@
-"""Digests find what accidents do to files and values."""
+"""A digest changes when an accident changes a file or its values."""
 
 import itertools
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Files that differ in their pixels alone are read and written at once: nothing of what is read, refused or written changes."""
+"""Files that differ only in their pixels share an envelope; values, bytes and messages are those of each file alone."""
 
 import threading
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 
 
 def afresh(work: Callable[[], Result]) -> Result:
-    """Return what a thread that has read and written nothing before returns."""
+    """Return the result of the work in a new thread, which has kept no envelope yet."""
     found: list[Result] = []
     thread = threading.Thread(target=lambda: found.append(work()))
     thread.start()
@@ -39,7 +39,7 @@ def frame(seed: int, dtype: str = "<u2") -> NDArray[Any]:
 
 
 def read(path: Path, layout: FrameLayout = LAYOUT) -> tuple[Any, ...]:
-    """What comes of a file: its frame, or the message."""
+    """Return the count, shape, types and bytes of the frame in a file, or the message."""
     try:
         with open_frames(FrameSource(path.stem, (path,)), layout) as frames:
             stored = frames.read(0)
@@ -71,7 +71,7 @@ def test_frames_of_a_recording_are_read_as_each_alone(form: str, dtype: str, tmp
 
 
 def series(folder: Path) -> tuple[Path, Path]:
-    """Two files that differ in their pixels alone, of which the first has been read."""
+    """Return two files that differ only in their pixels; the first has been read."""
     first, second = folder / "a.tif", folder / "b.tif"
     for number, path in enumerate((first, second)):
         tifffile.imwrite(path, frame(number), **FORMS["plain"])

@@ -1,4 +1,4 @@
-"""What the OpenEXR library prints is caught; what others print meanwhile is not."""
+"""Text that the OpenEXR library prints is caught; text that others print at the same time is not."""
 
 import gc
 import os
@@ -48,7 +48,7 @@ def test_no_descriptor_is_left_open() -> None:
     def descriptors() -> int:
         return len(list(Path("/proc/self/fd").iterdir()))
 
-    # files that what failed in other tests still holds
+    # close files that objects of failed tests still hold
     gc.collect()
     before = descriptors()
     for _ in range(10):

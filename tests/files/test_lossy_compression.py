@@ -1,4 +1,4 @@
-"""Compression that changes values is told from compression that does not: what is named lossy has changed values, and is said."""
+"""A frame is called lossy if and only if its compression has changed values; the run then says so."""
 
 import json
 from collections.abc import Callable

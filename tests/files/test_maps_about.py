@@ -1,4 +1,4 @@
-"""Maps say themselves what they are, to tifffile, OpenEXR, GDAL (rasterio, and so QGIS) and OpenCV."""
+"""A file of maps describes its content, for tifffile, OpenEXR, GDAL (rasterio, and so QGIS) and OpenCV."""
 
 import re
 from pathlib import Path
@@ -25,7 +25,7 @@ UNITS = {
 
 @pytest.fixture(scope="module")
 def maps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The maps of one frame in both formats, of planar depth in EXR."""
+    """Return the maps of one frame in both formats: ranges in TIFF, planar depth in EXR."""
     folder = tmp_path_factory.mktemp("maps")
     capture = record(folder / "capture")
     for form, extra in (("tif", ()), ("exr", ("--depth", "z"))):

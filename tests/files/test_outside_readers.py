@@ -1,4 +1,4 @@
-"""Maps as other people's software sees them: the names and values that were written."""
+"""Other people's software finds in our maps the names and values that were written."""
 
 import re
 from pathlib import Path
@@ -24,7 +24,7 @@ HEIGHT, WIDTH = 6, 10
 
 @pytest.fixture
 def maps() -> DepthMaps:
-    """Maps in which every value differs, with some NaN and every status bit."""
+    """Return maps in which every value differs, with a pixel of NaN and 60 combinations of status bits."""
     made = DepthMaps.empty(tuple(layer.name for layer in wanted_layers()), (HEIGHT, WIDTH))
     made.values[:] = np.random.default_rng(0).uniform(0, 6, made.values.shape)
     made.values[[2, 3, 6]] /= 6
@@ -98,7 +98,7 @@ def test_libtiff_copies_the_values(tif: Path, maps: DepthMaps, tool: Tool, tmp_p
 
 def test_imagemagick_extracts_a_value(tif: Path, maps: DepthMaps, tool: Tool) -> None:
     assert tool("identify", "-format", "%w %h\n", tif).split() == [str(WIDTH), str(HEIGHT)] * len(NAMES)
-    # builds of 16 bits a pixel keep what lies between 0 and 1, which volts do
+    # builds with 16 bits per value keep values between 0 and 1 only, and the voltages of these layers are
     for page, name in ((2, "direct.amplitude"), (6, "confidence")):
         value = float(tool("identify", "-precision", "9", "-format", "%[fx:p{7,4}]", f"{tif}[{page}]"))
         assert value == pytest.approx(float(maps.layer(name)[4, 7]), abs=1 / 65535)

@@ -1,4 +1,4 @@
-"""Which plane is which, from a file's axes: an array laid out by its labels is put back in our order."""
+"""The labels of axes and the names of planes say which plane is which: any array is put into our order."""
 
 import itertools
 
@@ -20,7 +20,7 @@ harmonics = st.integers(1, 3).map(lambda n: tuple(range(1, n + 1)))
 def test_labelled_frames_and_channels_are_found_wherever_they_are(
     count: int, numbers: tuple[int, ...], order: list[str]
 ) -> None:
-    # plane t, h, c has the number it would have in our order; the file holds them in another
+    # the value of plane (t, h, c) is its place in our order; the file holds the planes in another order
     truth = np.arange(count * len(numbers) * 2).reshape(count, len(numbers), 2)
     stored = truth.transpose(["THC".index(label) for label in order])
     table = plane_table("".join(order), stored.shape, FrameLayout(numbers), where="file")
@@ -66,7 +66,7 @@ def test_a_channel_axis_in_front_of_an_unlabelled_one() -> None:
     st.sampled_from(["H{}.SC{}", "h{}_sc{}", "H{}/SC{}", "H{} Sc{}", "H{}SC{}", " h{}-SC{} "]),
 )
 def test_names_win_over_any_order(order: list[int], form: str) -> None:
-    # three frames, told apart by nothing but which of a name comes first
+    # three frames: of the planes with one name, the first belongs to the first frame
     names = [form.format(1 + place // 2 % 2, 1 + place % 2) for place in order]
     table = plane_table("Q", (12,), FrameLayout((1, 2)), where="file", names=names)
     for harmonic, channel in itertools.product(range(2), range(2)):

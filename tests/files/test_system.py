@@ -1,7 +1,7 @@
-"""Systems that lack what POSIX has: the same maps and records, and nothing that needs what is not there.
+"""On systems that lack functions of POSIX, the program works and writes the same maps and records.
 
-Windows itself is not at hand here; what it lacks is taken away from every process (`tests/support/elsewhere`), and its locks have
-a stand-in.
+The tests do not run on Windows. `tests/support/elsewhere` takes away from every process what Windows lacks, and has a
+stand-in for its locks.
 """
 
 import errno
@@ -153,7 +153,7 @@ def test_a_system_that_moves_a_few_bytes_at_a_time(tmp_path: Path, monkeypatch: 
 
 
 def blocks(count: int, more: int = 0) -> NDArray[np.float32]:
-    """Values that begin with a block of a disk, so many blocks and a few bytes more."""
+    """Return values whose memory begins at a block boundary and takes `count` blocks and `more` values."""
     values = DepthMaps.empty((), (1, count * BLOCK_BYTES // 4 + more)).pages.reshape(-1)
     values[:] = np.random.default_rng(5).random(values.shape)
     return values
@@ -163,14 +163,14 @@ Write = Callable[[int, memoryview], int]
 
 
 def refused(write: Write, descriptor: int, part: memoryview) -> int:
-    """What a file system does that lets a file be opened for this, and then does not do it."""
+    """Write as a file system that lets a file be opened with O_DIRECT, but refuses to write to it."""
     if fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_DIRECT:
         raise OSError(errno.EINVAL, "Invalid argument")
     return write(descriptor, part)
 
 
 def in_pieces(write: Write, descriptor: int, part: memoryview) -> int:
-    """What a file system does that takes less at a time than it is given."""
+    """Write as a file system that takes 128 KiB at a time at most."""
     return write(descriptor, part[: 2**17])
 
 
@@ -185,7 +185,7 @@ def test_whole_blocks_are_written_past_the_cache(
     values, path = blocks(100, more), tmp_path / "file"
     with FileIO(path, "wb") as file:
         write_parts(file.fileno(), [memoryview(b"h" * head), values.data.cast("B"), memoryview(b"tail")])
-        # what is written afterwards is written as usual
+        # later writes go through the cache again
         assert not fcntl.fcntl(file.fileno(), fcntl.F_GETFL) & os.O_DIRECT
     assert path.read_bytes() == b"h" * head + values.tobytes() + b"tail"
 
@@ -216,7 +216,7 @@ def test_what_not_every_system_has_is_asked_for_in_one_place() -> None:
         for path in package.rglob("*.py")
         if re.search(POSIX_ALONE, re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text()))
     }
-    # signals are not files; a worker's death with its parent is Linux's
+    # two more modules handle signals; one of them also ends workers with their parent, as only Linux can
     assert asking == {"files/system.py", "execution/starting.py", "cli.py"}
 
 
@@ -232,7 +232,7 @@ print(len(kept))
 
 
 def test_every_module_is_imported_elsewhere() -> None:
-    """All but those of the cluster, which are distributed's matter."""
+    """Modules of the cluster are left out: the package distributed decides where they can be imported."""
     done = subprocess.run(
         [sys.executable, "-c", _IMPORT_ALL], env=ELSEWHERE, capture_output=True, text=True, timeout=120, check=False
     )

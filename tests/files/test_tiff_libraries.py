@@ -1,4 +1,4 @@
-"""Series as tifffile gives them from 2026.5 on, which another Python of the same day installs, and as it gave them before."""
+"""Frames are the same whether tifffile gives series in the way it does from 2026.5 on, or in the way it did before."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from tests.files.forms import Writer, known_frame, tiff
 
 
 class Expanded:
-    """A series that has its axes as they are, and none of the methods that gave them until 2026.5."""
+    """A series as from 2026.5 on: its attributes have all axes, and the methods that gave them before are gone."""
 
     def __init__(self, series: Any) -> None:
         self.axes, self.shape = series.get_axes(squeeze=False), series.get_shape(squeeze=False)
@@ -32,7 +32,7 @@ class Expanded:
 
 
 class Series:
-    """What `TiffFile.series` is: a function that says which."""
+    """`TiffFile.series` as from 2026.5 on: a function that returns the series."""
 
     def __init__(self, series: list[Any]) -> None:
         self._series = series

@@ -1,4 +1,4 @@
-"""TOML text that any parser reads as the values it was made from."""
+"""Any parser reads our TOML text as the values that it was made from."""
 
 import math
 import tomllib
