@@ -27,7 +27,7 @@ def _tiffcp(*options: str) -> Writer:
 
 
 def _tiffset(page: int, tag: str, value: str, *, shaped: bool = False) -> Writer:
-    """Return a writer that changes a tag of one page, which libtiff writes anew at the end of the file."""
+    """Return a writer that changes a tag of one page; libtiff then writes this page anew at the end of the file."""
 
     def write(folder: Path, frame: Stored) -> Path:
         path = _source(folder, frame, shaped=shaped)

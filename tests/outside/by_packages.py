@@ -134,7 +134,7 @@ def _vips_bands(interpretation: str) -> Writer:
 
 
 def _gdal(*, named: bool = False, overviews: bool = False, masked: bool = False, **options: Any) -> Writer:
-    """Return a writer of a GeoTIFF of four bands by rasterio, with names of the bands in an order of their own."""
+    """Return a writer of a GeoTIFF of four bands by rasterio; `named`: the bands have names, in the order `SHUFFLED`."""
 
     def write(folder: Path, frame: Stored) -> Path:
         need("rasterio")

@@ -1,4 +1,4 @@
-"""What can just be simulated is, and what cannot is refused; what nobody says is a QVGA camera and the paper's pixel."""
+"""Settings at their limits are simulated, settings beyond are refused; the defaults are QVGA and the paper's pixel."""
 
 import math
 from collections.abc import Callable
@@ -81,7 +81,7 @@ def test_what_is_just_possible_is_simulated(make: Make) -> None:
             assert weights.min() >= 0.0
             np.testing.assert_allclose(weights.sum(axis=1), 1.0)
         case Capacitors() as capacitors:
-            # C1, C2, C5 + C6 and C9 + C10, all alike, over C1
+            # (C1 + C2 + C5 + C6 + C9 + C10) / C1, with equal capacitors
             assert capacitors.integration_length == pytest.approx(6.0)
         case PixelModel() as model:
             assert model.photons == (1 if model.cycles == 1 else 1250)

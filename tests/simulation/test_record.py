@@ -1,4 +1,4 @@
-"""Captures as files: what another reader finds in them, and that they never depend on who made them."""
+"""Captures as files: what other readers find in them; their bytes do not depend on the number of processes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -155,7 +155,7 @@ def test_no_frames_is_refused() -> None:
 
 @pytest.mark.parametrize("frame_format", ["tif", "exr"])
 def test_a_capture_is_compressed_only_where_that_is_asked_for(frame_format: str, tmp_path: Path) -> None:
-    """Noise hardly shrinks, and takes long; a frame of nothing shows which of the two it is."""
+    """Noise hardly shrinks, and takes long to compress. A frame of zeros shows by its size if it was compressed."""
     camera = Camera(width=330, height=210)
     plain = RecordSettings(exposure=settings(camera=camera).exposure, frame_format=frame_format)
     frames, truth = [np.zeros((2, 2, 210, 330))], {"direct.depth": np.ones((210, 330))}

@@ -52,7 +52,7 @@ def test_slower_switching_departs_from_equation_1_step_by_step() -> None:
 
 
 def simulated(samples: Float, nodes: tuple[float, ...], ticks: list[tuple[int, int]]) -> float:
-    """Charges moved one event after the other, forwards in time."""
+    """Return the last stage's voltage in the end; the charges are moved event by event, forwards in time."""
     sampling, first, second, third = nodes
     v1 = v2 = v3 = 0.0
     waiting = list(ticks)
@@ -129,7 +129,7 @@ def test_impossible_averaging_is_refused() -> None:
 
 @pytest.mark.parametrize("scale", [0.25, 3.0])
 def test_the_effective_length_is_that_of_the_weights_shares(scale: float) -> None:
-    """What has not settled yet, or is amplified, averages over as many photons."""
+    """An average that has not settled yet, or is amplified, is over the same number of photons."""
     weights = switched(RATE_HZ / 7.3, RATE_HZ / 41.9, photons=5000)[0]
     assert effective_length(scale * weights) == pytest.approx(effective_length(weights), rel=1e-12)
 

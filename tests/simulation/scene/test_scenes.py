@@ -1,4 +1,4 @@
-"""Scenes against geometry done by hand, and against each other's ways of integrating."""
+"""Scenes agree with geometry by hand, and two ways of integrating light agree with each other."""
 
 import math
 from dataclasses import replace
@@ -89,7 +89,7 @@ def test_cosine_directions_have_the_density_of_a_flat_receiver() -> None:
 
 
 def test_no_two_cosine_directions_lie_close_together() -> None:
-    """Seen from above, each has a share π/n of a disc to itself: a square of that area is 1.77/√n wide."""
+    """Seen from above, each direction has an area of π/n in the unit disc; a square of this area is 1.77/√n wide."""
     x, y, _ = cosine_directions(1000)
     apart = np.hypot(x[:, np.newaxis] - x, y[:, np.newaxis] - y)
     np.fill_diagonal(apart, np.inf)
@@ -113,7 +113,7 @@ def test_two_ways_of_integrating_a_bounce_agree() -> None:
 
 
 def test_a_bounce_from_a_small_patch_is_the_product_of_its_factors() -> None:
-    """A 1 cm² patch at 45° between the light and the point: ρ/π · E · cos · cos · dA / d², by hand."""
+    """A patch of 1 cm², at 45° to the light and to the point, sends ρ/π · E · cos · cos · dA / d² to the point."""
     patch = Surface(
         origin_m=(1.0, 0.0, 1.0),
         across=(math.sqrt(0.5), 0.0, math.sqrt(0.5)),
@@ -162,7 +162,7 @@ def test_corner_is_symmetric_and_blurred_by_its_mpi() -> None:
 
 
 def test_inter_reflection_makes_the_panel_look_2_cm_nearer() -> None:
-    """Fig. 4(c): 335 cm without, about 333 cm with the second object."""
+    """Fig. 4(c): 335 cm without the second object, about 333 cm with it."""
     centre = (24, 32)
     camera = Camera(width=65, height=49)
     without = first_phasor_range_m(InterReflection(mpi_ratio=0.0), camera)[centre]
@@ -219,7 +219,7 @@ def test_a_scene_beyond_the_unambiguous_range_is_refused() -> None:
 
 
 def test_a_scene_just_within_a_short_range_is_not() -> None:
-    """5 ns reach 0.749 m."""
+    """A period of 5 ns has an unambiguous range of 0.749 m."""
     metadata = CaptureMetadata(modulation=Modulation(periods_ns=(5.0, 2.5)), pixel=Pixel(integration_length=1e5))
     band = expose_band(Exposure(scene=Wall(distance_m=0.5), camera=CAMERA, metadata=metadata), ALL_ROWS)
     assert 0.55 < np.nanmax(band.truth["direct.depth"]) < 0.749
@@ -317,7 +317,7 @@ def test_photons_count_one_where_the_wall_faces_the_light(distance_m: float) -> 
 
 @pytest.mark.parametrize("tilt_deg", [(25.0, 0.0), (-10.0, 35.0)])
 def test_a_tilted_wall_gets_less_light_by_the_cosine_of_incidence(tilt_deg: tuple[float, float]) -> None:
-    """cos θ/r² over that of a wall at this distance that faces the light."""
+    """Light goes with cos θ/r², and is 1 for a wall at this distance that faces the lamp."""
     light = Wall(distance_m=2.0, tilt_deg=tilt_deg, asr=3.0).light(CAMERA, ALL_ROWS)
     x, y, z = CAMERA.rays(ALL_ROWS)
     slope_x, slope_y = (math.tan(math.radians(angle)) for angle in tilt_deg)
@@ -335,7 +335,7 @@ def test_what_is_just_possible_of_a_camera_is_taken() -> None:
 
 
 def test_ways_that_carry_nothing_have_no_length() -> None:
-    """A reflector that faces away from the target, and directions that miss it."""
+    """The reflector is behind the target's front: its patches do not light the front, and all directions miss it."""
     target = Surface(origin_m=(0.0, 0.0, 2.0), across=(1.0, 0.0, 0.0), along=(0.0, 1.0, 0.0), albedo=0.5)
     aside = Surface(
         origin_m=(1.0, 0.0, 3.0),

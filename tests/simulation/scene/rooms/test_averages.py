@@ -1,4 +1,4 @@
-"""Averages over traced pixels, each weight written out: by place, by face, and by how alike normals are."""
+"""Averages over traced pixels, with each weight written out: it follows from place, face and likeness of normals."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ WIDTH, STEP, REACH = 11, 2, 1
 
 
 def bent(count: int, rng: np.random.Generator, surfaces: int = 2) -> Faces:
-    """Faces of some surfaces, their normals a little bent."""
+    """Return the faces of pixels on random surfaces; their normals scatter about −z."""
     normals = rng.normal(size=(3, count)) * 0.4 + np.array([[0.0], [0.0], [-1.0]])
     return Faces(rng.integers(surfaces, size=count).astype(np.int32), unit(normals))
 
@@ -21,7 +21,7 @@ def unit(normals: Float) -> Float32:
 
 
 def nearness(pixel: int, place: int, step: int, reach: int) -> float:
-    """1 at the middle of the place's square, evenly down to 0 at half a place beyond the last."""
+    """Return a weight: 1 at the middle of the place's square, falling linearly to 0 at reach + 1/2 places."""
     return max(0.0, 1.0 - abs(pixel - (step * place + (step - 1) / 2)) / (step * (reach + 0.5)))
 
 

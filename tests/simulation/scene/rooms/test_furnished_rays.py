@@ -1,4 +1,4 @@
-"""Rays in a furnished room, against each solid intersected in double precision, one by one."""
+"""Rays in a furnished room; the reference intersects each ray with each solid in double precision, one by one."""
 
 import math
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ SIZE = (4.0, 2.5, 5.0)
 ROOM = Interior(size_m=SIZE, albedos=WALLS, boxes=BOXES, balls=BALLS)
 
 INSIDE = ((2.0, 1.0, 0.5), (0.3, 0.4, 4.7), (3.8, 2.4, 2.8), (1.5, 1.6, 1.95), (0.05, 0.03, 0.04))
-"""The fourth is above furniture, closer to it than that is wide; the last is in the corner that lengths are counted from."""
+"""Origins of rays. The fourth is above furniture, nearer to it than it is wide; the last is in the corner (0, 0, 0)."""
 
 
 def rays(origin: tuple[float, float, float], count: int, seed: int) -> tuple[Float32, Float32]:
-    """Return rays from one place, all around, two thirds of them about some solid."""
+    """Return rays from one place to all sides; two thirds of them go near some solid."""
     rng = np.random.default_rng(seed)
     directions = rng.standard_normal((3, count))
     centres = np.array([solid.centre_m for solid in (*BOXES, *BALLS)])[rng.integers(6, size=count)].T
@@ -45,13 +45,13 @@ def rays(origin: tuple[float, float, float], count: int, seed: int) -> tuple[Flo
 
 
 def upright_turn(angle: float) -> Float:
-    """From the axes of a box to those of the room: x turns towards z."""
+    """Return the rotation from the axes of a box to those of the room: x turns towards z."""
     cosine, sine = math.cos(angle), math.sin(angle)
     return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
 
 
 def into_box(box: Box, origin: Float, direction: Float) -> tuple[float, Float]:
-    """How far a ray goes until it enters a box, and the normal there; inf where it misses it."""
+    """Return how far a ray goes until it enters a box, and the normal there; inf if it misses the box."""
     turn = upright_turn(box.turn_rad)
     start, way = turn.T @ (origin - box.centre_m), turn.T @ direction
     near, far, normal = -math.inf, math.inf, np.zeros(3)
@@ -73,7 +73,7 @@ def into_ball(ball: Ball, origin: Float, direction: Float) -> tuple[float, Float
 
 
 def to_wall(origin: Float, direction: Float) -> tuple[float, int]:
-    """How far a ray from within goes to the room's own faces, and to which."""
+    """Return how far a ray goes from inside the room to its walls, and the number of the wall that it meets."""
     found = []
     for axis in range(3):
         for side, at in enumerate((0.0, SIZE[axis])):
@@ -207,7 +207,7 @@ def test_the_corners_of_a_large_solid_are_met() -> None:
 
 
 def test_what_stands_in_a_room_is_grey_and_straight_unless_it_is_told() -> None:
-    """Half of the light comes back, and a box is not turned."""
+    """By default half of the light comes back, and a box is not turned."""
     box, ball = Box(centre_m=(2.0, 1.2, 2.5), half_m=(0.5, 0.5, 0.5)), Ball(centre_m=(1.0, 1.2, 4.0), radius_m=0.4)
     room = Interior(size_m=SIZE, albedos=WALLS, boxes=(box,), balls=(ball,))
     starts = np.array([[2.1, 1.0], [1.3, 1.2], [0.5, 0.5]], np.float32)
@@ -220,7 +220,7 @@ def test_what_stands_in_a_room_is_grey_and_straight_unless_it_is_told() -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Watched(Ball):
-    """A ball that keeps count of the rays that are followed to it."""
+    """A ball that counts the rays that are intersected with it."""
 
     followed: list[int]
 
@@ -231,7 +231,7 @@ class Watched(Ball):
 
 @pytest.mark.parametrize("origin", INSIDE)
 def test_rays_that_miss_a_solid_by_a_centimetre_are_not_followed_to_it(origin: tuple[float, float, float]) -> None:
-    """And none that goes the other way: what a room costs is what is near its rays."""
+    """Rays that go the other way are not followed to it either: a room costs as much as the solids near its rays."""
     ball = Watched(centre_m=(2.6, 1.4, 3.4), radius_m=0.5, followed=[])
     room = Interior(size_m=SIZE, albedos=WALLS, balls=(ball,))
     starts, ways = rays(origin, 12_000, 8)
@@ -254,7 +254,7 @@ def test_a_ray_that_touches_a_ball_meets_it() -> None:
 
 
 def test_a_solid_is_met_as_itself_whichever_neighbours_it_has() -> None:
-    """One that stands alone, then three beside each other: rays from above onto each of them."""
+    """One box stands alone, three stand beside each other; a ray from above goes to each of them."""
     places, albedos = ((0.5, 0.5), (3.0, 4.0), (3.3, 4.0), (3.6, 4.0)), (0.2, 0.4, 0.6, 0.8)
     boxes = tuple(
         Box(centre_m=(x, 2.4, z), half_m=(0.1, 0.1, 0.1), albedo=albedo)

@@ -1,4 +1,4 @@
-"""Furniture stands on the floor, is as broad to the left as to the right, and turns about its own middle."""
+"""Furniture stands on the floor, is symmetric from left to right, and turns about its own middle."""
 
 import math
 
@@ -38,7 +38,7 @@ def test_pieces_are_alike_to_the_left_and_to_the_right() -> None:
 
 
 def test_parts_of_a_piece_touch_each_other() -> None:
-    """Every part meets another one, within the thickness of a board."""
+    """Every part touches another part, except for a gap below the thickness of a board."""
     for piece in pieces():
         for number, (centre, half) in enumerate(piece.parts):
             others = [part for index, part in enumerate(piece.parts) if index != number]
@@ -99,7 +99,7 @@ def test_what_is_just_possible_of_rooms_is_taken() -> None:
 
 
 def test_cornell_s_walls_are_those_of_the_original_and_space_before_it_is_black() -> None:
-    """Left red, right green, all else white; 59.5° of view meet neither the room behind nor beside the camera."""
+    """Left is red, right is green, all else white. A view of 59.5° shows no wall behind or beside the camera."""
     interior = CornellBox().room.interior
     left, right, ceiling, floor, near, far = interior.albedos
     assert (left, right) == (0.6, 0.35)

@@ -1,4 +1,4 @@
-"""The lamp's light against the inverse-square and cosine laws, its shadows and its beam."""
+"""The lamp's light obeys the inverse-square and cosine laws; its shadows and its beam."""
 
 import math
 

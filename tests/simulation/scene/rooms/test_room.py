@@ -1,4 +1,4 @@
-"""Rooms as scenes: what is drawn, what is true of it, and that nothing depends on who does the work."""
+"""Rooms as scenes: what a seed draws, and what the truth is; nothing depends on which process does the work."""
 
 import math
 from collections.abc import Callable
@@ -27,7 +27,7 @@ def view(room: Interior, *, lamp_offset_m: tuple[float, float, float] = (0.0, 0.
 
 
 def mpi_phasor(light: Light, period_ns: float = 40.0) -> Complex:
-    """Return the MPI's phasor over the direct light, relative to its phase."""
+    """Return the phasor of the MPI divided by that of the direct light."""
     turn = np.exp(2j * np.pi / period_ns * (light.delays_ns[1:] - light.delays_ns[0]))
     return np.asarray((light.photons[1:] * turn).sum(axis=0) / light.photons[0])
 
@@ -123,7 +123,7 @@ def test_an_opening_has_no_truth() -> None:
 
 
 def test_light_from_neighbours_is_the_light_of_the_pixel() -> None:
-    """Averages over neighbours against a rendering of a camera with three times as many pixels."""
+    """Averages over neighbours agree with every third pixel of a rendering of three times the resolution."""
     scene = RandomRoom(seed=10, light_paths=256)
     coarse = mpi_phasor(scene.light(Camera(width=60, height=45), slice(16, 24)))
     fine = mpi_phasor(scene.light(Camera(width=180, height=135), slice(48, 72)))[1::3, 1::3]

@@ -1,4 +1,4 @@
-"""Rays against solids, held against rectangles intersected one by one and against geometry done by hand."""
+"""Rays meet solids where rectangles, intersected one by one, and geometry by hand say that they do."""
 
 import math
 
@@ -28,7 +28,7 @@ def towards(*direction: float) -> Float32:
 
 
 def sides_of(box: Box) -> list[Surface]:
-    """Return the six sides as rectangles of their own."""
+    """Return the six sides of a box as rectangles."""
     cosine, sine = math.cos(box.turn_rad), math.sin(box.turn_rad)
     axes = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
     sides = []

@@ -1,4 +1,4 @@
-"""Where a camera in a room looks, and where its lamp is: the turn to the right first, then the one down."""
+"""Where a camera in a room looks, and where its lamp is; the camera turns to the right first, then down."""
 
 import math
 
@@ -57,7 +57,7 @@ def test_a_lamp_in_or_behind_a_wall_is_refused(offset: tuple[float, float, float
 
 
 def test_the_median_is_that_of_every_eighth_pixel_with_direct_light() -> None:
-    """Of the far wall's and the side walls' cos/r², where the lamp shines: within .9 rad and 10° of the axis."""
+    """The beam, .9 rad and an edge of 10° to each side, covers the view. The light of a pixel is cos/r²."""
     asked = view()
     x, y, z = asked.camera.rays(slice(None))[:, ::8, ::8].reshape(3, -1)
     met = asked.meet(np.stack([x, y, z]))
