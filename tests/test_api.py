@@ -246,7 +246,7 @@ def test_an_option_of_another_kind_is_named(options: dict[str, Any], told: str) 
 
 
 def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
-    """What is computed with numpy goes in as it comes out: settings, regions, what `capture.toml` holds."""
+    """Numbers computed with numpy can be passed as they are: in options, regions and keys of `capture.toml`."""
     frame = next(read_frames(record(tmp_path / "capture").folder))
     known = frame.metadata
     settings = {
@@ -271,7 +271,7 @@ def test_frames_are_counted_from_0(frames: Any) -> None:
 
 
 def test_options_are_the_fields_of_the_records() -> None:
-    """Names and types are written once more for type checkers; the records decide."""
+    """ResolveOptions repeats names and types for type checkers; they must be those of the records."""
     resolver, maps = get_type_hints(ResolverSettings), get_type_hints(MapSettings)
     typed = get_type_hints(ResolveOptions)
     assert set(ResolverOptions.__annotations__) == {one.name for one in fields(ResolverSettings)} - {"min_confidence"}

@@ -1,4 +1,4 @@
-"""docs/architecture.md names every room and file of the package, and no other."""
+"""docs/architecture.md names every room and file of the package, and nothing else."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""What may import what: files → voltages → phasors → paths → maps, and libraries only where they are used."""
+"""Which part may import which: files → voltages → phasors → paths → maps. Libraries stay where they are used."""
 
 import ast
 import subprocess
@@ -40,7 +40,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "figures": {"calibration", "capture", "files", "maps", "optics", "pipeline", "resolver", "simulation"},
 }
-"""What a part may import besides itself and what anybody may: only what comes before it."""
+"""Parts that a part may import besides itself and `ANYBODY`: only parts that come before it."""
 
 LIBRARIES: dict[str, set[str]] = {
     "click": {"cli", "commands"},
@@ -105,7 +105,7 @@ def test_a_library_is_imported_only_where_it_is_used(library: str) -> None:
 
 
 def _loaded(*arguments: str) -> set[str]:
-    """Return what top-level modules are loaded when a command has run."""
+    """Return the top-level modules that are loaded after a command has run."""
     script = (
         "import sys\nfrom cadtof_cli.cli import main\ntry:\n    main()\nexcept SystemExit as ended:\n"
         "    assert not ended.code\n    print('loaded', *{name.split('.')[0] for name in sys.modules})\n"
@@ -123,7 +123,7 @@ def test_help_loads_no_heavy_library(arguments: tuple[str, ...]) -> None:
 
 
 def test_the_help_of_the_commands_needs_no_more_than_numpy() -> None:
-    """Man pages are made of it where the package is built."""
+    """The build of the package makes man pages from the help."""
     imports = "; ".join(f"import cadtof_cli.commands.{name}" for name in COMMANDS)
     script = f"import sys; {imports}; print(*{{name.split('.')[0] for name in sys.modules}})"
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""Every command has a man page, made of its help, which roff reads without a complaint; the wheel has them all."""
+"""Every command has a man page, made from its help; roff reads it without a warning, and the wheel has all pages."""
 
 import re
 import subprocess
@@ -19,7 +19,7 @@ COMMANDS = every_command()
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The pages by the words that call the command."""
+    """Return the pages by the words that call their commands."""
     needed_module("click_man")
     from man_pages import write_man_pages
 
@@ -73,7 +73,7 @@ def test_a_page_says_what_the_help_says(pages: dict[str, str], words: str) -> No
     for option in (param for param in command.params if isinstance(param, click.Option)):
         assert option.opts[0] in page
     if isinstance(command, SectionedCommand):
-        # the others stand under OPTIONS, as in the help
+        # options of no section are under OPTIONS, as in the help
         shown = [title for title in command.sections(command.params) if title != "Options"]
         assert re.findall(r"(?m)^\.SS (.+)$", page) == shown
     assert "\b" not in page

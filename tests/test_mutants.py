@@ -1,4 +1,4 @@
-"""The mutation tool: what it changes in a small module, what it leaves alone, and which tests it thinks of."""
+"""The mutation tool: what it changes in a small module, what it leaves alone, and which tests it tries."""
 
 import ast
 import importlib.util

@@ -1,4 +1,4 @@
-"""Records behave as the standard library's: held against its own `dataclass`, over the same classes."""
+"""Our `dataclass` makes the same records as that of the standard library: both are applied to the same classes."""
 
 import dataclasses
 import inspect
@@ -19,7 +19,7 @@ from tests.support.run_cadtof import ENVIRONMENT
 
 
 def family(decorator: Callable[..., Any]) -> tuple[type[Any], ...]:
-    """The same classes, made by a decorator: a base and what inherits from it, by place and by name, with and without `eq`."""
+    """Return classes made by a decorator: a base, its child, fields by name only, without `eq`, and without fields."""
 
     @decorator(frozen=True)
     class Base:
@@ -129,7 +129,7 @@ def test_what_they_are_made_of_is_asked_for_in_the_same_way() -> None:
 
 
 def _complaint(kind: type[Any], /, *places: Any, **names: Any) -> str | None:
-    """What is said of arguments that are wrong, with the class's own name in front; None where nothing is."""
+    """Return the message for wrong arguments, which begins with the class's own name; None if there is no error."""
     try:
         kind(*places, **names)
     except TypeError as error:
@@ -166,7 +166,7 @@ def test_those_that_change_are_like_the_library_s_too() -> None:
 
 @records.dataclass(frozen=True)
 class Sent:
-    """Found by its name in another process."""
+    """A record that another process can find by its name."""
 
     a: int
     b: str = "b"
@@ -202,5 +202,5 @@ def test_a_run_makes_no_others(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", _SEEN, *words], env=ENVIRONMENT, capture_output=True, text=True, check=True
     )
-    # what has slots is the library's
+    # a class with slots is made by the library
     assert done.stdout.split() == ["cadtof_cli.capture.frames.FrameSource"]

@@ -1,4 +1,4 @@
-"""docs/reliability.md: every promise names what holds it, and that is there."""
+"""docs/reliability.md: every promise names a test or script that holds it, and these exist."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ PAGE = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
 
 
 def _rows() -> list[tuple[str, str]]:
-    """The promises, with what holds each."""
+    """Return each promise, and the text that says what holds it."""
     tables = re.findall(r"^\| promise \| held by \|\n\|---\|---\|\n((?:\|.*\|\n)+)", PAGE, re.MULTILINE)
     rows = [re.split(r" *(?<!\\)\| *", line.strip("| ")) for table in tables for line in table.splitlines()]
     assert all(len(row) == 2 for row in rows)

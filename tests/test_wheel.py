@@ -1,4 +1,4 @@
-"""A wheel says what it holds: for this system where a compiler made its extensions, for any system where there was none."""
+"""A wheel with compiled extensions says that it is for this system; one without, that it is for any system."""
 
 import os
 import shutil
@@ -19,7 +19,7 @@ BUILD = "from setuptools.build_meta import build_wheel; build_wheel('wheels')"
 
 @pytest.fixture
 def sources(tmp_path: Path) -> Path:
-    """The sources, whose C files hold as good as nothing: what they say takes a minute to compile."""
+    """Return a copy of the sources whose C files are almost empty: the real ones take a minute to compile."""
     for name in ("setup.py", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(

@@ -1,4 +1,4 @@
-"""A container may see all cores of its machine and be given the time of a few: as many processes are started."""
+"""A container may see all cores of its machine, but get the time of a few: only as many processes are started."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What processes say to each other arrives as it was sent, whatever both have in common, and nothing of it is missed."""
+"""Messages between processes arrive as they were sent, without objects that both sides share, and none is missed."""
 
 import pickle
 import sys
@@ -21,7 +21,7 @@ from tests.support.captures import record
 
 @dataclass(frozen=True)
 class Heavy:
-    """What would take long to send."""
+    """An object that takes long to send."""
 
     text: str
 

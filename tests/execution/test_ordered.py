@@ -1,4 +1,4 @@
-"""Outcomes come in the order of the tasks, whatever becomes of the processes, and few tasks wait at a time."""
+"""Outcomes come in the order of the tasks, even if processes die or hang, and few tasks wait at a time."""
 
 import os
 import signal
@@ -49,14 +49,14 @@ def deadly_once(task: tuple[int, Path]) -> int:
 
 
 def deadly_once_for_all(task: tuple[int, Path]) -> int:
-    """The second of two tasks waits until the first one's process has nothing to do, and kills both processes, once."""
+    """Task 1 waits until the process of task 0 is idle, and then kills both processes; it does so only once."""
     number, seen = task
     if number == 1 and not seen.exists():
         time.sleep(0.2)
         seen.touch()
         children = Path(f"/proc/{os.getppid()}/task/{os.getppid()}/children").read_text().split()
         ours = Path("/proc/self/cmdline").read_bytes()
-        # workers that are spawned have a helper, which is none of them
+        # a helper of spawned workers is a child too, but no worker
         siblings = [int(child) for child in children if Path(f"/proc/{child}/cmdline").read_bytes() == ours]
         for process in sorted(siblings, key=os.getpid().__eq__):
             os.kill(process, signal.SIGKILL)
@@ -114,7 +114,7 @@ def test_a_process_that_dies_once_costs_nothing(tmp_path: Path) -> None:
     tasks = [(number, tmp_path / "seen") for number in range(12)]
     outcomes = list(run_ordered(deadly_once, tasks, workers=Workers(jobs=2, start_method="fork")))
     assert [outcome.result for outcome in outcomes] == list(range(12))
-    # what had been reported, or lay before the task that died, is not done again
+    # tasks that had been reported, or came before the task that died, are not done again
     assert [(tmp_path / str(number)).read_text() for number in range(2)] == ["x", "x"]
 
 
@@ -139,7 +139,7 @@ def test_signals_are_as_before() -> None:
 
 
 def waits_for_the_next(task: tuple[int, Path]) -> int | Later[int]:
-    """What is done once the next task has been begun, and not before; odd ones need no waiting."""
+    """An even task ends only after the next task has begun; an odd task has its result at once."""
     number, folder = task
     (folder / str(number)).touch()
     if number % 2:
@@ -167,7 +167,7 @@ def test_what_only_waits_is_done_while_the_next_task_is(jobs: int, tmp_path: Pat
 
 
 def test_few_hold_their_memory_while_more_are_waited_for() -> None:
-    """As many as may, and the one that is computed: of results that take long to be written, and longer to be kept."""
+    """Results take long to write, and longer to keep. Memory is held by two of them and by the one that is computed."""
     lock, counts, most = threading.Lock(), Counter[str](), Counter[str]()
 
     def count(what: str, change: int) -> None:
@@ -273,7 +273,7 @@ def test_fewer_or_more_workers_than_cores_may_be_moved() -> None:
 @pytest.mark.parametrize("allowed", [0, 1])
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_system_that_allows_no_more_threads(jobs: int, allowed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As under `ulimit -u` or `ulimit -v`: results are finished by the threads that there are, or without any."""
+    """As under `ulimit -u` or `ulimit -v`: results are finished by the threads that could start, or without threads."""
     start, started = threading.Thread.start, list[threading.Thread]()
 
     def refused(thread: threading.Thread) -> None:

@@ -1,4 +1,4 @@
-"""Where pixels look: the pinhole, by angles that are known."""
+"""Where pixels look: rays of a pinhole camera have known angles."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_a_principal_point_that_is_not_given_is_the_middle_as_column_and_row() -
     ],
 )
 def test_lenses_that_are_hardly_given_in_pixels(optics: Optics, told: str | None) -> None:
-    """A pinhole of 59 pixels sees 320 of them at 2·atan(160/59) = 139.5°."""
+    """With a focal length of 59 pixels, a width of 320 pixels is a view of 2·atan(160/59) = 139.5°."""
     found = optics.doubt((240, 320))
     assert found is None if told is None else str(found).startswith(told)
 

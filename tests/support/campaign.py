@@ -32,7 +32,7 @@ TARGETS_M = (0.5, 1.0, 1.7, 2.4, 3.0)
 def camera(
     defects: Defects = ALL_DEFECTS, *, waveform: Waveform = "sine", pixels: tuple[int, int] = PIXELS, n_av: float = 1e5
 ) -> DefectiveCamera:
-    """Return a camera with a field of view of a QVGA camera's, whatever its size."""
+    """Return a camera of any size that has the field of view of a QVGA camera."""
     metadata = CaptureMetadata(
         modulation=Modulation(waveform=waveform),
         pixel=Pixel(integration_length=n_av),

@@ -52,7 +52,10 @@ class Recorded:
 
 
 def record(folder: Path, *, frames: int = 1, form: Form = "tif", seed: int = 0, toml: str | None = None) -> Recorded:
-    """Record frames of `step_frame`, 24 × 32 pixels, and a `capture.toml` (its text; "" for none)."""
+    """Record frames of `step_frame`, 24 × 32 pixels, and a `capture.toml`.
+
+    `toml` is its text; None: the text for the form; "": no `capture.toml`.
+    """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
     files = tuple(folder / f"frame_{index}.{form}" for index in range(frames))
@@ -65,7 +68,7 @@ def record(folder: Path, *, frames: int = 1, form: Form = "tif", seed: int = 0, 
 
 
 def write_frame(file: Path, volts: NDArray[np.float64]) -> None:
-    """Write voltages (2, 2, Y, X) as EXR volts or TIFF counts, as the file's name ends."""
+    """Write voltages (2, 2, Y, X) as EXR volts or TIFF counts, by the suffix of the file."""
     if file.suffix == ".exr":
         write_exr(file, dict(zip(PLANE_NAMES, volts.reshape(4, *volts.shape[2:]).astype(np.float32), strict=True)))
     else:
@@ -90,7 +93,7 @@ def write_exr(file: Path, channels: dict[str, NDArray[np.generic]]) -> None:
 
 
 def layers_of(file: Path) -> dict[str, NDArray[Any]]:
-    """Layers of a map file, read by the libraries alone: EXR channels, or OME-TIFF channels."""
+    """Return the channels of a map file, EXR or OME-TIFF, read by the libraries without the package."""
     if file.suffix == ".exr":
         with OpenEXR.File(str(file), separate_channels=True) as opened:
             return {name: channel.pixels.copy() for name, channel in opened.channels().items()}
@@ -102,5 +105,5 @@ def layers_of(file: Path) -> dict[str, NDArray[Any]]:
 
 
 def write_maps(path: Path, maps: DepthMaps) -> None:
-    """Write maps that say nothing about themselves, in the format that the file's name asks for."""
+    """Write maps with an empty header, in the format that the file's suffix asks for."""
     stage_maps(path, maps, header=MapHeader(), token="")[0].commit()

@@ -1,4 +1,4 @@
-"""A real scheduler of dask and real worker processes of it, on this machine's loopback address alone."""
+"""A real scheduler of dask with real worker processes, on the loopback address of this machine alone."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from tests.support.needed import needed_module
 from tests.support.run_cadtof import ROOT
 
 START_S = 60
-"""Longest wait for a process to be there, on a machine that has much else to do."""
+"""Longest time in s that a process may take to start on a busy machine."""
 
 HERE = "127.0.0.1"
 
@@ -26,16 +26,16 @@ PR_SET_PDEATHSIG = 1
 ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 os.execv(sys.argv[1], sys.argv[1:])
 """
-"""However the tests end, nothing that they have started outlives them."""
+"""Starts a program that the system ends together with the tests, however these end."""
 
 
 def no_work(task: FrameTask) -> FrameReport:
-    """Answer as a frame's task does, at once; it is here that workers find it."""
+    """Answer at once, as the task of a frame does; it is in a module so that workers can import it."""
     return task.report("ok", None, 0.123456, one_path=12345, two_paths=64455, invalid=0)
 
 
 def require_dask() -> None:
-    """Skip what needs dask where it is not installed; in CI it must be."""
+    """Skip the test if dask is not installed; in CI it must be."""
     needed_module("distributed")
 
 
@@ -44,7 +44,7 @@ class LocalCluster:
     """A scheduler and its workers.
 
     Attributes:
-        folder: where their words and the scheduler's address lie.
+        folder: holds their output and the scheduler's address.
         preload: a module that workers import when they start.
     """
 
@@ -69,7 +69,7 @@ class LocalCluster:
             _wait_for(worker, words, "Registered to")
 
     def ended(self) -> None:
-        """End whatever is left."""
+        """End all processes that still run."""
         for process in (*self.workers, self.scheduler):
             process.kill()
             process.wait()
@@ -79,14 +79,14 @@ class LocalCluster:
 def local_cluster(
     folder: Path, *, workers: int, preload: str | None = None, python_path: Path = ROOT
 ) -> Iterator[LocalCluster]:
-    """Yield a scheduler, which finds modules below `python_path` first, with workers; all end on leaving."""
+    """Yield a scheduler with workers; all end on leaving. The scheduler looks for modules below `python_path` first."""
     folder.mkdir(parents=True, exist_ok=True)
     said, file = folder / "scheduler.txt", folder / "scheduler.json"
     command = ("scheduler", "--host", HERE, "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
     cluster = LocalCluster(folder, preload, _started(folder, said, *command, python_path=python_path))
     try:
         _wait_for(cluster.scheduler, said, "Scheduler at")
-        # the scheduler says so before the file is whole
+        # the scheduler prints its address before the file is complete
         while not (file.exists() and file.read_text().rstrip().endswith("}")):
             time.sleep(0.02)
         cluster.add_workers(workers)

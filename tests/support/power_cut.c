@@ -1,6 +1,6 @@
-/* Preloaded: remembers of every file what was synchronised, as a disk that loses power would.
-   On fsync of a file its content is copied to $POWER_CUT/<inode>; on fsync of a folder the inodes of its names to
-   $POWER_CUT/<inode>.names. A file that is made or emptied is forgotten. */
+/* A library to preload. It keeps what was synchronised, as a disk does that loses power.
+   fsync of a file copies its content to $POWER_CUT/<inode>. fsync of a folder writes the inodes and names of its files
+   to $POWER_CUT/<inode>.names. When a file is created or emptied, its copy is removed. */
 #define _GNU_SOURCE
 #include <dirent.h>
 #include <dlfcn.h>

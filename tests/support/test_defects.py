@@ -1,4 +1,4 @@
-"""The camera with defects: perfect unless told, and as far off as told."""
+"""The camera with defects has none by default, and each defect is as large as asked for."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Calibration captures that are what they should be, and captures that are not: light on dark frames, things before walls."""
+"""Calibration captures, sound ones and wrong ones: light on dark frames, objects before walls."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from tests.support.defects import DefectiveCamera, Defects
 from tests.support.run_cadtof import Finished, cadtof
 
 SHARE = 1 / 3
-"""Of the photons that come from the laser at ASR 2."""
+"""Share of the photons that come from the laser, at ASR 2."""
 
 VOLTS_PER_COUNT = 6e-5
 
@@ -21,7 +21,7 @@ Frames = list[np.ndarray]
 
 @dataclass(frozen=True)
 class Case:
-    """A step of a calibration with captures by their names, and whether they are what they should be."""
+    """A step of a calibration with its captures; `sound`: the step must take them, else it must refuse them."""
 
     step: str
     sound: bool
@@ -29,7 +29,7 @@ class Case:
 
 
 def calibrated(case: Case, folder: Path, seed: int, /) -> Finished:
-    """Record the captures of a case and run its step; a response and what follows gets the dark part before it."""
+    """Record the captures of a case and run its step; before a response, the dark part is calibrated."""
     captures = case.record(folder, seed)
     if case.step == "response":
         dark = write(folder / "dark", _camera(seed), covered(_camera(seed), count=10, seed=seed))
@@ -42,7 +42,7 @@ def _camera(seed: int, *, offset_v: float = 0.02) -> DefectiveCamera:
 
 
 def _curved(seed: int) -> DefectiveCamera:
-    """A camera whose lens alone is to be calibrated."""
+    """A camera whose only defect is the field curvature of its lens."""
     return camera(Defects(petzval_m=(0.06, -0.02), seed=seed))
 
 
@@ -92,7 +92,7 @@ def _lit(share: float, scene: str, offset_v: float) -> Callable[[Path, int], tup
 
 
 def _shape(seen: DefectiveCamera, scene: str, distance_m: float) -> Float:
-    """Return the ranges of what is looked at, (Y, X)."""
+    """Return the ranges of a scene, (Y, X)."""
     wall_m, (height, width) = seen.wall_range_m(distance_m), seen.pixels
     if scene == "corner":
         return np.minimum(*(seen.wall_range_m(distance_m, (angle, 0.0)) for angle in (40.0, -40.0)))
@@ -123,7 +123,7 @@ def _targets(scene: str, distances_m: tuple[float, ...]) -> Callable[[Path, int]
 
 
 def _with_floor(seen: DefectiveCamera, distance_m: float, *, seed: int) -> Frames:
-    """A wall that gets light by way of a floor: up to 30 % of its own at the lower edge, by ways that differ."""
+    """Return frames of a wall with MPI by way of a floor: up to 30 % at the lower edge, with a delay that varies."""
     ranges = seen.wall_range_m(distance_m)
     height = np.linspace(1.0, 0.0, seen.pixels[0])[:, np.newaxis]
     ratio = 0.3 * (1.0 - height) * np.ones(seen.pixels)

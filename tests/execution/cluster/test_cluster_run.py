@@ -1,4 +1,4 @@
-"""Whatever becomes of a cluster's workers, every task has one outcome, in order: with a pretended cluster, by chance."""
+"""Every task has one outcome, in order, even if workers are lost: a pretended cluster draws by chance what happens."""
 
 import random
 from collections.abc import Callable, Iterable, Iterator
@@ -20,7 +20,7 @@ OURS = Surroundings("3.11.2", "0.1.0", "abc", None)
 
 
 class PretendedCluster:
-    """Workers that do what they are asked when their turn is drawn, come and go by chance, and die of deadly tasks."""
+    """Workers that do a batch when their turn is drawn, join and leave by chance, and die of deadly tasks."""
 
     def __init__(self, seed: int, *, deadly: frozenset[int] = frozenset(), seconds: float = 1.0) -> None:
         self.address = "tcp://127.0.0.1:1"
@@ -122,7 +122,8 @@ def test_every_task_has_one_outcome_in_order(
     cluster.losses = losses
     outcomes = list(cluster_run(cluster, iter(range(count))).outcomes())
     assert outcomes == [Outcome(n, WorkerDied() if n in deadly else n * n) for n in range(count)]
-    # twice each, no more, and the last time it was alone; with another in its batch, one of them comes only to that
+    # A deadly task kills two workers at most, and is alone in its last batch.
+    # If two deadly tasks share a batch, the worker dies of the first one.
     assert cluster.deaths.keys() == {task for task in deadly if task < count}
     assert all(times <= 2 for times in cluster.deaths.values())
     last = {task: tasks for _, tasks in cluster.batches for task in tasks}
