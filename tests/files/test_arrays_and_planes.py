@@ -1,4 +1,4 @@
-"""NPY files, PNG planes and raw dumps, written by numpy, OpenCV, Pillow, scikit-image, imageio, GDAL and ImageMagick."""
+"""NPY files, PNG planes and raw dumps, written by numpy, OpenCV, Pillow, scikit-image, imageio and GDAL."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""A moving target: every harmonic sees it at another distance; the truth is the distance in the middle of the frame."""
+"""A moving target: every harmonic sees it at another distance; the truth is its distance halfway through the frame."""
 
 import math
 from dataclasses import replace
