@@ -75,7 +75,7 @@ def test_resolve_gives_the_bits_that_the_command_writes(
         assert maps.facts["source"] == file.with_suffix(f".{form}").name
 
 
-def test_diffuse_mpi_and_a_part_of_the_pixels(tmp_path: Path) -> None:
+def test_a_region_with_diffuse_mpi_has_the_bits_that_the_command_writes(tmp_path: Path) -> None:
     (file,) = _written(CORNER, tmp_path / "out", "--mpi-model", "diffuse", "--roi", ",".join(map(str, ROI)))
     (frame,) = read_frames(CORNER)
     maps = resolve(frame, mpi_model="diffuse", roi=ROI)
@@ -108,7 +108,7 @@ def test_a_calibration_that_is_replaced_is_read_again(tmp_path: Path) -> None:
     assert resolve(frame, calibration=tmp_path / "calibration").facts["calibration"] != before.facts["calibration"]
 
 
-def test_the_mean_of_frames(tmp_path: Path) -> None:
+def test_a_list_of_frames_is_resolved_as_their_mean(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=4)
     (file,) = _written(capture.folder, tmp_path / "out", "--average", "4")
     maps = resolve(list(read_frames(capture.folder)), mpi_model="auto")
@@ -118,7 +118,7 @@ def test_the_mean_of_frames(tmp_path: Path) -> None:
         resolve([])
 
 
-def test_frames_of_a_stack_one_by_one_and_some_of_them(tmp_path: Path) -> None:
+def test_frames_of_a_stack_are_read_by_a_slice(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=5)
     pages = np.concatenate([tifffile.imread(file) for file in capture.files])
     for file in capture.files:
@@ -163,12 +163,12 @@ def test_an_array_is_a_frame_as_good_as_a_file(tmp_path: Path) -> None:
         ((2, 2, 4, 4), "complex128", "type complex128"),
     ],
 )
-def test_an_array_that_is_no_frame(shape: Sequence[int], dtype: str, told: str) -> None:
+def test_an_array_that_is_no_frame_is_refused(shape: Sequence[int], dtype: str, told: str) -> None:
     with pytest.raises(FrameError, match=told):
         Frame.from_array(np.zeros(shape, dtype))
 
 
-def test_what_is_wrong_is_an_error_of_our_own(tmp_path: Path) -> None:
+def test_wrong_input_raises_an_error_of_our_own(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     (frame,) = read_frames(capture.folder)
     mistyped: Any = {"pooling": 4}
@@ -198,13 +198,13 @@ def test_a_key_without_its_table_is_named_with_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("inputs", [(), ("",), ("capture", "")])
-def test_no_path_is_not_the_current_folder(inputs: tuple[str, ...]) -> None:
+def test_an_empty_path_does_not_mean_the_current_folder(inputs: tuple[str, ...]) -> None:
     with pytest.raises(CaptureError, match=r"read_frames: found .*, expected capture folders or frames"):
         list(read_frames(*inputs))
 
 
 @pytest.mark.parametrize("given", ["capture", np.zeros((2, 2, 4, 4)), [1], None, 7])
-def test_what_is_no_frame_is_told_what_makes_one(given: Any) -> None:
+def test_the_message_for_an_object_that_is_no_frame_says_how_to_get_one(given: Any) -> None:
     kind = type(given).__name__
     with pytest.raises(
         SettingsError, match=rf"found {kind}, expected a Frame, or several; read_frames\(PATH\) yields them"
@@ -362,7 +362,7 @@ def test_a_simulated_scene_is_what_the_command_records(tmp_path: Path) -> None:
     assert np.allclose(truth["direct.depth"], made.truth["direct.depth"], atol=1e-4, equal_nan=True)
 
 
-def test_a_scene_that_there_is_not() -> None:
+def test_an_unknown_scene_or_setting_is_refused() -> None:
     with pytest.raises(SettingsError, match="found 'cave', expected one of card, wall"):
         simulate_scene("cave")
     with pytest.raises(SettingsError, match="Wall: found opening_deg, expected some of distance_m"):
@@ -387,7 +387,7 @@ def test_importing_the_package_loads_nothing() -> None:
     assert not loaded & {"click", "rich", "matplotlib", "xarray", "OpenEXR"}
 
 
-def test_a_name_that_there_is_not() -> None:
+def test_the_package_has_no_other_names_than_those_in_all() -> None:
     import cadtof_cli
 
     with pytest.raises(AttributeError, match="no attribute 'resolved'"):

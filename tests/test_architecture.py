@@ -62,7 +62,7 @@ MODULES = sorted((ROOT / "cadtof_cli").rglob("*.py"))
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_a_module_and_its_functions_are_read_at_a_glance(path: Path) -> None:
+def test_modules_and_functions_are_short(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     lines = len(text.splitlines())
     assert lines < 350, f"{path} has {lines} lines: it is more than one thing, which belong into files of their own"

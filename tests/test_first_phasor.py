@@ -41,7 +41,7 @@ def _triangle_volts(delays_ns: NDArray[np.float64], fwhm_ns: float) -> NDArray[n
     return AMPLITUDE_V * np.stack(planes)
 
 
-def test_a_triangle_bends_no_depth() -> None:
+def test_depths_are_right_if_triangle_modulation_is_known() -> None:
     """If a triangle is taken for a sine, the depth from the fundamental is up to 6 cm wrong for a single path."""
     delays = np.linspace(0.05, T1_NS - 0.05, 24 * 32).reshape(SHAPE)
     sine = CaptureMetadata(pixel=Pixel(integration_length=1e5))
@@ -66,7 +66,7 @@ def _calibration(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]
     return offset.astype(np.float64), 0.4 * rho2 + 0.1 * rho2**2
 
 
-def test_it_gets_the_calibration_the_pixels_and_the_flags_of_the_resolver(tmp_path: Path) -> None:
+def test_the_first_phasor_gets_the_calibration_pixels_and_flags_of_the_resolver(tmp_path: Path) -> None:
     """Offsets, a curved field, and no MPI: with the calibration both methods are right, without it both are wrong."""
     capture = record(tmp_path / "capture")
     offset, curve = _calibration(tmp_path / "calibration")
@@ -113,7 +113,7 @@ def test_the_calibration_is_found_after_a_move_and_a_changed_one_is_not_used(
 
 
 @pytest.mark.parametrize("command", ["evaluate", "profile", "preview"])
-def test_a_calibration_that_was_replaced_after_the_run_is_told_to_be_another(command: str, tmp_path: Path) -> None:
+def test_a_calibration_that_was_replaced_after_the_run_is_reported(command: str, tmp_path: Path) -> None:
     """The run has ended, so the message must not say that the calibration or the settings changed during it."""
     capture, calibration, out = record(tmp_path / "capture"), tmp_path / "calibration", tmp_path / "out"
     _calibration(calibration)
@@ -132,7 +132,7 @@ def test_a_calibration_that_was_replaced_after_the_run_is_told_to_be_another(com
     )
 
 
-def test_it_is_that_of_the_mean_where_frames_are_averaged(tmp_path: Path) -> None:
+def test_the_first_phasor_of_averaged_frames_is_that_of_their_mean(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=5), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--average", 2, "--frames", "1:5").status == 0
     write_exr(tmp_path / "truth.exr", {"direct.depth": np.full(SHAPE, 2.0, np.float32)})

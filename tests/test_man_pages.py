@@ -98,7 +98,7 @@ def test_roff_has_no_complaint(pages: dict[str, str]) -> None:
         assert (done.returncode, complaints) == (0, []), words
 
 
-def test_an_installation_gets_them(tmp_path: Path) -> None:
+def test_an_installation_gets_the_man_pages(tmp_path: Path) -> None:
     needed_module("setuptools")
     needed_module("click_man")
     command = [sys.executable, "setup.py", "-q", "install_data", "--install-dir", str(tmp_path)]

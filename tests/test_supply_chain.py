@@ -83,7 +83,7 @@ def test_what_is_pinned_installs_with_the_oldest_python() -> None:
             assert SpecifierSet(here.metadata["Requires-Python"]).contains(oldest), here.name
 
 
-def test_every_extra_that_is_asked_for_is_there() -> None:
+def test_every_extra_that_is_asked_for_exists() -> None:
     """If an extra does not exist, pip only warns, and installs the rest."""
     pages = [ROOT / "README.md", ROOT / ".ci" / "run", *(ROOT / "docs").rglob("*"), *(ROOT / "scripts").glob("*")]
     texts = (page.read_text(encoding="utf-8", errors="ignore") for page in pages if page.is_file())
@@ -91,7 +91,7 @@ def test_every_extra_that_is_asked_for_is_there() -> None:
     assert {one for extras in asked for one in extras.split(",")} == PROJECT["optional-dependencies"].keys() - {"docs"}
 
 
-def test_what_is_cited_is_this_version() -> None:
+def test_the_citation_names_this_version() -> None:
     assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == PROJECT["version"]
 
 

@@ -29,7 +29,7 @@ V2, V1 = {"cpu.max": "150000 100000\n"}, {"cpu.cfs_quota_us": "50000\n", "cpu.cf
         ("0::/\n", "", {"cpu.max": "1000 0\n"}, math.inf),
     ],
 )
-def test_the_time_that_control_groups_are_given(
+def test_the_quota_of_a_control_group_is_a_number_of_cores(
     own: str, folder: str, files: dict[str, str], cores: float, tmp_path: Path
 ) -> None:
     (tmp_path / "own").write_text(own)
@@ -39,7 +39,7 @@ def test_the_time_that_control_groups_are_given(
     assert quota_cores(tmp_path / "own", tmp_path / "groups") == cores
 
 
-def test_the_narrowest_group_counts_and_none_is_no_limit(tmp_path: Path) -> None:
+def test_the_smallest_quota_counts_and_no_group_is_no_limit(tmp_path: Path) -> None:
     (tmp_path / "own").write_text("0::/a/b\n")
     (tmp_path / "a" / "b").mkdir(parents=True)
     (tmp_path / "a" / "cpu.max").write_text("200000 100000\n")
@@ -49,7 +49,9 @@ def test_the_narrowest_group_counts_and_none_is_no_limit(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("quota", "cores"), [(math.inf, 5), (1.5, 2), (0.1, 1), (64.0, 5)])
-def test_cores_are_those_that_are_seen_or_fewer(quota: float, cores: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_available_cores_are_limited_by_the_quota_but_at_least_one(
+    quota: float, cores: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(5)), raising=False)
     monkeypatch.setattr("cadtof_cli.execution.cores.quota_cores", lambda: quota)
     assert available_cores() == cores

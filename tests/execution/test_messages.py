@@ -35,7 +35,7 @@ class Part:
 HEAVY = Heavy("x" * 100_000)
 
 
-def test_what_is_shared_is_not_sent_and_is_the_same_object_for_all_tasks() -> None:
+def test_shared_objects_are_not_sent_and_are_the_same_object_in_all_tasks() -> None:
     ours = TaskMessages([HEAVY])
     theirs: TaskMessages = pickle.loads(pickle.dumps(ours))
     messages = [ours.message(Part(number, HEAVY)) for number in range(3)]
@@ -45,7 +45,7 @@ def test_what_is_shared_is_not_sent_and_is_the_same_object_for_all_tasks() -> No
     assert len({id(part.heavy) for part in parts}) == 1
 
 
-def test_what_equals_a_shared_object_and_is_another_arrives_too() -> None:
+def test_objects_that_are_not_shared_arrive_too_even_if_they_equal_a_shared_one() -> None:
     messages = TaskMessages([HEAVY])
     other = Part(1, Heavy("y"))
     assert messages.task(messages.message(other)) == other
@@ -56,7 +56,7 @@ def length(part: Part) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("start_method", START_METHODS)
-def test_workers_know_what_is_shared_however_they_start(start_method: StartMethod) -> None:
+def test_workers_have_the_shared_objects_with_every_start_method(start_method: StartMethod) -> None:
     workers = Workers(jobs=2, start_method=start_method)
     tasks = (Part(number, HEAVY) for number in range(5))
     outcomes = run_ordered(length, tasks, workers=workers, shared=[HEAVY])
@@ -89,7 +89,7 @@ def test_the_task_of_a_frame_arrives_whole_and_small(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("system", ["this one", "win32"])
-def test_all_who_have_said_something_or_are_gone_are_ready(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_connections_with_a_message_or_a_closed_end_are_ready(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if system != "this one":
         monkeypatch.setattr(sys, "platform", system)
     incoming = Incoming[str]()

@@ -104,7 +104,7 @@ def test_tasks_are_drawn_as_places_come_free(jobs: int) -> None:
     assert drawn == 100
 
 
-def test_a_task_that_kills_its_process_is_an_outcome_and_costs_no_other() -> None:
+def test_a_task_that_kills_its_process_fails_alone() -> None:
     outcomes = list(run_ordered(deadly, range(14), workers=Workers(jobs=2, start_method="fork")))
     assert [outcome.task for outcome in outcomes] == list(range(14))
     assert [outcome.result for outcome in outcomes] == [WorkerDied() if n % 5 == 3 else n for n in range(14)]
@@ -118,19 +118,19 @@ def test_a_process_that_dies_once_costs_nothing(tmp_path: Path) -> None:
     assert [(tmp_path / str(number)).read_text() for number in range(2)] == ["x", "x"]
 
 
-def test_processes_that_die_together_cost_nothing_even_where_one_was_idle(tmp_path: Path) -> None:
+def test_processes_that_die_together_cost_nothing_even_if_one_was_idle(tmp_path: Path) -> None:
     tasks = [(number, tmp_path / "seen") for number in range(2)]
     outcomes = list(run_ordered(deadly_once_for_all, tasks, workers=Workers(jobs=2, start_method="fork")))
     assert [outcome.result for outcome in outcomes] == [0, 1]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_an_exception_is_raised_here(jobs: int) -> None:
+def test_an_exception_of_a_task_is_raised_in_the_caller(jobs: int) -> None:
     with pytest.raises(ZeroDivisionError, match="three"):
         list(run_ordered(faulty, range(6), workers=Workers(jobs=jobs, start_method="fork")))
 
 
-def test_signals_are_as_before() -> None:
+def test_the_signal_mask_of_the_caller_stays_as_it_was() -> None:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     outcomes = run_ordered(square, range(30), workers=Workers(jobs=2, start_method="fork"))
     next(outcomes)
@@ -158,7 +158,7 @@ def waits_for_the_next(task: tuple[int, Path]) -> int | Later[int]:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_what_only_waits_is_done_while_the_next_task_is(jobs: int, tmp_path: Path) -> None:
+def test_the_next_task_runs_while_a_result_is_waited_for(jobs: int, tmp_path: Path) -> None:
     tasks = [(number, tmp_path) for number in range(9)]
     outcomes = run_ordered(waits_for_the_next, tasks, workers=Workers(jobs=jobs, start_method="fork"))
     assert [next(outcomes).result for _ in range(6)] == [0, 1, -2, 3, -4, 5]
@@ -166,7 +166,7 @@ def test_what_only_waits_is_done_while_the_next_task_is(jobs: int, tmp_path: Pat
         next(outcomes)
 
 
-def test_few_hold_their_memory_while_more_are_waited_for() -> None:
+def test_few_results_hold_memory_while_more_are_waited_for() -> None:
     """Results take long to write, and longer to keep. Memory is held by two of them and by the one that is computed."""
     lock, counts, most = threading.Lock(), Counter[str](), Counter[str]()
 
@@ -237,7 +237,7 @@ def dies_at_five(number: int) -> tuple[int, frozenset[int]]:
 @pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
 )
-def test_each_worker_stays_on_a_core_of_its_own_where_there_are_as_many_as_cores() -> None:
+def test_with_as_many_workers_as_cores_each_stays_on_its_own_core() -> None:
     cores = os.sched_getaffinity(0)
     workers = Workers(jobs=len(cores), start_method="fork", task_timeout_s=60)
     outcomes = run_ordered(cores_of_worker, range(10 * len(cores)), workers=workers)
@@ -249,7 +249,7 @@ def test_each_worker_stays_on_a_core_of_its_own_where_there_are_as_many_as_cores
 @pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
 )
-def test_a_worker_takes_the_core_of_one_that_died() -> None:
+def test_a_worker_that_replaces_a_dead_one_stays_on_one_core_too() -> None:
     cores = os.sched_getaffinity(0)
     outcomes = run_ordered(
         dies_at_five, range(20), workers=Workers(jobs=len(cores), start_method="fork", task_timeout_s=60)
@@ -263,7 +263,7 @@ def test_a_worker_takes_the_core_of_one_that_died() -> None:
 @pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
 )
-def test_fewer_or_more_workers_than_cores_may_be_moved() -> None:
+def test_with_more_workers_than_cores_each_may_run_on_any_core() -> None:
     cores = frozenset(os.sched_getaffinity(0))
     workers = Workers(jobs=len(cores) + 1, start_method="fork")
     outcomes = run_ordered(cores_of_worker, range(10), workers=workers)
@@ -272,7 +272,9 @@ def test_fewer_or_more_workers_than_cores_may_be_moved() -> None:
 
 @pytest.mark.parametrize("allowed", [0, 1])
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_system_that_allows_no_more_threads(jobs: int, allowed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_are_finished_even_if_no_more_threads_can_start(
+    jobs: int, allowed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As under `ulimit -u` or `ulimit -v`: results are finished by the threads that could start, or without threads."""
     start, started = threading.Thread.start, list[threading.Thread]()
 
@@ -288,7 +290,7 @@ def test_a_system_that_allows_no_more_threads(jobs: int, allowed: int, monkeypat
     assert [outcome.result for outcome in outcomes] == [0.5 * task for task in range(20)]
 
 
-def test_a_signal_before_a_thread_is_started_is_what_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_while_a_thread_starts_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(thread: threading.Thread) -> None:
         raise KeyboardInterrupt
 

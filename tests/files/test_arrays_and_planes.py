@@ -83,7 +83,7 @@ def test_npy_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, har
     np.testing.assert_array_equal(_read(path, stack, index=2 if "T" in axes else 0), expected)
 
 
-def test_columns_come_first_only_where_there_are_more_of_them(tmp_path: Path) -> None:
+def test_columns_before_rows_are_suggested_only_for_upright_frames(tmp_path: Path) -> None:
     np.save(tmp_path / "landscape.npy", np.zeros((37, 53, 2, 2), "u2"))
     assert "X Y" not in message(tmp_path / "landscape.npy")
     np.save(tmp_path / "portrait.npy", np.zeros((53, 37, 2, 2), "u2"))
@@ -105,7 +105,7 @@ def test_a_matlab_file_is_refused_with_the_call_that_saves_its_array(axes: str, 
     np.testing.assert_array_equal(_read(tmp_path / "it's.npy"), recorded)
 
 
-def test_matlab_files_that_cannot_be_looked_into(tmp_path: Path) -> None:
+def test_matlab_files_without_an_array_that_can_be_saved(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, {"dark": 1.0, "plane": np.zeros((37, 53))})
     assert "none in it has three axes or more" in message(path)
@@ -129,7 +129,7 @@ def test_a_dump_of_matlab_is_refused_with_the_call_that_mends_it(tmp_path: Path)
     np.testing.assert_array_equal(_read(tmp_path / "frame.npy"), recorded)
 
 
-def test_arrays_that_were_saved_one_after_the_other_are_not_lost(tmp_path: Path) -> None:
+def test_several_arrays_in_a_file_are_refused_but_zeros_after_one_are_not(tmp_path: Path) -> None:
     path = tmp_path / "frame.npy"
     with path.open("wb") as file:
         for _ in range(3):
@@ -160,7 +160,7 @@ def test_npy_that_is_no_frame(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("dtype", "offset"), [("uint16", 0), (">u2", 512), ("<f4", 7), ("float64", 1)])
-def test_raw_dumps_are_read_behind_their_offset(dtype: str, offset: int, tmp_path: Path) -> None:
+def test_raw_dumps_are_read_from_their_offset_on(dtype: str, offset: int, tmp_path: Path) -> None:
     recorded = known_frame(np.dtype(dtype).newbyteorder("="))
     path = tmp_path / "frame.raw"
     path.write_bytes(b"x" * offset + recorded.astype(dtype).tobytes())
@@ -217,7 +217,7 @@ def test_a_file_that_is_cut_off_while_it_is_read(name: str, order: Literal["C", 
     assert done.stdout == f"{path}: was cut off or replaced while it was read; expected a complete file\n"
 
 
-def test_a_header_longer_than_any_array_of_numbers_needs(tmp_path: Path) -> None:
+def test_a_npy_header_that_is_too_long_is_refused(tmp_path: Path) -> None:
     """Python takes four seconds to find that these brackets are never closed."""
     path = tmp_path / "frame.npy"
     np.save(path, known_frame("u2"))

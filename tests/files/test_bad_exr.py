@@ -129,7 +129,9 @@ def test_exr_channels_of_different_types(tmp_path: Path) -> None:
     assert "H2.SC2 is 53 × 37 float16, expected 53 × 37 float32" in message(write_exr(tmp_path / "f.exr", channels))
 
 
-def test_exr_that_ends_early_tells_what_the_library_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_message_for_an_exr_that_ends_early_has_the_library_s_words(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")))
     path.write_bytes(path.read_bytes()[:-50])
     told = message(path)

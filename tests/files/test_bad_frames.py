@@ -29,7 +29,7 @@ from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_p
         (b"[modulation]\n", "first bytes 5b 6d 6f 64"),
     ],
 )
-def test_no_format_that_we_know(content: bytes, found: str, tmp_path: Path) -> None:
+def test_a_file_of_no_known_format_is_refused(content: bytes, found: str, tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"
     path.write_bytes(content)
     told = message(path)
@@ -40,11 +40,11 @@ def test_a_file_that_is_gone(tmp_path: Path) -> None:
     assert message(tmp_path / "gone.tif") == f"{tmp_path / 'gone.tif'}: cannot be read: No such file or directory"
 
 
-def test_a_folder_for_a_file(tmp_path: Path) -> None:
+def test_a_folder_in_place_of_a_file(tmp_path: Path) -> None:
     assert message(tmp_path).endswith("cannot be read: Is a directory")
 
 
-def test_a_frame_that_may_not_be_read_is_told_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_without_permission_to_read_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> int:
         raise PermissionError(13, "Permission denied")
 
@@ -72,7 +72,7 @@ def test_a_wrong_number_of_pages_says_what_is_expected(
     assert expected in told
 
 
-def test_no_advice_where_the_count_is_no_multiple(tmp_path: Path) -> None:
+def test_a_number_of_pages_that_is_no_multiple_gets_no_advice(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((10, 5, 7), "u2"))
     assert "set [layout]" not in message(path, FrameLayout((1, 2), 3))
 
@@ -111,7 +111,7 @@ def test_one_page_that_is_stored_in_another_way(odd: int, options: dict[str, Any
 
 
 @pytest.mark.parametrize("dtype", ["i1", "i8", "c8"])
-def test_sample_type_that_we_do_not_read(dtype: str, tmp_path: Path) -> None:
+def test_a_sample_type_that_is_not_supported(dtype: str, tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), dtype))
     told = message(path)
     assert f"found {8 * np.dtype(dtype).itemsize} bits a sample" in told
@@ -148,7 +148,7 @@ def test_a_width_that_is_no_whole_number(tmp_path: Path) -> None:
     assert "damaged TIFF: 'float' object cannot be interpreted as an integer" in message(path)
 
 
-def test_what_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_message_that_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="jpegxr")
     with tifffile.TiffFile(path) as tiff:
         (begin, *_) = tiff.pages.first.dataoffsets
@@ -194,7 +194,7 @@ def test_pages_in_a_circle(tmp_path: Path) -> None:
     assert "page 4 points back to an earlier page" in message(path)
 
 
-def test_compression_that_nobody_here_reads(tmp_path: Path) -> None:
+def test_a_compression_without_a_decoder_is_refused(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="zlib")
     with tifffile.TiffFile(path, mode="r+") as file:
         for index in range(4):
@@ -254,7 +254,7 @@ def tifffile_log() -> Iterator[logging.Logger]:
     ],
     ids=["its level", "all logging", "by a configuration of logging"],
 )
-def test_what_tifffile_remarks_is_damage_even_where_a_program_has_silenced_it(
+def test_an_error_that_tifffile_logs_is_damage_even_if_logging_is_silenced(
     silence: Callable[[logging.Logger], object], tmp_path: Path, tifffile_log: logging.Logger
 ) -> None:
     path = _of_an_unknown_planar_configuration(tmp_path / "frame.tif")
@@ -263,7 +263,9 @@ def test_what_tifffile_remarks_is_damage_even_where_a_program_has_silenced_it(
     assert not tifffile_log.isEnabledFor(logging.ERROR)
 
 
-def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_error_that_tifffile_logs_is_damage_and_is_kept_from_the_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     path = _of_an_unknown_planar_configuration(tmp_path / "frame.tif")
     assert "incorrect StripByteCounts count (4 != 1)" in message(path)
     assert caplog.records == []
@@ -286,13 +288,13 @@ def test_a_plane_file_with_more_than_a_plane(tmp_path: Path) -> None:
     assert "found channels A, B, expected a single plane" in message_of(source)
 
 
-def test_what_a_caller_raises_stays_its_own(tmp_path: Path) -> None:
+def test_an_exception_of_the_caller_is_left_as_it_is(tmp_path: Path) -> None:
     source = tiff()(tmp_path / "frame", known_frame("u2"))
     with pytest.raises(ZeroDivisionError), open_frames(source, LAYOUT):
         _ = 1 / 0
 
 
-def test_a_reader_imports_the_library_it_needs_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_imports_only_the_library_that_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = tiff()(tmp_path / "frame", known_frame("u2"))
     imported = builtins.__import__
 

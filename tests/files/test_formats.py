@@ -47,7 +47,7 @@ def test_exr_is_exr_whatever_its_name(tmp_path: Path) -> None:
     assert detect_format(path).name == "exr"
 
 
-def test_what_the_readme_says_of_suffixes() -> None:
+def test_suffixes_and_formats_are_those_of_the_readme() -> None:
     assert MAP_SUFFIXES == (".exr", ".tif", ".tiff")
     assert (*MAP_SUFFIXES, ".npy") == FRAME_SUFFIXES
     assert frame_suffixes(planes=True, raw=False) == (*FRAME_SUFFIXES, ".png")
@@ -97,14 +97,14 @@ def test_maps_keep_names_values_and_status(name: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(layers["status"], maps.status)
 
 
-def test_maps_in_no_format_that_we_know(tmp_path: Path) -> None:
+def test_maps_of_no_known_format_are_refused(tmp_path: Path) -> None:
     maps = DepthMaps(("confidence",), np.zeros((2, 5, 7), np.float32), np.zeros((5, 7), np.uint32))
     with pytest.raises(OutputError, match=r"found the suffix '\.jpg', expected one of \.exr, \.tif, \.tiff"):
         write_maps(tmp_path / "maps.jpg", maps)
     assert not list(tmp_path.iterdir())
 
 
-def test_layers_are_written_without_loss_unless_told_otherwise(tmp_path: Path) -> None:
+def test_layers_are_written_without_loss_unless_lossy_is_asked_for(tmp_path: Path) -> None:
     layer = np.random.default_rng(4).uniform(0.5, 6, (30, 40)).astype(np.float32)
     write_layers(
         tmp_path / "a.exr", {"a.b": layer, "status": np.arange(1200, dtype=np.uint32).reshape(30, 40)[:, ::-1]}
@@ -119,7 +119,7 @@ def test_layers_are_written_without_loss_unless_told_otherwise(tmp_path: Path) -
     assert 0 < np.max(np.abs(rounded / layer - 1)) <= 2.0**-16
 
 
-def test_layers_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
+def test_layers_for_a_folder_that_does_not_exist(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"gone/a\.exr: cannot be written: "):
         write_layers(tmp_path / "gone/a.exr", {"a": np.zeros((2, 3), np.float32)})
 

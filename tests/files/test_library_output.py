@@ -34,7 +34,7 @@ def test_lines_on_both_streams_are_kept_from_the_terminal(capfd: pytest.CaptureF
     assert capfd.readouterr() == ("", "")
 
 
-def test_streams_are_back_after_an_exception(capfd: pytest.CaptureFixture[str]) -> None:
+def test_streams_are_restored_after_an_exception(capfd: pytest.CaptureFixture[str]) -> None:
     before = sys.stdout
     with pytest.raises(RuntimeError, match="no parts"):
         _print_and_fail()
@@ -78,7 +78,7 @@ def test_progress_of_another_thread_is_passed_on(capfd: pytest.CaptureFixture[st
     assert capfd.readouterr() == ("a line of data\n", "\r 12 of 200 frames")
 
 
-def test_library_is_heard_while_another_thread_runs(capfd: pytest.CaptureFixture[str]) -> None:
+def test_output_of_the_library_is_caught_while_another_thread_runs(capfd: pytest.CaptureFixture[str]) -> None:
     done = threading.Event()
     thread = threading.Thread(target=done.wait)
     thread.start()
@@ -99,7 +99,7 @@ def test_what_the_library_prints_on_standard_output_is_kept_from_a_pipeline(capf
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="C's streams are found by another name there")
-def test_what_c_keeps_in_its_buffer_is_heard_in_time() -> None:
+def test_output_in_the_buffer_of_c_is_caught_in_time() -> None:
     script = """
 import ctypes
 from cadtof_cli.files.library_output import library_output
@@ -112,7 +112,7 @@ assert said == ["ojph info 0x00030067: File terminated early"], said
     assert (done.returncode, done.stdout, done.stderr) == (0, "before\n", "")
 
 
-def test_the_programs_own_lines_go_where_they_were_going(capfd: pytest.CaptureFixture[str]) -> None:
+def test_lines_that_another_thread_prints_are_passed_on(capfd: pytest.CaptureFixture[str]) -> None:
     inside, written = threading.Event(), threading.Event()
 
     def another() -> None:

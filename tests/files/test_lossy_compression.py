@@ -80,7 +80,7 @@ COMPRESSIONS = {
 
 
 @pytest.mark.parametrize("name", COMPRESSIONS)
-def test_what_is_called_lossy_has_changed_values_and_nothing_else_has(name: str, tmp_path: Path) -> None:
+def test_a_compression_is_called_lossy_if_and_only_if_it_changed_values(name: str, tmp_path: Path) -> None:
     dtype, written = COMPRESSIONS[name]
     counts = counts_of(VOLTS.reshape(2, 2, 24, 32))
     stored = (
@@ -102,7 +102,7 @@ def test_the_error_that_lerc_allows_is_named(tmp_path: Path) -> None:
     assert found == "LERC with errors up to 0.001"
 
 
-def test_a_run_says_once_that_its_frames_have_lost_something(tmp_path: Path) -> None:
+def test_a_run_warns_once_of_lossy_compression(tmp_path: Path) -> None:
     capture = tmp_path / "capture"
     capture.mkdir()
     (capture / "capture.toml").write_text(TOML["exr"])

@@ -60,7 +60,7 @@ def test_planes_are_those_that_the_index_says(kind: str, tmp_path: Path) -> None
     np.testing.assert_array_equal(read_stored(FrameSource("frame", (path,)), LAYOUT), frame)
 
 
-def test_another_file_with_the_same_pages_has_an_index_of_its_own(tmp_path: Path) -> None:
+def test_files_with_the_same_pages_are_read_each_by_its_own_index(tmp_path: Path) -> None:
     frame = known_frame("u2")
     for name, places in (("a", [{"channel": f"H{h}.SC{c}"} for h in (1, 2) for c in (1, 2)]), ("b", PLACES["names"])):
         (tmp_path / name).mkdir()
@@ -70,7 +70,7 @@ def test_another_file_with_the_same_pages_has_an_index_of_its_own(tmp_path: Path
     np.testing.assert_array_equal(meant, frame)
 
 
-def test_without_its_index_nothing_says_which_page_is_which(tmp_path: Path) -> None:
+def test_a_file_without_its_index_is_refused(tmp_path: Path) -> None:
     path = _write(tmp_path, _acquired(known_frame("u2")), PLACES["numbers"])
     (tmp_path / "NDTiff.index").unlink()
     assert message(path).startswith(
@@ -78,7 +78,7 @@ def test_without_its_index_nothing_says_which_page_is_which(tmp_path: Path) -> N
     )
 
 
-def test_an_index_that_does_not_fit(tmp_path: Path) -> None:
+def test_an_index_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     pages = _acquired(known_frame("u2"))
     path = _write(tmp_path, pages, PLACES["numbers"], listed_as="other.tif")
     assert "NDTiff.index spreads it over other.tif too, expected all planes in one file" in message(path)

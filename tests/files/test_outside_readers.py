@@ -56,7 +56,7 @@ def exr(maps: DepthMaps, tmp_path: Path) -> Path:
     return tmp_path / "maps.exr"
 
 
-def test_our_own_reader_gives_them_back(written: Path, maps: DepthMaps) -> None:
+def test_our_own_reader_returns_the_maps_that_were_written(written: Path, maps: DepthMaps) -> None:
     layers = read_layers(written)
     assert sorted(layers) == sorted(NAMES)
     for name, values in _expected(maps).items():

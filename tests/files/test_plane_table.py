@@ -137,7 +137,7 @@ def test_words_that_do_not_say_each_plane_leave_the_order(names: list[str]) -> N
         (["H1.SC1", "H1.SC2", "H3.SC1", "H3.SC2"], [[[0, 1], [2, 3]]]),
     ],
 )
-def test_a_name_says_what_it_says_and_the_axes_the_rest(names: list[str], expected: list[list[list[int]]]) -> None:
+def test_names_that_say_a_part_leave_the_rest_to_the_order(names: list[str], expected: list[list[list[int]]]) -> None:
     harmonics = (1, 3) if "H3.SC1" in names else (1, 2)
     assert plane_table("Q", (4,), FrameLayout(harmonics), where="file", names=names).tolist() == expected
 
@@ -157,7 +157,7 @@ def test_planes_without_a_voltages_name_are_passed_over() -> None:
         (["H1", "H1", "H5", "H5"], None, "found a plane of harmonic 5"),
     ],
 )
-def test_names_that_do_not_fit(names: list[str], frames: int | None, found: str) -> None:
+def test_names_that_do_not_fit_are_refused(names: list[str], frames: int | None, found: str) -> None:
     if frames and len(names) == 4:
         names = names * 3
     with pytest.raises(FrameError, match=found):

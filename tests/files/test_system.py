@@ -58,7 +58,7 @@ def elsewhere(*arguments: object, stdin: str = "") -> Finished:
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_a_run_elsewhere_is_the_same_run(form: str, tmp_path: Path) -> None:
+def test_a_run_without_posix_is_the_same_run(form: str, tmp_path: Path) -> None:
     capture = record(tmp_path / "A", frames=5, form="tif" if form == "tif" else "exr")
     for out, run in ((tmp_path / "here", program), (tmp_path / "there", elsewhere)):
         done = run("resolve", capture.folder, "-o", out, "-j", 2, "--start-method", "spawn")
@@ -66,7 +66,7 @@ def test_a_run_elsewhere_is_the_same_run(form: str, tmp_path: Path) -> None:
     require_same_run(tmp_path / "there", tmp_path / "here")
 
 
-def test_a_run_elsewhere_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_a_run_without_posix_goes_on_where_it_stopped(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A", frames=4), tmp_path / "out"
     for options in ((), ("--resume",)):
         assert elsewhere("resolve", capture.folder, "-o", out, "-j", 1, *options).status == 0
@@ -78,14 +78,14 @@ def test_a_run_elsewhere_goes_on_where_it_stopped(tmp_path: Path) -> None:
     require_same_run(out, tmp_path / "whole")
 
 
-def test_paths_on_stdin_are_resolved_elsewhere(tmp_path: Path) -> None:
+def test_paths_on_stdin_are_resolved_without_posix(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A", frames=3), tmp_path / "out"
     done = elsewhere("resolve", "-", "-o", out, stdin="".join(f"{path}\n" for path in capture.files))
     assert done.status == 0, done.err
     assert len(list(out.glob("*.tif"))) == 3
 
 
-def test_a_folder_is_locked_elsewhere(tmp_path: Path) -> None:
+def test_a_folder_is_locked_without_posix(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A", frames=1), tmp_path / "out"
     out.mkdir()
     with subprocess.Popen(
@@ -190,7 +190,7 @@ def test_whole_blocks_are_written_past_the_cache(
     assert path.read_bytes() == b"h" * head + values.tobytes() + b"tail"
 
 
-def test_a_disk_that_is_full_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_descriptor: int, _part: memoryview) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -209,7 +209,7 @@ POSIX_ALONE = (
 )
 
 
-def test_what_not_every_system_has_is_asked_for_in_one_place() -> None:
+def test_names_that_only_posix_has_are_used_in_three_modules() -> None:
     package = ROOT / "cadtof_cli"
     asking = {
         path.relative_to(package).as_posix()
@@ -231,7 +231,7 @@ print(len(kept))
 """
 
 
-def test_every_module_is_imported_elsewhere() -> None:
+def test_every_module_is_imported_without_posix() -> None:
     """Modules of the cluster are left out: the package distributed decides where they can be imported."""
     done = subprocess.run(
         [sys.executable, "-c", _IMPORT_ALL], env=ELSEWHERE, capture_output=True, text=True, timeout=120, check=False
@@ -240,7 +240,7 @@ def test_every_module_is_imported_elsewhere() -> None:
     assert int(done.stdout) > 150
 
 
-def test_commands_work_elsewhere(tmp_path: Path) -> None:
+def test_commands_work_without_posix(tmp_path: Path) -> None:
     capture, maps = tmp_path / "capture", tmp_path / "maps"
     size = ("--frames", 2, "--width", 32, "--height", 24)
     for arguments in (

@@ -60,7 +60,7 @@ def test_light_that_went_less_far_than_the_lamp_is_away_comes_from_the_camera() 
 
 
 @pytest.mark.parametrize("offset", [None, (0.0, 0.0, 0.0)])
-def test_a_lamp_at_the_camera_is_none(offset: tuple[float, float, float] | None) -> None:
+def test_a_lamp_at_the_camera_needs_no_correction(offset: tuple[float, float, float] | None) -> None:
     assert LampBeside.of(Optics(lamp_offset_m=offset), SIZE) is None
 
 
@@ -83,7 +83,7 @@ def test_maps_hold_depth_from_the_camera(depth: str, kernel: str | None) -> None
     assert max(abs(left), abs(right)) < 5e-4
 
 
-def test_parts_of_a_frame_know_where_they_look() -> None:
+def test_a_frame_with_a_lamp_is_resolved_in_parts_with_the_same_maps() -> None:
     offset = (0.1, 0.02, 0.0)
     plan = FramePlan(metadata=metadata(offset))
     pixels = prepare_frame(volts(half_way(np.full(SIZE, 0.8), offset)), plan=plan)

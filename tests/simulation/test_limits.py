@@ -61,7 +61,7 @@ POSSIBLE: list[Make] = [
 
 
 @pytest.mark.parametrize("make", POSSIBLE)
-def test_what_is_just_possible_is_simulated(make: Make) -> None:
+def test_settings_at_their_limits_are_simulated(make: Make) -> None:
     match make():
         case Camera() as camera:
             rays = camera.rays(slice(0, 1))
@@ -176,12 +176,12 @@ IMPOSSIBLE: list[tuple[Make, str]] = [
 
 
 @pytest.mark.parametrize(("make", "message"), IMPOSSIBLE)
-def test_what_is_just_impossible_is_refused(make: Make, message: str) -> None:
+def test_settings_beyond_their_limits_are_refused(make: Make, message: str) -> None:
     with pytest.raises(SettingsError, match=message):
         make()
 
 
-def test_a_camera_that_nobody_describes_is_qvga_of_14_bits() -> None:
+def test_the_default_camera_is_qvga_with_14_bits() -> None:
     camera = Camera()
     assert (camera.width, camera.height) == (320, 240)
     assert camera.optics.focal_length_px == 280.0
@@ -199,7 +199,7 @@ def test_the_converter_rounds_and_saturates_at_its_ends() -> None:
     assert camera.counts_from_voltages(volts).tolist() == [0, 0, 1, 512, 513, 1023, 1023]
 
 
-def test_scenes_that_nobody_describes_are_those_of_the_documentation() -> None:
+def test_default_scenes_are_those_of_the_documentation() -> None:
     assert Wall().summary == "wall at 3 m, tilted by 0° and 0°"
     card = Card()
     assert (card.distance_m, card.separations_ns, card.mpi_ratios, card.asr) == (0.75, (3.0, 20.0), (0.05, 0.6), 2.0)
@@ -212,7 +212,7 @@ def test_scenes_that_nobody_describes_are_those_of_the_documentation() -> None:
     assert (panel.reflector_m, panel.albedo, panel.asr) == (5.0, 0.8, 2.0)
 
 
-def test_a_pixel_that_nobody_describes_is_the_paper_s() -> None:
+def test_the_default_pixel_is_that_of_the_paper() -> None:
     pixel = PixelModel(averaging=Averaging(integration_length=4000.0))
     assert pixel.photons == 50_000
     assert pixel.photon_rate_hz == pytest.approx(5 / 40e-9)

@@ -126,7 +126,7 @@ def test_voltages_beyond_the_converter_saturate(tmp_path: Path) -> None:
     assert (stored == 1023).mean() > 0.1
 
 
-def test_every_step_is_told(tmp_path: Path) -> None:
+def test_every_step_is_reported(tmp_path: Path) -> None:
     told = Told()
     record_scene(settings(frames=3), tmp_path / "c", progress=told)
     assert (told.expected, told.steps) == (3 + 3, 3 + 3)
@@ -154,7 +154,7 @@ def test_no_frames_is_refused() -> None:
 
 
 @pytest.mark.parametrize("frame_format", ["tif", "exr"])
-def test_a_capture_is_compressed_only_where_that_is_asked_for(frame_format: str, tmp_path: Path) -> None:
+def test_a_capture_is_compressed_only_if_that_is_asked_for(frame_format: str, tmp_path: Path) -> None:
     """Noise hardly shrinks, and takes long to compress. A frame of zeros shows by its size if it was compressed."""
     camera = Camera(width=330, height=210)
     plain = RecordSettings(exposure=settings(camera=camera).exposure, frame_format=frame_format)
@@ -170,6 +170,6 @@ def test_a_capture_is_compressed_only_where_that_is_asked_for(frame_format: str,
     assert sizes["plain"] == sizes["refused"] > 10 * sizes["asked"]
 
 
-def test_what_no_frames_are_recorded_in_is_refused() -> None:
+def test_an_unknown_frame_format_is_refused() -> None:
     with pytest.raises(SettingsError, match="format: found png, expected tif or exr"):
         settings(frame_format="png")

@@ -155,7 +155,7 @@ def test_tasks_are_drawn_as_workers_ask_for_them() -> None:
     assert drawn == 300
 
 
-def test_while_one_task_is_slow_others_go_on_but_not_without_end() -> None:
+def test_while_one_task_is_slow_only_so_many_others_run_ahead() -> None:
     class FirstIsStuck(PretendedCluster):
         def news(self) -> list[News]:
             if len(self.waiting) < 2:

@@ -45,7 +45,7 @@ def test_harmonics_are_evenly_spread_about_the_middle_of_the_frame() -> None:
 
 
 @pytest.mark.parametrize("harmonics", [2, 3])
-def test_one_path_is_off_by_what_the_harmonics_know_of_its_time(harmonics: int) -> None:
+def test_the_error_of_one_path_is_the_weighted_mean_of_the_harmonics_delays(harmonics: int) -> None:
     """Harmonic h has the weight h²: two harmonics give (−1 + 4)/5 of .250 ns, three give (−1 + 9)/14 of .334 ns."""
     expected = {2: 0.25017 * 3 / 5, 3: 0.33356 * 8 / 14}[harmonics]
     assert outcome(harmonics=harmonics).direct.bias_ns == pytest.approx(expected, rel=0.08)

@@ -334,7 +334,7 @@ def test_what_is_just_possible_of_a_camera_is_taken() -> None:
     assert Camera(width=16384, height=16384, bits=16).voltage.saturated_counts == (0.0, 65535.0)
 
 
-def test_ways_that_carry_nothing_have_no_length() -> None:
+def test_bounces_that_carry_no_light_have_the_length_zero() -> None:
     """The reflector is behind the target's front: its patches do not light the front, and all directions miss it."""
     target = Surface(origin_m=(0.0, 0.0, 2.0), across=(1.0, 0.0, 0.0), along=(0.0, 1.0, 0.0), albedo=0.5)
     aside = Surface(

@@ -26,9 +26,7 @@ def nearness(pixel: int, place: int, step: int, reach: int) -> float:
 
 
 @pytest.mark.parametrize(("step", "reach", "rows"), [(2, 1, range(4, 8)), (2, 2, range(8)), (3, 1, range(6, 7))])
-def test_a_pixel_gets_its_neighbours_on_its_own_face_by_nearness_and_likeness(
-    step: int, reach: int, rows: range
-) -> None:
+def test_a_pixel_averages_neighbours_on_its_face_by_nearness_and_normal(step: int, reach: int, rows: range) -> None:
     rng, lattice = np.random.default_rng(1), Lattice(WIDTH, step, reach)
     across, lines = lattice.across, lattice.rows(rows)
     assert across == len(range(0, WIDTH, step))

@@ -107,7 +107,7 @@ def test_a_ray_meets_the_first_of_all_surfaces(origin: tuple[float, float, float
     assert len(solids_met) >= 5
 
 
-def test_more_rays_than_are_followed_together_are_met_alike() -> None:
+def test_rays_beyond_the_first_batch_meet_the_same_surfaces() -> None:
     starts, directions = rays(INSIDE[0], 40_000, 5)
     whole, last = ROOM.meet(starts, directions), ROOM.meet(starts[:, 33_000:], directions[:, 33_000:])
     assert_allclose(whole.lengths_m[33_000:], last.lengths_m)
@@ -121,7 +121,7 @@ def test_more_rays_than_are_followed_together_are_met_alike() -> None:
 
 
 @pytest.mark.parametrize("origin", INSIDE)
-def test_a_way_is_clear_where_no_solid_is_entered_on_it(origin: tuple[float, float, float]) -> None:
+def test_a_way_is_clear_if_it_enters_no_solid(origin: tuple[float, float, float]) -> None:
     starts, directions = rays(origin, 1200, 4)
     lengths = np.random.default_rng(1).uniform(0.5, 4.0, 1200)
     clear = ROOM.clear(starts, directions, lengths.astype(np.float32))
@@ -206,7 +206,7 @@ def test_the_corners_of_a_large_solid_are_met() -> None:
     assert not room.clear(starts.astype(np.float32), directions, np.linalg.norm(ways, axis=0).astype(np.float32)).any()
 
 
-def test_what_stands_in_a_room_is_grey_and_straight_unless_it_is_told() -> None:
+def test_solids_are_grey_and_not_turned_by_default() -> None:
     """By default half of the light comes back, and a box is not turned."""
     box, ball = Box(centre_m=(2.0, 1.2, 2.5), half_m=(0.5, 0.5, 0.5)), Ball(centre_m=(1.0, 1.2, 4.0), radius_m=0.4)
     room = Interior(size_m=SIZE, albedos=WALLS, boxes=(box,), balls=(ball,))
@@ -253,7 +253,7 @@ def test_a_ray_that_touches_a_ball_meets_it() -> None:
     assert ball.entry(missing, ahead)[0] == math.inf
 
 
-def test_a_solid_is_met_as_itself_whichever_neighbours_it_has() -> None:
+def test_a_ray_meets_the_right_one_of_solids_beside_each_other() -> None:
     """One box stands alone, three stand beside each other; a ray from above goes to each of them."""
     places, albedos = ((0.5, 0.5), (3.0, 4.0), (3.3, 4.0), (3.6, 4.0)), (0.2, 0.4, 0.6, 0.8)
     boxes = tuple(

@@ -28,7 +28,7 @@ def test_pieces_stand_on_the_floor_and_are_of_the_size_of_furniture() -> None:
             assert all(min(half) > 0.0 for _, half in piece.parts)
 
 
-def test_pieces_are_alike_to_the_left_and_to_the_right() -> None:
+def test_pieces_are_symmetric_from_left_to_right() -> None:
     for piece in pieces():
         there = {(round(c[0], 9), c[1:], half) for c, half in piece.parts}
         assert len(there) == len(piece.parts)
@@ -80,7 +80,7 @@ def test_rooms_without_an_albedo_are_refused(albedo: float) -> None:
     assert RandomRoom(albedo=0.001).albedo == 0.001
 
 
-def test_what_is_just_possible_of_rooms_is_taken() -> None:
+def test_rooms_at_their_limits_are_accepted_and_beyond_refused() -> None:
     for room in (
         RandomRoom(seed=0, furniture=0, beam_deg=1.0, light_paths=1, asr=0.0),
         RandomRoom(furniture=12, beam_deg=180.0, light_paths=100_000, lamp_offset_m=(0.0, 0.3, 0.0)),

@@ -63,7 +63,7 @@ def test_a_black_room_gives_nothing_on() -> None:
     assert (later.flux, later.albedo.size, later.points_m.shape) == (0.0, 0, (3, 0))
 
 
-def test_pairs_are_spread_evenly_from_wherever_one_begins() -> None:
+def test_any_consecutive_pairs_are_spread_evenly() -> None:
     for part in (slice(0, 400), slice(137, 537)):
         first, second = (values[part] for values in evenly_spread_pairs(600))
         counts, _, _ = np.histogram2d(first, second, bins=5, range=[[0.0, 1.0], [0.0, 1.0]])

@@ -39,7 +39,7 @@ def test_the_net_hangs_where_it_is_asked_for() -> None:
     np.testing.assert_array_equal(net.delays_ns[0][~hidden], bare.delays_ns[0][~hidden])
 
 
-def test_what_is_behind_the_net_is_seen_through_its_holes() -> None:
+def test_surfaces_behind_the_net_are_seen_through_its_holes() -> None:
     net, bare = with_and_without()
     hidden = net.delays_ns[0] < bare.delays_ns[0] - 0.1
     np.testing.assert_allclose(net.photons[1][hidden], 0.7 * bare.photons[0][hidden])

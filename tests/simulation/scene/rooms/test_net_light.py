@@ -47,13 +47,13 @@ def test_the_panel_is_at_its_distance_about_the_middle_of_the_view(seed: int) ->
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_drawn_net_is_between_the_camera_and_what_lies_behind(seed: int) -> None:
+def test_a_drawn_net_is_between_the_camera_and_the_surfaces_behind(seed: int) -> None:
     """The camera looks straight at the far wall, 5 m away; the net is at .35 to .85 of the distance behind it."""
     straight = replace(ROOM, yaw_rad=0.0, pitch_rad=0.0)
     assert 0.35 * 4.9 < net(seed, distance_m=None, room=straight).distance_m < 0.85 * 5.4
 
 
-def test_a_net_is_hung_beside_what_is_there() -> None:
+def test_a_net_is_added_to_the_solids_of_a_room() -> None:
     box = Box(centre_m=(1.0, 2.0, 3.0), half_m=(0.1, 0.1, 0.1))
     room = replace(ROOM, interior=replace(ROOM.interior, boxes=(box,)))
     assert net().hung(room).interior.boxes == (box, net().panel)
@@ -94,7 +94,7 @@ def test_nets_are_drawn_over_all_of_their_sizes_places_and_albedos() -> None:
         assert high - 0.03 * (high - low) < max(values) <= high
 
 
-def test_distances_of_nets_are_drawn_over_a_third_to_six_sevenths() -> None:
+def test_nets_are_drawn_at_35_to_85_percent_of_the_distance_behind() -> None:
     straight = replace(ROOM, yaw_rad=0.0, pitch_rad=0.0)
     behind = net(0, distance_m=None, room=straight).distance_m / share_of(0)
     drawn = [net(seed, distance_m=None, room=straight).distance_m / behind for seed in range(120)]

@@ -32,7 +32,7 @@ def mpi_phasor(light: Light, period_ns: float = 40.0) -> Complex:
     return np.asarray((light.photons[1:] * turn).sum(axis=0) / light.photons[0])
 
 
-def test_a_seed_is_a_room() -> None:
+def test_a_seed_always_gives_the_same_room() -> None:
     assert RandomRoom(seed=3).room == RandomRoom(seed=3).room
     assert RandomRoom(seed=3).room != RandomRoom(seed=4).room
     first, second = (RandomRoom(seed=3, light_paths=8).light(CAMERA, slice(0, 8)) for _ in range(2))
@@ -49,7 +49,7 @@ def test_rows_are_the_same_whoever_traces_them() -> None:
         np.testing.assert_array_equal(np.concatenate(parts, axis=1), getattr(whole, name))
 
 
-def test_rooms_of_many_seeds_can_be_looked_at() -> None:
+def test_rooms_of_many_seeds_have_sensible_sizes_distances_and_albedos() -> None:
     sizes = set()
     for seed in range(40):
         scene = RandomRoom(seed=seed)
@@ -70,7 +70,7 @@ def test_rooms_of_many_seeds_can_be_looked_at() -> None:
 
 
 @pytest.mark.parametrize("pieces", [0, 1, 8])
-def test_furniture_is_as_many_as_asked_and_stands_on_the_floor(pieces: int) -> None:
+def test_as_many_pieces_of_furniture_as_asked_stand_on_the_floor(pieces: int) -> None:
     room = RandomRoom(seed=24, furniture=pieces).room
     assert room.summary.endswith(f"pieces of furniture: {pieces}")
     solids = room.interior.solids
@@ -178,7 +178,7 @@ def test_a_lamp_behind_the_wall_is_refused() -> None:
 
 
 @pytest.mark.parametrize("asr", [0.5, 4.0])
-def test_ambient_light_is_that_many_times_the_direct_light_where_it_is_the_median_of_the_view(asr: float) -> None:
+def test_the_asr_is_ambient_light_over_the_median_of_direct_light(asr: float) -> None:
     light = RandomRoom(seed=2003, asr=asr, light_paths=1).light(CAMERA, ALL_ROWS)
     lit = light.photons[0] > 0.0
     assert np.median(light.photons[0][lit] / light.ambient[lit]) == pytest.approx(1.0 / asr, rel=0.1)

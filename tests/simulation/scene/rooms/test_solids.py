@@ -43,7 +43,7 @@ def sides_of(box: Box) -> list[Surface]:
     return sides
 
 
-def test_rays_meet_what_six_rectangles_a_solid_say() -> None:
+def test_rays_meet_a_box_where_they_meet_its_six_rectangles() -> None:
     starts, directions = rays(20_000)
     shell = Box(centre_m=(2.0, 1.25, 2.5), half_m=(2.0, 1.25, 2.5))
     surfaces = [*sides_of(shell), *sides_of(BOX)]

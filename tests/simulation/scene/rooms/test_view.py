@@ -23,7 +23,7 @@ def view(yaw_rad: float = 0.0, pitch_rad: float = 0.0, offset: tuple[float, floa
 
 
 @pytest.mark.parametrize(("yaw", "pitch"), [(0.0, 0.0), (0.4, 0.0), (0.0, 0.3), (-0.7, 0.5), (1.2, -0.4)])
-def test_ahead_right_and_down_of_the_camera(yaw: float, pitch: float) -> None:
+def test_yaw_and_pitch_turn_the_axes_of_the_camera(yaw: float, pitch: float) -> None:
     right, down, ahead = view(yaw, pitch).turn.T
     cosine, sine = math.cos(pitch), math.sin(pitch)
     assert_allclose(ahead, (cosine * math.sin(yaw), sine, cosine * math.cos(yaw)), atol=1e-12)
