@@ -154,7 +154,7 @@ def test_an_array_is_a_frame_as_good_as_a_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "dtype", "told"),
+    ("shape", "dtype", "expected"),
     [
         ((3, 2, 4, 4), "uint16", r"shape \(3, 2, 4, 4\), expected \(2, 2, Y, X\)"),
         ((24, 32, 2, 2), "uint16", r"if its axes are Y X H C, stored\.transpose\(2, 3, 0, 1\) mends it"),
@@ -163,8 +163,8 @@ def test_an_array_is_a_frame_as_good_as_a_file(tmp_path: Path) -> None:
         ((2, 2, 4, 4), "complex128", "type complex128"),
     ],
 )
-def test_an_array_that_is_no_frame_is_refused(shape: Sequence[int], dtype: str, told: str) -> None:
-    with pytest.raises(FrameError, match=told):
+def test_an_array_that_is_no_frame_is_refused(shape: Sequence[int], dtype: str, expected: str) -> None:
+    with pytest.raises(FrameError, match=expected):
         Frame.from_array(np.zeros(shape, dtype))
 
 
@@ -238,10 +238,10 @@ WRONG_KINDS: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("options", "told"), WRONG_KINDS)
-def test_an_option_of_another_kind_is_named(options: dict[str, Any], told: str) -> None:
+@pytest.mark.parametrize(("options", "expected"), WRONG_KINDS)
+def test_an_option_of_another_kind_is_named(options: dict[str, Any], expected: str) -> None:
     frame = Frame(np.zeros((2, 2, 4, 6), np.float32))
-    with pytest.raises(SettingsError, match=f"^resolve: {re.escape(told)}$"):
+    with pytest.raises(SettingsError, match=f"^resolve: {re.escape(expected)}$"):
         resolve(frame, **options)
 
 

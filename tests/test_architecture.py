@@ -24,7 +24,7 @@ def _named() -> set[str]:
     return found
 
 
-def _there() -> set[str]:
+def _existing() -> set[str]:
     package = ROOT / "cadtof_cli"
     sources = [
         path for path in package.rglob("*") if path.suffix in {".py", ".c", ".h", ".html", ".js", ".css", ".json"}
@@ -34,12 +34,12 @@ def _there() -> set[str]:
 
 
 def test_every_room_and_file_is_in_the_tree() -> None:
-    missing = _there() - _named()
+    missing = _existing() - _named()
     assert not missing, f"docs/architecture.md does not name {', '.join(sorted(missing))}"
 
 
 def test_nothing_in_the_tree_is_gone() -> None:
-    gone = _named() - _there()
+    gone = _named() - _existing()
     assert not gone, f"docs/architecture.md names {', '.join(sorted(gone))}, which is not there"
 
 

@@ -63,9 +63,9 @@ def test_the_job_for_slurm(tmp_path: Path) -> None:
     assert options["--cpus-per-task"] == "8"
     assert options["-t"] == "04:00:00"
     worker = shlex.split(done.stdout.strip().splitlines()[-1])
-    said = dict(itertools.pairwise(worker))
-    assert (said["--nworkers"], said["--nthreads"]) == ("8", "1")
-    assert said["--lifetime"] == "230m"
+    worker_options = dict(itertools.pairwise(worker))
+    assert (worker_options["--nworkers"], worker_options["--nthreads"]) == ("8", "1")
+    assert worker_options["--lifetime"] == "230m"
     subprocess.run(["bash", "-n"], input=done.stdout, text=True, check=True, timeout=10)
 
 

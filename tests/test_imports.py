@@ -74,7 +74,7 @@ def _imported(path: Path) -> Iterator[str]:
             yield node.module
 
 
-def _own(path: Path) -> set[str]:
+def _imported_parts(path: Path) -> set[str]:
     """Parts of the package that a module imports."""
     names = [name.split(".") for name in _imported(path) if name.split(".")[0] == "cadtof_cli"]
     return {words[1] if len(words) > 1 else words[0] for words in names}
@@ -85,16 +85,16 @@ def test_a_part_imports_only_what_comes_before_it(part: str) -> None:
     modules = [path for path in _modules() if _part(path) == part]
     assert modules
     for path in modules:
-        beyond = _own(path) - ALLOWED[part] - ANYBODY - {part}
+        beyond = _imported_parts(path) - ALLOWED[part] - ANYBODY - {part}
         assert not beyond, f"{path} imports {', '.join(sorted(beyond))}"
 
 
 def test_only_the_command_line_knows_of_commands() -> None:
     for path in _modules():
         if _part(path) not in {"cli", "commands", "__main__"}:
-            assert not _own(path) & {"cli", "commands"}, path
+            assert not _imported_parts(path) & {"cli", "commands"}, path
         if _part(path) not in {"commands", "api", "workflows"}:
-            assert "workflows" not in _own(path), path
+            assert "workflows" not in _imported_parts(path), path
 
 
 @pytest.mark.parametrize("library", LIBRARIES)

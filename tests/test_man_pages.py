@@ -104,5 +104,5 @@ def test_an_installation_gets_the_man_pages(tmp_path: Path) -> None:
     command = [sys.executable, "setup.py", "-q", "install_data", "--install-dir", str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
-    there = {file.name for file in (tmp_path / "share" / "man" / "man1").iterdir()}
-    assert there == {"cadtof.1", *(f"cadtof-{words.replace(' ', '-')}.1" for words in COMMANDS)}
+    installed = {file.name for file in (tmp_path / "share" / "man" / "man1").iterdir()}
+    assert installed == {"cadtof.1", *(f"cadtof-{words.replace(' ', '-')}.1" for words in COMMANDS)}

@@ -78,9 +78,9 @@ def test_what_is_required_has_a_range_and_a_pinned_version_in_it() -> None:
 def test_what_is_pinned_installs_with_the_oldest_python() -> None:
     """Debian 12 has Python 3.11.2. If a pinned version needs 3.11.5, pip tries every version before it says so."""
     oldest, pinned = f"{PROJECT['requires-python'].removeprefix('>=')}.0", constraints()
-    for here in distributions():
-        if pinned.get(_plain(here.name)) == Version(here.version) and "Requires-Python" in here.metadata:
-            assert SpecifierSet(here.metadata["Requires-Python"]).contains(oldest), here.name
+    for package in distributions():
+        if pinned.get(_plain(package.name)) == Version(package.version) and "Requires-Python" in package.metadata:
+            assert SpecifierSet(package.metadata["Requires-Python"]).contains(oldest), package.name
 
 
 def test_every_extra_that_is_asked_for_exists() -> None:

@@ -82,11 +82,11 @@ def test_metadata_comes_from_the_folder_unless_it_is_overridden(tmp_path: Path) 
 
 
 def test_files_that_follow_each_other_share_their_capture(tmp_path: Path) -> None:
-    here = _touch(tmp_path / "a", "x_2.tif", "x_1.tif")
-    there = _touch(tmp_path / "b", "y.exr")
+    in_a = _touch(tmp_path / "a", "x_2.tif", "x_1.tif")
+    in_b = _touch(tmp_path / "b", "y.exr")
     (tmp_path / "b" / "capture.toml").write_text("[voltage]\nzero_counts = 3.0\n")
-    later = _touch(tmp_path / "a", "x_3.tif")
-    captures = find_captures([*here, *there, here[0], *later, here[0]])
+    more_in_a = _touch(tmp_path / "a", "x_3.tif")
+    captures = find_captures([*in_a, *in_b, in_a[0], *more_in_a, in_a[0]])
     assert [_names(capture) for capture in captures] == [["x_2", "x_1"], ["y"], ["x_3"]]
     assert [capture.source.metadata.voltage.zero_counts for capture in captures] == [None, 3.0, None]
 
@@ -161,8 +161,8 @@ def test_a_pattern_with_unknown_words_for_harmonic_and_channel_says_so(
     _touch(tmp_path, "notes.txt", "img-0-25MHz-A.png", "img-0-50MHz-A.png")
     with pytest.raises(CaptureError) as caught:
         find_captures([tmp_path], overrides={"layout.pattern": "img-{frame}-{harmonic}-{channel}.png", **more})
-    told = str(caught.value)
-    assert told.endswith(f"; img-0-25MHz-A.png would fit if --harmonic and --channel named its words: now {now}")
+    text = str(caught.value)
+    assert text.endswith(f"; img-0-25MHz-A.png would fit if --harmonic and --channel named its words: now {now}")
 
 
 def test_raw_dumps_need_the_suffix_of_raw_dumps(tmp_path: Path) -> None:

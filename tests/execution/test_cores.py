@@ -11,7 +11,7 @@ V2, V1 = {"cpu.max": "150000 100000\n"}, {"cpu.cfs_quota_us": "50000\n", "cpu.cf
 
 
 @pytest.mark.parametrize(
-    ("own", "folder", "files", "cores"),
+    ("membership", "folder", "files", "cores"),
     [
         ("0::/\n", "", V2, 1.5),
         ("0::/user.slice/run\n", "user.slice/run", V2, 1.5),
@@ -30,21 +30,21 @@ V2, V1 = {"cpu.max": "150000 100000\n"}, {"cpu.cfs_quota_us": "50000\n", "cpu.cf
     ],
 )
 def test_the_quota_of_a_control_group_is_a_number_of_cores(
-    own: str, folder: str, files: dict[str, str], cores: float, tmp_path: Path
+    membership: str, folder: str, files: dict[str, str], cores: float, tmp_path: Path
 ) -> None:
-    (tmp_path / "own").write_text(own)
+    (tmp_path / "cgroup").write_text(membership)
     (tmp_path / "groups" / folder).mkdir(parents=True)
     for name, text in files.items():
         (tmp_path / "groups" / folder / name).write_text(text)
-    assert quota_cores(tmp_path / "own", tmp_path / "groups") == cores
+    assert quota_cores(tmp_path / "cgroup", tmp_path / "groups") == cores
 
 
 def test_the_smallest_quota_counts_and_no_group_is_no_limit(tmp_path: Path) -> None:
-    (tmp_path / "own").write_text("0::/a/b\n")
+    (tmp_path / "cgroup").write_text("0::/a/b\n")
     (tmp_path / "a" / "b").mkdir(parents=True)
     (tmp_path / "a" / "cpu.max").write_text("200000 100000\n")
     (tmp_path / "a" / "b" / "cpu.max").write_text("300000 100000\n")
-    assert quota_cores(tmp_path / "own", tmp_path) == 2.0
+    assert quota_cores(tmp_path / "cgroup", tmp_path) == 2.0
     assert quota_cores(tmp_path / "nowhere", tmp_path) == math.inf
 
 

@@ -64,11 +64,11 @@ def test_workers_have_the_shared_objects_with_every_start_method(start_method: S
 
 
 @pytest.mark.parametrize(
-    ("said", "what"),
+    ("kind", "content"),
     [(Said.COMPUTED, None), (Said.RESULT, None), (Said.RESULT, {"a": 1}), (Said.ERROR, "why")],
 )
-def test_answers_arrive(said: Said, what: object) -> None:
-    assert answer_of(answer_message(said, what)) == (said, what)
+def test_answers_arrive(kind: Said, content: object) -> None:
+    assert answer_of(answer_message(kind, content)) == (kind, content)
 
 
 def test_the_task_of_a_frame_arrives_whole_and_small(tmp_path: Path) -> None:
@@ -93,16 +93,16 @@ def test_connections_with_a_message_or_a_closed_end_are_ready(system: str, monke
     if system != "this one":
         monkeypatch.setattr(sys, "platform", system)
     incoming = Incoming[str]()
-    ends = {name: Pipe() for name in ("silent", "said", "gone", "left")}
+    ends = {name: Pipe() for name in ("silent", "sender", "gone", "left")}
     for name, (ours, _) in ends.items():
         incoming.add(ours, name)
     assert incoming.ready(0.0) == []
-    for name in ("said", "left"):
+    for name in ("sender", "left"):
         ends[name][1].send_bytes(b"x")
     ends["gone"][1].close()
     incoming.remove(ends["left"][0])
-    assert sorted(incoming.ready(None)) == ["gone", "said"]
-    assert ends["said"][0].recv_bytes() == b"x"
+    assert sorted(incoming.ready(None)) == ["gone", "sender"]
+    assert ends["sender"][0].recv_bytes() == b"x"
     incoming.remove(ends["gone"][0])
     assert incoming.ready(0.0) == []
     incoming.close()

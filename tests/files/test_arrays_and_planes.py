@@ -69,13 +69,13 @@ def test_npy_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, har
     ours = "".join(axis for axis in "THCPYX" if axis in axes)
     recorded = np.random.default_rng(4).integers(0, 2**14, [lengths[axis] for axis in ours], "u2")
     np.save(path, recorded.transpose([ours.index(axis) for axis in axes]))
-    told = message(path, layout)
+    text = message(path, layout)
     shown = " ".join(axes).replace("P", str(2 * harmonics))
-    assert told.startswith(
+    assert text.startswith(
         f"{path}: found an array of {' × '.join(str(lengths[axis]) for axis in axes)}, expected axes [T] H C Y X"
     )
     (call,) = re.findall(
-        rf"if its axes are {shown}, numpy\.save\(PATH, numpy\.load\(PATH\)\.transpose\(([\d, ]+)\)\) mends it", told
+        rf"if its axes are {shown}, numpy\.save\(PATH, numpy\.load\(PATH\)\.transpose\(([\d, ]+)\)\) mends it", text
     )
     np.save(path, np.load(path).transpose(tuple(map(int, call.split(", ")))))
     stack = FrameLayout(layout.harmonics, 3) if "T" in axes and "P" in axes else layout
@@ -87,8 +87,8 @@ def test_columns_before_rows_are_suggested_only_for_upright_frames(tmp_path: Pat
     np.save(tmp_path / "landscape.npy", np.zeros((37, 53, 2, 2), "u2"))
     assert "X Y" not in message(tmp_path / "landscape.npy")
     np.save(tmp_path / "portrait.npy", np.zeros((53, 37, 2, 2), "u2"))
-    told = message(tmp_path / "portrait.npy")
-    assert re.findall("axes are ([A-Z ]+),", told) == ["X Y H C", "X Y C H", "Y X H C", "Y X C H"]
+    text = message(tmp_path / "portrait.npy")
+    assert re.findall("axes are ([A-Z ]+),", text) == ["X Y H C", "X Y C H", "Y X H C", "Y X C H"]
 
 
 @pytest.mark.parametrize("axes", ["YXCH", "YXHC", "HCYX"])
@@ -96,10 +96,10 @@ def test_a_matlab_file_is_refused_with_the_call_that_saves_its_array(axes: str, 
     recorded, path = known_frame("u2"), tmp_path / "it's.mat"
     arranged = recorded.transpose(["HCYX".index(axis) for axis in axes])
     scipy.io.savemat(path, {"about": "a frame", "gain": 2.0, "F1": arranged})
-    told = message(path)
-    assert told.startswith(f"{path}: found a MATLAB file, expected its array in one of ours: ")
-    ways = dict(re.findall(r"if its axes are ([A-Z ]+), (numpy\.save\(.*?\)) mends it", told))
-    as_it_is = re.findall(r"ours: (numpy\.save\(.*?\)), with axes \[T\] H C Y X", told)
+    text = message(path)
+    assert text.startswith(f"{path}: found a MATLAB file, expected its array in one of ours: ")
+    ways = dict(re.findall(r"if its axes are ([A-Z ]+), (numpy\.save\(.*?\)) mends it", text))
+    as_it_is = re.findall(r"ours: (numpy\.save\(.*?\)), with axes \[T\] H C Y X", text)
     assert len(ways) + len(as_it_is) == (1 if axes == "HCYX" else 2)
     eval(ways.get(" ".join(axes)) or as_it_is[0], {"numpy": np, "scipy": scipy})
     np.testing.assert_array_equal(_read(tmp_path / "it's.npy"), recorded)
@@ -120,9 +120,9 @@ def test_matlab_files_without_an_array_that_can_be_saved(tmp_path: Path) -> None
 def test_a_dump_of_matlab_is_refused_with_the_call_that_mends_it(tmp_path: Path) -> None:
     recorded, path = known_frame("u2"), tmp_path / "frame.raw"
     path.write_bytes(b"head" + recorded.transpose(2, 3, 1, 0).tobytes(order="F"))
-    told = message(path, FrameLayout((1, 2), raw=RawLayout("uint16", (37, 53, 2, 2), 4)))
+    text = message(path, FrameLayout((1, 2), raw=RawLayout("uint16", (37, 53, 2, 2), 4)))
     (call,) = re.findall(
-        r"if its axes are Y X C H, (numpy\.save\(.*?\)), or order='F' for a dump of MATLAB, mends it", told
+        r"if its axes are Y X C H, (numpy\.save\(.*?\)), or order='F' for a dump of MATLAB, mends it", text
     )
     names = {"numpy": np, "PATH": path, "NPY": tmp_path / "frame.npy"}
     eval(call.replace("order='C'", "order='F'"), names)
@@ -167,14 +167,14 @@ def test_raw_dumps_are_read_from_their_offset_on(dtype: str, offset: int, tmp_pa
     layout = FrameLayout((1, 2), raw=RawLayout(dtype, (2, 2, 37, 53), offset))
     np.testing.assert_array_equal(_read(path, layout), recorded)
     path.write_bytes(path.read_bytes()[:-1])
-    told = message(path, layout)
+    text = message(path, layout)
     assert (
-        f"found {offset + recorded.nbytes - 1:,} bytes, expected {offset + recorded.nbytes:,}: 2 × 2 × 37 × 53" in told
+        f"found {offset + recorded.nbytes - 1:,} bytes, expected {offset + recorded.nbytes:,}: 2 × 2 × 37 × 53" in text
     )
     assert "for a raw dump, give dtype and shape under [layout.raw]" in message(path)
     elsewhere = path.rename(tmp_path / "frame.img")
-    told = message(elsewhere, FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53))))
-    assert told.endswith("; the names of raw dumps end with .raw, .bin, .dat")
+    text = message(elsewhere, FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53))))
+    assert text.endswith("; the names of raw dumps end with .raw, .bin, .dat")
 
 
 def test_raw_dumps_of_several_frames_are_a_stack(tmp_path: Path) -> None:

@@ -68,17 +68,17 @@ def test_an_error_leaves_the_file_that_was_there(raised: BaseException, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "expected"),
     [
         (OSError(errno.ENOSPC, "No space left on device"), "cannot be written: No space left on device"),
         (OSError("6144 requested and 712 written"), "cannot be written: 6144 requested and 712 written"),
     ],
 )
-def test_an_error_of_the_system_names_the_file(error: OSError, told: str, tmp_path: Path) -> None:
+def test_an_error_of_the_system_names_the_file(error: OSError, expected: str, tmp_path: Path) -> None:
     path = tmp_path / "maps.exr"
     with pytest.raises(OutputError) as caught, atomic_write(path):
         raise error
-    assert str(caught.value) == f"{path}: {told}"
+    assert str(caught.value) == f"{path}: {expected}"
 
 
 def test_a_writer_that_wrote_nothing_is_an_error(tmp_path: Path) -> None:

@@ -20,16 +20,16 @@ from tests.support.needed import needed_module
 
 def test_maps_in_an_exr_are_not_a_frame(tmp_path: Path) -> None:
     path = write_exr(tmp_path / "maps.exr", {"direct.depth": np.zeros((5, 7), "f4")})
-    told = message(path, kind=NotAFrameError)
-    assert told.startswith(f"{path}: holds the channels direct.depth, expected voltages H1.SC1, H1.SC2")
+    text = message(path, kind=NotAFrameError)
+    assert text.startswith(f"{path}: holds the channels direct.depth, expected voltages H1.SC1, H1.SC2")
 
 
 @pytest.mark.parametrize("missing", ["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"])
 def test_exr_that_lacks_a_harmonic_or_channel(missing: str, tmp_path: Path) -> None:
     channels = channels_of(known_frame("f4"))
     del channels[missing]
-    told = message(write_exr(tmp_path / "frame.exr", channels))
-    assert f"no channel {missing}; found {', '.join(channels)}, expected H1.SC1, H1.SC2, H2.SC1, H2.SC2" in told
+    text = message(write_exr(tmp_path / "frame.exr", channels))
+    assert f"no channel {missing}; found {', '.join(channels)}, expected H1.SC1, H1.SC2, H2.SC1, H2.SC2" in text
 
 
 def test_exr_with_the_wrong_number_of_parts(tmp_path: Path) -> None:
@@ -93,14 +93,14 @@ def test_that_no_more_files_may_be_open_is_no_damage(
     held = few_files()
     for descriptor in (held.pop() for _ in range(spare)):
         os.close(descriptor)
-    before, told = len(held), None
+    before, text = len(held), None
     try:
         read_parts(path)
     except FrameError as error:
-        told = str(error)
+        text = str(error)
     assert len(few_files()) - before == spare
-    assert told in {None, f"{path}: cannot be read: Too many open files"}
-    assert told or spare > 2
+    assert text in {None, f"{path}: cannot be read: Too many open files"}
+    assert text or spare > 2
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system has no file that cannot be read")
@@ -134,9 +134,9 @@ def test_the_message_for_an_exr_that_ends_early_has_the_library_s_words(
 ) -> None:
     path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")))
     path.write_bytes(path.read_bytes()[:-50])
-    told = message(path)
-    assert told.startswith(f"{path}: damaged EXR: (EXR_ERR_BAD_CHUNK_LEADER) ")
-    assert told.endswith("expected a complete file, try copying it again")
+    text = message(path)
+    assert text.startswith(f"{path}: damaged EXR: (EXR_ERR_BAD_CHUNK_LEADER) ")
+    assert text.endswith("expected a complete file, try copying it again")
     assert capfd.readouterr() == ("", "")
 
 

@@ -32,8 +32,8 @@ from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_p
 def test_a_file_of_no_known_format_is_refused(content: bytes, found: str, tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"
     path.write_bytes(content)
-    told = message(path)
-    assert told == f"{path}: found {found}, expected one of EXR, TIFF, NPY, PNG"
+    text = message(path)
+    assert text == f"{path}: found {found}, expected one of EXR, TIFF, NPY, PNG"
 
 
 def test_a_file_that_is_gone(tmp_path: Path) -> None:
@@ -67,9 +67,9 @@ def test_a_wrong_number_of_pages_says_what_is_expected(
     pages: int, frames: int | None, expected: str, tmp_path: Path
 ) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((pages, 5, 7), "u2"))
-    told = message(path, FrameLayout((1, 2), frames))
-    assert told.startswith(f"{path}: found {pages} pages")
-    assert expected in told
+    text = message(path, FrameLayout((1, 2), frames))
+    assert text.startswith(f"{path}: found {pages} pages")
+    assert expected in text
 
 
 def test_a_number_of_pages_that_is_no_multiple_gets_no_advice(tmp_path: Path) -> None:
@@ -87,8 +87,8 @@ def test_pages_that_differ_are_counted_by_their_form(tmp_path: Path) -> None:
     with tifffile.TiffWriter(path) as writer:
         for width in (7, 7, 7, 8):
             writer.write(np.zeros((5, width), "u2"), metadata=None, photometric="minisblack")
-    told = message(path)
-    assert "found different pages (3 of 7 × 5 uint16; 1 of 8 × 5 uint16)" in told
+    text = message(path)
+    assert "found different pages (3 of 7 × 5 uint16; 1 of 8 × 5 uint16)" in text
 
 
 @pytest.mark.parametrize(
@@ -113,9 +113,9 @@ def test_one_page_that_is_stored_in_another_way(odd: int, options: dict[str, Any
 @pytest.mark.parametrize("dtype", ["i1", "i8", "c8"])
 def test_a_sample_type_that_is_not_supported(dtype: str, tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), dtype))
-    told = message(path)
-    assert f"found {8 * np.dtype(dtype).itemsize} bits a sample" in told
-    assert "expected one of float16, float32, float64, int16" in told
+    text = message(path)
+    assert f"found {8 * np.dtype(dtype).itemsize} bits a sample" in text
+    assert "expected one of float16, float32, float64, int16" in text
 
 
 def test_tiff_that_ends_early(tmp_path: Path) -> None:
@@ -123,9 +123,9 @@ def test_tiff_that_ends_early(tmp_path: Path) -> None:
     path = source.paths[0]
     content = path.read_bytes()
     path.write_bytes(content[:-100])
-    told = message(path)
-    assert told.startswith(f"{path}: damaged or truncated TIFF")
-    assert f"found no page there in a file of {len(content) - 100:,} bytes" in told
+    text = message(path)
+    assert text.startswith(f"{path}: damaged or truncated TIFF")
+    assert f"found no page there in a file of {len(content) - 100:,} bytes" in text
 
 
 def test_tiff_whose_pixels_come_last_and_end_early(tmp_path: Path) -> None:
@@ -165,15 +165,15 @@ def test_a_message_that_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest
 
 
 @pytest.mark.parametrize(
-    ("remarks", "told"),
+    ("remarks", "text"),
     [
         (["no strip", "no strip"], "no strip"),
         (["no strip", "no tile", "no tag"], "no strip (and 2 remarks more)"),
         ([KeyError("x" * 10_000)], f"'{'x' * 299} …"),
     ],
 )
-def test_a_message_is_short_however_much_a_library_says(remarks: list[object], told: str) -> None:
-    assert in_brief(remarks) == told
+def test_a_message_is_short_however_much_a_library_says(remarks: list[object], text: str) -> None:
+    assert in_brief(remarks) == text
 
 
 @pytest.mark.parametrize("header", [b"II*\0\0\0\0\0", b"MM\0+\0\x08\0\0" + bytes(8)])
@@ -201,9 +201,9 @@ def test_a_compression_without_a_decoder_is_refused(tmp_path: Path) -> None:
             page = file.pages.get(index)
             assert isinstance(page, tifffile.TiffPage)
             page.tags["Compression"].overwrite(32809)
-    told = message(path)
-    assert told.startswith(f"{path}: its compression cannot be read here (")
-    assert told.endswith("rewrite it, such as by tiffcp -c zip")
+    text = message(path)
+    assert text.startswith(f"{path}: its compression cannot be read here (")
+    assert text.endswith("rewrite it, such as by tiffcp -c zip")
 
 
 def test_maps_in_a_tiff_are_not_a_frame(tmp_path: Path) -> None:
@@ -213,16 +213,16 @@ def test_maps_in_a_tiff_are_not_a_frame(tmp_path: Path) -> None:
         path, np.zeros((4, 5, 7), "f4"), ome=True, photometric="minisblack",
         metadata={"axes": "CYX", "Channel": {"Name": names}},
     )  # fmt: skip
-    told = message(path, kind=NotAFrameError)
-    assert told == f"{path}: holds maps (direct.depth, mpi.depth, confidence, status), expected voltages"
+    text = message(path, kind=NotAFrameError)
+    assert text == f"{path}: holds maps (direct.depth, mpi.depth, confidence, status), expected voltages"
 
 
 @pytest.mark.parametrize(("pages", "samples"), [(2, 2), (4, 2), (1, 4), (1, 5)])
 def test_opacity_is_no_voltage(pages: int, samples: int, tmp_path: Path) -> None:
-    path, said = tmp_path / "frame.tif", ("unspecified",) * (samples - 2) + ("unassalpha",)
-    write_pages(path, np.zeros((pages, 5, 7, samples), "u2"), planarconfig="contig", extrasamples=said)
-    told = message(path, kind=NotAFrameError)
-    assert told.startswith(
+    path, extra = tmp_path / "frame.tif", ("unspecified",) * (samples - 2) + ("unassalpha",)
+    write_pages(path, np.zeros((pages, 5, 7, samples), "u2"), planarconfig="contig", extrasamples=extra)
+    text = message(path, kind=NotAFrameError)
+    assert text.startswith(
         f"{path}: holds grey and opacity, {samples} samples a pixel, expected voltages; write a page"
     )
 

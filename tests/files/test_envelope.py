@@ -163,11 +163,11 @@ def test_tifffile_reads_and_writes_the_first_file_of_a_kind_only(
     first, second = series(tmp_path)
     write_maps(tmp_path / "first.tif", maps(0))
 
-    def met(*_: Any, **__: Any) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("tifffile was asked")
 
-    monkeypatch.setattr(tifffile, "TiffFile", met)
-    monkeypatch.setattr(tifffile, "imwrite", met)
+    monkeypatch.setattr(tifffile, "TiffFile", refuse)
+    monkeypatch.setattr(tifffile, "imwrite", refuse)
     assert read(second)[-1] == frame(1).tobytes()
     assert read(first)[-1] == frame(0).tobytes()
     write_maps(tmp_path / "second.tif", maps(1))
@@ -197,9 +197,9 @@ def test_a_crop_of_maps_whose_pages_lie_in_an_image_is_written(tmp_path: Path) -
 def test_the_third_map_is_one_piece_of_whole_blocks_for_the_disk(tmp_path: Path) -> None:
     header = MapHeader({"direct.depth": "m"}, {"source": "frame.tif"})
     for _ in range(3):
-        own = DepthMaps.empty(("direct.depth", "confidence"), (6, 9))
-        own.pages[:], own.status[:] = 1.0, 8
-        parts = layers.write_maps(tmp_path / "maps.tif", own, header=header)
+        made = DepthMaps.empty(("direct.depth", "confidence"), (6, 9))
+        made.pages[:], made.status[:] = 1.0, 8
+        parts = layers.write_maps(tmp_path / "maps.tif", made, header=header)
     (whole,) = parts
     assert (np.frombuffer(whole, np.uint8).ctypes.data % BLOCK_BYTES, whole.nbytes % BLOCK_BYTES) == (0, 0)
     assert whole == (tmp_path / "maps.tif").read_bytes()

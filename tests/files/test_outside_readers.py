@@ -83,10 +83,10 @@ def test_tifffile_finds_the_names_and_one_series(tif: Path, maps: DepthMaps) -> 
 
 
 def test_libtiff_reads_every_page(tif: Path, tool: Tool) -> None:
-    told = tool("tiffinfo", tif)
-    assert told.count("TIFF Directory at offset") == len(NAMES)
-    assert told.count(f"Image Width: {WIDTH} Image Length: {HEIGHT}") == len(NAMES)
-    assert told.count("Sample Format: IEEE floating point") == len(NAMES)
+    text = tool("tiffinfo", tif)
+    assert text.count("TIFF Directory at offset") == len(NAMES)
+    assert text.count(f"Image Width: {WIDTH} Image Length: {HEIGHT}") == len(NAMES)
+    assert text.count("Sample Format: IEEE floating point") == len(NAMES)
 
 
 def test_libtiff_copies_the_values(tif: Path, maps: DepthMaps, tool: Tool, tmp_path: Path) -> None:
@@ -105,12 +105,12 @@ def test_imagemagick_extracts_a_value(tif: Path, maps: DepthMaps, tool: Tool) ->
 
 
 def test_exr_tools_list_the_channels(exr: Path, tool: Tool) -> None:
-    told = tool("exrheader", exr)
-    kinds = dict(re.findall(r"^    ([\w.]+), (32-bit [\w -]+), sampling 1 1$", told, re.MULTILINE))
+    text = tool("exrheader", exr)
+    kinds = dict(re.findall(r"^    ([\w.]+), (32-bit [\w -]+), sampling 1 1$", text, re.MULTILINE))
     assert kinds.pop("status") == "32-bit unsigned integer"
     assert kinds == dict.fromkeys(NAMES[:-1], "32-bit floating-point")
-    assert f"(0 0) - ({WIDTH - 1} {HEIGHT - 1})" in told
-    assert 'software (type string): "cadtof ' in told
+    assert f"(0 0) - ({WIDTH - 1} {HEIGHT - 1})" in text
+    assert 'software (type string): "cadtof ' in text
 
 
 def test_exr_tools_rewrite_the_values(exr: Path, maps: DepthMaps, tool: Tool, tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_channels_and_parts_of_an_exr_go_by_the_same_words(order: list[int], for
 
 
 @pytest.mark.parametrize(
-    ("names", "told"),
+    ("names", "expected"),
     [
         (["SC1.25MHz", "SC2.25MHz", "SC1.50MHz"], "holds the channels SC1.25MHz, SC2.25MHz, SC1.50MHz, expected"),
         (["SC1.20MHz", "SC2.20MHz", "SC1.50MHz", "SC2.50MHz"], "holds the channels SC1.20MHz"),
@@ -109,8 +109,8 @@ def test_channels_and_parts_of_an_exr_go_by_the_same_words(order: list[int], for
         (["SC1.25MHz", "SC2.25MHz", "SC1.50MHz", "SC2.50MHz", "sc1_25MHz"], "found H1.SC1 twice"),
     ],
 )
-def test_words_in_an_exr_that_do_not_say_each_plane_once_are_no_frame(names: list[str], told: str) -> None:
-    with pytest.raises(FrameError, match=told):
+def test_words_in_an_exr_that_do_not_say_each_plane_once_are_no_frame(names: list[str], expected: str) -> None:
+    with pytest.raises(FrameError, match=expected):
         voltage_places([NamedPart("", tuple(names))], FrameLayout((1, 2)), where="file")
 
 

@@ -127,9 +127,9 @@ def test_voltages_beyond_the_converter_saturate(tmp_path: Path) -> None:
 
 
 def test_every_step_is_reported(tmp_path: Path) -> None:
-    told = Told()
-    record_scene(settings(frames=3), tmp_path / "c", progress=told)
-    assert (told.expected, told.steps) == (3 + 3, 3 + 3)
+    progress = Told()
+    record_scene(settings(frames=3), tmp_path / "c", progress=progress)
+    assert (progress.expected, progress.steps) == (3 + 3, 3 + 3)
 
 
 def test_an_out_that_exists_is_left_alone(tmp_path: Path) -> None:

@@ -60,13 +60,13 @@ class LocalCluster:
     def add_workers(self, count: int = 1, *, python_path: Path = ROOT) -> None:
         """Start workers, and wait until they have registered."""
         address, before = self.address, len(self.workers)
-        said = [self.folder / f"worker_{number}.txt" for number in range(before, before + count)]
+        output = [self.folder / f"worker_{number}.txt" for number in range(before, before + count)]
         command = ["worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", HERE]
         if self.preload:
             command += ["--preload", self.preload]
-        self.workers += [_started(self.folder, words, *command, python_path=python_path) for words in said]
-        for worker, words in zip(self.workers[before:], said, strict=True):
-            _wait_for(worker, words, "Registered to")
+        self.workers += [_started(self.folder, stream, *command, python_path=python_path) for stream in output]
+        for worker, stream in zip(self.workers[before:], output, strict=True):
+            _wait_for(worker, stream, "Registered to")
 
     def ended(self) -> None:
         """End all processes that still run."""
@@ -81,11 +81,11 @@ def local_cluster(
 ) -> Iterator[LocalCluster]:
     """Yield a scheduler with workers; all end on leaving. The scheduler looks for modules below `python_path` first."""
     folder.mkdir(parents=True, exist_ok=True)
-    said, file = folder / "scheduler.txt", folder / "scheduler.json"
+    output, file = folder / "scheduler.txt", folder / "scheduler.json"
     command = ("scheduler", "--host", HERE, "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-    cluster = LocalCluster(folder, preload, _started(folder, said, *command, python_path=python_path))
+    cluster = LocalCluster(folder, preload, _started(folder, output, *command, python_path=python_path))
     try:
-        _wait_for(cluster.scheduler, said, "Scheduler at")
+        _wait_for(cluster.scheduler, output, "Scheduler at")
         # the scheduler prints its address before the file is complete
         while not (file.exists() and file.read_text().rstrip().endswith("}")):
             time.sleep(0.02)
@@ -95,23 +95,23 @@ def local_cluster(
         cluster.ended()
 
 
-def _started(folder: Path, said: Path, *command: str, python_path: Path = ROOT) -> "subprocess.Popen[bytes]":
+def _started(folder: Path, output: Path, *command: str, python_path: Path = ROOT) -> "subprocess.Popen[bytes]":
     environment = {
         **os.environ,
         "PYTHONPATH": f"{python_path}:{os.environ.get('PYTHONPATH', '')}",
         "DASK_TEMPORARY_DIRECTORY": str(folder),
     }
     environment.pop("PYTHONWARNINGS", None)
-    with said.open("wb") as words:
+    with output.open("wb") as stream:
         return subprocess.Popen(
             [sys.executable, "-c", _ENDED_WITH_PARENT, sys.executable, "-m", "dask", *command],
-            env=environment, stdout=words, stderr=words, cwd=folder,
+            env=environment, stdout=stream, stderr=stream, cwd=folder,
         )  # fmt: skip
 
 
-def _wait_for(process: "subprocess.Popen[bytes]", said: Path, word: str) -> None:
+def _wait_for(process: "subprocess.Popen[bytes]", output: Path, word: str) -> None:
     until = time.monotonic() + START_S
-    while word not in said.read_text():
-        assert process.poll() is None, said.read_text()
-        assert time.monotonic() < until, said.read_text()
+    while word not in output.read_text():
+        assert process.poll() is None, output.read_text()
+        assert time.monotonic() < until, output.read_text()
         time.sleep(0.02)

@@ -49,12 +49,12 @@ def outside_tool(name: str, path: str, /) -> str | None:
     maker = MAKERS[name]
     for folder in path.split(os.pathsep):
         program = shutil.which(name, path=folder)
-        if program and re.search(maker.answer, _said(program, maker.question)):
+        if program and re.search(maker.answer, _version_text(program, maker.question)):
             return program
     return None
 
 
-def _said(program: str, question: str) -> str:
+def _version_text(program: str, question: str) -> str:
     try:
         done = subprocess.run([program, *question.split()], capture_output=True, text=True, timeout=20, check=False)
     except (OSError, UnicodeDecodeError, subprocess.TimeoutExpired):

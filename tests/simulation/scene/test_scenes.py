@@ -292,14 +292,14 @@ def test_a_card_of_one_column_or_row_has_the_first_separation_and_ratio(width: i
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "met"), [(0.0, 0.0, True), (2.0, 1.0, True), (2.001, 0.5, False), (1.0, -0.001, False)]
+    ("x", "y", "hit"), [(0.0, 0.0, True), (2.0, 1.0, True), (2.001, 0.5, False), (1.0, -0.001, False)]
 )
-def test_the_edge_of_a_surface_belongs_to_it(x: float, y: float, met: bool) -> None:
+def test_the_edge_of_a_surface_belongs_to_it(x: float, y: float, hit: bool) -> None:
     surface = Surface(
         origin_m=(0.0, 0.0, 3.0), across=(1.0, 0.0, 0.0), along=(0.0, 1.0, 0.0), extents_m=(0.0, 2.0, 0.0, 1.0)
     )
     times = surface.distances(np.array([[x], [y], [0.0]]), np.array([[0.0], [0.0], [1.5]]))
-    assert times[0] == (2.0 if met else np.inf)
+    assert times[0] == (2.0 if hit else np.inf)
 
 
 @pytest.mark.parametrize("scene", [Corner(), Corner(opening_deg=70.0), InterReflection()])

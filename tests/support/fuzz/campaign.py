@@ -40,10 +40,10 @@ class Finding:
     reader: str
     number: int
     kind: str
-    told: str
+    text: str
 
     def __str__(self) -> str:
-        return f"{self.kind}: {self.reader}:{self.number}: {self.told}"
+        return f"{self.kind}: {self.reader}:{self.number}: {self.text}"
 
 
 @dataclass
@@ -105,7 +105,7 @@ def run_campaign(
         if not running:
             return tally
         for key, _ in selector.select(0.25):
-            key.data.hear()
+            key.data.receive()
         for child in list(running):
             if child.is_done or child.is_late:
                 selector.unregister(child.pipe)
@@ -189,7 +189,7 @@ class _Child:
         words = Path(f"/proc/{self._pid}/stat").read_text().rpartition(")")[2].split()
         return words[0], (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Read the messages of the child."""
         content = os.read(self.pipe, 2**16)
         self._ended = not content
@@ -212,7 +212,7 @@ class _Child:
         os.close(self._output)
         os.close(self.pipe)
         shutil.rmtree(self._folder, ignore_errors=True)
-        findings = self._heard(tally)
+        findings = self._findings_received(tally)
         if late:
             findings.append(Finding(self.reader, self.next, "hang", f"over {MOST_SECONDS:g} s"))
         elif status and not any(finding.number == self.next and finding.kind == "memory" for finding in findings):
@@ -223,12 +223,12 @@ class _Child:
         tally.findings += findings
         return findings
 
-    def _heard(self, tally: Tally) -> list[Finding]:
+    def _findings_received(self, tally: Tally) -> list[Finding]:
         findings = []
         for message in self._messages:
             if "kind" in message:
                 findings.append(
-                    Finding(self.reader, int(str(message["number"])), str(message["kind"]), str(message["told"]))
+                    Finding(self.reader, int(str(message["number"])), str(message["kind"]), str(message["text"]))
                 )
             else:
                 tally.refused += int(str(message["refused"]))
@@ -282,7 +282,7 @@ class _Reading:
         self._refused, self._longest_s, self._longest = 0, 0.0, 0
 
     def __call__(self, number: int) -> None:
-        self._say({"at": number})
+        self._send({"at": number})
         content = input_of(self._reader, number, self._place)
         began = time.process_time()
         try:
@@ -308,12 +308,12 @@ class _Reading:
     def sum_up(self) -> None:
         """Report the totals of all inputs."""
         found = {"refused": self._refused, "longest_s": self._longest_s, "longest": self._longest}
-        self._say({**found, "peak_bytes": peak_bytes()})
+        self._send({**found, "peak_bytes": peak_bytes()})
 
-    def _find(self, number: int, kind: str, told: str) -> None:
-        self._say({"number": number, "kind": kind, "told": told})
+    def _find(self, number: int, kind: str, text: str) -> None:
+        self._send({"number": number, "kind": kind, "text": text})
 
-    def _say(self, message: dict[str, object]) -> None:
+    def _send(self, message: dict[str, object]) -> None:
         os.write(self._pipe, json.dumps(message).encode() + b"\n")
 
 

@@ -67,16 +67,16 @@ def run_command(arguments: Sequence[object], /, *, stdin: bytes | None = None) -
             main()
         except SystemExit as ended:
             status = ended.code
-    told = err.getvalue()
-    words = [word for word in ("unexpected", "Traceback", "Warning:") if word in told.replace("; Warning: ", "; ")]
-    if status not in {0, 1, 2} or (words and "unexpected extra argument" not in told):
-        raise SurpriseError(f"{arguments} ended with {status}: {told[-1500:]}")
-    if status and not told:
+    stderr = err.getvalue()
+    words = [word for word in ("unexpected", "Traceback", "Warning:") if word in stderr.replace("; Warning: ", "; ")]
+    if status not in {0, 1, 2} or (words and "unexpected extra argument" not in stderr):
+        raise SurpriseError(f"{arguments} ended with {status}: {stderr[-1500:]}")
+    if status and not stderr:
         raise SurpriseError(f"{arguments} ended with {status} and said nothing")
     if "--json" in arguments and status == 0:
         for line in out.getvalue().splitlines():
             json.loads(line)
-    return told
+    return stderr
 
 
 @contextlib.contextmanager

@@ -74,12 +74,12 @@ def _tiff_of(pages: NDArray[Any], **options: Any) -> bytes:
 def tiffs() -> list[bytes]:
     """Frames in TIFF files of every form, and the counts and volts of a camera."""
     volts = step_frame(np.random.default_rng(1))
-    own = [
+    frames = [
         _tiff_of(counts_of(volts), metadata=None),
         _tiff_of(volts.astype(np.float32), metadata={"axes": "HCYX"}),
         _tiff_of(volts.astype(np.float32), metadata=None, compression="zlib", predictor=True),
     ]
-    return own + [content for form in TIFF_FORMS + CODEC_FORMS for content in _written(form)] + _corpus(".tif")
+    return frames + [content for form in TIFF_FORMS + CODEC_FORMS for content in _written(form)] + _corpus(".tif")
 
 
 @cache

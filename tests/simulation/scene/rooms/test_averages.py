@@ -60,18 +60,18 @@ def test_a_pixel_with_no_neighbour_on_its_face_gets_nothing() -> None:
 @pytest.mark.parametrize(("across", "cell"), [(6, 2), (7, 3), (5, 4)])
 def test_cells_are_squares_whose_pixels_of_one_face_count_alike(across: int, cell: int) -> None:
     faces = bent(5 * across, np.random.default_rng(3), surfaces=3)
-    means, places, of = means_of_cells(faces, across, cell)
+    means, places, mean_faces = means_of_cells(faces, across, cell)
     weights = means.toarray()
     cells = -(-across // cell)
     row, column = np.divmod(np.arange(5 * across), across)
-    own = row // cell * cells + column // cell
+    cell_of_pixel = row // cell * cells + column // cell
     assert weights.shape == (len(places), 5 * across)
-    assert {(int(p), int(s)) for p, s in zip(places, of.surface, strict=True)} == set(
-        zip(own.tolist(), faces.surface.tolist(), strict=True)
+    assert {(int(p), int(s)) for p, s in zip(places, mean_faces.surface, strict=True)} == set(
+        zip(cell_of_pixel.tolist(), faces.surface.tolist(), strict=True)
     )
-    for mean, place, surface, normal in zip(weights, places, of.surface, of.normals.T, strict=True):
-        held = (own == place) & (faces.surface == surface)
-        assert_allclose(mean, held / held.sum())
-        assert_allclose(normal, unit(faces.normals[:, held].mean(axis=1)), atol=1e-6)
-    order = list(zip(places.tolist(), of.surface.tolist(), strict=True))
+    for mean, place, surface, normal in zip(weights, places, mean_faces.surface, mean_faces.normals.T, strict=True):
+        inside = (cell_of_pixel == place) & (faces.surface == surface)
+        assert_allclose(mean, inside / inside.sum())
+        assert_allclose(normal, unit(faces.normals[:, inside].mean(axis=1)), atol=1e-6)
+    order = list(zip(places.tolist(), mean_faces.surface.tolist(), strict=True))
     assert order == sorted(order)

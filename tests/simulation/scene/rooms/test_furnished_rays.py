@@ -86,25 +86,25 @@ def to_wall(origin: Float, direction: Float) -> tuple[float, int]:
 @pytest.mark.parametrize("origin", INSIDE)
 def test_a_ray_meets_the_first_of_all_surfaces(origin: tuple[float, float, float]) -> None:
     starts, directions = rays(origin, 1500, 3)
-    met = ROOM.meet(starts, directions)
-    solids_met = set()
+    meetings = ROOM.meet(starts, directions)
+    numbers_met = set()
     for ray in range(1500):
         start, way = starts[:, ray].astype(float), directions[:, ray].astype(float)
         wall, face = to_wall(start, way)
         inward = np.zeros(3)
         inward[face // 2] = 1.0 if face % 2 == 0 else -1.0
-        all_met = [(wall, WALLS[face], inward, 0)]
+        candidates = [(wall, WALLS[face], inward, 0)]
         for number, solid in enumerate(ROOM.solids, start=1):
             entry, normal = into_box(solid, start, way) if isinstance(solid, Box) else into_ball(solid, start, way)
-            all_met.append((entry, solid.albedo, normal, number))
-        length, albedo, normal, number = min(all_met, key=lambda one: one[0])
-        solids_met.add(number)
-        assert met.lengths_m[ray] == pytest.approx(length, rel=1e-4)
-        assert met.albedo[ray] == pytest.approx(albedo)
-        assert_allclose(met.normals[:, ray], normal, atol=2e-3)
-        assert_allclose(met.points_m[:, ray], start + length * way, atol=1e-3)
-        assert met.surface[ray] // 8 == number
-    assert len(solids_met) >= 5
+            candidates.append((entry, solid.albedo, normal, number))
+        length, albedo, normal, number = min(candidates, key=lambda one: one[0])
+        numbers_met.add(number)
+        assert meetings.lengths_m[ray] == pytest.approx(length, rel=1e-4)
+        assert meetings.albedo[ray] == pytest.approx(albedo)
+        assert_allclose(meetings.normals[:, ray], normal, atol=2e-3)
+        assert_allclose(meetings.points_m[:, ray], start + length * way, atol=1e-3)
+        assert meetings.surface[ray] // 8 == number
+    assert len(numbers_met) >= 5
 
 
 def test_rays_beyond_the_first_batch_meet_the_same_surfaces() -> None:
@@ -135,16 +135,16 @@ def test_a_way_is_clear_if_it_enters_no_solid(origin: tuple[float, float, float]
 
 def test_faces_of_one_solid_have_numbers_of_their_own() -> None:
     starts, directions = rays(INSIDE[0], 20_000, 6)
-    met = ROOM.meet(starts, directions)
-    for number in np.unique(met.surface[met.surface // 8 <= 4]):
-        same = met.normals[:, met.surface == number]
+    meetings = ROOM.meet(starts, directions)
+    for number in np.unique(meetings.surface[meetings.surface // 8 <= 4]):
+        same = meetings.normals[:, meetings.surface == number]
         assert_allclose(same, np.broadcast_to(same[:, :1], same.shape), atol=1e-6)
-    walls = met.surface < 8
+    walls = meetings.surface < 8
     for face in range(6):
-        at = met.points_m[face // 2, walls & (met.surface == face)]
+        at = meetings.points_m[face // 2, walls & (meetings.surface == face)]
         assert_allclose(at, SIZE[face // 2] if face % 2 else 0.0, atol=1e-4)
     for number in (5, 6):
-        assert len(np.unique(met.surface[met.surface // 8 == number])) == 1
+        assert len(np.unique(meetings.surface[meetings.surface // 8 == number])) == 1
 
 
 def test_solids_behind_and_around_a_ray_are_not_met() -> None:
@@ -212,10 +212,10 @@ def test_solids_are_grey_and_not_turned_by_default() -> None:
     room = Interior(size_m=SIZE, albedos=WALLS, boxes=(box,), balls=(ball,))
     starts = np.array([[2.1, 1.0], [1.3, 1.2], [0.5, 0.5]], np.float32)
     ahead = np.repeat(np.array([[0.0], [0.0], [1.0]], np.float32), 2, axis=1)
-    met = room.meet(starts, ahead)
-    assert_allclose(met.albedo, 0.5)
-    assert_allclose(met.normals, [[0.0, 0.0], [0.0, 0.0], [-1.0, -1.0]], atol=1e-6)
-    assert_allclose(met.lengths_m, [1.5, 3.1], rtol=1e-6)
+    meetings = room.meet(starts, ahead)
+    assert_allclose(meetings.albedo, 0.5)
+    assert_allclose(meetings.normals, [[0.0, 0.0], [0.0, 0.0], [-1.0, -1.0]], atol=1e-6)
+    assert_allclose(meetings.lengths_m, [1.5, 3.1], rtol=1e-6)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,6 +262,6 @@ def test_a_ray_meets_the_right_one_of_solids_beside_each_other() -> None:
     )
     starts = np.array([(x, 1.0, z) for x, z in places], np.float32).T
     down = np.repeat(np.array([[0.0], [1.0], [0.0]], np.float32), len(places), axis=1)
-    met = Interior(size_m=SIZE, albedos=WALLS, boxes=boxes).meet(starts, down)
-    assert_allclose(met.albedo, albedos)
-    assert (met.surface // 8).tolist() == [1, 2, 3, 4]
+    meetings = Interior(size_m=SIZE, albedos=WALLS, boxes=boxes).meet(starts, down)
+    assert_allclose(meetings.albedo, albedos)
+    assert (meetings.surface // 8).tolist() == [1, 2, 3, 4]

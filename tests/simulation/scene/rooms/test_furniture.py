@@ -30,10 +30,10 @@ def test_pieces_stand_on_the_floor_and_are_of_the_size_of_furniture() -> None:
 
 def test_pieces_are_symmetric_from_left_to_right() -> None:
     for piece in pieces():
-        there = {(round(c[0], 9), c[1:], half) for c, half in piece.parts}
-        assert len(there) == len(piece.parts)
+        parts = {(round(c[0], 9), c[1:], half) for c, half in piece.parts}
+        assert len(parts) == len(piece.parts)
         assert {(round(-c[0], 9) + 0.0, c[1:], half) for c, half in piece.parts} == {
-            (x + 0.0, rest, half) for x, rest, half in there
+            (x + 0.0, rest, half) for x, rest, half in parts
         }
 
 

@@ -108,10 +108,10 @@ def test_a_lamp_beside_the_camera_lengthens_ways_and_leaves_the_true_range() -> 
     centred = light_in_room(view(room), ALL_ROWS, asr=1.0)
     np.testing.assert_array_equal(light.truth(1.0)["direct.depth"], centred.truth(1.0)["direct.depth"])
     x, y, _ = CAMERA.rays(ALL_ROWS) * 3.5
-    there = (x > -1.5) & (x < 1.5) & (y > -1.2) & (y < 1.3)
+    on_wall = (x > -1.5) & (x < 1.5) & (y > -1.2) & (y < 1.3)
     expected = np.hypot(np.hypot(x, y), 3.5) + np.sqrt((x - 0.2) ** 2 + y**2 + 3.5**2)
-    np.testing.assert_allclose((light.delays_ns[0] * C_M_PER_NS)[there], expected[there], rtol=1e-6)
-    assert there.mean() > 0.5
+    np.testing.assert_allclose((light.delays_ns[0] * C_M_PER_NS)[on_wall], expected[on_wall], rtol=1e-6)
+    assert on_wall.mean() > 0.5
 
 
 def test_an_opening_has_no_truth() -> None:

@@ -35,8 +35,8 @@ def test_yaw_and_pitch_turn_the_axes_of_the_camera(yaw: float, pitch: float) -> 
     ("yaw", "pitch", "length"), [(0.0, 0.0, 4.5), (math.pi / 2, 0.0, 2.5), (0.0, 1.5, 1.3 / math.sin(1.5))]
 )
 def test_rays_of_any_length_go_from_the_camera_to_the_wall_ahead(yaw: float, pitch: float, length: float) -> None:
-    met = view(yaw, pitch).meet(np.array([[0.0], [0.0], [7.0]]))
-    assert met.lengths_m[0] == pytest.approx(length, rel=1e-5)
+    meetings = view(yaw, pitch).meet(np.array([[0.0], [0.0], [7.0]]))
+    assert meetings.lengths_m[0] == pytest.approx(length, rel=1e-5)
 
 
 def test_the_lamp_turns_with_the_camera() -> None:
@@ -58,10 +58,12 @@ def test_a_lamp_in_or_behind_a_wall_is_refused(offset: tuple[float, float, float
 
 def test_the_median_is_that_of_every_eighth_pixel_with_direct_light() -> None:
     """The beam, .9 rad and an edge of 10° to each side, covers the view. The light of a pixel is cos/r²."""
-    asked = view()
-    x, y, z = asked.camera.rays(slice(None))[:, ::8, ::8].reshape(3, -1)
-    met = asked.meet(np.stack([x, y, z]))
-    lit = asked.direct(met)
+    straight = view()
+    x, y, z = straight.camera.rays(slice(None))[:, ::8, ::8].reshape(3, -1)
+    meetings = straight.meet(np.stack([x, y, z]))
+    lit = straight.direct(meetings)
     assert (lit > 0).all()
-    cosine = np.abs((met.normals * (met.points_m - np.array(POSITION)[:, None])).sum(axis=0)) / met.lengths_m
-    assert median_irradiance(asked) == pytest.approx(float(np.median(cosine / met.lengths_m**2)), rel=1e-4)
+    cosine = (
+        np.abs((meetings.normals * (meetings.points_m - np.array(POSITION)[:, None])).sum(axis=0)) / meetings.lengths_m
+    )
+    assert median_irradiance(straight) == pytest.approx(float(np.median(cosine / meetings.lengths_m**2)), rel=1e-4)
