@@ -317,7 +317,7 @@ def test_maps_are_read_from_files_and_folders(tmp_path: Path, suffix: str) -> No
 def test_truth_is_read_too() -> None:
     truth = read_maps(CORNER / "truth.exr")
     assert {"direct.depth", "mpi.ratio"} <= set(truth)
-    assert truth.facts == {} or "software" not in truth.facts
+    assert truth.facts == {}
 
 
 def test_maps_as_xarray_keep_their_units_and_the_meanings_of_their_bits(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_a_workflow_pins_its_actions_by_digest_and_may_only_read(path: Path) -> 
 
 def test_one_action_has_one_digest_everywhere() -> None:
     used = {line for path in WORKFLOWS for line in re.findall(r"uses: (\S+@.*)", path.read_text())}
-    assert len({line.split("@")[0] for line in used}) == len(used)
+    assert len({line.split("@")[0] for line in used}) == len(used) > 0
     assert all(re.search(r"# v\d+\.\d+\.\d+$", line) for line in used)
 
 

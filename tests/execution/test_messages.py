@@ -45,10 +45,12 @@ def test_shared_objects_are_not_sent_and_are_the_same_object_in_all_tasks() -> N
     assert len({id(part.heavy) for part in parts}) == 1
 
 
-def test_objects_that_are_not_shared_arrive_too_even_if_they_equal_a_shared_one() -> None:
+@pytest.mark.parametrize("heavy", [Heavy("y"), Heavy(HEAVY.text)], ids=["other", "equal"])
+def test_objects_that_are_not_shared_arrive_too_even_if_they_equal_a_shared_one(heavy: Heavy) -> None:
     messages = TaskMessages([HEAVY])
-    other = Part(1, Heavy("y"))
-    assert messages.task(messages.message(other)) == other
+    arrived = messages.task(messages.message(Part(1, heavy)))
+    assert arrived == Part(1, heavy)
+    assert arrived.heavy is not HEAVY
 
 
 def length(part: Part) -> tuple[int, int]:

@@ -263,9 +263,10 @@ def test_a_worker_that_replaces_a_dead_one_stays_on_one_core_too() -> None:
 @pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
 )
-def test_with_more_workers_than_cores_each_may_run_on_any_core() -> None:
+@pytest.mark.parametrize("more", [-1, 1])
+def test_with_fewer_or_more_workers_than_cores_each_may_run_on_any_core(more: int) -> None:
     cores = frozenset(os.sched_getaffinity(0))
-    workers = Workers(jobs=len(cores) + 1, start_method="fork")
+    workers = Workers(jobs=max(len(cores) + more, 1), start_method="fork")
     outcomes = run_ordered(cores_of_worker, range(10), workers=workers)
     assert all(not isinstance(outcome.result, WorkerDied) and outcome.result[1] == cores for outcome in outcomes)
 

@@ -74,7 +74,7 @@ def test_a_wrong_number_of_pages_says_what_is_expected(
 
 def test_a_number_of_pages_that_is_no_multiple_gets_no_advice(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((10, 5, 7), "u2"))
-    assert "set [layout]" not in message(path, FrameLayout((1, 2), 3))
+    assert "--stack-frames" not in message(path, FrameLayout((1, 2), 3))
 
 
 def test_axes_in_an_order_that_could_mean_two_things(tmp_path: Path) -> None:
