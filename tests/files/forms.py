@@ -12,10 +12,9 @@ from numpy.typing import DTypeLike
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource
+from tests.support.captures import PLANE_NAMES
 
 Writer = Callable[[Path, Stored], FrameSource]
-
-PLANE_NAMES = ("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2")
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def tiff(**options: Any) -> Writer:
 def tiff_page_by_page(**options: Any) -> Writer:
     def write(path: Path, frame: Stored) -> FrameSource:
         file = path.with_suffix(".tif")
-        with tifffile.TiffWriter(file, **{k: options.pop(k) for k in ("bigtiff",) if k in options}) as writer:
+        with tifffile.TiffWriter(file) as writer:
             for plane in planes_of(frame):
                 writer.write(plane, photometric="minisblack", **options)
         return FrameSource(path.name, (file,))

@@ -9,7 +9,7 @@ import tifffile
 
 from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.files.frames import FrameLayout
-from tests.files.forms import Writer, known_frame, tiff
+from tests.files.forms import Writer, known_frame, planes_of, tiff
 
 
 class Expanded:
@@ -43,10 +43,10 @@ class Series:
 
 
 FORMS = {
-    "pages": tiff(arrange=lambda frame: frame.reshape(4, *frame.shape[2:])),
+    "pages": tiff(arrange=planes_of),
     "an axis of length 1": tiff(arrange=lambda frame: frame[np.newaxis], metadata={"axes": "TZCYX"}),
-    "ImageJ": tiff(arrange=lambda frame: frame, imagej=True, metadata={"axes": "ZCYX"}),
-    "OME": tiff(arrange=lambda frame: frame, ome=True, metadata={"axes": "TCYX"}),
+    "ImageJ": tiff(imagej=True, metadata={"axes": "ZCYX"}),
+    "OME": tiff(ome=True, metadata={"axes": "TCYX"}),
     "scattered": tiff(arrange=lambda frame: frame.transpose(2, 3, 0, 1), metadata={"axes": "YXZC"}),
 }
 

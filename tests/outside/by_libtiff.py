@@ -6,8 +6,8 @@ import numpy as np
 import tifffile
 
 from cadtof_cli.arrays import Stored
-from tests.files.forms import PLANE_NAMES
 from tests.outside.cases import SHUFFLED, Case, Writer, planes_of, run, shuffled_planes
+from tests.support.captures import PLANE_NAMES
 
 
 def _source(folder: Path, frame: Stored, *, shaped: bool = False) -> Path:

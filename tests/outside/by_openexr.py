@@ -6,8 +6,8 @@ import numpy as np
 import OpenEXR
 
 from cadtof_cli.arrays import Stored
-from tests.files.forms import PLANE_NAMES
 from tests.outside.cases import Case, Writer, named_planes, planes_of, run
+from tests.support.captures import PLANE_NAMES
 
 
 def _write(path: Path, channels: dict[str, Stored], **header: object) -> Path:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.arrays import Stored
-from tests.files.forms import PLANE_NAMES
 from tests.outside.cases import SHUFFLED, Case, Writer, need, planes_of, shuffled_planes
+from tests.support.captures import PLANE_NAMES
 
 
 def _opencv_pages(*options: int) -> Writer:

@@ -7,8 +7,8 @@ import numpy as np
 import tifffile
 
 from cadtof_cli.arrays import Stored
-from tests.files.forms import PLANE_NAMES
 from tests.outside.cases import SHUFFLED, Case, Writer, planes_of, shuffled_planes
+from tests.support.captures import PLANE_NAMES
 
 
 def _whole(axes: tuple[int, ...] = (0, 1, 2, 3), **options: Any) -> Writer:

@@ -13,7 +13,8 @@ from numpy.typing import DTypeLike
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource
-from tests.files.forms import PLANE_NAMES, known_frame
+from tests.files.forms import known_frame
+from tests.support.captures import PLANE_NAMES
 from tests.support.outside_tools import MAKERS, outside_tool
 
 Writer = Callable[[Path, Stored], Path | tuple[Path, ...]]

@@ -34,7 +34,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 
 _WITH_SMALL_FILES = """
 import os, resource, sys
-# Python would keep bytecode that is cut off
+# otherwise Python would keep bytecode files that the limit has cut off
 os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
 os.execv(sys.argv[2], sys.argv[2:])

@@ -205,9 +205,7 @@ def _options(place: Path, content: bytes) -> None:
     if not words or words[0] not in {"resolve", "info", "inspect", "evaluate", "export", "compare", "calibrate"}:
         return
     shutil.rmtree(place / "new", ignore_errors=True)
-    # what would take long, start processes, or listen, as it was asked to
-    if any(word in {"-j", "--jobs", "--scheduler", "--start-method", "--frame-timeout"} for word in words[:1]):
-        return
+
     if any(re.fullmatch(r"/+|.*/\.\.", word) for word in words):
         # such a word names all folders of this machine
         return
