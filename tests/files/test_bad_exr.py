@@ -14,7 +14,8 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.exr import read_parts
 from cadtof_cli.files.frames import NotAFrameError
 from tests.files.forms import channels_of, known_frame
-from tests.files.refusals import message, write_exr
+from tests.files.refusals import message
+from tests.support.captures import write_exr
 from tests.support.needed import needed_module
 
 

@@ -18,7 +18,8 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.reading import in_brief
 from tests.files.forms import known_frame, plane_files, planes_of, tiff
-from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_pages
+from tests.files.refusals import LAYOUT, message, message_of
+from tests.support.captures import write_exr, write_pages
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Small captures for tests, recorded by the forward model: TIFF counts or EXR volts."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -81,15 +82,17 @@ def counts_of(volts: NDArray[np.float64]) -> NDArray[np.uint16]:
     return counts.reshape(-1, *volts.shape[2:])
 
 
-def write_pages(file: Path, pages: NDArray[np.generic]) -> None:
-    """Write a TIFF with a page for each plane."""
-    tifffile.imwrite(file, pages, photometric="minisblack", metadata=None)
+def write_pages(file: Path, pages: NDArray[Any], **options: Any) -> Path:
+    """Write a TIFF with one page per plane, by tifffile with these options; return the file."""
+    tifffile.imwrite(file, pages, **{"photometric": "minisblack", "metadata": None, **options})
+    return file
 
 
-def write_exr(file: Path, channels: dict[str, NDArray[np.generic]]) -> None:
-    """Write an EXR file with the channels."""
-    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
-    OpenEXR.File(header, {name: plane.copy() for name, plane in channels.items()}, num_threads=0).write(str(file))
+def write_exr(file: Path, channels: Mapping[str, NDArray[Any]], **header: Any) -> Path:
+    """Write an EXR file with the channels and these attributes; return the file."""
+    attributes = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION, **header}
+    OpenEXR.File(attributes, {name: plane.copy() for name, plane in channels.items()}, num_threads=0).write(str(file))
+    return file
 
 
 def layers_of(file: Path) -> dict[str, NDArray[Any]]:
