@@ -2,7 +2,6 @@
 
 import logging
 import re
-import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import fields
@@ -23,8 +22,9 @@ from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import layers_of, record
+from tests.support.loaded import loaded_modules
 from tests.support.needed import needed_module
-from tests.support.run_cadtof import ENVIRONMENT, ROOT, cadtof
+from tests.support.run_cadtof import ROOT, cadtof
 
 CORNER = ROOT / "sample_data" / "corner"
 ROI = (100, 60, 220, 180)
@@ -371,18 +371,10 @@ def test_an_unknown_scene_or_setting_is_refused() -> None:
         simulate_scene("wall", modulation={"amplitude_v": -1.0})
 
 
-def _loaded(statement: str) -> set[str]:
-    script = f"import sys\n{statement}\nprint(*{{name.split('.')[0] for name in sys.modules}})"
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True
-    )
-    return set(done.stdout.split())
-
-
 def test_importing_the_package_loads_nothing() -> None:
     heavy = {"numpy", "scipy", "click", "rich", "matplotlib", "tifffile", "OpenEXR", "xarray", "logging"}
-    assert not _loaded("import cadtof_cli; assert 'resolve' in dir(cadtof_cli)") & heavy
-    loaded = _loaded("from cadtof_cli import read_frames, resolve, read_maps, simulate_scene")
+    assert not loaded_modules("import cadtof_cli; assert 'resolve' in dir(cadtof_cli)") & heavy
+    loaded = loaded_modules("from cadtof_cli import read_frames, resolve, read_maps, simulate_scene")
     assert "numpy" in loaded
     assert not loaded & {"click", "rich", "matplotlib", "xarray", "OpenEXR"}
 

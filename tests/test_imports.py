@@ -1,8 +1,6 @@
 """Which part may import which: files → voltages → phasors → paths → maps. Libraries stay where they are used."""
 
 import ast
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import pytest
 
 from cadtof_cli.cli import COMMANDS
 from tests.support.captures import record
-from tests.support.run_cadtof import ENVIRONMENT
+from tests.support.loaded import COMMAND_LINE, loaded_modules
 
 PACKAGE = Path(__file__).parents[1] / "cadtof_cli"
 
@@ -104,38 +102,22 @@ def test_a_library_is_imported_only_where_it_is_used(library: str) -> None:
     assert users
 
 
-def _loaded(*arguments: str) -> set[str]:
-    """Return the top-level modules that are loaded after a command has run."""
-    script = (
-        "import sys\nfrom cadtof_cli.cli import main\ntry:\n    main()\nexcept SystemExit as ended:\n"
-        "    assert not ended.code\n    print('loaded', *{name.split('.')[0] for name in sys.modules})\n"
-    )
-    command = [sys.executable, "-c", script, *arguments]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True)
-    return set(done.stdout.splitlines()[-1].split())
-
-
 @pytest.mark.parametrize("arguments", [("--help",), ("resolve", "--help")])
 def test_help_loads_no_heavy_library(arguments: tuple[str, ...]) -> None:
-    loaded = _loaded(*arguments)
+    loaded = loaded_modules(COMMAND_LINE, *arguments)
     assert "click" in loaded
     assert not loaded & {"numpy", "scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
 
 
 def test_the_help_of_the_commands_needs_no_more_than_numpy() -> None:
     """The build of the package makes man pages from the help."""
-    imports = "; ".join(f"import cadtof_cli.commands.{name}" for name in COMMANDS)
-    script = f"import sys; {imports}; print(*{{name.split('.')[0] for name in sys.modules}})"
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True
-    )
-    loaded = set(done.stdout.split())
+    loaded = loaded_modules("\n".join(f"import cadtof_cli.commands.{name}" for name in COMMANDS))
     assert "numpy" in loaded
     assert not loaded & {"scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
 
 
 def test_resolving_loads_only_what_it_needs(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
-    loaded = _loaded("resolve", str(capture.folder), "-o", str(tmp_path / "out"), "-j", "1")
+    loaded = loaded_modules(COMMAND_LINE, "resolve", str(capture.folder), "-o", str(tmp_path / "out"), "-j", "1")
     assert {"numpy", "tifffile"} <= loaded
     assert not loaded & {"scipy", "matplotlib", "rich", "OpenEXR", "distributed"}
