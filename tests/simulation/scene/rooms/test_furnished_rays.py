@@ -190,6 +190,8 @@ def test_albedos_of_all_that_is_in_a_room_are_checked(albedo: float) -> None:
     ):
         with pytest.raises(SettingsError, match="albedos: found"):
             Interior(size_m=SIZE, albedos=WALLS, **part)
+    with pytest.raises(SettingsError, match="albedos: found"):
+        Interior(size_m=SIZE, albedos=(*WALLS[:5], albedo))
     assert Interior(size_m=SIZE, albedos=(0.0, 1.0, 0.0, 1.0, 0.0, 1.0)).albedos[1] == 1.0
 
 

@@ -91,14 +91,6 @@ def test_patches_change_the_albedo_of_their_part_of_a_wall() -> None:
     np.testing.assert_allclose(meetings.albedo, [0.0, 0.6, 0.6], rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("size_m", "albedo", "message"), [((0.0, 2.0, 2.0), 0.5, "room: found"), ((3.0, 2.0, 2.0), 1.5, "albedos: found")]
-)
-def test_impossible_rooms_are_refused(size_m: tuple[float, float, float], albedo: float, message: str) -> None:
-    with pytest.raises(SettingsError, match=message):
-        Interior(size_m=size_m, albedos=(albedo,) * 6)
-
-
 @pytest.mark.parametrize("size_m", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, 1000.0), (1.0, math.nan, 1.0)])
 def test_a_room_without_an_extent_is_refused(size_m: tuple[float, float, float]) -> None:
     with pytest.raises(SettingsError, match="room: found"):
