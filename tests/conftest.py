@@ -1,4 +1,4 @@
-"""Tests run as in the foreground, and with other people's programs where they are installed."""
+"""Tests run as in the foreground, and with programs of other makers if they are installed."""
 
 import signal
 from collections.abc import Callable
@@ -14,11 +14,11 @@ Tool = Callable[..., str]
 
 
 def pytest_configure() -> None:
-    """Let programs that tests start be stopped: shells and `nohup` start what runs in the background deaf to signals."""
+    """Let programs that tests start be stopped: in the background, shells and `nohup` make programs ignore signals."""
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, handler)
-    # how long an example takes says how busy the machine is
+    # no deadline: the time of an example depends on how busy the machine is
     hypothesis.settings.register_profile("any machine", deadline=None)
     hypothesis.settings.load_profile("any machine")
 

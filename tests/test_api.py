@@ -2,7 +2,6 @@
 
 import logging
 import re
-import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import fields
@@ -23,8 +22,9 @@ from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import layers_of, record
+from tests.support.loaded import loaded_modules
 from tests.support.needed import needed_module
-from tests.support.run_cadtof import ENVIRONMENT, ROOT, cadtof
+from tests.support.run_cadtof import ROOT, cadtof
 
 CORNER = ROOT / "sample_data" / "corner"
 ROI = (100, 60, 220, 180)
@@ -75,7 +75,7 @@ def test_resolve_gives_the_bits_that_the_command_writes(
         assert maps.facts["source"] == file.with_suffix(f".{form}").name
 
 
-def test_diffuse_mpi_and_a_part_of_the_pixels(tmp_path: Path) -> None:
+def test_a_region_with_diffuse_mpi_has_the_bits_that_the_command_writes(tmp_path: Path) -> None:
     (file,) = _written(CORNER, tmp_path / "out", "--mpi-model", "diffuse", "--roi", ",".join(map(str, ROI)))
     (frame,) = read_frames(CORNER)
     maps = resolve(frame, mpi_model="diffuse", roi=ROI)
@@ -108,7 +108,7 @@ def test_a_calibration_that_is_replaced_is_read_again(tmp_path: Path) -> None:
     assert resolve(frame, calibration=tmp_path / "calibration").facts["calibration"] != before.facts["calibration"]
 
 
-def test_the_mean_of_frames(tmp_path: Path) -> None:
+def test_a_list_of_frames_is_resolved_as_their_mean(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=4)
     (file,) = _written(capture.folder, tmp_path / "out", "--average", "4")
     maps = resolve(list(read_frames(capture.folder)), mpi_model="auto")
@@ -118,7 +118,7 @@ def test_the_mean_of_frames(tmp_path: Path) -> None:
         resolve([])
 
 
-def test_frames_of_a_stack_one_by_one_and_some_of_them(tmp_path: Path) -> None:
+def test_frames_of_a_stack_are_read_by_a_slice(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=5)
     pages = np.concatenate([tifffile.imread(file) for file in capture.files])
     for file in capture.files:
@@ -154,7 +154,7 @@ def test_an_array_is_a_frame_as_good_as_a_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "dtype", "told"),
+    ("shape", "dtype", "expected"),
     [
         ((3, 2, 4, 4), "uint16", r"shape \(3, 2, 4, 4\), expected \(2, 2, Y, X\)"),
         ((24, 32, 2, 2), "uint16", r"if its axes are Y X H C, stored\.transpose\(2, 3, 0, 1\) mends it"),
@@ -163,12 +163,12 @@ def test_an_array_is_a_frame_as_good_as_a_file(tmp_path: Path) -> None:
         ((2, 2, 4, 4), "complex128", "type complex128"),
     ],
 )
-def test_an_array_that_is_no_frame(shape: Sequence[int], dtype: str, told: str) -> None:
-    with pytest.raises(FrameError, match=told):
+def test_an_array_that_is_no_frame_is_refused(shape: Sequence[int], dtype: str, expected: str) -> None:
+    with pytest.raises(FrameError, match=expected):
         Frame.from_array(np.zeros(shape, dtype))
 
 
-def test_what_is_wrong_is_an_error_of_our_own(tmp_path: Path) -> None:
+def test_wrong_input_raises_an_error_of_our_own(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     (frame,) = read_frames(capture.folder)
     mistyped: Any = {"pooling": 4}
@@ -198,13 +198,13 @@ def test_a_key_without_its_table_is_named_with_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("inputs", [(), ("",), ("capture", "")])
-def test_no_path_is_not_the_current_folder(inputs: tuple[str, ...]) -> None:
+def test_an_empty_path_does_not_mean_the_current_folder(inputs: tuple[str, ...]) -> None:
     with pytest.raises(CaptureError, match=r"read_frames: found .*, expected capture folders or frames"):
         list(read_frames(*inputs))
 
 
 @pytest.mark.parametrize("given", ["capture", np.zeros((2, 2, 4, 4)), [1], None, 7])
-def test_what_is_no_frame_is_told_what_makes_one(given: Any) -> None:
+def test_the_message_for_an_object_that_is_no_frame_says_how_to_get_one(given: Any) -> None:
     kind = type(given).__name__
     with pytest.raises(
         SettingsError, match=rf"found {kind}, expected a Frame, or several; read_frames\(PATH\) yields them"
@@ -238,15 +238,15 @@ WRONG_KINDS: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("options", "told"), WRONG_KINDS)
-def test_an_option_of_another_kind_is_named(options: dict[str, Any], told: str) -> None:
+@pytest.mark.parametrize(("options", "expected"), WRONG_KINDS)
+def test_an_option_of_another_kind_is_named(options: dict[str, Any], expected: str) -> None:
     frame = Frame(np.zeros((2, 2, 4, 6), np.float32))
-    with pytest.raises(SettingsError, match=f"^resolve: {re.escape(told)}$"):
+    with pytest.raises(SettingsError, match=f"^resolve: {re.escape(expected)}$"):
         resolve(frame, **options)
 
 
 def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
-    """What is computed with numpy goes in as it comes out: settings, regions, what `capture.toml` holds."""
+    """Numbers computed with numpy can be passed as they are: in options, regions and keys of `capture.toml`."""
     frame = next(read_frames(record(tmp_path / "capture").folder))
     known = frame.metadata
     settings = {
@@ -271,7 +271,7 @@ def test_frames_are_counted_from_0(frames: Any) -> None:
 
 
 def test_options_are_the_fields_of_the_records() -> None:
-    """Names and types are written once more for type checkers; the records decide."""
+    """ResolveOptions repeats names and types for type checkers; they must be those of the records."""
     resolver, maps = get_type_hints(ResolverSettings), get_type_hints(MapSettings)
     typed = get_type_hints(ResolveOptions)
     assert set(ResolverOptions.__annotations__) == {one.name for one in fields(ResolverSettings)} - {"min_confidence"}
@@ -317,7 +317,7 @@ def test_maps_are_read_from_files_and_folders(tmp_path: Path, suffix: str) -> No
 def test_truth_is_read_too() -> None:
     truth = read_maps(CORNER / "truth.exr")
     assert {"direct.depth", "mpi.ratio"} <= set(truth)
-    assert truth.facts == {} or "software" not in truth.facts
+    assert truth.facts == {}
 
 
 def test_maps_as_xarray_keep_their_units_and_the_meanings_of_their_bits(tmp_path: Path) -> None:
@@ -362,7 +362,7 @@ def test_a_simulated_scene_is_what_the_command_records(tmp_path: Path) -> None:
     assert np.allclose(truth["direct.depth"], made.truth["direct.depth"], atol=1e-4, equal_nan=True)
 
 
-def test_a_scene_that_there_is_not() -> None:
+def test_an_unknown_scene_or_setting_is_refused() -> None:
     with pytest.raises(SettingsError, match="found 'cave', expected one of card, wall"):
         simulate_scene("cave")
     with pytest.raises(SettingsError, match="Wall: found opening_deg, expected some of distance_m"):
@@ -371,23 +371,15 @@ def test_a_scene_that_there_is_not() -> None:
         simulate_scene("wall", modulation={"amplitude_v": -1.0})
 
 
-def _loaded(statement: str) -> set[str]:
-    script = f"import sys\n{statement}\nprint(*{{name.split('.')[0] for name in sys.modules}})"
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True
-    )
-    return set(done.stdout.split())
-
-
 def test_importing_the_package_loads_nothing() -> None:
     heavy = {"numpy", "scipy", "click", "rich", "matplotlib", "tifffile", "OpenEXR", "xarray", "logging"}
-    assert not _loaded("import cadtof_cli; assert 'resolve' in dir(cadtof_cli)") & heavy
-    loaded = _loaded("from cadtof_cli import read_frames, resolve, read_maps, simulate_scene")
+    assert not loaded_modules("import cadtof_cli; assert 'resolve' in dir(cadtof_cli)") & heavy
+    loaded = loaded_modules("from cadtof_cli import read_frames, resolve, read_maps, simulate_scene")
     assert "numpy" in loaded
     assert not loaded & {"click", "rich", "matplotlib", "xarray", "OpenEXR"}
 
 
-def test_a_name_that_there_is_not() -> None:
+def test_the_package_has_no_other_names_than_those_in_all() -> None:
     import cadtof_cli
 
     with pytest.raises(AttributeError, match="no attribute 'resolved'"):

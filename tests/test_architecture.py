@@ -1,4 +1,4 @@
-"""docs/architecture.md names every room and file of the package, and no other."""
+"""docs/architecture.md names every room and file of the package, and nothing else."""
 
 import ast
 import re
@@ -24,7 +24,7 @@ def _named() -> set[str]:
     return found
 
 
-def _there() -> set[str]:
+def _existing() -> set[str]:
     package = ROOT / "cadtof_cli"
     sources = [
         path for path in package.rglob("*") if path.suffix in {".py", ".c", ".h", ".html", ".js", ".css", ".json"}
@@ -34,12 +34,12 @@ def _there() -> set[str]:
 
 
 def test_every_room_and_file_is_in_the_tree() -> None:
-    missing = _there() - _named()
+    missing = _existing() - _named()
     assert not missing, f"docs/architecture.md does not name {', '.join(sorted(missing))}"
 
 
 def test_nothing_in_the_tree_is_gone() -> None:
-    gone = _named() - _there()
+    gone = _named() - _existing()
     assert not gone, f"docs/architecture.md names {', '.join(sorted(gone))}, which is not there"
 
 
@@ -53,16 +53,18 @@ def test_functions_on_the_way_of_a_frame_exist() -> None:
 
 def test_files_that_changes_touch_exist() -> None:
     table = PAGE.split("## What a change touches")[1]
-    for file in re.findall(r"`((?:\w+/)*\w+\.py)`", table):
-        if "NAME" not in file and file != "solver.py":
-            assert (ROOT / "cadtof_cli" / file).is_file(), file
+    named = re.findall(r"`((?:\w+/)*\w+\.py)`", table)
+    files = [file for file in named if "NAME" not in file and file != "solver.py"]
+    assert len(files) > 10
+    for file in files:
+        assert (ROOT / "cadtof_cli" / file).is_file(), file
 
 
 MODULES = sorted((ROOT / "cadtof_cli").rglob("*.py"))
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_a_module_and_its_functions_are_read_at_a_glance(path: Path) -> None:
+def test_modules_and_functions_are_short(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     lines = len(text.splitlines())
     assert lines < 350, f"{path} has {lines} lines: it is more than one thing, which belong into files of their own"

@@ -1,4 +1,4 @@
-"""The files of docs/cluster do what docs/cluster.md says: run, dry-run, or parsed."""
+"""The files of docs/cluster do what docs/cluster.md says: the tests run them, dry-run them, or parse them."""
 
 import itertools
 import os
@@ -63,9 +63,9 @@ def test_the_job_for_slurm(tmp_path: Path) -> None:
     assert options["--cpus-per-task"] == "8"
     assert options["-t"] == "04:00:00"
     worker = shlex.split(done.stdout.strip().splitlines()[-1])
-    said = dict(itertools.pairwise(worker))
-    assert (said["--nworkers"], said["--nthreads"]) == ("8", "1")
-    assert said["--lifetime"] == "230m"
+    worker_options = dict(itertools.pairwise(worker))
+    assert (worker_options["--nworkers"], worker_options["--nthreads"]) == ("8", "1")
+    assert worker_options["--lifetime"] == "230m"
     subprocess.run(["bash", "-n"], input=done.stdout, text=True, check=True, timeout=10)
 
 
@@ -78,7 +78,7 @@ def test_the_objects_for_kubernetes() -> None:
         for part in (cluster["spec"]["scheduler"], cluster["spec"]["worker"], job["spec"]["template"])
     )
     assert scheduler["image"] == worker["image"] == resolve["image"]
-    # what the run writes and reads is what workers see, at one place
+    # the run and its workers see the same files at the same place
     pods = (cluster["spec"]["worker"]["spec"], job["spec"]["template"]["spec"])
     assert pods[0]["volumes"] == pods[1]["volumes"]
     assert worker["volumeMounts"] == resolve["volumeMounts"]

@@ -1,4 +1,4 @@
-"""The first phasor alone, as the resolver is held against it: with everything that the resolver is given."""
+"""The first phasor alone, with which the resolver is compared: it gets all that the resolver gets."""
 
 import json
 from dataclasses import replace
@@ -26,7 +26,7 @@ ORIGIN = Origin(captures=("made up",), frames=10, pixels=SHAPE, periods_ns=(40.0
 
 
 def _triangle_volts(delays_ns: NDArray[np.float64], fwhm_ns: float) -> NDArray[np.float64]:
-    """What triangle modulation records of a path without noise: (8/π²)·(m_1 + conj(m_3)/9 + m_5/25 + …)."""
+    """Return what triangle modulation records of a path, without noise: (8/π²)·(m_1 + conj(m_3)/9 + m_5/25 + …)."""
     s = fwhm_ns / 2.354820045
 
     def moment(k: int) -> NDArray[np.complex128]:
@@ -41,8 +41,8 @@ def _triangle_volts(delays_ns: NDArray[np.float64], fwhm_ns: float) -> NDArray[n
     return AMPLITUDE_V * np.stack(planes)
 
 
-def test_a_triangle_bends_no_depth() -> None:
-    """Taken for a sine, a triangle's fundamental is up to 6 cm off for a single path."""
+def test_depths_are_right_if_triangle_modulation_is_known() -> None:
+    """If a triangle is taken for a sine, the depth from the fundamental is up to 6 cm wrong for a single path."""
     delays = np.linspace(0.05, T1_NS - 0.05, 24 * 32).reshape(SHAPE)
     sine = CaptureMetadata(pixel=Pixel(integration_length=1e5))
     triangle = replace(sine, modulation=Modulation(waveform="triangle"))
@@ -54,7 +54,7 @@ def test_a_triangle_bends_no_depth() -> None:
 
 
 def _calibration(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Write offsets of 30 mV, a hot pixel and field curvature; return the offsets and what the lens adds to ranges."""
+    """Write offsets of 30 mV, a hot pixel and field curvature; return the offsets and the curvature in m."""
     rng = np.random.default_rng(4)
     offset = (0.03 * rng.choice([-1.0, 1.0], (2, 2, *SHAPE))).astype(np.float32)
     defects = np.zeros(SHAPE, np.uint32)
@@ -66,8 +66,8 @@ def _calibration(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]
     return offset.astype(np.float64), 0.4 * rho2 + 0.1 * rho2**2
 
 
-def test_it_gets_the_calibration_the_pixels_and_the_flags_of_the_resolver(tmp_path: Path) -> None:
-    """A wall behind offsets and a curved field, without MPI: calibrated, both are right; uncalibrated, both are not."""
+def test_the_first_phasor_gets_the_calibration_pixels_and_flags_of_the_resolver(tmp_path: Path) -> None:
+    """Offsets, a curved field, and no MPI: with the calibration both methods are right, without it both are wrong."""
     capture = record(tmp_path / "capture")
     offset, curve = _calibration(tmp_path / "calibration")
     turn = 2 * np.pi / T1_NS * (10.0 + 2.0 * curve / C_M_PER_NS)
@@ -106,15 +106,15 @@ def test_the_calibration_is_found_after_a_move_and_a_changed_one_is_not_used(
     assert (done.status, done.err) == (0, "")
     assert json.loads(done.out)["first_phasor"]["valid"] > 0.9
     (tmp_path / "moved" / "calibration" / "petzval.toml").unlink()
-    # in a process of its own, as this one has read the calibration
+    # in a new process, because this one keeps the calibration that it has read
     done = program(*arguments)
     assert "so the first phasor is not evaluated" in done.err
     assert (done.status, json.loads(done.out)["first_phasor"]) == (0, None)
 
 
 @pytest.mark.parametrize("command", ["evaluate", "profile", "preview"])
-def test_a_calibration_that_was_replaced_after_the_run_is_told_to_be_another(command: str, tmp_path: Path) -> None:
-    """The run ended long ago: nothing changed during it, its settings are what they were."""
+def test_a_calibration_that_was_replaced_after_the_run_is_reported(command: str, tmp_path: Path) -> None:
+    """The run has ended, so the message must not say that the calibration or the settings changed during it."""
     capture, calibration, out = record(tmp_path / "capture"), tmp_path / "calibration", tmp_path / "out"
     _calibration(calibration)
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--calibration", calibration).status == 0
@@ -132,7 +132,7 @@ def test_a_calibration_that_was_replaced_after_the_run_is_told_to_be_another(com
     )
 
 
-def test_it_is_that_of_the_mean_where_frames_are_averaged(tmp_path: Path) -> None:
+def test_the_first_phasor_of_averaged_frames_is_that_of_their_mean(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=5), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--average", 2, "--frames", "1:5").status == 0
     write_exr(tmp_path / "truth.exr", {"direct.depth": np.full(SHAPE, 2.0, np.float32)})

@@ -1,8 +1,6 @@
-"""What may import what: files → voltages → phasors → paths → maps, and libraries only where they are used."""
+"""Which part may import which: files → voltages → phasors → paths → maps. Libraries stay where they are used."""
 
 import ast
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import pytest
 
 from cadtof_cli.cli import COMMANDS
 from tests.support.captures import record
-from tests.support.run_cadtof import ENVIRONMENT
+from tests.support.loaded import COMMAND_LINE, loaded_modules
 
 PACKAGE = Path(__file__).parents[1] / "cadtof_cli"
 
@@ -40,7 +38,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "figures": {"calibration", "capture", "files", "maps", "optics", "pipeline", "resolver", "simulation"},
 }
-"""What a part may import besides itself and what anybody may: only what comes before it."""
+"""Parts that a part may import besides itself and `ANYBODY`: only parts that come before it."""
 
 LIBRARIES: dict[str, set[str]] = {
     "click": {"cli", "commands"},
@@ -74,7 +72,7 @@ def _imported(path: Path) -> Iterator[str]:
             yield node.module
 
 
-def _own(path: Path) -> set[str]:
+def _imported_parts(path: Path) -> set[str]:
     """Parts of the package that a module imports."""
     names = [name.split(".") for name in _imported(path) if name.split(".")[0] == "cadtof_cli"]
     return {words[1] if len(words) > 1 else words[0] for words in names}
@@ -85,16 +83,16 @@ def test_a_part_imports_only_what_comes_before_it(part: str) -> None:
     modules = [path for path in _modules() if _part(path) == part]
     assert modules
     for path in modules:
-        beyond = _own(path) - ALLOWED[part] - ANYBODY - {part}
+        beyond = _imported_parts(path) - ALLOWED[part] - ANYBODY - {part}
         assert not beyond, f"{path} imports {', '.join(sorted(beyond))}"
 
 
 def test_only_the_command_line_knows_of_commands() -> None:
     for path in _modules():
         if _part(path) not in {"cli", "commands", "__main__"}:
-            assert not _own(path) & {"cli", "commands"}, path
+            assert not _imported_parts(path) & {"cli", "commands"}, path
         if _part(path) not in {"commands", "api", "workflows"}:
-            assert "workflows" not in _own(path), path
+            assert "workflows" not in _imported_parts(path), path
 
 
 @pytest.mark.parametrize("library", LIBRARIES)
@@ -104,38 +102,22 @@ def test_a_library_is_imported_only_where_it_is_used(library: str) -> None:
     assert users
 
 
-def _loaded(*arguments: str) -> set[str]:
-    """Return what top-level modules are loaded when a command has run."""
-    script = (
-        "import sys\nfrom cadtof_cli.cli import main\ntry:\n    main()\nexcept SystemExit as ended:\n"
-        "    assert not ended.code\n    print('loaded', *{name.split('.')[0] for name in sys.modules})\n"
-    )
-    command = [sys.executable, "-c", script, *arguments]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True)
-    return set(done.stdout.splitlines()[-1].split())
-
-
 @pytest.mark.parametrize("arguments", [("--help",), ("resolve", "--help")])
 def test_help_loads_no_heavy_library(arguments: tuple[str, ...]) -> None:
-    loaded = _loaded(*arguments)
+    loaded = loaded_modules(COMMAND_LINE, *arguments)
     assert "click" in loaded
     assert not loaded & {"numpy", "scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
 
 
 def test_the_help_of_the_commands_needs_no_more_than_numpy() -> None:
-    """Man pages are made of it where the package is built."""
-    imports = "; ".join(f"import cadtof_cli.commands.{name}" for name in COMMANDS)
-    script = f"import sys; {imports}; print(*{{name.split('.')[0] for name in sys.modules}})"
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True
-    )
-    loaded = set(done.stdout.split())
+    """The build of the package makes man pages from the help."""
+    loaded = loaded_modules("\n".join(f"import cadtof_cli.commands.{name}" for name in COMMANDS))
     assert "numpy" in loaded
     assert not loaded & {"scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
 
 
 def test_resolving_loads_only_what_it_needs(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
-    loaded = _loaded("resolve", str(capture.folder), "-o", str(tmp_path / "out"), "-j", "1")
+    loaded = loaded_modules(COMMAND_LINE, "resolve", str(capture.folder), "-o", str(tmp_path / "out"), "-j", "1")
     assert {"numpy", "tifffile"} <= loaded
     assert not loaded & {"scipy", "matplotlib", "rich", "OpenEXR", "distributed"}

@@ -1,4 +1,4 @@
-"""Every command has a man page, made of its help, which roff reads without a complaint; the wheel has them all."""
+"""Every command has a man page, made from its help; roff reads it without a warning, and the wheel has all pages."""
 
 import re
 import subprocess
@@ -19,7 +19,7 @@ COMMANDS = every_command()
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The pages by the words that call the command."""
+    """Return the pages by the words that call their commands."""
     needed_module("click_man")
     from man_pages import write_man_pages
 
@@ -73,7 +73,7 @@ def test_a_page_says_what_the_help_says(pages: dict[str, str], words: str) -> No
     for option in (param for param in command.params if isinstance(param, click.Option)):
         assert option.opts[0] in page
     if isinstance(command, SectionedCommand):
-        # the others stand under OPTIONS, as in the help
+        # options of no section are under OPTIONS, as in the help
         shown = [title for title in command.sections(command.params) if title != "Options"]
         assert re.findall(r"(?m)^\.SS (.+)$", page) == shown
     assert "\b" not in page
@@ -98,11 +98,11 @@ def test_roff_has_no_complaint(pages: dict[str, str]) -> None:
         assert (done.returncode, complaints) == (0, []), words
 
 
-def test_an_installation_gets_them(tmp_path: Path) -> None:
+def test_an_installation_gets_the_man_pages(tmp_path: Path) -> None:
     needed_module("setuptools")
     needed_module("click_man")
     command = [sys.executable, "setup.py", "-q", "install_data", "--install-dir", str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
-    there = {file.name for file in (tmp_path / "share" / "man" / "man1").iterdir()}
-    assert there == {"cadtof.1", *(f"cadtof-{words.replace(' ', '-')}.1" for words in COMMANDS)}
+    installed = {file.name for file in (tmp_path / "share" / "man" / "man1").iterdir()}
+    assert installed == {"cadtof.1", *(f"cadtof-{words.replace(' ', '-')}.1" for words in COMMANDS)}

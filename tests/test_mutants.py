@@ -1,4 +1,4 @@
-"""The mutation tool: what it changes in a small module, what it leaves alone, and which tests it thinks of."""
+"""The mutation tool: what it changes in a small module, what it leaves alone, and which tests it tries."""
 
 import ast
 import importlib.util
@@ -129,7 +129,7 @@ def test_a_test_reaches_what_it_imports_at_any_depth(tree: Path) -> None:
     assert reached == {"near": True, "far": True, "none": False, "command": True}
 
 
-def test_a_test_is_tried_that_runs_the_lines_that_are_changed_or_may() -> None:
+def test_tests_that_run_the_changed_lines_or_may_are_tried() -> None:
     path, other = "cadtof_cli/maps/deep/thing.py", "cadtof_cli/other.py"
     calls = Calls(
         {
@@ -171,7 +171,7 @@ def test_a_named_change_is_found_wherever_it_stands_and_however_it_is_spaced(tre
 
 
 @pytest.mark.parametrize(("text", "times"), [("LIMIT = 2.4", 0), ("x < y", 1), ("return", 3)])
-def test_a_named_change_whose_text_does_not_stand_once_is_told(tree: Path, text: str, times: int) -> None:
+def test_a_named_change_whose_text_does_not_occur_once_is_an_error(tree: Path, text: str, times: int) -> None:
     change = Change("some change", ((text, "pass"),))
     if times == 1:
         assert changed_files(tree, change, kernel=False)
@@ -180,7 +180,7 @@ def test_a_named_change_whose_text_does_not_stand_once_is_told(tree: Path, text:
         changed_files(tree, change, kernel=False)
 
 
-def test_what_the_named_changes_replace_stands_in_the_package() -> None:
+def test_the_texts_that_named_changes_replace_are_in_the_package() -> None:
     root = Path(__file__).parents[1]
     changes = read_changes(root / "scripts" / "mutation" / "named.toml")
     assert len([change for change in changes if " (" not in change.name]) == 17
@@ -189,7 +189,7 @@ def test_what_the_named_changes_replace_stands_in_the_package() -> None:
         assert bool(changed_files(root, change, kernel=True)) == bool(change.kernel)
 
 
-def test_the_tests_that_notice_named_changes_are_there() -> None:
+def test_the_tests_that_notice_named_changes_exist() -> None:
     root = Path(__file__).parents[1]
     for change in read_changes(root / "scripts" / "mutation" / "named.toml"):
         if change.test:
@@ -237,6 +237,6 @@ def test_what_runs_on_import_is_not_put_in() -> None:
     assert not calls.may_be_put_in(path, range(2, 5))
 
 
-def test_what_hands_work_to_the_compiled_kernel_is_told_line_by_line() -> None:
+def test_lines_of_functions_that_call_the_compiled_kernel_are_found() -> None:
     source = "LIMIT = 1\n\ndef front(x):\n    if x:\n        return 0\n    extension().search(x)\n\ndef plain(x):\n    return x\n"
     assert [line for line in range(1, 10) if hands_to_kernel(source, line)] == [3, 4, 5, 6]

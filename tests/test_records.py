@@ -1,4 +1,4 @@
-"""Records behave as the standard library's: held against its own `dataclass`, over the same classes."""
+"""Our `dataclass` makes the same records as that of the standard library: both are applied to the same classes."""
 
 import dataclasses
 import inspect
@@ -19,7 +19,7 @@ from tests.support.run_cadtof import ENVIRONMENT
 
 
 def family(decorator: Callable[..., Any]) -> tuple[type[Any], ...]:
-    """The same classes, made by a decorator: a base and what inherits from it, by place and by name, with and without `eq`."""
+    """Return classes made by a decorator: a base, its child, fields by name only, without `eq`, and without fields."""
 
     @decorator(frozen=True)
     class Base:
@@ -80,7 +80,7 @@ def made(classes: tuple[type[Any], ...]) -> list[Any]:
     return [classes[kind](*places, **names) for kind, places, names in ARGUMENTS]
 
 
-def test_they_say_the_same_of_themselves() -> None:
+def test_repr_fields_and_dicts_are_those_of_the_library() -> None:
     for ours, library in zip(made(OURS), made(LIBRARY), strict=True):
         assert repr(ours) == repr(library) or type(ours).__name__ == "Unlike"
         assert repr(ours).split("(")[-1] == repr(library).split("(")[-1]
@@ -89,7 +89,7 @@ def test_they_say_the_same_of_themselves() -> None:
         assert type(ours).__match_args__ == type(library).__match_args__
 
 
-def test_the_same_ones_are_equal_and_have_the_same_hash() -> None:
+def test_equality_and_hash_are_those_of_the_library() -> None:
     tables = [[[one == other for other in made(kind)] for one in made(kind)] for kind in (OURS, LIBRARY)]
     assert tables[0] == tables[1]
     for one, other in zip(made(OURS), made(OURS), strict=True):
@@ -98,7 +98,7 @@ def test_the_same_ones_are_equal_and_have_the_same_hash() -> None:
 
 
 @pytest.mark.parametrize("name", ["a", "b", "new"])
-def test_nothing_in_them_changes(name: str) -> None:
+def test_frozen_records_cannot_be_changed(name: str) -> None:
     for classes in (OURS, LIBRARY):
         one = classes[0](1)
         with pytest.raises(FrozenInstanceError):
@@ -113,7 +113,7 @@ def test_nothing_in_them_changes(name: str) -> None:
             classes[2](1)
 
 
-def test_what_they_are_made_of_is_asked_for_in_the_same_way() -> None:
+def test_signatures_and_messages_for_wrong_arguments_are_those_of_the_library() -> None:
     wrong: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
         ((), {}),
         ((), {"c": "c"}),
@@ -129,7 +129,7 @@ def test_what_they_are_made_of_is_asked_for_in_the_same_way() -> None:
 
 
 def _complaint(kind: type[Any], /, *places: Any, **names: Any) -> str | None:
-    """What is said of arguments that are wrong, with the class's own name in front; None where nothing is."""
+    """Return the message for wrong arguments, which begins with the class's own name; None if there is no error."""
     try:
         kind(*places, **names)
     except TypeError as error:
@@ -151,7 +151,7 @@ def counting(decorator: Callable[..., Any]) -> type[Any]:
     return cast("type[Any]", Counting)
 
 
-def test_those_that_change_are_like_the_library_s_too() -> None:
+def test_records_that_can_change_are_like_those_of_the_library() -> None:
     ours, library = counting(records.dataclass), counting(dataclasses.dataclass)
     assert str(inspect.signature(ours)) == str(inspect.signature(library))
     for kind in (ours, library):
@@ -166,13 +166,13 @@ def test_those_that_change_are_like_the_library_s_too() -> None:
 
 @records.dataclass(frozen=True)
 class Sent:
-    """Found by its name in another process."""
+    """A record that another process can find by its name."""
 
     a: int
     b: str = "b"
 
 
-def test_they_cross_to_other_processes() -> None:
+def test_records_can_be_sent_to_other_processes() -> None:
     assert pickle.loads(pickle.dumps(Sent(3))) == Sent(3, "b")
 
 
@@ -196,11 +196,11 @@ print(*sorted(one for one in compiled if one.startswith("cadtof_cli")))
 
 
 @pytest.mark.skipif(sys.version_info >= (3, 13), reason="the library is as quick from there on")
-def test_a_run_makes_no_others(tmp_path: Path) -> None:
+def test_a_run_lets_the_library_make_no_frozen_record_without_slots(tmp_path: Path) -> None:
     capture = record(tmp_path / "A")
     words = ["resolve", str(capture.folder), "-o", str(tmp_path / "out"), "-q", "--mpi-model", "discrete"]
     done = subprocess.run(
         [sys.executable, "-c", _SEEN, *words], env=ENVIRONMENT, capture_output=True, text=True, check=True
     )
-    # what has slots is the library's
+    # a class with slots is made by the library
     assert done.stdout.split() == ["cadtof_cli.capture.frames.FrameSource"]

@@ -1,4 +1,4 @@
-"""docs/reliability.md: every promise names what holds it, and that is there."""
+"""docs/reliability.md: every promise names a test or script that holds it, and these exist."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ PAGE = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
 
 
 def _rows() -> list[tuple[str, str]]:
-    """The promises, with what holds each."""
+    """Return each promise, and the text that says what holds it."""
     tables = re.findall(r"^\| promise \| held by \|\n\|---\|---\|\n((?:\|.*\|\n)+)", PAGE, re.MULTILINE)
     rows = [re.split(r" *(?<!\\)\| *", line.strip("| ")) for table in tables for line in table.splitlines()]
     assert all(len(row) == 2 for row in rows)
@@ -21,7 +21,7 @@ def _tests() -> set[str]:
     return {name for source in sources for name in re.findall(r"^def (test_\w+)\(", source, re.MULTILINE)}
 
 
-def test_every_promise_is_held_by_something_that_is_there() -> None:
+def test_every_promise_names_tests_or_scripts_that_exist() -> None:
     rows, tests = _rows(), _tests()
     assert len(rows) > 30
     for promise, held in rows:
@@ -39,7 +39,7 @@ def test_a_test_lies_where_the_page_says() -> None:
         assert re.search(rf"^def {test}\(", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE), f"{file}: {test}"
 
 
-def test_what_repeats_a_figure_is_there() -> None:
+def test_the_scripts_that_repeat_figures_exist() -> None:
     scripts = set(re.findall(r"`(scripts/\w+)", PAGE))
     assert {"scripts/fuzz", "scripts/kills", "scripts/memory"} <= scripts
     assert all((ROOT / script).is_file() for script in scripts)

@@ -1,4 +1,4 @@
-"""A wheel says what it holds: for this system where a compiler made its extensions, for any system where there was none."""
+"""A wheel with compiled extensions says that it is for this system; one without, that it is for any system."""
 
 import os
 import shutil
@@ -19,7 +19,7 @@ BUILD = "from setuptools.build_meta import build_wheel; build_wheel('wheels')"
 
 @pytest.fixture
 def sources(tmp_path: Path) -> Path:
-    """The sources, whose C files hold as good as nothing: what they say takes a minute to compile."""
+    """Return a copy of the sources whose C files are almost empty: the real ones take a minute to compile."""
     for name in ("setup.py", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(
@@ -43,7 +43,7 @@ def wheel(sources: Path, compiler: str) -> tuple[str, list[str], str]:
         return file.name, compiled, archive.read(about).decode()
 
 
-def test_without_a_compiler_it_is_for_any_system(sources: Path) -> None:
+def test_a_wheel_built_without_a_compiler_is_for_any_system(sources: Path) -> None:
     name, compiled, about = wheel(sources, NO_COMPILER)
     assert name.endswith("-py3-none-any.whl")
     assert not compiled
@@ -51,7 +51,7 @@ def test_without_a_compiler_it_is_for_any_system(sources: Path) -> None:
     assert "Tag: py3-none-any" in about
 
 
-def test_with_a_compiler_it_is_for_this_system_and_any_python(sources: Path) -> None:
+def test_a_wheel_built_with_a_compiler_is_for_this_system_and_any_python(sources: Path) -> None:
     name, compiled, about = wheel(sources, needed_program("cc"))
     assert "-abi3-" in name
     assert not name.endswith("-any.whl")
@@ -59,7 +59,7 @@ def test_with_a_compiler_it_is_for_this_system_and_any_python(sources: Path) -> 
     assert "Root-Is-Purelib: false" in about
 
 
-def test_an_extension_that_was_built_is_enough(sources: Path) -> None:
+def test_a_wheel_holds_the_extensions_that_could_be_built(sources: Path) -> None:
     (sources / "cadtof_cli" / "resolver" / "likelihood" / "_search.c").write_text("this is no C\n")
     name, compiled, _ = wheel(sources, needed_program("cc"))
     assert "-abi3-" in name

@@ -1,4 +1,4 @@
-"""Captures are found by names alone: what is a frame, in which order, and what is said where there is none."""
+"""Captures are found by file names alone: which files are frames, in which order, and the message if there are none."""
 
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,7 @@ def test_what_is_no_frame_is_left_out(tmp_path: Path) -> None:
     assert _names(capture) == ["frame"]
 
 
-def test_a_folder_that_is_called_like_a_frame_stands_for_one(tmp_path: Path) -> None:
+def test_a_folder_named_like_a_frame_counts_as_one(tmp_path: Path) -> None:
     _touch(tmp_path, "frame_0.tif", "frame_2.tif")
     (tmp_path / "frame_1.tif").mkdir()
     for recursive in (False, True):
@@ -60,7 +60,7 @@ def test_a_folder_that_is_called_like_a_frame_stands_for_one(tmp_path: Path) -> 
     assert [_names(capture) for capture in found] == [["frame_0", "frame_2"], ["a"]]
 
 
-def test_files_that_are_listed_are_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_file_is_opened_to_find_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _touch(tmp_path, *(f"frame_{index}.tif" for index in range(50)))
 
     def refuse(*_: object, **__: object) -> None:
@@ -72,7 +72,7 @@ def test_files_that_are_listed_are_not_opened(tmp_path: Path, monkeypatch: pytes
     assert len(capture.frames) == 50
 
 
-def test_metadata_comes_from_the_folder_and_overrides_go_before_it(tmp_path: Path) -> None:
+def test_metadata_comes_from_the_folder_unless_it_is_overridden(tmp_path: Path) -> None:
     _touch(tmp_path, "frame.tif")
     (tmp_path / "capture.toml").write_text("[modulation]\nperiods_ns = [30.0, 10.0]\n[layout]\nframes = 5\n")
     (capture,) = find_captures([tmp_path], overrides={"layout.frames": 7})
@@ -82,16 +82,16 @@ def test_metadata_comes_from_the_folder_and_overrides_go_before_it(tmp_path: Pat
 
 
 def test_files_that_follow_each_other_share_their_capture(tmp_path: Path) -> None:
-    here = _touch(tmp_path / "a", "x_2.tif", "x_1.tif")
-    there = _touch(tmp_path / "b", "y.exr")
+    in_a = _touch(tmp_path / "a", "x_2.tif", "x_1.tif")
+    in_b = _touch(tmp_path / "b", "y.exr")
     (tmp_path / "b" / "capture.toml").write_text("[voltage]\nzero_counts = 3.0\n")
-    later = _touch(tmp_path / "a", "x_3.tif")
-    captures = find_captures([*here, *there, here[0], *later, here[0]])
+    more_in_a = _touch(tmp_path / "a", "x_3.tif")
+    captures = find_captures([*in_a, *in_b, in_a[0], *more_in_a, in_a[0]])
     assert [_names(capture) for capture in captures] == [["x_2", "x_1"], ["y"], ["x_3"]]
     assert [capture.source.metadata.voltage.zero_counts for capture in captures] == [None, 3.0, None]
 
 
-def test_what_a_shell_makes_of_a_star(tmp_path: Path) -> None:
+def test_capture_toml_among_the_inputs_is_no_frame(tmp_path: Path) -> None:
     names = _touch(tmp_path, "capture.toml", "frame_0.tif", "frame_1.tif")
     (capture,) = find_captures(names)
     assert _names(capture) == ["frame_0", "frame_1"]
@@ -155,22 +155,24 @@ def test_planes_that_cannot_be_found_or_read_say_why(pattern: str, found: str, t
         ({"layout.harmonic": {"25": 1, "50": 2}}, "{harmonic} is 25, 50 and {channel} 1 or 2"),
     ],
 )
-def test_a_pattern_that_fits_but_for_its_words(more: dict[str, Any], now: str, tmp_path: Path) -> None:
+def test_a_pattern_with_unknown_words_for_harmonic_and_channel_says_so(
+    more: dict[str, Any], now: str, tmp_path: Path
+) -> None:
     _touch(tmp_path, "notes.txt", "img-0-25MHz-A.png", "img-0-50MHz-A.png")
     with pytest.raises(CaptureError) as caught:
         find_captures([tmp_path], overrides={"layout.pattern": "img-{frame}-{harmonic}-{channel}.png", **more})
-    told = str(caught.value)
-    assert told.endswith(f"; img-0-25MHz-A.png would fit if --harmonic and --channel named its words: now {now}")
+    text = str(caught.value)
+    assert text.endswith(f"; img-0-25MHz-A.png would fit if --harmonic and --channel named its words: now {now}")
 
 
-def test_raw_dumps_under_a_name_that_is_no_dump_s(tmp_path: Path) -> None:
+def test_raw_dumps_need_the_suffix_of_raw_dumps(tmp_path: Path) -> None:
     raw = {"layout.raw_dtype": "uint16", "layout.raw_shape": (2, 2, 3, 4)}
     _touch(tmp_path, "frame.img")
     with pytest.raises(CaptureError, match=r"looked for .*\.npy, \.raw, \.bin, \.dat files .*, found frame\.img$"):
         find_captures([tmp_path], overrides=raw)
 
 
-def test_no_permission_to_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_without_permission_to_list_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_: Path) -> None:
         raise PermissionError(13, "Permission denied")
 
@@ -206,7 +208,7 @@ def test_planes_are_grouped_into_frames(tmp_path: Path) -> None:
     [((1, 3), (1, 3)), ((1, 2), (1, 2)), ((1, 2, 3), (1, 3)), ((1,), (1, 3))],
     ids=["numbers", "places", "numbers-go-first", "neither-asks-for-numbers"],
 )
-def test_harmonics_are_called_by_number_or_place(
+def test_harmonics_in_file_names_are_numbers_or_places(
     named: tuple[int, ...], taken: tuple[int, ...], tmp_path: Path
 ) -> None:
     _planes(tmp_path, named, ("a",))
@@ -230,7 +232,7 @@ def test_a_frame_that_lacks_a_plane_fails_alone(tmp_path: Path) -> None:
     assert str(caught.value) == f"{tmp_path / 'a_h2_sc1.tif'}: no such file, expected H2.SC1 of frame a there"
 
 
-def test_one_plane_stands_for_its_frame(tmp_path: Path) -> None:
+def test_one_plane_as_input_means_its_whole_frame(tmp_path: Path) -> None:
     _planes(tmp_path, (1, 2))
     folder = _found_planes(tmp_path)
     (capture,) = find_captures([tmp_path / "a_10_h1_sc1.tif"])

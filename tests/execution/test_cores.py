@@ -1,4 +1,4 @@
-"""A container may see all cores of its machine and be given the time of a few: as many processes are started."""
+"""A container may see all cores of its machine, but get the time of a few: only as many processes are started."""
 
 import math
 from pathlib import Path
@@ -11,7 +11,7 @@ V2, V1 = {"cpu.max": "150000 100000\n"}, {"cpu.cfs_quota_us": "50000\n", "cpu.cf
 
 
 @pytest.mark.parametrize(
-    ("own", "folder", "files", "cores"),
+    ("membership", "folder", "files", "cores"),
     [
         ("0::/\n", "", V2, 1.5),
         ("0::/user.slice/run\n", "user.slice/run", V2, 1.5),
@@ -29,27 +29,29 @@ V2, V1 = {"cpu.max": "150000 100000\n"}, {"cpu.cfs_quota_us": "50000\n", "cpu.cf
         ("0::/\n", "", {"cpu.max": "1000 0\n"}, math.inf),
     ],
 )
-def test_the_time_that_control_groups_are_given(
-    own: str, folder: str, files: dict[str, str], cores: float, tmp_path: Path
+def test_the_quota_of_a_control_group_is_a_number_of_cores(
+    membership: str, folder: str, files: dict[str, str], cores: float, tmp_path: Path
 ) -> None:
-    (tmp_path / "own").write_text(own)
+    (tmp_path / "cgroup").write_text(membership)
     (tmp_path / "groups" / folder).mkdir(parents=True)
     for name, text in files.items():
         (tmp_path / "groups" / folder / name).write_text(text)
-    assert quota_cores(tmp_path / "own", tmp_path / "groups") == cores
+    assert quota_cores(tmp_path / "cgroup", tmp_path / "groups") == cores
 
 
-def test_the_narrowest_group_counts_and_none_is_no_limit(tmp_path: Path) -> None:
-    (tmp_path / "own").write_text("0::/a/b\n")
+def test_the_smallest_quota_counts_and_no_group_is_no_limit(tmp_path: Path) -> None:
+    (tmp_path / "cgroup").write_text("0::/a/b\n")
     (tmp_path / "a" / "b").mkdir(parents=True)
     (tmp_path / "a" / "cpu.max").write_text("200000 100000\n")
     (tmp_path / "a" / "b" / "cpu.max").write_text("300000 100000\n")
-    assert quota_cores(tmp_path / "own", tmp_path) == 2.0
+    assert quota_cores(tmp_path / "cgroup", tmp_path) == 2.0
     assert quota_cores(tmp_path / "nowhere", tmp_path) == math.inf
 
 
 @pytest.mark.parametrize(("quota", "cores"), [(math.inf, 5), (1.5, 2), (0.1, 1), (64.0, 5)])
-def test_cores_are_those_that_are_seen_or_fewer(quota: float, cores: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_available_cores_are_limited_by_the_quota_but_at_least_one(
+    quota: float, cores: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(5)), raising=False)
     monkeypatch.setattr("cadtof_cli.execution.cores.quota_cores", lambda: quota)
     assert available_cores() == cores

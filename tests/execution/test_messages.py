@@ -1,4 +1,4 @@
-"""What processes say to each other arrives as it was sent, whatever both have in common, and nothing of it is missed."""
+"""Messages between processes arrive as they were sent, without objects that both sides share, and none is missed."""
 
 import pickle
 import sys
@@ -21,7 +21,7 @@ from tests.support.captures import record
 
 @dataclass(frozen=True)
 class Heavy:
-    """What would take long to send."""
+    """An object that takes long to send."""
 
     text: str
 
@@ -35,7 +35,7 @@ class Part:
 HEAVY = Heavy("x" * 100_000)
 
 
-def test_what_is_shared_is_not_sent_and_is_the_same_object_for_all_tasks() -> None:
+def test_shared_objects_are_not_sent_and_are_the_same_object_in_all_tasks() -> None:
     ours = TaskMessages([HEAVY])
     theirs: TaskMessages = pickle.loads(pickle.dumps(ours))
     messages = [ours.message(Part(number, HEAVY)) for number in range(3)]
@@ -45,10 +45,12 @@ def test_what_is_shared_is_not_sent_and_is_the_same_object_for_all_tasks() -> No
     assert len({id(part.heavy) for part in parts}) == 1
 
 
-def test_what_equals_a_shared_object_and_is_another_arrives_too() -> None:
+@pytest.mark.parametrize("heavy", [Heavy("y"), Heavy(HEAVY.text)], ids=["other", "equal"])
+def test_objects_that_are_not_shared_arrive_too_even_if_they_equal_a_shared_one(heavy: Heavy) -> None:
     messages = TaskMessages([HEAVY])
-    other = Part(1, Heavy("y"))
-    assert messages.task(messages.message(other)) == other
+    arrived = messages.task(messages.message(Part(1, heavy)))
+    assert arrived == Part(1, heavy)
+    assert arrived.heavy is not HEAVY
 
 
 def length(part: Part) -> tuple[int, int]:
@@ -56,7 +58,7 @@ def length(part: Part) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("start_method", START_METHODS)
-def test_workers_know_what_is_shared_however_they_start(start_method: StartMethod) -> None:
+def test_workers_have_the_shared_objects_with_every_start_method(start_method: StartMethod) -> None:
     workers = Workers(jobs=2, start_method=start_method)
     tasks = (Part(number, HEAVY) for number in range(5))
     outcomes = run_ordered(length, tasks, workers=workers, shared=[HEAVY])
@@ -64,11 +66,11 @@ def test_workers_know_what_is_shared_however_they_start(start_method: StartMetho
 
 
 @pytest.mark.parametrize(
-    ("said", "what"),
+    ("kind", "content"),
     [(Said.COMPUTED, None), (Said.RESULT, None), (Said.RESULT, {"a": 1}), (Said.ERROR, "why")],
 )
-def test_answers_arrive(said: Said, what: object) -> None:
-    assert answer_of(answer_message(said, what)) == (said, what)
+def test_answers_arrive(kind: Said, content: object) -> None:
+    assert answer_of(answer_message(kind, content)) == (kind, content)
 
 
 def test_the_task_of_a_frame_arrives_whole_and_small(tmp_path: Path) -> None:
@@ -89,20 +91,20 @@ def test_the_task_of_a_frame_arrives_whole_and_small(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("system", ["this one", "win32"])
-def test_all_who_have_said_something_or_are_gone_are_ready(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_connections_with_a_message_or_a_closed_end_are_ready(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if system != "this one":
         monkeypatch.setattr(sys, "platform", system)
     incoming = Incoming[str]()
-    ends = {name: Pipe() for name in ("silent", "said", "gone", "left")}
+    ends = {name: Pipe() for name in ("silent", "sender", "gone", "left")}
     for name, (ours, _) in ends.items():
         incoming.add(ours, name)
     assert incoming.ready(0.0) == []
-    for name in ("said", "left"):
+    for name in ("sender", "left"):
         ends[name][1].send_bytes(b"x")
     ends["gone"][1].close()
     incoming.remove(ends["left"][0])
-    assert sorted(incoming.ready(None)) == ["gone", "said"]
-    assert ends["said"][0].recv_bytes() == b"x"
+    assert sorted(incoming.ready(None)) == ["gone", "sender"]
+    assert ends["sender"][0].recv_bytes() == b"x"
     incoming.remove(ends["gone"][0])
     assert incoming.ready(0.0) == []
     incoming.close()

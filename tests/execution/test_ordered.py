@@ -1,4 +1,4 @@
-"""Outcomes come in the order of the tasks, whatever becomes of the processes, and few tasks wait at a time."""
+"""Outcomes come in the order of the tasks, even if processes die or hang, and few tasks wait at a time."""
 
 import os
 import signal
@@ -49,14 +49,14 @@ def deadly_once(task: tuple[int, Path]) -> int:
 
 
 def deadly_once_for_all(task: tuple[int, Path]) -> int:
-    """The second of two tasks waits until the first one's process has nothing to do, and kills both processes, once."""
+    """Task 1 waits until the process of task 0 is idle, and then kills both processes; it does so only once."""
     number, seen = task
     if number == 1 and not seen.exists():
         time.sleep(0.2)
         seen.touch()
         children = Path(f"/proc/{os.getppid()}/task/{os.getppid()}/children").read_text().split()
         ours = Path("/proc/self/cmdline").read_bytes()
-        # workers that are spawned have a helper, which is none of them
+        # a helper of spawned workers is a child too, but no worker
         siblings = [int(child) for child in children if Path(f"/proc/{child}/cmdline").read_bytes() == ours]
         for process in sorted(siblings, key=os.getpid().__eq__):
             os.kill(process, signal.SIGKILL)
@@ -104,7 +104,7 @@ def test_tasks_are_drawn_as_places_come_free(jobs: int) -> None:
     assert drawn == 100
 
 
-def test_a_task_that_kills_its_process_is_an_outcome_and_costs_no_other() -> None:
+def test_a_task_that_kills_its_process_fails_alone() -> None:
     outcomes = list(run_ordered(deadly, range(14), workers=Workers(jobs=2, start_method="fork")))
     assert [outcome.task for outcome in outcomes] == list(range(14))
     assert [outcome.result for outcome in outcomes] == [WorkerDied() if n % 5 == 3 else n for n in range(14)]
@@ -114,23 +114,23 @@ def test_a_process_that_dies_once_costs_nothing(tmp_path: Path) -> None:
     tasks = [(number, tmp_path / "seen") for number in range(12)]
     outcomes = list(run_ordered(deadly_once, tasks, workers=Workers(jobs=2, start_method="fork")))
     assert [outcome.result for outcome in outcomes] == list(range(12))
-    # what had been reported, or lay before the task that died, is not done again
+    # tasks that had been reported, or came before the task that died, are not done again
     assert [(tmp_path / str(number)).read_text() for number in range(2)] == ["x", "x"]
 
 
-def test_processes_that_die_together_cost_nothing_even_where_one_was_idle(tmp_path: Path) -> None:
+def test_processes_that_die_together_cost_nothing_even_if_one_was_idle(tmp_path: Path) -> None:
     tasks = [(number, tmp_path / "seen") for number in range(2)]
     outcomes = list(run_ordered(deadly_once_for_all, tasks, workers=Workers(jobs=2, start_method="fork")))
     assert [outcome.result for outcome in outcomes] == [0, 1]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_an_exception_is_raised_here(jobs: int) -> None:
+def test_an_exception_of_a_task_is_raised_in_the_caller(jobs: int) -> None:
     with pytest.raises(ZeroDivisionError, match="three"):
         list(run_ordered(faulty, range(6), workers=Workers(jobs=jobs, start_method="fork")))
 
 
-def test_signals_are_as_before() -> None:
+def test_the_signal_mask_of_the_caller_stays_as_it_was() -> None:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     outcomes = run_ordered(square, range(30), workers=Workers(jobs=2, start_method="fork"))
     next(outcomes)
@@ -139,7 +139,7 @@ def test_signals_are_as_before() -> None:
 
 
 def waits_for_the_next(task: tuple[int, Path]) -> int | Later[int]:
-    """What is done once the next task has been begun, and not before; odd ones need no waiting."""
+    """An even task ends only after the next task has begun; an odd task has its result at once."""
     number, folder = task
     (folder / str(number)).touch()
     if number % 2:
@@ -158,7 +158,7 @@ def waits_for_the_next(task: tuple[int, Path]) -> int | Later[int]:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_what_only_waits_is_done_while_the_next_task_is(jobs: int, tmp_path: Path) -> None:
+def test_the_next_task_runs_while_a_result_is_waited_for(jobs: int, tmp_path: Path) -> None:
     tasks = [(number, tmp_path) for number in range(9)]
     outcomes = run_ordered(waits_for_the_next, tasks, workers=Workers(jobs=jobs, start_method="fork"))
     assert [next(outcomes).result for _ in range(6)] == [0, 1, -2, 3, -4, 5]
@@ -166,8 +166,8 @@ def test_what_only_waits_is_done_while_the_next_task_is(jobs: int, tmp_path: Pat
         next(outcomes)
 
 
-def test_few_hold_their_memory_while_more_are_waited_for() -> None:
-    """As many as may, and the one that is computed: of results that take long to be written, and longer to be kept."""
+def test_few_results_hold_memory_while_more_are_waited_for() -> None:
+    """Results take long to write, and longer to keep. Memory is held by two of them and by the one that is computed."""
     lock, counts, most = threading.Lock(), Counter[str](), Counter[str]()
 
     def count(what: str, change: int) -> None:
@@ -237,7 +237,7 @@ def dies_at_five(number: int) -> tuple[int, frozenset[int]]:
 @pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
 )
-def test_each_worker_stays_on_a_core_of_its_own_where_there_are_as_many_as_cores() -> None:
+def test_with_as_many_workers_as_cores_each_stays_on_its_own_core() -> None:
     cores = os.sched_getaffinity(0)
     workers = Workers(jobs=len(cores), start_method="fork", task_timeout_s=60)
     outcomes = run_ordered(cores_of_worker, range(10 * len(cores)), workers=workers)
@@ -249,7 +249,7 @@ def test_each_worker_stays_on_a_core_of_its_own_where_there_are_as_many_as_cores
 @pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
 )
-def test_a_worker_takes_the_core_of_one_that_died() -> None:
+def test_a_worker_that_replaces_a_dead_one_stays_on_one_core_too() -> None:
     cores = os.sched_getaffinity(0)
     outcomes = run_ordered(
         dies_at_five, range(20), workers=Workers(jobs=len(cores), start_method="fork", task_timeout_s=60)
@@ -263,17 +263,20 @@ def test_a_worker_takes_the_core_of_one_that_died() -> None:
 @pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
 )
-def test_fewer_or_more_workers_than_cores_may_be_moved() -> None:
+@pytest.mark.parametrize("more", [-1, 1])
+def test_with_fewer_or_more_workers_than_cores_each_may_run_on_any_core(more: int) -> None:
     cores = frozenset(os.sched_getaffinity(0))
-    workers = Workers(jobs=len(cores) + 1, start_method="fork")
+    workers = Workers(jobs=max(len(cores) + more, 1), start_method="fork")
     outcomes = run_ordered(cores_of_worker, range(10), workers=workers)
     assert all(not isinstance(outcome.result, WorkerDied) and outcome.result[1] == cores for outcome in outcomes)
 
 
 @pytest.mark.parametrize("allowed", [0, 1])
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_system_that_allows_no_more_threads(jobs: int, allowed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As under `ulimit -u` or `ulimit -v`: results are finished by the threads that there are, or without any."""
+def test_results_are_finished_even_if_no_more_threads_can_start(
+    jobs: int, allowed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As under `ulimit -u` or `ulimit -v`: results are finished by the threads that could start, or without threads."""
     start, started = threading.Thread.start, list[threading.Thread]()
 
     def refused(thread: threading.Thread) -> None:
@@ -288,7 +291,7 @@ def test_a_system_that_allows_no_more_threads(jobs: int, allowed: int, monkeypat
     assert [outcome.result for outcome in outcomes] == [0.5 * task for task in range(20)]
 
 
-def test_a_signal_before_a_thread_is_started_is_what_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_while_a_thread_starts_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(thread: threading.Thread) -> None:
         raise KeyboardInterrupt
 

@@ -1,4 +1,4 @@
-"""Every form in which a frame may be recorded, written from an array that the test made."""
+"""Every form in which a frame may be recorded, each with a writer of an array that the test made."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,10 +12,9 @@ from numpy.typing import DTypeLike
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource
+from tests.support.captures import PLANE_NAMES
 
 Writer = Callable[[Path, Stored], FrameSource]
-
-PLANE_NAMES = ("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2")
 
 
 @dataclass(frozen=True)
@@ -23,10 +22,10 @@ class Form:
     """One way to record a frame.
 
     Attributes:
-        name: for the test's name.
-        write: writes an array (H, C, Y, X) near a path without suffix.
+        name: the ID of the form in the tests' names.
+        write: writes an array (H, C, Y, X) to the path, which it gives a suffix.
         dtype: type of the stored values.
-        checked: the file carries a checksum over its pixels, so that no damage to them goes unseen.
+        checked: True if the file has a checksum of its pixels, so that all damage to them is noticed.
     """
 
     name: str
@@ -36,7 +35,7 @@ class Form:
 
 
 def known_frame(dtype: DTypeLike, *, shape: tuple[int, int] = (37, 53), seed: int = 0) -> Stored:
-    """Return a frame whose planes all differ: smooth enough to be compressed, noisy enough to tell pixels apart."""
+    """Return a frame of four different planes, smooth enough to be compressed and noisy enough to tell pixels apart."""
     rng = np.random.default_rng(seed)
     y, x = np.indices(shape)
     waves = [np.sin(x / (9 + k)) * np.cos(y / (7 + seed % 5)) for k in range(4)]
@@ -48,7 +47,7 @@ def known_frame(dtype: DTypeLike, *, shape: tuple[int, int] = (37, 53), seed: in
 
 
 def tiff(**options: Any) -> Writer:
-    """Return a writer of one TIFF file by one call of tifffile; `arrange` turns the frame into what it is given."""
+    """Return a writer of one TIFF file by one call of tifffile; `arrange` turns a frame into the array of this call."""
     arrange: Callable[[Stored], Stored] = options.pop("arrange", lambda frame: frame)
     options.setdefault("photometric", "minisblack")
 
@@ -63,7 +62,7 @@ def tiff(**options: Any) -> Writer:
 def tiff_page_by_page(**options: Any) -> Writer:
     def write(path: Path, frame: Stored) -> FrameSource:
         file = path.with_suffix(".tif")
-        with tifffile.TiffWriter(file, **{k: options.pop(k) for k in ("bigtiff",) if k in options}) as writer:
+        with tifffile.TiffWriter(file) as writer:
             for plane in planes_of(frame):
                 writer.write(plane, photometric="minisblack", **options)
         return FrameSource(path.name, (file,))
@@ -103,7 +102,10 @@ def exr(**header: Any) -> Writer:
 
 
 def exr_at(left: int, top: int, *, cropped: bool = False) -> Writer:
-    """Return a writer of an EXR file whose data window does not begin at the origin, where its picture may begin all the same."""
+    """Return a writer of an EXR file whose data window begins at (left, top).
+
+    The display window is the data window. If `cropped`, it begins at (0, 0).
+    """
 
     def write(path: Path, frame: Stored) -> FrameSource:
         high = (left + frame.shape[3] - 1, top + frame.shape[2] - 1)
@@ -115,7 +117,7 @@ def exr_at(left: int, top: int, *, cropped: bool = False) -> Writer:
 
 
 def exr_planes(names: Sequence[str]) -> Writer:
-    """Return a writer of an EXR file with a part for each plane, of these names and in their order, whose one channel is Y."""
+    """Return a writer of an EXR file with one part per plane, in the order of the names; its channel is Y."""
 
     def write(path: Path, frame: Stored) -> FrameSource:
         file = path.with_suffix(".exr")
@@ -131,7 +133,7 @@ def exr_planes(names: Sequence[str]) -> Writer:
 
 
 def exr_parts(names: Mapping[str, tuple[str, str]]) -> Writer:
-    """Return a writer of an EXR file with a part for each harmonic; `names` maps a part to its two channels."""
+    """Return a writer of an EXR file with one part per harmonic; `names` maps a part's name to its two channels."""
 
     def write(path: Path, frame: Stored) -> FrameSource:
         file = path.with_suffix(".exr")

@@ -1,4 +1,4 @@
-"""NPY files, PNG planes and raw dumps, written by numpy, OpenCV, Pillow, scikit-image, imageio, GDAL and ImageMagick."""
+"""NPY files, PNG planes and raw dumps, written by numpy, OpenCV, Pillow, scikit-image, imageio and GDAL."""
 
 import re
 import subprocess
@@ -69,13 +69,13 @@ def test_npy_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, har
     ours = "".join(axis for axis in "THCPYX" if axis in axes)
     recorded = np.random.default_rng(4).integers(0, 2**14, [lengths[axis] for axis in ours], "u2")
     np.save(path, recorded.transpose([ours.index(axis) for axis in axes]))
-    told = message(path, layout)
+    text = message(path, layout)
     shown = " ".join(axes).replace("P", str(2 * harmonics))
-    assert told.startswith(
+    assert text.startswith(
         f"{path}: found an array of {' × '.join(str(lengths[axis]) for axis in axes)}, expected axes [T] H C Y X"
     )
     (call,) = re.findall(
-        rf"if its axes are {shown}, numpy\.save\(PATH, numpy\.load\(PATH\)\.transpose\(([\d, ]+)\)\) mends it", told
+        rf"if its axes are {shown}, numpy\.save\(PATH, numpy\.load\(PATH\)\.transpose\(([\d, ]+)\)\) mends it", text
     )
     np.save(path, np.load(path).transpose(tuple(map(int, call.split(", ")))))
     stack = FrameLayout(layout.harmonics, 3) if "T" in axes and "P" in axes else layout
@@ -83,12 +83,12 @@ def test_npy_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, har
     np.testing.assert_array_equal(_read(path, stack, index=2 if "T" in axes else 0), expected)
 
 
-def test_columns_come_first_only_where_there_are_more_of_them(tmp_path: Path) -> None:
+def test_columns_before_rows_are_suggested_only_for_upright_frames(tmp_path: Path) -> None:
     np.save(tmp_path / "landscape.npy", np.zeros((37, 53, 2, 2), "u2"))
     assert "X Y" not in message(tmp_path / "landscape.npy")
     np.save(tmp_path / "portrait.npy", np.zeros((53, 37, 2, 2), "u2"))
-    told = message(tmp_path / "portrait.npy")
-    assert re.findall("axes are ([A-Z ]+),", told) == ["X Y H C", "X Y C H", "Y X H C", "Y X C H"]
+    text = message(tmp_path / "portrait.npy")
+    assert re.findall("axes are ([A-Z ]+),", text) == ["X Y H C", "X Y C H", "Y X H C", "Y X C H"]
 
 
 @pytest.mark.parametrize("axes", ["YXCH", "YXHC", "HCYX"])
@@ -96,16 +96,16 @@ def test_a_matlab_file_is_refused_with_the_call_that_saves_its_array(axes: str, 
     recorded, path = known_frame("u2"), tmp_path / "it's.mat"
     arranged = recorded.transpose(["HCYX".index(axis) for axis in axes])
     scipy.io.savemat(path, {"about": "a frame", "gain": 2.0, "F1": arranged})
-    told = message(path)
-    assert told.startswith(f"{path}: found a MATLAB file, expected its array in one of ours: ")
-    ways = dict(re.findall(r"if its axes are ([A-Z ]+), (numpy\.save\(.*?\)) mends it", told))
-    as_it_is = re.findall(r"ours: (numpy\.save\(.*?\)), with axes \[T\] H C Y X", told)
+    text = message(path)
+    assert text.startswith(f"{path}: found a MATLAB file, expected its array in one of ours: ")
+    ways = dict(re.findall(r"if its axes are ([A-Z ]+), (numpy\.save\(.*?\)) mends it", text))
+    as_it_is = re.findall(r"ours: (numpy\.save\(.*?\)), with axes \[T\] H C Y X", text)
     assert len(ways) + len(as_it_is) == (1 if axes == "HCYX" else 2)
     eval(ways.get(" ".join(axes)) or as_it_is[0], {"numpy": np, "scipy": scipy})
     np.testing.assert_array_equal(_read(tmp_path / "it's.npy"), recorded)
 
 
-def test_matlab_files_that_cannot_be_looked_into(tmp_path: Path) -> None:
+def test_matlab_files_without_an_array_that_can_be_saved(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, {"dark": 1.0, "plane": np.zeros((37, 53))})
     assert "none in it has three axes or more" in message(path)
@@ -120,16 +120,16 @@ def test_matlab_files_that_cannot_be_looked_into(tmp_path: Path) -> None:
 def test_a_dump_of_matlab_is_refused_with_the_call_that_mends_it(tmp_path: Path) -> None:
     recorded, path = known_frame("u2"), tmp_path / "frame.raw"
     path.write_bytes(b"head" + recorded.transpose(2, 3, 1, 0).tobytes(order="F"))
-    told = message(path, FrameLayout((1, 2), raw=RawLayout("uint16", (37, 53, 2, 2), 4)))
+    text = message(path, FrameLayout((1, 2), raw=RawLayout("uint16", (37, 53, 2, 2), 4)))
     (call,) = re.findall(
-        r"if its axes are Y X C H, (numpy\.save\(.*?\)), or order='F' for a dump of MATLAB, mends it", told
+        r"if its axes are Y X C H, (numpy\.save\(.*?\)), or order='F' for a dump of MATLAB, mends it", text
     )
     names = {"numpy": np, "PATH": path, "NPY": tmp_path / "frame.npy"}
     eval(call.replace("order='C'", "order='F'"), names)
     np.testing.assert_array_equal(_read(tmp_path / "frame.npy"), recorded)
 
 
-def test_arrays_that_were_saved_one_after_the_other_are_not_lost(tmp_path: Path) -> None:
+def test_several_arrays_in_a_file_are_refused_but_zeros_after_one_are_not(tmp_path: Path) -> None:
     path = tmp_path / "frame.npy"
     with path.open("wb") as file:
         for _ in range(3):
@@ -139,7 +139,7 @@ def test_arrays_that_were_saved_one_after_the_other_are_not_lost(tmp_path: Path)
     )
     np.save(path, known_frame("u2"))
     with path.open("ab") as file:
-        # as a device that writes whole blocks leaves
+        # a device that writes whole blocks leaves zeros at the end
         file.write(bytes(100))
     np.testing.assert_array_equal(read_stored(FrameSource("frame", (path,)), LAYOUT), known_frame("u2"))
 
@@ -160,21 +160,21 @@ def test_npy_that_is_no_frame(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("dtype", "offset"), [("uint16", 0), (">u2", 512), ("<f4", 7), ("float64", 1)])
-def test_raw_dumps_are_read_behind_their_offset(dtype: str, offset: int, tmp_path: Path) -> None:
+def test_raw_dumps_are_read_from_their_offset_on(dtype: str, offset: int, tmp_path: Path) -> None:
     recorded = known_frame(np.dtype(dtype).newbyteorder("="))
     path = tmp_path / "frame.raw"
     path.write_bytes(b"x" * offset + recorded.astype(dtype).tobytes())
     layout = FrameLayout((1, 2), raw=RawLayout(dtype, (2, 2, 37, 53), offset))
     np.testing.assert_array_equal(_read(path, layout), recorded)
     path.write_bytes(path.read_bytes()[:-1])
-    told = message(path, layout)
+    text = message(path, layout)
     assert (
-        f"found {offset + recorded.nbytes - 1:,} bytes, expected {offset + recorded.nbytes:,}: 2 × 2 × 37 × 53" in told
+        f"found {offset + recorded.nbytes - 1:,} bytes, expected {offset + recorded.nbytes:,}: 2 × 2 × 37 × 53" in text
     )
     assert "for a raw dump, give dtype and shape under [layout.raw]" in message(path)
     elsewhere = path.rename(tmp_path / "frame.img")
-    told = message(elsewhere, FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53))))
-    assert told.endswith("; the names of raw dumps end with .raw, .bin, .dat")
+    text = message(elsewhere, FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53))))
+    assert text.endswith("; the names of raw dumps end with .raw, .bin, .dat")
 
 
 def test_raw_dumps_of_several_frames_are_a_stack(tmp_path: Path) -> None:
@@ -205,7 +205,7 @@ with open_frames(FrameSource("frame", (path,)), FrameLayout((1, 2), raw=RawLayou
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("name", ["frame.npy", "frame.raw"])
 def test_a_file_that_is_cut_off_while_it_is_read(name: str, order: Literal["C", "F"], tmp_path: Path) -> None:
-    """A process that looks into memory that a file is mapped into, and no longer has, is ended by the system."""
+    """The system ends a process that reads mapped memory beyond the end of its file; the reader must not read there."""
     path, recorded = tmp_path / name, np.array(known_frame("u2"), order=order)
     if name.endswith(".npy"):
         np.save(path, recorded)
@@ -217,7 +217,7 @@ def test_a_file_that_is_cut_off_while_it_is_read(name: str, order: Literal["C", 
     assert done.stdout == f"{path}: was cut off or replaced while it was read; expected a complete file\n"
 
 
-def test_a_header_longer_than_any_array_of_numbers_needs(tmp_path: Path) -> None:
+def test_a_npy_header_that_is_too_long_is_refused(tmp_path: Path) -> None:
     """Python takes four seconds to find that these brackets are never closed."""
     path = tmp_path / "frame.npy"
     np.save(path, known_frame("u2"))
@@ -285,7 +285,7 @@ def test_png_that_holds_no_plane(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_a_png_whose_exif_says_that_it_is_turned(orientation: int, tmp_path: Path) -> None:
-    """As TIFF's are: libraries decode the rows as they lie, so depth would stand in the wrong pixels, without a word."""
+    """Refused, as in TIFF: libraries decode the rows as stored, so that depths would be in wrong pixels, unnoticed."""
     from PIL import Image
 
     path, (plane, *_) = tmp_path / "plane.png", known_frame("u2").reshape(4, 37, 53)
@@ -302,7 +302,7 @@ def test_a_png_whose_exif_says_that_it_is_turned(orientation: int, tmp_path: Pat
 
 @pytest.mark.parametrize("exif", [b"II*\0", b"MM\0*\xff\xff\xff\xff", b"MM\0*\0\0\0\x08\xff\xff\x01\x12", b"a text"])
 def test_a_png_whose_exif_says_nothing_is_read(exif: bytes, tmp_path: Path) -> None:
-    """Its check sum is right, so the plane is what was written, whatever became of the Exif."""
+    """The check sum is right, so the plane is what was written, even if the Exif data are damaged."""
     from PIL import Image
 
     path, (plane, *_) = tmp_path / "plane.png", known_frame("u2").reshape(4, 37, 53)
@@ -312,7 +312,7 @@ def test_a_png_whose_exif_says_nothing_is_read(exif: bytes, tmp_path: Path) -> N
 
 
 def test_every_byte_of_a_png_is_checked(tmp_path: Path) -> None:
-    """By us: the library is left with memory that is lost after each failure, and after some thousands of them it aborts."""
+    """Our code checks them, not the library, which loses memory at each failure and aborts after some thousands."""
     path = tmp_path / "plane.png"
     _pillow(path, known_frame("u2")[0, 0])
     whole = path.read_bytes()

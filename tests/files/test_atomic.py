@@ -33,7 +33,7 @@ def test_what_is_written_appears_at_the_end(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_is_kept_later_has_its_name_from_then_on(tmp_path: Path) -> None:
+def test_a_partial_file_gets_its_final_name_on_commit(tmp_path: Path) -> None:
     path = tmp_path / "maps.exr"
     partial, other = (PartialFile(path, token=token) for token in ("mark", "other"))
     assert re.fullmatch(r"\.maps\.exr\.[0-9a-f]{16}\.mark\.partial", partial.temporary.name)
@@ -44,7 +44,7 @@ def test_what_is_kept_later_has_its_name_from_then_on(tmp_path: Path) -> None:
     assert [one.name for one in tmp_path.iterdir()] == ["maps.exr"]
 
 
-def test_what_cannot_be_kept_is_given_up(tmp_path: Path) -> None:
+def test_a_partial_file_without_content_cannot_be_committed(tmp_path: Path) -> None:
     partial = PartialFile(tmp_path / "maps.exr")
     with pytest.raises(OutputError, match="nothing was written"):
         partial.commit()
@@ -58,7 +58,7 @@ def _begin(path: Path, raised: BaseException) -> None:
 
 
 @pytest.mark.parametrize("raised", [ValueError("no"), KeyboardInterrupt(), SystemExit(143)])
-def test_an_error_leaves_what_was_there(raised: BaseException, tmp_path: Path) -> None:
+def test_an_error_leaves_the_file_that_was_there(raised: BaseException, tmp_path: Path) -> None:
     path = tmp_path / "maps.exr"
     path.write_text("before")
     with pytest.raises(type(raised)):
@@ -68,20 +68,20 @@ def test_an_error_leaves_what_was_there(raised: BaseException, tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "expected"),
     [
         (OSError(errno.ENOSPC, "No space left on device"), "cannot be written: No space left on device"),
         (OSError("6144 requested and 712 written"), "cannot be written: 6144 requested and 712 written"),
     ],
 )
-def test_an_error_of_the_system_names_the_file(error: OSError, told: str, tmp_path: Path) -> None:
+def test_an_error_of_the_system_names_the_file(error: OSError, expected: str, tmp_path: Path) -> None:
     path = tmp_path / "maps.exr"
     with pytest.raises(OutputError) as caught, atomic_write(path):
         raise error
-    assert str(caught.value) == f"{path}: {told}"
+    assert str(caught.value) == f"{path}: {expected}"
 
 
-def test_a_writer_that_wrote_nothing(tmp_path: Path) -> None:
+def test_a_writer_that_wrote_nothing_is_an_error(tmp_path: Path) -> None:
     with (
         pytest.raises(OutputError, match="cannot be written: nothing was written"),
         atomic_write(tmp_path / "maps.exr"),
@@ -118,9 +118,7 @@ def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:
     assert list((tmp_path / "a" / "b").iterdir()) == []
 
 
-def test_a_folder_whose_disk_tells_on_closing_that_it_took_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_whose_disk_fails_on_closing_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     close = os.close
 
     def failing(descriptor: int) -> None:
@@ -144,14 +142,14 @@ def small_files() -> Iterator[None]:
 
 
 def _library_fails(path: Path, size: int) -> None:
-    """Fail as numpy and OpenEXR do: without the system's number."""
+    """Fail as numpy and OpenEXR do: without the error number of the system."""
     with atomic_write(path) as temporary, codes_of_the_system(temporary, size):
         temporary.write_bytes(b"half")
         raise OSError("could not write 17 bytes")
 
 
 @pytest.mark.usefixtures("small_files")
-def test_an_error_that_says_nothing_gets_the_system_s_words(tmp_path: Path) -> None:
+def test_an_error_without_a_code_gets_the_message_of_the_system(tmp_path: Path) -> None:
     path = tmp_path / "maps.exr"
     with pytest.raises(PlaceError) as caught:
         _library_fails(path, 100_001)
@@ -162,7 +160,7 @@ def test_an_error_that_says_nothing_gets_the_system_s_words(tmp_path: Path) -> N
 
 
 @pytest.mark.usefixtures("small_files")
-def test_a_file_that_is_too_large_tells_how_large_it_is(tmp_path: Path) -> None:
+def test_the_message_for_a_file_that_is_too_large_says_its_size(tmp_path: Path) -> None:
     file = PartialFile(tmp_path / "maps.tif")
     file.parts = (memoryview(bytes(99_000)), memoryview(bytes(1_001)))
     with pytest.raises(
@@ -173,7 +171,7 @@ def test_a_file_that_is_too_large_tells_how_large_it_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("small_files")
-def test_an_error_within_a_new_folder_names_the_file_as_it_would_have_been(tmp_path: Path) -> None:
+def test_an_error_in_a_new_folder_names_the_file_by_its_final_path(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=f"{tmp_path}/capture/truth.exr: cannot be written: File too large"):
         _new_folder_fails(tmp_path / "capture")
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""An EXR file that is no frame, or a damaged one, says what was found in it and what was expected."""
+"""The message for an EXR file that is damaged or holds no frame says what was found in it and what was expected."""
 
 import contextlib
 import os
@@ -14,22 +14,23 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.exr import read_parts
 from cadtof_cli.files.frames import NotAFrameError
 from tests.files.forms import channels_of, known_frame
-from tests.files.refusals import message, write_exr
+from tests.files.refusals import message
+from tests.support.captures import write_exr
 from tests.support.needed import needed_module
 
 
 def test_maps_in_an_exr_are_not_a_frame(tmp_path: Path) -> None:
     path = write_exr(tmp_path / "maps.exr", {"direct.depth": np.zeros((5, 7), "f4")})
-    told = message(path, kind=NotAFrameError)
-    assert told.startswith(f"{path}: holds the channels direct.depth, expected voltages H1.SC1, H1.SC2")
+    text = message(path, kind=NotAFrameError)
+    assert text.startswith(f"{path}: holds the channels direct.depth, expected voltages H1.SC1, H1.SC2")
 
 
 @pytest.mark.parametrize("missing", ["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"])
 def test_exr_that_lacks_a_harmonic_or_channel(missing: str, tmp_path: Path) -> None:
     channels = channels_of(known_frame("f4"))
     del channels[missing]
-    told = message(write_exr(tmp_path / "frame.exr", channels))
-    assert f"no channel {missing}; found {', '.join(channels)}, expected H1.SC1, H1.SC2, H2.SC1, H2.SC2" in told
+    text = message(write_exr(tmp_path / "frame.exr", channels))
+    assert f"no channel {missing}; found {', '.join(channels)}, expected H1.SC1, H1.SC2, H2.SC1, H2.SC2" in text
 
 
 def test_exr_with_the_wrong_number_of_parts(tmp_path: Path) -> None:
@@ -68,7 +69,7 @@ def test_exr_parts_that_show_different_pixels(tmp_path: Path) -> None:
 
 @pytest.fixture
 def few_files() -> Iterator[Callable[[], list[int]]]:
-    """Few files may be open; what is handed over opens as many as may be, and returns their descriptors."""
+    """Let few files be open; yield a function that opens files up to this limit and returns their descriptors."""
     resource = needed_module("resource")
     limits, held = resource.getrlimit(resource.RLIMIT_NOFILE), list[int]()
 
@@ -93,25 +94,25 @@ def test_that_no_more_files_may_be_open_is_no_damage(
     held = few_files()
     for descriptor in (held.pop() for _ in range(spare)):
         os.close(descriptor)
-    before, told = len(held), None
+    before, text = len(held), None
     try:
         read_parts(path)
     except FrameError as error:
-        told = str(error)
+        text = str(error)
     assert len(few_files()) - before == spare
-    assert told in {None, f"{path}: cannot be read: Too many open files"}
-    assert told or spare > 2
+    assert text in {None, f"{path}: cannot be read: Too many open files"}
+    assert text or spare > 2
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system has no file that cannot be read")
 def test_a_disk_that_fails_is_no_damage() -> None:
-    # nothing lies at the first address of a process's memory: reading there fails as on a disk
+    # a process has no memory at address 0: reading there fails as it does on a broken disk
     with pytest.raises(FrameError, match="/proc/self/mem: cannot be read: Input/output error"):
         read_parts(Path("/proc/self/mem"))
 
 
 def test_a_tile_larger_than_any_file(tmp_path: Path) -> None:
-    """The library makes room for a whole tile: this one takes gigabytes."""
+    """The library allocates memory for a whole tile, and the header of this file promises a tile of gigabytes."""
     tile = OpenEXR.TileDescription()
     tile.xSize, tile.ySize = 32, 64
     header = {"type": OpenEXR.tiledimage, "tiles": tile}
@@ -129,12 +130,14 @@ def test_exr_channels_of_different_types(tmp_path: Path) -> None:
     assert "H2.SC2 is 53 × 37 float16, expected 53 × 37 float32" in message(write_exr(tmp_path / "f.exr", channels))
 
 
-def test_exr_that_ends_early_tells_what_the_library_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_message_for_an_exr_that_ends_early_has_the_library_s_words(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")))
     path.write_bytes(path.read_bytes()[:-50])
-    told = message(path)
-    assert told.startswith(f"{path}: damaged EXR: (EXR_ERR_BAD_CHUNK_LEADER) ")
-    assert told.endswith("expected a complete file, try copying it again")
+    text = message(path)
+    assert text.startswith(f"{path}: damaged EXR: (EXR_ERR_BAD_CHUNK_LEADER) ")
+    assert text.endswith("expected a complete file, try copying it again")
     assert capfd.readouterr() == ("", "")
 
 

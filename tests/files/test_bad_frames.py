@@ -1,4 +1,4 @@
-"""A frame that cannot be read says which file, what was found there and what was expected."""
+"""The message for a frame that cannot be read names the file, what was found there and what was expected."""
 
 import builtins
 import logging
@@ -18,7 +18,8 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.reading import in_brief
 from tests.files.forms import known_frame, plane_files, planes_of, tiff
-from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_pages
+from tests.files.refusals import LAYOUT, message, message_of
+from tests.support.captures import write_exr, write_pages
 
 
 @pytest.mark.parametrize(
@@ -29,22 +30,22 @@ from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_p
         (b"[modulation]\n", "first bytes 5b 6d 6f 64"),
     ],
 )
-def test_no_format_that_we_know(content: bytes, found: str, tmp_path: Path) -> None:
+def test_a_file_of_no_known_format_is_refused(content: bytes, found: str, tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"
     path.write_bytes(content)
-    told = message(path)
-    assert told == f"{path}: found {found}, expected one of EXR, TIFF, NPY, PNG"
+    text = message(path)
+    assert text == f"{path}: found {found}, expected one of EXR, TIFF, NPY, PNG"
 
 
 def test_a_file_that_is_gone(tmp_path: Path) -> None:
     assert message(tmp_path / "gone.tif") == f"{tmp_path / 'gone.tif'}: cannot be read: No such file or directory"
 
 
-def test_a_folder_for_a_file(tmp_path: Path) -> None:
+def test_a_folder_in_place_of_a_file(tmp_path: Path) -> None:
     assert message(tmp_path).endswith("cannot be read: Is a directory")
 
 
-def test_a_frame_that_may_not_be_read_is_told_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_without_permission_to_read_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> int:
         raise PermissionError(13, "Permission denied")
 
@@ -67,14 +68,14 @@ def test_a_wrong_number_of_pages_says_what_is_expected(
     pages: int, frames: int | None, expected: str, tmp_path: Path
 ) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((pages, 5, 7), "u2"))
-    told = message(path, FrameLayout((1, 2), frames))
-    assert told.startswith(f"{path}: found {pages} pages")
-    assert expected in told
+    text = message(path, FrameLayout((1, 2), frames))
+    assert text.startswith(f"{path}: found {pages} pages")
+    assert expected in text
 
 
-def test_no_advice_where_the_count_is_no_multiple(tmp_path: Path) -> None:
+def test_a_number_of_pages_that_is_no_multiple_gets_no_advice(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((10, 5, 7), "u2"))
-    assert "set [layout]" not in message(path, FrameLayout((1, 2), 3))
+    assert "--stack-frames" not in message(path, FrameLayout((1, 2), 3))
 
 
 def test_axes_in_an_order_that_could_mean_two_things(tmp_path: Path) -> None:
@@ -87,8 +88,8 @@ def test_pages_that_differ_are_counted_by_their_form(tmp_path: Path) -> None:
     with tifffile.TiffWriter(path) as writer:
         for width in (7, 7, 7, 8):
             writer.write(np.zeros((5, width), "u2"), metadata=None, photometric="minisblack")
-    told = message(path)
-    assert "found different pages (3 of 7 × 5 uint16; 1 of 8 × 5 uint16)" in told
+    text = message(path)
+    assert "found different pages (3 of 7 × 5 uint16; 1 of 8 × 5 uint16)" in text
 
 
 @pytest.mark.parametrize(
@@ -111,11 +112,11 @@ def test_one_page_that_is_stored_in_another_way(odd: int, options: dict[str, Any
 
 
 @pytest.mark.parametrize("dtype", ["i1", "i8", "c8"])
-def test_sample_type_that_we_do_not_read(dtype: str, tmp_path: Path) -> None:
+def test_a_sample_type_that_is_not_supported(dtype: str, tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), dtype))
-    told = message(path)
-    assert f"found {8 * np.dtype(dtype).itemsize} bits a sample" in told
-    assert "expected one of float16, float32, float64, int16" in told
+    text = message(path)
+    assert f"found {8 * np.dtype(dtype).itemsize} bits a sample" in text
+    assert "expected one of float16, float32, float64, int16" in text
 
 
 def test_tiff_that_ends_early(tmp_path: Path) -> None:
@@ -123,9 +124,9 @@ def test_tiff_that_ends_early(tmp_path: Path) -> None:
     path = source.paths[0]
     content = path.read_bytes()
     path.write_bytes(content[:-100])
-    told = message(path)
-    assert told.startswith(f"{path}: damaged or truncated TIFF")
-    assert f"found no page there in a file of {len(content) - 100:,} bytes" in told
+    text = message(path)
+    assert text.startswith(f"{path}: damaged or truncated TIFF")
+    assert f"found no page there in a file of {len(content) - 100:,} bytes" in text
 
 
 def test_tiff_whose_pixels_come_last_and_end_early(tmp_path: Path) -> None:
@@ -142,18 +143,18 @@ def test_a_width_that_is_no_whole_number(tmp_path: Path) -> None:
     with tifffile.TiffFile(path) as tiff:
         width = tiff.pages.first.tags[256].offset
     content = bytearray(path.read_bytes())
-    # its type, its count and its value
+    # the tag gets the type 11 (float), the count 1 and this value
     struct.pack_into("<HIf", content, width + 2, 11, 1, 5e-39)
     path.write_bytes(content)
     assert "damaged TIFF: 'float' object cannot be interpreted as an integer" in message(path)
 
 
-def test_what_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_message_that_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="jpegxr")
     with tifffile.TiffFile(path) as tiff:
         (begin, *_) = tiff.pages.first.dataoffsets
     content = bytearray(path.read_bytes())
-    # its fifth tag, of a resolution that nobody needs, is one that the library does not know
+    # the fifth tag, a resolution that nobody needs, gets a code that the library does not know
     (tags,) = struct.unpack_from("<I", content, begin + 4)
     struct.pack_into("<H", content, begin + tags + 2 + 4 * 12, 1)
     path.write_bytes(content)
@@ -165,15 +166,15 @@ def test_what_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(
-    ("remarks", "told"),
+    ("remarks", "text"),
     [
         (["no strip", "no strip"], "no strip"),
         (["no strip", "no tile", "no tag"], "no strip (and 2 remarks more)"),
         ([KeyError("x" * 10_000)], f"'{'x' * 299} …"),
     ],
 )
-def test_a_message_is_short_however_much_a_library_says(remarks: list[object], told: str) -> None:
-    assert in_brief(remarks) == told
+def test_a_message_is_short_however_much_a_library_says(remarks: list[object], text: str) -> None:
+    assert in_brief(remarks) == text
 
 
 @pytest.mark.parametrize("header", [b"II*\0\0\0\0\0", b"MM\0+\0\x08\0\0" + bytes(8)])
@@ -194,16 +195,16 @@ def test_pages_in_a_circle(tmp_path: Path) -> None:
     assert "page 4 points back to an earlier page" in message(path)
 
 
-def test_compression_that_nobody_here_reads(tmp_path: Path) -> None:
+def test_a_compression_without_a_decoder_is_refused(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="zlib")
     with tifffile.TiffFile(path, mode="r+") as file:
         for index in range(4):
             page = file.pages.get(index)
             assert isinstance(page, tifffile.TiffPage)
             page.tags["Compression"].overwrite(32809)
-    told = message(path)
-    assert told.startswith(f"{path}: its compression cannot be read here (")
-    assert told.endswith("rewrite it, such as by tiffcp -c zip")
+    text = message(path)
+    assert text.startswith(f"{path}: its compression cannot be read here (")
+    assert text.endswith("rewrite it, such as by tiffcp -c zip")
 
 
 def test_maps_in_a_tiff_are_not_a_frame(tmp_path: Path) -> None:
@@ -213,16 +214,16 @@ def test_maps_in_a_tiff_are_not_a_frame(tmp_path: Path) -> None:
         path, np.zeros((4, 5, 7), "f4"), ome=True, photometric="minisblack",
         metadata={"axes": "CYX", "Channel": {"Name": names}},
     )  # fmt: skip
-    told = message(path, kind=NotAFrameError)
-    assert told == f"{path}: holds maps (direct.depth, mpi.depth, confidence, status), expected voltages"
+    text = message(path, kind=NotAFrameError)
+    assert text == f"{path}: holds maps (direct.depth, mpi.depth, confidence, status), expected voltages"
 
 
 @pytest.mark.parametrize(("pages", "samples"), [(2, 2), (4, 2), (1, 4), (1, 5)])
 def test_opacity_is_no_voltage(pages: int, samples: int, tmp_path: Path) -> None:
-    path, said = tmp_path / "frame.tif", ("unspecified",) * (samples - 2) + ("unassalpha",)
-    write_pages(path, np.zeros((pages, 5, 7, samples), "u2"), planarconfig="contig", extrasamples=said)
-    told = message(path, kind=NotAFrameError)
-    assert told.startswith(
+    path, extra = tmp_path / "frame.tif", ("unspecified",) * (samples - 2) + ("unassalpha",)
+    write_pages(path, np.zeros((pages, 5, 7, samples), "u2"), planarconfig="contig", extrasamples=extra)
+    text = message(path, kind=NotAFrameError)
+    assert text.startswith(
         f"{path}: holds grey and opacity, {samples} samples a pixel, expected voltages; write a page"
     )
 
@@ -254,7 +255,7 @@ def tifffile_log() -> Iterator[logging.Logger]:
     ],
     ids=["its level", "all logging", "by a configuration of logging"],
 )
-def test_what_tifffile_remarks_is_damage_even_where_a_program_has_silenced_it(
+def test_an_error_that_tifffile_logs_is_damage_even_if_logging_is_silenced(
     silence: Callable[[logging.Logger], object], tmp_path: Path, tifffile_log: logging.Logger
 ) -> None:
     path = _of_an_unknown_planar_configuration(tmp_path / "frame.tif")
@@ -263,7 +264,9 @@ def test_what_tifffile_remarks_is_damage_even_where_a_program_has_silenced_it(
     assert not tifffile_log.isEnabledFor(logging.ERROR)
 
 
-def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_error_that_tifffile_logs_is_damage_and_is_kept_from_the_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     path = _of_an_unknown_planar_configuration(tmp_path / "frame.tif")
     assert "incorrect StripByteCounts count (4 != 1)" in message(path)
     assert caplog.records == []
@@ -286,13 +289,13 @@ def test_a_plane_file_with_more_than_a_plane(tmp_path: Path) -> None:
     assert "found channels A, B, expected a single plane" in message_of(source)
 
 
-def test_what_a_caller_raises_stays_its_own(tmp_path: Path) -> None:
+def test_an_exception_of_the_caller_is_left_as_it_is(tmp_path: Path) -> None:
     source = tiff()(tmp_path / "frame", known_frame("u2"))
     with pytest.raises(ZeroDivisionError), open_frames(source, LAYOUT):
         _ = 1 / 0
 
 
-def test_a_reader_imports_the_library_it_needs_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_imports_only_the_library_that_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = tiff()(tmp_path / "frame", known_frame("u2"))
     imported = builtins.__import__
 

@@ -1,4 +1,4 @@
-"""Layers come back by name from what was written, and nothing comes from a damaged file."""
+"""Layers are read back by the names that they were written with; a damaged file gives no layers."""
 
 from pathlib import Path
 
@@ -32,11 +32,11 @@ def test_a_file_that_ends_too_early_gives_no_layers(suffix: str, kept: float, tm
 
 
 @pytest.mark.parametrize("suffix", [".exr", ".tif"])
-def test_a_nan_that_signals_is_one_like_others(suffix: str, tmp_path: Path) -> None:
+def test_a_signalling_nan_is_read_as_a_quiet_one(suffix: str, tmp_path: Path) -> None:
     pages = np.full((2, *SHAPE), -0.0, np.float32)
     pages.view(np.uint32)[0, 0, 0] = 0x7F800001
     write_maps(tmp_path / f"maps{suffix}", DepthMaps(("direct.depth",), pages, np.full(SHAPE, 8, np.uint32)))
-    # a warning is an error in tests
+    # to convert a signalling NaN gives a warning, which is an error in tests
     depth = read_layers(tmp_path / f"maps{suffix}")["direct.depth"].astype(np.float64)
     assert np.flatnonzero(np.isnan(depth)).tolist() == [0]
     assert np.signbit(depth[0, 1:]).all()

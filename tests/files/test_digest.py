@@ -1,4 +1,4 @@
-"""Digests find what accidents do to files and values."""
+"""A digest changes when an accident changes a file or its values."""
 
 import itertools
 from pathlib import Path
@@ -31,7 +31,7 @@ def test_every_change_of_one_byte_is_found() -> None:
     assert content_digest(content) == before
 
 
-def test_order_shape_and_type_count() -> None:
+def test_a_digest_depends_on_order_shape_and_type() -> None:
     values = np.random.default_rng(0).integers(0, 2**16, (4, 2048), np.uint16)
     digests = {
         content_digest(one)

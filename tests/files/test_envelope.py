@@ -1,4 +1,4 @@
-"""Files that differ in their pixels alone are read and written at once: nothing of what is read, refused or written changes."""
+"""Files that differ only in their pixels share an envelope; values, bytes and messages are those of each file alone."""
 
 import threading
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 
 
 def afresh(work: Callable[[], Result]) -> Result:
-    """Return what a thread that has read and written nothing before returns."""
+    """Return the result of the work in a new thread, which has kept no envelope yet."""
     found: list[Result] = []
     thread = threading.Thread(target=lambda: found.append(work()))
     thread.start()
@@ -39,7 +39,7 @@ def frame(seed: int, dtype: str = "<u2") -> NDArray[Any]:
 
 
 def read(path: Path, layout: FrameLayout = LAYOUT) -> tuple[Any, ...]:
-    """What comes of a file: its frame, or the message."""
+    """Return the count, shape, types and bytes of the frame in a file, or the message."""
     try:
         with open_frames(FrameSource(path.stem, (path,)), layout) as frames:
             stored = frames.read(0)
@@ -61,7 +61,7 @@ FORMS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("dtype", ["<u2", ">u2", "f4"])
-def test_frames_of_a_recording_are_read_as_each_alone(form: str, dtype: str, tmp_path: Path) -> None:
+def test_frames_of_a_recording_are_read_as_if_each_were_alone(form: str, dtype: str, tmp_path: Path) -> None:
     for number in range(4):
         path = tmp_path / f"frame_{number}.tif"
         tifffile.imwrite(path, frame(number, dtype), **FORMS[form])
@@ -71,7 +71,7 @@ def test_frames_of_a_recording_are_read_as_each_alone(form: str, dtype: str, tmp
 
 
 def series(folder: Path) -> tuple[Path, Path]:
-    """Two files that differ in their pixels alone, of which the first has been read."""
+    """Return two files that differ only in their pixels; the first has been read."""
     first, second = folder / "a.tif", folder / "b.tif"
     for number, path in enumerate((first, second)):
         tifffile.imwrite(path, frame(number), **FORMS["plain"])
@@ -94,7 +94,7 @@ def test_every_changed_byte_around_the_pixels_is_noticed(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("change", [-100_000, -400, -1, 1, 50])
-def test_a_file_that_is_cut_or_goes_on_is_judged_as_if_alone(change: int, tmp_path: Path) -> None:
+def test_a_file_that_is_cut_off_or_longer_is_read_as_if_it_were_alone(change: int, tmp_path: Path) -> None:
     first, second = series(tmp_path)
     content = second.read_bytes()
     second.write_bytes(content[:change] if change < 0 else content + bytes(change))
@@ -120,7 +120,7 @@ def test_a_file_that_shrinks_while_it_is_read_is_not_taken_for_whole(
     assert found == afresh(partial(read, second))
 
 
-def test_another_layout_is_another_question(tmp_path: Path) -> None:
+def test_with_another_layout_a_file_is_read_anew(tmp_path: Path) -> None:
     first, second = series(tmp_path)
     three = FrameLayout(harmonics=(1, 2, 3))
     assert read(second, three) == afresh(partial(read, second, three))
@@ -157,15 +157,17 @@ def test_maps_have_the_bytes_that_tifffile_gives_them(tmp_path: Path) -> None:
         np.testing.assert_array_equal(layers[one.names[0]], one.pages[0])
 
 
-def test_the_library_meets_the_first_of_a_kind_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tifffile_reads_and_writes_the_first_file_of_a_kind_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first, second = series(tmp_path)
     write_maps(tmp_path / "first.tif", maps(0))
 
-    def met(*_: Any, **__: Any) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("tifffile was asked")
 
-    monkeypatch.setattr(tifffile, "TiffFile", met)
-    monkeypatch.setattr(tifffile, "imwrite", met)
+    monkeypatch.setattr(tifffile, "TiffFile", refuse)
+    monkeypatch.setattr(tifffile, "imwrite", refuse)
     assert read(second)[-1] == frame(1).tobytes()
     assert read(first)[-1] == frame(0).tobytes()
     write_maps(tmp_path / "second.tif", maps(1))
@@ -173,7 +175,7 @@ def test_the_library_meets_the_first_of_a_kind_only(tmp_path: Path, monkeypatch:
     np.testing.assert_array_equal(read_layers(tmp_path / "second.tif")["confidence"], maps(1).pages[1])
 
 
-def test_maps_in_memory_of_their_own_have_these_bytes_too(tmp_path: Path) -> None:
+def test_maps_whose_pages_lie_in_an_image_have_the_same_bytes(tmp_path: Path) -> None:
     for seed in range(4):
         one, other = maps(seed), DepthMaps.empty(maps(seed).names, (6, 9))
         other.pages[:], other.status[:] = one.pages, one.status
@@ -182,7 +184,7 @@ def test_maps_in_memory_of_their_own_have_these_bytes_too(tmp_path: Path) -> Non
         assert (tmp_path / "own.tif").read_bytes() == (tmp_path / "copied.tif").read_bytes()
 
 
-def test_a_part_of_maps_is_cut_out_of_their_memory(tmp_path: Path) -> None:
+def test_a_crop_of_maps_whose_pages_lie_in_an_image_is_written(tmp_path: Path) -> None:
     for seed in range(4):
         whole = DepthMaps.empty(maps(seed).names, (6, 9))
         whole.pages[:], whole.status[:] = maps(seed).pages, maps(seed).status
@@ -192,12 +194,12 @@ def test_a_part_of_maps_is_cut_out_of_their_memory(tmp_path: Path) -> None:
         )
 
 
-def test_the_third_map_is_one_piece_that_a_disk_takes_without_a_copy(tmp_path: Path) -> None:
+def test_the_third_map_is_one_piece_of_whole_blocks_for_the_disk(tmp_path: Path) -> None:
     header = MapHeader({"direct.depth": "m"}, {"source": "frame.tif"})
     for _ in range(3):
-        own = DepthMaps.empty(("direct.depth", "confidence"), (6, 9))
-        own.pages[:], own.status[:] = 1.0, 8
-        parts = layers.write_maps(tmp_path / "maps.tif", own, header=header)
+        made = DepthMaps.empty(("direct.depth", "confidence"), (6, 9))
+        made.pages[:], made.status[:] = 1.0, 8
+        parts = layers.write_maps(tmp_path / "maps.tif", made, header=header)
     (whole,) = parts
     assert (np.frombuffer(whole, np.uint8).ctypes.data % BLOCK_BYTES, whole.nbytes % BLOCK_BYTES) == (0, 0)
     assert whole == (tmp_path / "maps.tif").read_bytes()

@@ -1,4 +1,4 @@
-"""What the OpenEXR library prints is caught; what others print meanwhile is not."""
+"""Text that the OpenEXR library prints is caught; text that others print at the same time is not."""
 
 import gc
 import os
@@ -25,16 +25,16 @@ def _print_and_fail() -> None:
 
 
 def test_lines_on_both_streams_are_kept_from_the_terminal(capfd: pytest.CaptureFixture[str]) -> None:
-    with library_output() as said:
+    with library_output() as lines:
         _print_like_the_library()
-    assert said == [
+    assert lines == [
         "/data/a.exr: (EXR_ERR_BAD_CHUNK_LEADER) found corrupt leader",
         "Warning: Exception raised reading pixel data for part 0",
     ]
     assert capfd.readouterr() == ("", "")
 
 
-def test_streams_are_back_after_an_exception(capfd: pytest.CaptureFixture[str]) -> None:
+def test_streams_are_restored_after_an_exception(capfd: pytest.CaptureFixture[str]) -> None:
     before = sys.stdout
     with pytest.raises(RuntimeError, match="no parts"):
         _print_and_fail()
@@ -48,7 +48,7 @@ def test_no_descriptor_is_left_open() -> None:
     def descriptors() -> int:
         return len(list(Path("/proc/self/fd").iterdir()))
 
-    # files that what failed in other tests still holds
+    # close files that objects of failed tests still hold
     gc.collect()
     before = descriptors()
     for _ in range(10):
@@ -69,50 +69,50 @@ def test_progress_of_another_thread_is_passed_on(capfd: pytest.CaptureFixture[st
 
     thread = threading.Thread(target=show_progress)
     thread.start()
-    with library_output() as said:
+    with library_output() as lines:
         reading.set()
         shown.wait()
     sorted_out.set()
     thread.join()
-    assert said == []
+    assert lines == []
     assert capfd.readouterr() == ("a line of data\n", "\r 12 of 200 frames")
 
 
-def test_library_is_heard_while_another_thread_runs(capfd: pytest.CaptureFixture[str]) -> None:
+def test_output_of_the_library_is_caught_while_another_thread_runs(capfd: pytest.CaptureFixture[str]) -> None:
     done = threading.Event()
     thread = threading.Thread(target=done.wait)
     thread.start()
-    with library_output() as said:
+    with library_output() as lines:
         _print_like_the_library()
     done.set()
     thread.join()
-    assert len(said) == 2
+    assert len(lines) == 2
     assert capfd.readouterr() == ("", "")
 
 
 def test_what_the_library_prints_on_standard_output_is_kept_from_a_pipeline(capfd: pytest.CaptureFixture[str]) -> None:
-    with library_output() as said:
+    with library_output() as lines:
         os.write(1, b"ojph error 0x00050044 at ojph_codestream_local.cpp:700: a tile is missing\n")
-    assert said == ["ojph error 0x00050044 at ojph_codestream_local.cpp:700: a tile is missing"]
+    assert lines == ["ojph error 0x00050044 at ojph_codestream_local.cpp:700: a tile is missing"]
     os.write(1, b'{"status": "failed"}\n')
     assert capfd.readouterr() == ('{"status": "failed"}\n', "")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="C's streams are found by another name there")
-def test_what_c_keeps_in_its_buffer_is_heard_in_time() -> None:
+def test_output_in_the_buffer_of_c_is_caught_in_time() -> None:
     script = """
 import ctypes
 from cadtof_cli.files.library_output import library_output
 ctypes.CDLL(None).puts(b"before")
-with library_output() as said:
+with library_output() as lines:
     ctypes.CDLL(None).puts(b"ojph info 0x00030067: File terminated early")
-assert said == ["ojph info 0x00030067: File terminated early"], said
+assert lines == ["ojph info 0x00030067: File terminated early"], lines
 """
     done = subprocess.run([sys.executable, "-c", script], env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "before\n", "")
 
 
-def test_the_programs_own_lines_go_where_they_were_going(capfd: pytest.CaptureFixture[str]) -> None:
+def test_lines_that_another_thread_prints_are_passed_on(capfd: pytest.CaptureFixture[str]) -> None:
     inside, written = threading.Event(), threading.Event()
 
     def another() -> None:
@@ -122,10 +122,10 @@ def test_the_programs_own_lines_go_where_they_were_going(capfd: pytest.CaptureFi
 
     thread = threading.Thread(target=another)
     thread.start()
-    with library_output() as said:
+    with library_output() as lines:
         inside.set()
         assert written.wait(5)
         os.write(1, b"ojph warning: something\n")
     thread.join()
-    assert said == ["ojph warning: something"]
+    assert lines == ["ojph warning: something"]
     assert capfd.readouterr().out == '{"status": "ok"}\n'

@@ -1,4 +1,4 @@
-"""Compression that changes values is told from compression that does not: what is named lossy has changed values, and is said."""
+"""A frame is called lossy if and only if its compression has changed values; the run then says so."""
 
 import json
 from collections.abc import Callable
@@ -25,22 +25,22 @@ Values = NDArray[Any]
 
 
 def _exr(compression: str, names: tuple[str, ...]) -> Callable[[Path, Values], Values]:
-    def written(path: Path, stored: Values) -> Values:
+    def write_and_read(path: Path, stored: Values) -> Values:
         header = {"compression": getattr(OpenEXR, f"{compression}_COMPRESSION"), "type": OpenEXR.scanlineimage}
         planes = {name: plane.copy() for name, plane in zip(names, stored, strict=False)}
         OpenEXR.File(header, planes).write(str(path))
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return np.stack([file.channels()[name].pixels for name in names])
 
-    return written
+    return write_and_read
 
 
 def _tiff(compression: str, /, **options: Any) -> Callable[[Path, Values], Values]:
-    def written(path: Path, stored: Values) -> Values:
+    def write_and_read(path: Path, stored: Values) -> Values:
         tifffile.imwrite(path, stored, photometric="minisblack", compression=compression, compressionargs=options)
         return tifffile.imread(path)
 
-    return written
+    return write_and_read
 
 
 COMPRESSIONS = {
@@ -80,8 +80,8 @@ COMPRESSIONS = {
 
 
 @pytest.mark.parametrize("name", COMPRESSIONS)
-def test_what_is_called_lossy_has_changed_values_and_nothing_else_has(name: str, tmp_path: Path) -> None:
-    dtype, written = COMPRESSIONS[name]
+def test_a_compression_is_called_lossy_if_and_only_if_it_changed_values(name: str, tmp_path: Path) -> None:
+    dtype, write_and_read = COMPRESSIONS[name]
     counts = counts_of(VOLTS.reshape(2, 2, 24, 32))
     stored = (
         VOLTS.astype(dtype)
@@ -89,7 +89,7 @@ def test_what_is_called_lossy_has_changed_values_and_nothing_else_has(name: str,
         else (counts // 64 if dtype is np.uint8 else counts).astype(dtype)
     )
     path = tmp_path / "frame"
-    changed = not np.array_equal(written(path, stored.copy()), stored[:1] if "luminance" in name else stored)
+    changed = not np.array_equal(write_and_read(path, stored.copy()), stored[:1] if "luminance" in name else stored)
     found = lossy_compression(FrameSource("frame", (path,)), LAYOUT, np.dtype(dtype))
     assert (found is not None) == changed
     assert found is None or found.split(" with ")[0] == name.partition(" of")[0].partition(",")[0].partition(" in ")[0]
@@ -102,7 +102,7 @@ def test_the_error_that_lerc_allows_is_named(tmp_path: Path) -> None:
     assert found == "LERC with errors up to 0.001"
 
 
-def test_a_run_says_once_that_its_frames_have_lost_something(tmp_path: Path) -> None:
+def test_a_run_warns_once_of_lossy_compression(tmp_path: Path) -> None:
     capture = tmp_path / "capture"
     capture.mkdir()
     (capture / "capture.toml").write_text(TOML["exr"])
@@ -110,8 +110,8 @@ def test_a_run_says_once_that_its_frames_have_lost_something(tmp_path: Path) -> 
         _exr("B44", PLANE_NAMES)(capture / f"frame_{index}.exr", VOLTS.astype(np.float16))
     done = program("resolve", capture, "-o", tmp_path / "out")
     assert done.status == 0
-    said = [line for line in done.err.splitlines() if "lossy" in line]
-    assert said == [
+    lossy_lines = [line for line in done.err.splitlines() if "lossy compression" in line]
+    assert lossy_lines == [
         f"warning: {capture}: recorded with lossy compression (B44), which changes voltages and so depths; record without"
         " compression, or with a lossless one: deflate, LZW, Zstandard; in EXR ZIP or PIZ"
     ]

@@ -1,4 +1,4 @@
-"""Maps say themselves what they are, to tifffile, OpenEXR, GDAL (rasterio, and so QGIS) and OpenCV."""
+"""A file of maps describes its content, for tifffile, OpenEXR, GDAL (rasterio, and so QGIS) and OpenCV."""
 
 import re
 from pathlib import Path
@@ -25,7 +25,7 @@ UNITS = {
 
 @pytest.fixture(scope="module")
 def maps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The maps of one frame in both formats, of planar depth in EXR."""
+    """Return the maps of one frame in both formats: ranges in TIFF, planar depth in EXR."""
     folder = tmp_path_factory.mktemp("maps")
     capture = record(folder / "capture")
     for form, extra in (("tif", ()), ("exr", ("--depth", "z"))):
@@ -55,7 +55,7 @@ def test_exr_maps_say_what_they_are_in_attributes(maps: dict[str, Path], tool: T
 
 
 @pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
-def test_gdal_and_what_is_built_on_it(maps: dict[str, Path]) -> None:
+def test_gdal_reads_names_units_and_facts(maps: dict[str, Path]) -> None:
     rasterio = pytest.importorskip("rasterio")
     layers = layers_of(maps["tif"])
     for page, (name, values) in enumerate(layers.items(), start=1):
@@ -81,7 +81,7 @@ def test_libtiff_sees_the_names(maps: dict[str, Path], tool: Tool) -> None:
     assert re.findall(r"PageName: (.*)", tool("tiffinfo", maps["tif"])) == list(layers_of(maps["tif"]))
 
 
-def test_info_reads_like_text(maps: dict[str, Path]) -> None:
+def test_info_shows_facts_as_plain_text(maps: dict[str, Path]) -> None:
     for form, depth in (("tif", "radial range"), ("exr", "planar depth z")):
         alone = cadtof("info", maps[form])
         assert re.search(rf"^  depth +{depth}$", alone.out, re.MULTILINE)

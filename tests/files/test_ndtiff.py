@@ -1,4 +1,4 @@
-"""NDTiff files: the index beside them says which page is which plane, and nothing is read that it does not say."""
+"""NDTiff files: the index beside a file says which page is which plane; without a fitting index the file is refused."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from tests.files.refusals import LAYOUT, message
 Axes = Mapping[str, int | str]
 
 SHUFFLED = ((1, 1), (0, 0), (1, 0), (0, 1))
-"""Harmonic and channel, from 0 on, in the order in which they were acquired."""
+"""Harmonic and channel of each page, counted from 0, in the order of acquisition."""
 
 PLACES: dict[str, Sequence[Axes]] = {
     "numbers": [{"z": h, "channel": c} for h, c in SHUFFLED],
@@ -28,16 +28,16 @@ PLACES: dict[str, Sequence[Axes]] = {
 
 
 def _write(folder: Path, pages: Sequence[Stored], places: Sequence[Axes], *, listed_as: str = "frame.tif") -> Path:
-    """Write pages one after the other as NDTiffStorage does, uint16 (Y, X), and what the index says of them."""
+    """Write pages, uint16 (Y, X), one after the other as NDTiffStorage does, and the index that describes them."""
     path, index = folder / "frame.tif", b""
-    # versions 3 and 0, and a summary that says nothing
+    # versions 3 and 0, and a summary without content
     content = b"II*\0" + struct.pack("<6I", 38, 483729, 3, 0, 2355492, 10) + b'{"a": "b"}'
     for number, (page, axes) in enumerate(zip(pages, places, strict=True), start=1):
         height, width = page.shape
         begin = len(content) + 2 + 12 * 10 + 4
         sizes = ((256, width), (257, height), (258, 16), (259, 1), (262, 1), (273, begin), (277, 1), (278, height))
         tags = [struct.pack("<HHII", tag, 4, 1, value) for tag, value in (*sizes, (279, page.nbytes))]
-        # the metadata of an image: that text too
+        # the metadata of a page: the 10 bytes of the summary, which begins at byte 28
         tags.append(struct.pack("<HHII", 51123, 2, 10, 28))
         content += struct.pack("<H", len(tags)) + b"".join(tags)
         content += struct.pack("<I", begin + page.nbytes if number < len(pages) else 0) + page.tobytes()
@@ -60,7 +60,7 @@ def test_planes_are_those_that_the_index_says(kind: str, tmp_path: Path) -> None
     np.testing.assert_array_equal(read_stored(FrameSource("frame", (path,)), LAYOUT), frame)
 
 
-def test_another_file_with_the_same_pages_has_an_index_of_its_own(tmp_path: Path) -> None:
+def test_files_with_the_same_pages_are_read_each_by_its_own_index(tmp_path: Path) -> None:
     frame = known_frame("u2")
     for name, places in (("a", [{"channel": f"H{h}.SC{c}"} for h in (1, 2) for c in (1, 2)]), ("b", PLACES["names"])):
         (tmp_path / name).mkdir()
@@ -70,7 +70,7 @@ def test_another_file_with_the_same_pages_has_an_index_of_its_own(tmp_path: Path
     np.testing.assert_array_equal(meant, frame)
 
 
-def test_without_its_index_nothing_says_which_page_is_which(tmp_path: Path) -> None:
+def test_a_file_without_its_index_is_refused(tmp_path: Path) -> None:
     path = _write(tmp_path, _acquired(known_frame("u2")), PLACES["numbers"])
     (tmp_path / "NDTiff.index").unlink()
     assert message(path).startswith(
@@ -78,7 +78,7 @@ def test_without_its_index_nothing_says_which_page_is_which(tmp_path: Path) -> N
     )
 
 
-def test_an_index_that_does_not_fit(tmp_path: Path) -> None:
+def test_an_index_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     pages = _acquired(known_frame("u2"))
     path = _write(tmp_path, pages, PLACES["numbers"], listed_as="other.tif")
     assert "NDTiff.index spreads it over other.tif too, expected all planes in one file" in message(path)

@@ -1,4 +1,4 @@
-"""Maps as other people's software sees them: the names and values that were written."""
+"""Other people's software finds in our maps the names and values that were written."""
 
 import re
 from pathlib import Path
@@ -24,7 +24,7 @@ HEIGHT, WIDTH = 6, 10
 
 @pytest.fixture
 def maps() -> DepthMaps:
-    """Maps in which every value differs, with some NaN and every status bit."""
+    """Return maps in which every value differs, with a pixel of NaN and 60 combinations of status bits."""
     made = DepthMaps.empty(tuple(layer.name for layer in wanted_layers()), (HEIGHT, WIDTH))
     made.values[:] = np.random.default_rng(0).uniform(0, 6, made.values.shape)
     made.values[[2, 3, 6]] /= 6
@@ -56,7 +56,7 @@ def exr(maps: DepthMaps, tmp_path: Path) -> Path:
     return tmp_path / "maps.exr"
 
 
-def test_our_own_reader_gives_them_back(written: Path, maps: DepthMaps) -> None:
+def test_our_own_reader_returns_the_maps_that_were_written(written: Path, maps: DepthMaps) -> None:
     layers = read_layers(written)
     assert sorted(layers) == sorted(NAMES)
     for name, values in _expected(maps).items():
@@ -83,10 +83,10 @@ def test_tifffile_finds_the_names_and_one_series(tif: Path, maps: DepthMaps) -> 
 
 
 def test_libtiff_reads_every_page(tif: Path, tool: Tool) -> None:
-    told = tool("tiffinfo", tif)
-    assert told.count("TIFF Directory at offset") == len(NAMES)
-    assert told.count(f"Image Width: {WIDTH} Image Length: {HEIGHT}") == len(NAMES)
-    assert told.count("Sample Format: IEEE floating point") == len(NAMES)
+    text = tool("tiffinfo", tif)
+    assert text.count("TIFF Directory at offset") == len(NAMES)
+    assert text.count(f"Image Width: {WIDTH} Image Length: {HEIGHT}") == len(NAMES)
+    assert text.count("Sample Format: IEEE floating point") == len(NAMES)
 
 
 def test_libtiff_copies_the_values(tif: Path, maps: DepthMaps, tool: Tool, tmp_path: Path) -> None:
@@ -98,19 +98,19 @@ def test_libtiff_copies_the_values(tif: Path, maps: DepthMaps, tool: Tool, tmp_p
 
 def test_imagemagick_extracts_a_value(tif: Path, maps: DepthMaps, tool: Tool) -> None:
     assert tool("identify", "-format", "%w %h\n", tif).split() == [str(WIDTH), str(HEIGHT)] * len(NAMES)
-    # builds of 16 bits a pixel keep what lies between 0 and 1, which volts do
+    # builds with 16 bits per value keep values between 0 and 1 only, and the voltages of these layers are
     for page, name in ((2, "direct.amplitude"), (6, "confidence")):
         value = float(tool("identify", "-precision", "9", "-format", "%[fx:p{7,4}]", f"{tif}[{page}]"))
         assert value == pytest.approx(float(maps.layer(name)[4, 7]), abs=1 / 65535)
 
 
 def test_exr_tools_list_the_channels(exr: Path, tool: Tool) -> None:
-    told = tool("exrheader", exr)
-    kinds = dict(re.findall(r"^    ([\w.]+), (32-bit [\w -]+), sampling 1 1$", told, re.MULTILINE))
+    text = tool("exrheader", exr)
+    kinds = dict(re.findall(r"^    ([\w.]+), (32-bit [\w -]+), sampling 1 1$", text, re.MULTILINE))
     assert kinds.pop("status") == "32-bit unsigned integer"
     assert kinds == dict.fromkeys(NAMES[:-1], "32-bit floating-point")
-    assert f"(0 0) - ({WIDTH - 1} {HEIGHT - 1})" in told
-    assert 'software (type string): "cadtof ' in told
+    assert f"(0 0) - ({WIDTH - 1} {HEIGHT - 1})" in text
+    assert 'software (type string): "cadtof ' in text
 
 
 def test_exr_tools_rewrite_the_values(exr: Path, maps: DepthMaps, tool: Tool, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Which plane is which, from a file's axes: an array laid out by its labels is put back in our order."""
+"""The labels of axes and the names of planes say which plane is which: any array is put into our order."""
 
 import itertools
 
@@ -20,7 +20,7 @@ harmonics = st.integers(1, 3).map(lambda n: tuple(range(1, n + 1)))
 def test_labelled_frames_and_channels_are_found_wherever_they_are(
     count: int, numbers: tuple[int, ...], order: list[str]
 ) -> None:
-    # plane t, h, c has the number it would have in our order; the file holds them in another
+    # the value of plane (t, h, c) is its place in our order; the file holds the planes in another order
     truth = np.arange(count * len(numbers) * 2).reshape(count, len(numbers), 2)
     stored = truth.transpose(["THC".index(label) for label in order])
     table = plane_table("".join(order), stored.shape, FrameLayout(numbers), where="file")
@@ -66,7 +66,7 @@ def test_a_channel_axis_in_front_of_an_unlabelled_one() -> None:
     st.sampled_from(["H{}.SC{}", "h{}_sc{}", "H{}/SC{}", "H{} Sc{}", "H{}SC{}", " h{}-SC{} "]),
 )
 def test_names_win_over_any_order(order: list[int], form: str) -> None:
-    # three frames, told apart by nothing but which of a name comes first
+    # three frames: of the planes with one name, the first belongs to the first frame
     names = [form.format(1 + place // 2 % 2, 1 + place % 2) for place in order]
     table = plane_table("Q", (12,), FrameLayout((1, 2)), where="file", names=names)
     for harmonic, channel in itertools.product(range(2), range(2)):
@@ -101,7 +101,7 @@ def test_channels_and_parts_of_an_exr_go_by_the_same_words(order: list[int], for
 
 
 @pytest.mark.parametrize(
-    ("names", "told"),
+    ("names", "expected"),
     [
         (["SC1.25MHz", "SC2.25MHz", "SC1.50MHz"], "holds the channels SC1.25MHz, SC2.25MHz, SC1.50MHz, expected"),
         (["SC1.20MHz", "SC2.20MHz", "SC1.50MHz", "SC2.50MHz"], "holds the channels SC1.20MHz"),
@@ -109,8 +109,8 @@ def test_channels_and_parts_of_an_exr_go_by_the_same_words(order: list[int], for
         (["SC1.25MHz", "SC2.25MHz", "SC1.50MHz", "SC2.50MHz", "sc1_25MHz"], "found H1.SC1 twice"),
     ],
 )
-def test_words_in_an_exr_that_do_not_say_each_plane_once_are_no_frame(names: list[str], told: str) -> None:
-    with pytest.raises(FrameError, match=told):
+def test_words_in_an_exr_that_do_not_say_each_plane_once_are_no_frame(names: list[str], expected: str) -> None:
+    with pytest.raises(FrameError, match=expected):
         voltage_places([NamedPart("", tuple(names))], FrameLayout((1, 2)), where="file")
 
 
@@ -137,7 +137,7 @@ def test_words_that_do_not_say_each_plane_leave_the_order(names: list[str]) -> N
         (["H1.SC1", "H1.SC2", "H3.SC1", "H3.SC2"], [[[0, 1], [2, 3]]]),
     ],
 )
-def test_a_name_says_what_it_says_and_the_axes_the_rest(names: list[str], expected: list[list[list[int]]]) -> None:
+def test_names_that_say_a_part_leave_the_rest_to_the_order(names: list[str], expected: list[list[list[int]]]) -> None:
     harmonics = (1, 3) if "H3.SC1" in names else (1, 2)
     assert plane_table("Q", (4,), FrameLayout(harmonics), where="file", names=names).tolist() == expected
 
@@ -157,7 +157,7 @@ def test_planes_without_a_voltages_name_are_passed_over() -> None:
         (["H1", "H1", "H5", "H5"], None, "found a plane of harmonic 5"),
     ],
 )
-def test_names_that_do_not_fit(names: list[str], frames: int | None, found: str) -> None:
+def test_names_that_do_not_fit_are_refused(names: list[str], frames: int | None, found: str) -> None:
     if frames and len(names) == 4:
         names = names * 3
     with pytest.raises(FrameError, match=found):

@@ -1,7 +1,7 @@
-"""Systems that lack what POSIX has: the same maps and records, and nothing that needs what is not there.
+"""On systems that lack functions of POSIX, the program works and writes the same maps and records.
 
-Windows itself is not at hand here; what it lacks is taken away from every process (`tests/support/elsewhere`), and its locks have
-a stand-in.
+The tests do not run on Windows. `tests/support/without_posix` takes away from every process what Windows lacks, and has a
+stand-in for its locks.
 """
 
 import errno
@@ -36,7 +36,10 @@ from tests.support.captures import record
 from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
 from tests.support.runs import require_same_run
 
-ELSEWHERE = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "tests" / "support" / "elsewhere"), str(ROOT)])}
+WITHOUT_POSIX = {
+    **os.environ,
+    "PYTHONPATH": os.pathsep.join([str(ROOT / "tests" / "support" / "without_posix"), str(ROOT)]),
+}
 
 _HOLD = """
 import sys
@@ -48,61 +51,61 @@ with locked(Path(sys.argv[1])):
 """
 
 
-def elsewhere(*arguments: object, stdin: str = "") -> Finished:
+def program_without_posix(*arguments: object, stdin: str = "") -> Finished:
     """Run `cadtof` as a program on a system that lacks what only POSIX has."""
     done = subprocess.run(
         [*PROGRAM, *map(str, arguments)],
-        input=stdin, env=ELSEWHERE, capture_output=True, text=True, timeout=120, check=False,
+        input=stdin, env=WITHOUT_POSIX, capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     return Finished(done.returncode, done.stdout, done.stderr)
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
-def test_a_run_elsewhere_is_the_same_run(form: str, tmp_path: Path) -> None:
+def test_a_run_without_posix_is_the_same_run(form: str, tmp_path: Path) -> None:
     capture = record(tmp_path / "A", frames=5, form="tif" if form == "tif" else "exr")
-    for out, run in ((tmp_path / "here", program), (tmp_path / "there", elsewhere)):
+    for out, run in ((tmp_path / "here", program), (tmp_path / "without", program_without_posix)):
         done = run("resolve", capture.folder, "-o", out, "-j", 2, "--start-method", "spawn")
         assert (done.status, "resolved 5 of 5 frames" in done.err) == (0, True), done.err
-    require_same_run(tmp_path / "there", tmp_path / "here")
+    require_same_run(tmp_path / "without", tmp_path / "here")
 
 
-def test_a_run_elsewhere_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_a_run_without_posix_goes_on_where_it_stopped(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A", frames=4), tmp_path / "out"
     for options in ((), ("--resume",)):
-        assert elsewhere("resolve", capture.folder, "-o", out, "-j", 1, *options).status == 0
+        assert program_without_posix("resolve", capture.folder, "-o", out, "-j", 1, *options).status == 0
         lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
         assert [line["status"] for line in lines] == ["ok"] * 4
         (out / "frame_1.tif").unlink()
-    assert elsewhere("resolve", capture.folder, "-o", out, "-j", 1, "--resume").status == 0
+    assert program_without_posix("resolve", capture.folder, "-o", out, "-j", 1, "--resume").status == 0
     assert program("resolve", capture.folder, "-o", tmp_path / "whole", "-j", 1).status == 0
     require_same_run(out, tmp_path / "whole")
 
 
-def test_paths_on_stdin_are_resolved_elsewhere(tmp_path: Path) -> None:
+def test_paths_on_stdin_are_resolved_without_posix(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A", frames=3), tmp_path / "out"
-    done = elsewhere("resolve", "-", "-o", out, stdin="".join(f"{path}\n" for path in capture.files))
+    done = program_without_posix("resolve", "-", "-o", out, stdin="".join(f"{path}\n" for path in capture.files))
     assert done.status == 0, done.err
     assert len(list(out.glob("*.tif"))) == 3
 
 
-def test_a_folder_is_locked_elsewhere(tmp_path: Path) -> None:
+def test_a_folder_is_locked_without_posix(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A", frames=1), tmp_path / "out"
     out.mkdir()
     with subprocess.Popen(
-        [sys.executable, "-c", _HOLD, str(out)], env=ELSEWHERE, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        [sys.executable, "-c", _HOLD, str(out)], env=WITHOUT_POSIX, stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"held\n"
-        done = elsewhere("resolve", capture.folder, "-o", out, "-j", 1)
+        done = program_without_posix("resolve", capture.folder, "-o", out, "-j", 1)
         assert done.status == 2
         assert f"{out}: process {holder.pid} on " in done.err
         holder.communicate()
-    assert elsewhere("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    assert program_without_posix("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     assert not (out / ".cadtof.lock").exists()
 
 
 def test_a_start_method_that_a_system_lacks(tmp_path: Path) -> None:
-    done = elsewhere("resolve", tmp_path, "-o", tmp_path / "out", "--start-method", "fork")
+    done = program_without_posix("resolve", tmp_path, "-o", tmp_path / "out", "--start-method", "fork")
     assert done.status == 2
     assert "--start-method: found fork, which this system does not have; expected spawn" in done.err
 
@@ -153,7 +156,7 @@ def test_a_system_that_moves_a_few_bytes_at_a_time(tmp_path: Path, monkeypatch: 
 
 
 def blocks(count: int, more: int = 0) -> NDArray[np.float32]:
-    """Values that begin with a block of a disk, so many blocks and a few bytes more."""
+    """Return values whose memory begins at a block boundary and takes `count` blocks and `more` values."""
     values = DepthMaps.empty((), (1, count * BLOCK_BYTES // 4 + more)).pages.reshape(-1)
     values[:] = np.random.default_rng(5).random(values.shape)
     return values
@@ -162,35 +165,35 @@ def blocks(count: int, more: int = 0) -> NDArray[np.float32]:
 Write = Callable[[int, memoryview], int]
 
 
-def refused(write: Write, descriptor: int, part: memoryview) -> int:
-    """What a file system does that lets a file be opened for this, and then does not do it."""
+def refuse_direct_writes(write: Write, descriptor: int, part: memoryview) -> int:
+    """Write as a file system that lets a file be opened with O_DIRECT, but refuses to write to it."""
     if fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_DIRECT:
         raise OSError(errno.EINVAL, "Invalid argument")
     return write(descriptor, part)
 
 
-def in_pieces(write: Write, descriptor: int, part: memoryview) -> int:
-    """What a file system does that takes less at a time than it is given."""
+def write_in_pieces(write: Write, descriptor: int, part: memoryview) -> int:
+    """Write as a file system that takes 128 KiB at a time at most."""
     return write(descriptor, part[: 2**17])
 
 
-@pytest.mark.parametrize("system", [None, refused, in_pieces])
+@pytest.mark.parametrize("file_system", [None, refuse_direct_writes, write_in_pieces])
 @pytest.mark.parametrize("head", [BLOCK_BYTES, BLOCK_BYTES - 4])
 @pytest.mark.parametrize("more", [0, 300])
 def test_whole_blocks_are_written_past_the_cache(
-    system: Callable[..., int] | None, head: int, more: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    file_system: Callable[..., int] | None, head: int, more: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if system is not None:
-        monkeypatch.setattr(os, "write", partial(system, os.write))
+    if file_system is not None:
+        monkeypatch.setattr(os, "write", partial(file_system, os.write))
     values, path = blocks(100, more), tmp_path / "file"
     with FileIO(path, "wb") as file:
         write_parts(file.fileno(), [memoryview(b"h" * head), values.data.cast("B"), memoryview(b"tail")])
-        # what is written afterwards is written as usual
+        # later writes go through the cache again
         assert not fcntl.fcntl(file.fileno(), fcntl.F_GETFL) & os.O_DIRECT
     assert path.read_bytes() == b"h" * head + values.tobytes() + b"tail"
 
 
-def test_a_disk_that_is_full_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_descriptor: int, _part: memoryview) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -209,14 +212,14 @@ POSIX_ALONE = (
 )
 
 
-def test_what_not_every_system_has_is_asked_for_in_one_place() -> None:
+def test_names_that_only_posix_has_are_used_in_three_modules() -> None:
     package = ROOT / "cadtof_cli"
     asking = {
         path.relative_to(package).as_posix()
         for path in package.rglob("*.py")
         if re.search(POSIX_ALONE, re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text()))
     }
-    # signals are not files; a worker's death with its parent is Linux's
+    # two more modules handle signals; one of them also ends workers with their parent, as only Linux can
     assert asking == {"files/system.py", "execution/starting.py", "cli.py"}
 
 
@@ -231,16 +234,16 @@ print(len(kept))
 """
 
 
-def test_every_module_is_imported_elsewhere() -> None:
-    """All but those of the cluster, which are distributed's matter."""
+def test_every_module_is_imported_without_posix() -> None:
+    """Modules of the cluster are left out: the package distributed decides where they can be imported."""
     done = subprocess.run(
-        [sys.executable, "-c", _IMPORT_ALL], env=ELSEWHERE, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", _IMPORT_ALL], env=WITHOUT_POSIX, capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 150
 
 
-def test_commands_work_elsewhere(tmp_path: Path) -> None:
+def test_commands_work_without_posix(tmp_path: Path) -> None:
     capture, maps = tmp_path / "capture", tmp_path / "maps"
     size = ("--frames", 2, "--width", 32, "--height", 24)
     for arguments in (
@@ -252,6 +255,6 @@ def test_commands_work_elsewhere(tmp_path: Path) -> None:
         ("report", maps, "-o", tmp_path / "page.html"),
         ("export", maps, "-o", tmp_path / "points.ply"),
     ):
-        done = elsewhere(*arguments)
+        done = program_without_posix(*arguments)
         assert done.status == 0, done.err
     assert len(list(maps.glob("*.tif"))) == 2

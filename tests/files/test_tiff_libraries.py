@@ -1,4 +1,4 @@
-"""Series as tifffile gives them from 2026.5 on, which another Python of the same day installs, and as it gave them before."""
+"""Frames are the same whether tifffile gives series in the way it does from 2026.5 on, or in the way it did before."""
 
 from pathlib import Path
 from typing import Any
@@ -9,11 +9,11 @@ import tifffile
 
 from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.files.frames import FrameLayout
-from tests.files.forms import Writer, known_frame, tiff
+from tests.files.forms import Writer, known_frame, planes_of, tiff
 
 
 class Expanded:
-    """A series that has its axes as they are, and none of the methods that gave them until 2026.5."""
+    """A series as from 2026.5 on: its attributes have all axes, and the methods that gave them before are gone."""
 
     def __init__(self, series: Any) -> None:
         self.axes, self.shape = series.get_axes(squeeze=False), series.get_shape(squeeze=False)
@@ -32,7 +32,7 @@ class Expanded:
 
 
 class Series:
-    """What `TiffFile.series` is: a function that says which."""
+    """`TiffFile.series` as from 2026.5 on: a function that returns the series."""
 
     def __init__(self, series: list[Any]) -> None:
         self._series = series
@@ -43,10 +43,10 @@ class Series:
 
 
 FORMS = {
-    "pages": tiff(arrange=lambda frame: frame.reshape(4, *frame.shape[2:])),
+    "pages": tiff(arrange=planes_of),
     "an axis of length 1": tiff(arrange=lambda frame: frame[np.newaxis], metadata={"axes": "TZCYX"}),
-    "ImageJ": tiff(arrange=lambda frame: frame, imagej=True, metadata={"axes": "ZCYX"}),
-    "OME": tiff(arrange=lambda frame: frame, ome=True, metadata={"axes": "TCYX"}),
+    "ImageJ": tiff(imagej=True, metadata={"axes": "ZCYX"}),
+    "OME": tiff(ome=True, metadata={"axes": "TCYX"}),
     "scattered": tiff(arrange=lambda frame: frame.transpose(2, 3, 0, 1), metadata={"axes": "YXZC"}),
 }
 

@@ -1,4 +1,4 @@
-"""TOML text that any parser reads as the values it was made from."""
+"""Any parser reads our TOML text as the values that it was made from."""
 
 import math
 import tomllib
@@ -47,7 +47,7 @@ def test_text_as_people_like_to_read_it() -> None:
     ("content", "found"),
     [(None, "cannot be read: No such file"), (b"a = \xff", "not UTF-8 text (byte 4)"), (b"a = ", "not valid TOML: ")],
 )
-def test_what_is_not_toml_says_so(content: bytes | None, found: str, tmp_path: Path) -> None:
+def test_the_message_for_bad_toml_says_what_is_wrong(content: bytes | None, found: str, tmp_path: Path) -> None:
     path = tmp_path / "capture.toml"
     if content is not None:
         path.write_bytes(content)

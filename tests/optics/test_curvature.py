@@ -1,4 +1,4 @@
-"""The curvature of the field, by hand."""
+"""The field curvature is that computed by hand."""
 
 import pytest
 

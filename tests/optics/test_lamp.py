@@ -1,4 +1,4 @@
-"""A lamp beside the camera: ranges from the way that light goes, against that way laid out in space."""
+"""A lamp beside the camera: the range follows from the length of the light's way, which is computed here in space."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def rays() -> F:
 
 
 def half_way(range_m: F, offset: tuple[float, float, float]) -> F:
-    """Lamp to surface to camera, over two."""
+    """Return half the way from the lamp to the surface and on to the camera."""
     to_lamp = np.linalg.norm(rays() * range_m - np.array(offset)[:, None, None], axis=0)
     return np.asarray(0.5 * (to_lamp + range_m))
 
@@ -60,7 +60,7 @@ def test_light_that_went_less_far_than_the_lamp_is_away_comes_from_the_camera() 
 
 
 @pytest.mark.parametrize("offset", [None, (0.0, 0.0, 0.0)])
-def test_a_lamp_at_the_camera_is_none(offset: tuple[float, float, float] | None) -> None:
+def test_a_lamp_at_the_camera_needs_no_correction(offset: tuple[float, float, float] | None) -> None:
     assert LampBeside.of(Optics(lamp_offset_m=offset), SIZE) is None
 
 
@@ -77,13 +77,13 @@ def test_maps_hold_depth_from_the_camera(depth: str, kernel: str | None) -> None
     truth = range_m * rays()[2] if depth == "z" else range_m
     plan = FramePlan(metadata=metadata(offset), settings=MapSettings(depth="z" if depth == "z" else "range"))
     found = resolve_frame(volts(half_way(range_m, offset)), plan=plan, kernel=kernel).maps.layer(DIRECT_DEPTH)
-    # noise of .1 rad/√(n) a pixel is some 3 mm; the lamp moves the depth by 3 mm to 3 cm
+    # the noise of one pixel is some 3 mm; the lamp moves the depth by 3 mm to 3 cm
     assert abs(np.median(found - truth)) < 2e-4
     left, right = (np.median((found - truth)[:, part]) for part in (slice(0, 16), slice(48, 64)))
     assert max(abs(left), abs(right)) < 5e-4
 
 
-def test_parts_of_a_frame_know_where_they_look() -> None:
+def test_a_frame_with_a_lamp_is_resolved_in_parts_with_the_same_maps() -> None:
     offset = (0.1, 0.02, 0.0)
     plan = FramePlan(metadata=metadata(offset))
     pixels = prepare_frame(volts(half_way(np.full(SIZE, 0.8), offset)), plan=plan)

@@ -1,4 +1,4 @@
-"""Where pixels look: the pinhole, by angles that are known."""
+"""Where pixels look: rays of a pinhole camera have known angles."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_a_principal_point_that_is_not_given_is_the_middle_as_column_and_row() -
 
 
 @pytest.mark.parametrize(
-    ("optics", "told"),
+    ("optics", "beginning"),
     [
         (Optics(), None),
         (Optics(focal_length_px=280.0, principal_point_px=(159.5, 119.5)), None),
@@ -49,11 +49,11 @@ def test_a_principal_point_that_is_not_given_is_the_middle_as_column_and_row() -
         (Optics(principal_point_px=(-20.0, 119.5)), None),
     ],
 )
-def test_lenses_that_are_hardly_given_in_pixels(optics: Optics, told: str | None) -> None:
-    """A pinhole of 59 pixels sees 320 of them at 2·atan(160/59) = 139.5°."""
+def test_optics_that_are_hardly_in_pixels_raise_a_doubt(optics: Optics, beginning: str | None) -> None:
+    """With a focal length of 59 pixels, a width of 320 pixels is a view of 2·atan(160/59) = 139.5°."""
     found = optics.doubt((240, 320))
-    assert found is None if told is None else str(found).startswith(told)
+    assert found is None if beginning is None else str(found).startswith(beginning)
 
 
-def test_a_few_pixels_may_have_their_middle_in_the_first() -> None:
+def test_the_middle_of_a_tiny_frame_may_be_near_its_first_pixel() -> None:
     assert Optics(principal_point_px=(0.5, 0.5)).doubt((2, 2)) is None

@@ -1,4 +1,4 @@
-"""Where rays meet a wall, by hand."""
+"""Rays meet a wall where geometry by hand says."""
 
 import numpy as np
 import pytest

@@ -1,1 +1,1 @@
-"""Files that other software writes: the cases that the readers are tried with, in tests and for the table in docs/formats.md."""
+"""Files that other software writes: cases for the readers, used by tests and by the table in docs/formats.md."""

@@ -6,8 +6,8 @@ import numpy as np
 import tifffile
 
 from cadtof_cli.arrays import Stored
-from tests.files.forms import PLANE_NAMES
 from tests.outside.cases import SHUFFLED, Case, Writer, planes_of, run, shuffled_planes
+from tests.support.captures import PLANE_NAMES
 
 
 def _source(folder: Path, frame: Stored, *, shaped: bool = False) -> Path:
@@ -27,7 +27,7 @@ def _tiffcp(*options: str) -> Writer:
 
 
 def _tiffset(page: int, tag: str, value: str, *, shaped: bool = False) -> Writer:
-    """Return a writer that changes a tag of one page, which libtiff writes anew at the end of the file."""
+    """Return a writer that changes a tag of one page; libtiff then writes this page anew at the end of the file."""
 
     def write(folder: Path, frame: Stored) -> Path:
         path = _source(folder, frame, shaped=shaped)

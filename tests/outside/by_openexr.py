@@ -6,28 +6,23 @@ import numpy as np
 import OpenEXR
 
 from cadtof_cli.arrays import Stored
-from tests.files.forms import PLANE_NAMES
 from tests.outside.cases import Case, Writer, named_planes, planes_of, run
-
-
-def _write(path: Path, channels: dict[str, Stored], **header: object) -> Path:
-    OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, channels, num_threads=0).write(str(path))
-    return path
+from tests.support.captures import PLANE_NAMES, write_exr
 
 
 def _named(pattern: str, **header: object) -> Writer:
     """Return a writer of channels named by a pattern; EXR sorts them by name."""
 
     def write(folder: Path, frame: Stored) -> Path:
-        channels = {pattern.format(h=h + 1, c=c + 1): frame[h, c].copy() for h in range(2) for c in range(2)}
-        return _write(folder / "frame.exr", channels, **header)
+        channels = {pattern.format(h=h + 1, c=c + 1): frame[h, c] for h in range(2) for c in range(2)}
+        return write_exr(folder / "frame.exr", channels, **header)
 
     return write
 
 
 def _colours(names: str) -> Writer:
     def write(folder: Path, frame: Stored) -> Path:
-        return _write(folder / "frame.exr", dict(zip(names, planes_of(frame), strict=False)))
+        return write_exr(folder / "frame.exr", dict(zip(names, planes_of(frame), strict=False)))
 
     return write
 
@@ -43,13 +38,14 @@ def _parts(folder: Path, frame: Stored) -> Path:
 
 def _planes(folder: Path, frame: Stored) -> tuple[Path, ...]:
     return tuple(
-        _write(folder / f"{name}.exr", {"Y": plane}) for name, plane in zip(PLANE_NAMES, planes_of(frame), strict=True)
+        write_exr(folder / f"{name}.exr", {"Y": plane})
+        for name, plane in zip(PLANE_NAMES, planes_of(frame), strict=True)
     )
 
 
 def _tiled(*options: str) -> Writer:
     def write(folder: Path, frame: Stored) -> Path:
-        plain = _write(folder / "plain.exr", named_planes(frame))
+        plain = write_exr(folder / "plain.exr", named_planes(frame))
         run("exrmaketiled", *options, plain, folder / "frame.exr")
         return folder / "frame.exr"
 
@@ -57,13 +53,13 @@ def _tiled(*options: str) -> Writer:
 
 
 def _combined(folder: Path, frame: Stored) -> Path:
-    files = [_write(folder / f"H{h + 1}.exr", {"SC1": frame[h, 0].copy(), "SC2": frame[h, 1].copy()}) for h in range(2)]
+    files = [write_exr(folder / f"H{h + 1}.exr", {"SC1": frame[h, 0], "SC2": frame[h, 1]}) for h in range(2)]
     run("exrmultipart", "-combine", "-i", *files, "-o", folder / "frame.exr", "-override", "1")
     return folder / "frame.exr"
 
 
 def _standard_attributes(folder: Path, frame: Stored) -> Path:
-    plain = _write(folder / "plain.exr", named_planes(frame))
+    plain = write_exr(folder / "plain.exr", named_planes(frame))
     run("exrstdattr", "-owner", "someone", "-comments", "a note", plain, folder / "frame.exr")
     return folder / "frame.exr"
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.arrays import Stored
-from tests.files.forms import PLANE_NAMES
 from tests.outside.cases import SHUFFLED, Case, Writer, need, planes_of, shuffled_planes
+from tests.support.captures import PLANE_NAMES
 
 
 def _opencv_pages(*options: int) -> Writer:
@@ -134,7 +134,7 @@ def _vips_bands(interpretation: str) -> Writer:
 
 
 def _gdal(*, named: bool = False, overviews: bool = False, masked: bool = False, **options: Any) -> Writer:
-    """Return a writer of a GeoTIFF of four bands by rasterio, with names of the bands in an order of their own."""
+    """Return a writer of a GeoTIFF of four bands by rasterio; `named`: the bands have names, in the order `SHUFFLED`."""
 
     def write(folder: Path, frame: Stored) -> Path:
         need("rasterio")

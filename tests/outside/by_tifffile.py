@@ -7,12 +7,12 @@ import numpy as np
 import tifffile
 
 from cadtof_cli.arrays import Stored
-from tests.files.forms import PLANE_NAMES
 from tests.outside.cases import SHUFFLED, Case, Writer, planes_of, shuffled_planes
+from tests.support.captures import PLANE_NAMES
 
 
 def _whole(axes: tuple[int, ...] = (0, 1, 2, 3), **options: Any) -> Writer:
-    """Return a writer of the frame by one call, its axes transposed."""
+    """Return a writer that transposes the axes of a frame and writes it by one call."""
 
     def write(folder: Path, frame: Stored) -> Path:
         data = np.ascontiguousarray(frame.transpose(axes))
@@ -34,7 +34,7 @@ def _stack(*, shuffled: bool = False, **options: Any) -> Writer:
 
 
 def _named_pages(tag: int) -> Writer:
-    """Return a writer of four pages, each named in a tag, in an order of its own."""
+    """Return a writer of four pages in the order `SHUFFLED`; a tag of each page holds its name."""
 
     def write(folder: Path, frame: Stored) -> Path:
         with tifffile.TiffWriter(folder / "frame.tif") as writer:
@@ -71,7 +71,7 @@ def _planes(folder: Path, frame: Stored) -> tuple[Path, ...]:
 
 
 def _foreign_tag(folder: Path, frame: Stored) -> Path:
-    """A maker's private tags: whole numbers, text that is none, and one that claims to be text."""
+    """Write private tags of a maker: whole numbers, a text that is no UTF-8, and a number where readers expect text."""
     tags = [(65000, 4, 3, (1, 2, 3), True), (65001, 2, None, b"\xff\xfe\x80", True), (51023, 4, 1, 7, True)]
     tifffile.imwrite(
         folder / "frame.tif", np.stack(planes_of(frame)), photometric="minisblack", metadata=None, extratags=tags
@@ -88,7 +88,7 @@ def _numbered_description(folder: Path, frame: Stored) -> Path:
 
 
 def _in_several_files(folder: Path, frame: Stored) -> Path:
-    """An OME-TIFF whose description says that its second harmonic lies in another file."""
+    """Write an OME-TIFF whose description says that the second harmonic is in another file."""
     path = folder / "frame.tif"
     tifffile.imwrite(path, frame[:1], ome=True, photometric="minisblack", metadata={"axes": "ZCYX"})
     xml = tifffile.tiffcomment(path)
@@ -109,7 +109,7 @@ def _of_two_sizes(folder: Path, frame: Stored) -> Path:
 
 
 def _stored_in_two_ways(folder: Path, frame: Stored) -> Path:
-    """Pages one after the other, every second of them in strips of its own and compressed."""
+    """Write four pages; every second page is compressed and in strips of another height."""
     with tifffile.TiffWriter(folder / "frame.tif") as writer:
         for index, plane in enumerate(planes_of(frame)):
             options: dict[str, Any] = {"rowsperstrip": 5, "compression": "zlib"} if index % 2 else {}

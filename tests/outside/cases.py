@@ -1,4 +1,4 @@
-"""What one case of the matrix is: who writes which file, and what a reader owes for it."""
+"""One case of the matrix: which software writes which file, and how a reader must answer."""
 
 import importlib.util
 import os
@@ -13,7 +13,8 @@ from numpy.typing import DTypeLike
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource
-from tests.files.forms import PLANE_NAMES, known_frame
+from tests.files.forms import known_frame
+from tests.support.captures import PLANE_NAMES
 from tests.support.outside_tools import MAKERS, outside_tool
 
 Writer = Callable[[Path, Stored], Path | tuple[Path, ...]]
@@ -30,11 +31,11 @@ class Case:
 
     Attributes:
         writer: the software, as the table names it.
-        form: how it was asked to write.
+        form: how the software is asked to write.
         write: writes the file.
-        dtype: type of the values that it is given.
-        refused: words of the message where the file does not say which plane is which or holds no voltages; None where
-            every value must come back bit for bit.
+        dtype: type of the values that the software gets.
+        refused: words of the message, if the file does not say which plane is which or holds no voltages; None if
+            every value must be read back bit for bit.
     """
 
     writer: str
@@ -48,13 +49,13 @@ class Case:
         return known_frame(self.dtype)
 
     def written(self, folder: Path) -> FrameSource:
-        """Write the frame and return where it lies.
+        """Write the frame and return its files as a source.
 
         Raises:
             MissingWriterError: the software is not installed.
         """
         with warnings.catch_warnings():
-            # what other software warns of is its own affair
+            # warnings of other software do not concern these tests
             warnings.simplefilter("ignore")
             files = self.write(folder, self.recorded())
         return FrameSource("frame", files if isinstance(files, tuple) else (files,))
@@ -71,7 +72,7 @@ def named_planes(frame: Stored) -> dict[str, Stored]:
 
 
 SHUFFLED = ("H2.SC1", "H1.SC2", "H2.SC2", "H1.SC1")
-"""Names in an order of someone else's, in which no plane keeps its place."""
+"""Names of the planes in another order than ours: no plane keeps its place."""
 
 
 def shuffled_planes(frame: Stored) -> list[Stored]:
@@ -81,7 +82,7 @@ def shuffled_planes(frame: Stored) -> list[Stored]:
 
 
 def run(*command: str | Path) -> None:
-    """Run a program of someone else's; its failure is an error of the case."""
+    """Run a program of another maker; if it fails, the case fails."""
     program = outside_tool(str(command[0]), os.environ.get("PATH", os.defpath))
     if program is None:
         raise MissingWriterError(f"{MAKERS[str(command[0])].name} is not installed")
@@ -89,6 +90,6 @@ def run(*command: str | Path) -> None:
 
 
 def need(module: str) -> None:
-    """Raise MissingWriterError where a Python package is not installed."""
+    """Raise MissingWriterError if a Python package is not installed."""
     if importlib.util.find_spec(module) is None:
         raise MissingWriterError(f"the Python package {module} is not installed")

@@ -16,11 +16,11 @@ CASES: tuple[Case, ...] = tuple(case for writer in _WRITERS for case in writer.C
 
 
 def tried(case: Case, folder: Path) -> str | None:
-    """Write and read a case; return the message where the file was refused, None where it was read right.
+    """Write and read a case; return the message if the file is refused, None if it is read correctly.
 
     Raises:
         MissingWriterError: the software is not installed here.
-        AssertionError: it was read wrong.
+        AssertionError: the file is read wrongly.
     """
     source = case.written(folder)
     recorded = case.recorded()

@@ -1,4 +1,4 @@
-"""What can just be simulated is, and what cannot is refused; what nobody says is a QVGA camera and the paper's pixel."""
+"""Settings at their limits are simulated, settings beyond are refused; the defaults are QVGA and the paper's pixel."""
 
 import math
 from collections.abc import Callable
@@ -61,7 +61,7 @@ POSSIBLE: list[Make] = [
 
 
 @pytest.mark.parametrize("make", POSSIBLE)
-def test_what_is_just_possible_is_simulated(make: Make) -> None:
+def test_settings_at_their_limits_are_simulated(make: Make) -> None:
     match make():
         case Camera() as camera:
             rays = camera.rays(slice(0, 1))
@@ -81,7 +81,7 @@ def test_what_is_just_possible_is_simulated(make: Make) -> None:
             assert weights.min() >= 0.0
             np.testing.assert_allclose(weights.sum(axis=1), 1.0)
         case Capacitors() as capacitors:
-            # C1, C2, C5 + C6 and C9 + C10, all alike, over C1
+            # (C1 + C2 + C5 + C6 + C9 + C10) / C1, with equal capacitors
             assert capacitors.integration_length == pytest.approx(6.0)
         case PixelModel() as model:
             assert model.photons == (1 if model.cycles == 1 else 1250)
@@ -98,33 +98,43 @@ def test_what_is_just_possible_is_simulated(make: Make) -> None:
 
 IMPOSSIBLE: list[tuple[Make, str]] = [
     (lambda: Camera(width=16385), "width: found 16385 pixels, expected 1 to 16384 pixels"),
+    (lambda: Camera(width=0), "width: found 0 pixels"),
+    (lambda: Camera(height=16385), "height: found 16385 pixels, expected 1 to 16384"),
     (lambda: Camera(height=0), "height: found 0 pixels"),
     (lambda: Camera(focal_length_px=0.9), "focal length: found 0.9 px, expected 1 px or more"),
     (lambda: Camera(focal_length_px=math.nan), "focal length: found nan px"),
     (lambda: Camera(petzval_m=(0.0, math.inf)), "Petzval curvature: found"),
+    (lambda: Camera(petzval_m=(0.0, math.nan)), "Petzval curvature: found"),
     (lambda: Camera(bits=0), "converter: found 0 bits"),
-    (lambda: Camera(bits=17), "converter: found 17 bits"),
+    (lambda: Camera(bits=17), "converter: found 17 bits, expected 1 to 16 bits"),
     (lambda: Camera(volts_per_count=0.0), "volts a count: found 0.0, expected a value above 0"),
+    (lambda: Camera(volts_per_count=math.inf), "volts a count: found inf"),
     (lambda: Camera(petzval_m=(1e308, 0.0)), "Petzval curvature: found"),
     (lambda: Camera(dark_offset_v=1e308), "dark offsets: found 1e[+]308 V"),
     (lambda: Camera(fixed_delay_ns=1e308), "fixed pattern: found 1e[+]308 ns"),
     (lambda: Wall(distance_m=1e308), "distance: found 1e[+]308 m"),
     (lambda: Camera(dark_offset_v=-1e-9), "dark offsets: found -1e-09 V, expected 0 to 1e6 V"),
+    (lambda: Camera(dark_offset_v=math.nan), "dark offsets: found nan V"),
     (lambda: Camera(fixed_delay_ns=-1e-9), "fixed pattern: found -1e-09 ns, expected 0 to 1e9 ns"),
+    (lambda: Camera(fixed_delay_ns=math.inf), "fixed pattern: found inf ns"),
     (lambda: Wall(distance_m=0.009), "distance: found 0.009 m, expected 0.01 to 1e9 m"),
     (lambda: Wall(albedo=0.0), "albedo: found 0, expected above 0"),
     (lambda: Wall(albedo=1.001), "albedo: found 1.001"),
-    (lambda: Wall(asr=-0.001), "ASR: found -0.001"),
-    (lambda: Wall(tilt_deg=(0.0, -60.0)), "tilt: found"),
+    (lambda: Wall(asr=-0.001), "ASR: found -0.001, expected a ratio from 0 to"),
+    (lambda: Wall(tilt_deg=(0.0, -60.0)), "tilt: found .* expected angles below 60°"),
+    (lambda: Wall(tilt_deg=(60.0, 0.0)), "tilt: found .* expected angles below 60°"),
     (lambda: Card(separations_ns=(3.0, -0.1)), "separations: found"),
     (lambda: Card(mpi_ratios=(0.0, -0.1)), "MPI ratios: found"),
+    (lambda: Card(mpi_ratios=(-0.1, 0.3)), "MPI ratios: found"),
     (lambda: Card(distance_m=0.0), "distance: found 0 m"),
     (lambda: Corner(opening_deg=9.9), "opening: found 9.9°"),
+    (lambda: Corner(opening_deg=180.0), "opening: found 180°, expected 10° to below 180°"),
+    (lambda: Corner(albedo=1.001), "albedo: found 1.001, expected above 0, at most 1"),
     (lambda: Corner(extents_m=(0.0, 1.0)), "extents: found"),
     (lambda: Corner(directions=0), "directions: found 0, expected 1 to 10000"),
     (lambda: Corner(directions=10_001), "directions: found 10001"),
     (lambda: Corner(asr=-1.0), "ASR: found -1"),
-    (lambda: InterReflection(wall_m=3.35), "wall: found 3.35 m"),
+    (lambda: InterReflection(wall_m=3.35), "wall: found 3.35 m, expected more than 3.35 m"),
     (lambda: InterReflection(mpi_ratio=-0.1), "MPI ratio: found -0.1"),
     (lambda: InterReflection(panel_m=(1.0, 0.0)), "panel: found"),
     (lambda: InterReflection(reflector_m=0.4), "reflector: found 0.4 m"),
@@ -176,12 +186,12 @@ IMPOSSIBLE: list[tuple[Make, str]] = [
 
 
 @pytest.mark.parametrize(("make", "message"), IMPOSSIBLE)
-def test_what_is_just_impossible_is_refused(make: Make, message: str) -> None:
+def test_settings_beyond_their_limits_are_refused(make: Make, message: str) -> None:
     with pytest.raises(SettingsError, match=message):
         make()
 
 
-def test_a_camera_that_nobody_describes_is_qvga_of_14_bits() -> None:
+def test_the_default_camera_is_qvga_with_14_bits() -> None:
     camera = Camera()
     assert (camera.width, camera.height) == (320, 240)
     assert camera.optics.focal_length_px == 280.0
@@ -199,7 +209,7 @@ def test_the_converter_rounds_and_saturates_at_its_ends() -> None:
     assert camera.counts_from_voltages(volts).tolist() == [0, 0, 1, 512, 513, 1023, 1023]
 
 
-def test_scenes_that_nobody_describes_are_those_of_the_documentation() -> None:
+def test_default_scenes_are_those_of_the_documentation() -> None:
     assert Wall().summary == "wall at 3 m, tilted by 0° and 0°"
     card = Card()
     assert (card.distance_m, card.separations_ns, card.mpi_ratios, card.asr) == (0.75, (3.0, 20.0), (0.05, 0.6), 2.0)
@@ -212,7 +222,7 @@ def test_scenes_that_nobody_describes_are_those_of_the_documentation() -> None:
     assert (panel.reflector_m, panel.albedo, panel.asr) == (5.0, 0.8, 2.0)
 
 
-def test_a_pixel_that_nobody_describes_is_the_paper_s() -> None:
+def test_the_default_pixel_is_that_of_the_paper() -> None:
     pixel = PixelModel(averaging=Averaging(integration_length=4000.0))
     assert pixel.photons == 50_000
     assert pixel.photon_rate_hz == pytest.approx(5 / 40e-9)

@@ -1,4 +1,4 @@
-"""Captures as files: what another reader finds in them, and that they never depend on who made them."""
+"""Captures as files: what other readers find in them; their bytes do not depend on the number of processes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -126,10 +126,10 @@ def test_voltages_beyond_the_converter_saturate(tmp_path: Path) -> None:
     assert (stored == 1023).mean() > 0.1
 
 
-def test_every_step_is_told(tmp_path: Path) -> None:
-    told = Told()
-    record_scene(settings(frames=3), tmp_path / "c", progress=told)
-    assert (told.expected, told.steps) == (3 + 3, 3 + 3)
+def test_every_step_is_reported(tmp_path: Path) -> None:
+    progress = Told()
+    record_scene(settings(frames=3), tmp_path / "c", progress=progress)
+    assert (progress.expected, progress.steps) == (3 + 3, 3 + 3)
 
 
 def test_an_out_that_exists_is_left_alone(tmp_path: Path) -> None:
@@ -154,8 +154,8 @@ def test_no_frames_is_refused() -> None:
 
 
 @pytest.mark.parametrize("frame_format", ["tif", "exr"])
-def test_a_capture_is_compressed_only_where_that_is_asked_for(frame_format: str, tmp_path: Path) -> None:
-    """Noise hardly shrinks, and takes long; a frame of nothing shows which of the two it is."""
+def test_a_capture_is_compressed_only_if_that_is_asked_for(frame_format: str, tmp_path: Path) -> None:
+    """Noise hardly shrinks, and takes long to compress. A frame of zeros shows by its size if it was compressed."""
     camera = Camera(width=330, height=210)
     plain = RecordSettings(exposure=settings(camera=camera).exposure, frame_format=frame_format)
     frames, truth = [np.zeros((2, 2, 210, 330))], {"direct.depth": np.ones((210, 330))}
@@ -170,6 +170,6 @@ def test_a_capture_is_compressed_only_where_that_is_asked_for(frame_format: str,
     assert sizes["plain"] == sizes["refused"] > 10 * sizes["asked"]
 
 
-def test_what_no_frames_are_recorded_in_is_refused() -> None:
+def test_an_unknown_frame_format_is_refused() -> None:
     with pytest.raises(SettingsError, match="format: found png, expected tif or exr"):
         settings(frame_format="png")

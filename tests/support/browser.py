@@ -1,4 +1,4 @@
-"""Debian's Chromium without a window, driven by selenium: pages opened from files, pointed at, dragged on and looked at."""
+"""Debian's Chromium without a window, driven by selenium: it opens files, points, drags and takes screenshots."""
 
 import base64
 import importlib
@@ -41,7 +41,7 @@ class Browser:
         self.wait(READY)
 
     def look(self, *, width: int = 1440, height: int = 1000, dark: bool = False, media: str = "") -> None:
-        """Look at the page in a window of a size, in the light or the dark, or as it is printed."""
+        """Set the size of the window, the light or dark colour scheme, and the medium, such as print."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.tell("Emulation.setDeviceMetricsOverride", **size)
@@ -56,12 +56,12 @@ class Browser:
         return self.driver.execute_script(script, *arguments)
 
     def wait(self, script: str, *arguments: Any) -> Any:
-        """Return what a script returns as soon as that is something."""
+        """Wait until a script returns a true value, and return it."""
         waiting = importlib.import_module("selenium.webdriver.support.ui").WebDriverWait(self.driver, 20, 0.02)
         return waiting.until(lambda driver: driver.execute_script(script, *arguments))
 
     def settle(self) -> None:
-        """Wait until what was to be drawn is drawn."""
+        """Wait until the browser has drawn all changes."""
         done = "requestAnimationFrame(() => requestAnimationFrame(() => arguments[arguments.length - 1]()))"
         self.driver.execute_async_script(done)
 
@@ -81,7 +81,7 @@ class Browser:
         self.settle()
 
     def point(self, css: str, *shares: tuple[float, float], drag: bool = False) -> None:
-        """Move the pointer over places of an element, each by its share of width and height; `drag`: held down meanwhile."""
+        """Move the pointer over places of an element, given as shares of its size; `drag`: with the button held down."""
         element = self.find(css)
         self.run("arguments[0].scrollIntoView({block: 'center'})", element)
         width, height = self.run(
@@ -120,13 +120,13 @@ class Browser:
         return base64.b64decode(self.tell("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"])
 
     def complaints(self) -> list[str]:
-        """Return what the browser complains of since it was last asked."""
+        """Return the messages in the browser's log since the last call."""
         return [f"{entry['level']}: {entry['message']}" for entry in self.driver.get_log("browser")]
 
 
 @contextmanager
 def opened_browser(profile: Path) -> Iterator[Browser]:
-    """Start Chromium with a profile of its own; where there is none, the test is skipped, but fails under CI."""
+    """Start Chromium with its own profile; without Chromium the test is skipped, but fails under CI."""
     chromium, chromedriver = needed_program("chromium"), needed_program("chromedriver")
     webdriver, service = needed_module("selenium.webdriver"), needed_module("selenium.webdriver.chrome.service")
     options = webdriver.ChromeOptions()

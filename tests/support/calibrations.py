@@ -1,4 +1,4 @@
-"""A calibration that nothing was measured for: every pixel has values of its own, so that nothing can be mixed up unnoticed."""
+"""A made-up calibration: every pixel has other values, so that a test notices if pixels are mixed up."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -17,12 +17,12 @@ PETZVAL_QUALITY = PetzvalQuality(0.001, 0.002, 0.01, 0.001, 0.001, 0.5, 28.0, Tr
 
 
 def response_quality(harmonics: int, *, phase_stderr_rad: float = 0.0) -> ResponseQuality:
-    """Return the quality of a response of so many harmonics, each pixel's phase known to so much."""
+    """Return the quality of a response of so many harmonics; each has this standard error of the phase."""
     return ResponseQuality((), 1.0, (phase_stderr_rad,) * harmonics, (0.0,) * harmonics, (), (0.0, 0.0), ())
 
 
 def made_up_calibration(metadata: CaptureMetadata, pixels: tuple[int, int], parts: Collection[str], /) -> Calibration:
-    """Return some of the parts for captures of a sine: offsets, hot pixels, gains, delays, imbalance, field curvature."""
+    """Return the named parts for captures of a sine: offsets, hot pixels, gains, delays, imbalance, curvature."""
     rng = np.random.default_rng(11)
     modulation = metadata.modulation
     origin = Origin(

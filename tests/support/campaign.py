@@ -32,7 +32,7 @@ TARGETS_M = (0.5, 1.0, 1.7, 2.4, 3.0)
 def camera(
     defects: Defects = ALL_DEFECTS, *, waveform: Waveform = "sine", pixels: tuple[int, int] = PIXELS, n_av: float = 1e5
 ) -> DefectiveCamera:
-    """Return a camera with a field of view of a QVGA camera's, whatever its size."""
+    """Return a camera of any size that has the field of view of a QVGA camera."""
     metadata = CaptureMetadata(
         modulation=Modulation(waveform=waveform),
         pixel=Pixel(integration_length=n_av),
@@ -42,33 +42,33 @@ def camera(
 
 
 def write(
-    folder: Path, seen: DefectiveCamera, frames: list[NDArray[np.uint16]], *, distance_m: float | None = None
+    folder: Path, camera: DefectiveCamera, frames: list[NDArray[np.uint16]], *, distance_m: float | None = None
 ) -> Path:
     """Write frames as a capture folder."""
     folder.mkdir(parents=True)
-    metadata = replace(seen.metadata, target=Target(distance_m=distance_m))
+    metadata = replace(camera.metadata, target=Target(distance_m=distance_m))
     (folder / "capture.toml").write_text(toml_text(metadata))
     for index, frame in enumerate(frames):
         tifffile.imwrite(folder / f"frame_{index:04}.tif", frame, photometric="minisblack", metadata={"axes": "HCYX"})
     return folder
 
 
-def covered(seen: DefectiveCamera, *, count: int, seed: int = 1) -> list[NDArray[np.uint16]]:
+def covered(camera: DefectiveCamera, *, count: int, seed: int = 1) -> list[NDArray[np.uint16]]:
     """Return frames recorded with the lens covered."""
-    nothing = np.zeros((1, *seen.pixels))
-    return seen.frames(nothing, nothing, count=count, seed=seed)
+    nothing = np.zeros((1, *camera.pixels))
+    return camera.frames(nothing, nothing, count=count, seed=seed)
 
 
 def wall(
-    seen: DefectiveCamera, distance_m: float, *, tilt_deg: tuple[float, float] = (0.0, 0.0), count: int, seed: int
+    camera: DefectiveCamera, distance_m: float, *, tilt_deg: tuple[float, float] = (0.0, 0.0), count: int, seed: int
 ) -> list[NDArray[np.uint16]]:
     """Return frames of a wall at ASR 2."""
-    ranges = seen.wall_range_m(distance_m, tilt_deg)[np.newaxis]
-    return seen.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=count, seed=seed)
+    ranges = camera.wall_range_m(distance_m, tilt_deg)[np.newaxis]
+    return camera.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=count, seed=seed)
 
 
 def card(
-    seen: DefectiveCamera,
+    camera: DefectiveCamera,
     *,
     count: int,
     seed: int,
@@ -76,13 +76,13 @@ def card(
     clean: float = 1 / 6,
 ) -> list[NDArray[np.uint16]]:
     """Return frames of the two-path card: direct path at 0.75 m, ASR 2; the first rows have no MPI."""
-    height, width = seen.pixels
+    height, width = camera.pixels
     separation = np.broadcast_to(np.linspace(*separations_ns, width), (height, width))
     ratio = np.broadcast_to(np.linspace(0.1, 0.6, height)[:, np.newaxis], (height, width)).copy()
     ratio[: round(clean * height)] = 0.0
     total = 3.0 + ratio
     ranges = np.stack([np.full((height, width), 0.75), 0.75 + 0.5 * C_M_PER_NS * separation])
-    return seen.frames(ranges, np.stack([1.0 / total, ratio / total]), count=count, seed=seed)
+    return camera.frames(ranges, np.stack([1.0 / total, ratio / total]), count=count, seed=seed)
 
 
 @dataclass(frozen=True)
@@ -95,13 +95,13 @@ class Campaign:
     walls: tuple[Path, Path]
 
 
-def record_campaign(folder: Path, seen: DefectiveCamera) -> Campaign:
+def record_campaign(folder: Path, camera: DefectiveCamera) -> Campaign:
     """Record 20 covered frames, 10 of a target at each of five distances, and 10 of each of two tilted walls."""
-    dark = write(folder / "dark", seen, covered(seen, count=20))
+    dark = write(folder / "dark", camera, covered(camera, count=20))
     targets = tuple(
-        write(folder / f"target_{index}", seen, wall(seen, d, count=10, seed=10 + index), distance_m=d)
+        write(folder / f"target_{index}", camera, wall(camera, d, count=10, seed=10 + index), distance_m=d)
         for index, d in enumerate(TARGETS_M)
     )
-    near = write(folder / "wall_1m", seen, wall(seen, 1.0, tilt_deg=(3.0, -2.0), count=10, seed=20))
-    far = write(folder / "wall_3m", seen, wall(seen, 3.0, tilt_deg=(-2.0, 4.0), count=10, seed=21))
-    return Campaign(seen, dark, targets, (near, far))
+    near = write(folder / "wall_1m", camera, wall(camera, 1.0, tilt_deg=(3.0, -2.0), count=10, seed=20))
+    far = write(folder / "wall_3m", camera, wall(camera, 3.0, tilt_deg=(-2.0, 4.0), count=10, seed=21))
+    return Campaign(camera, dark, targets, (near, far))

@@ -1,5 +1,6 @@
 """Small captures for tests, recorded by the forward model: TIFF counts or EXR volts."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -52,7 +53,10 @@ class Recorded:
 
 
 def record(folder: Path, *, frames: int = 1, form: Form = "tif", seed: int = 0, toml: str | None = None) -> Recorded:
-    """Record frames of `step_frame`, 24 × 32 pixels, and a `capture.toml` (its text; "" for none)."""
+    """Record frames of `step_frame`, 24 × 32 pixels, and a `capture.toml`.
+
+    `toml` is its text; None: the text for the form; "": no `capture.toml`.
+    """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
     files = tuple(folder / f"frame_{index}.{form}" for index in range(frames))
@@ -65,7 +69,7 @@ def record(folder: Path, *, frames: int = 1, form: Form = "tif", seed: int = 0, 
 
 
 def write_frame(file: Path, volts: NDArray[np.float64]) -> None:
-    """Write voltages (2, 2, Y, X) as EXR volts or TIFF counts, as the file's name ends."""
+    """Write voltages (2, 2, Y, X) as EXR volts or TIFF counts, by the suffix of the file."""
     if file.suffix == ".exr":
         write_exr(file, dict(zip(PLANE_NAMES, volts.reshape(4, *volts.shape[2:]).astype(np.float32), strict=True)))
     else:
@@ -78,19 +82,21 @@ def counts_of(volts: NDArray[np.float64]) -> NDArray[np.uint16]:
     return counts.reshape(-1, *volts.shape[2:])
 
 
-def write_pages(file: Path, pages: NDArray[np.generic]) -> None:
-    """Write a TIFF with a page for each plane."""
-    tifffile.imwrite(file, pages, photometric="minisblack", metadata=None)
+def write_pages(file: Path, pages: NDArray[Any], **options: Any) -> Path:
+    """Write a TIFF with one page per plane, by tifffile with these options; return the file."""
+    tifffile.imwrite(file, pages, **{"photometric": "minisblack", "metadata": None, **options})
+    return file
 
 
-def write_exr(file: Path, channels: dict[str, NDArray[np.generic]]) -> None:
-    """Write an EXR file with the channels."""
-    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
-    OpenEXR.File(header, {name: plane.copy() for name, plane in channels.items()}, num_threads=0).write(str(file))
+def write_exr(file: Path, channels: Mapping[str, NDArray[Any]], **header: Any) -> Path:
+    """Write an EXR file with the channels and these attributes; return the file."""
+    attributes = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION, **header}
+    OpenEXR.File(attributes, {name: plane.copy() for name, plane in channels.items()}, num_threads=0).write(str(file))
+    return file
 
 
 def layers_of(file: Path) -> dict[str, NDArray[Any]]:
-    """Layers of a map file, read by the libraries alone: EXR channels, or OME-TIFF channels."""
+    """Return the channels of a map file, EXR or OME-TIFF, read by the libraries without the package."""
     if file.suffix == ".exr":
         with OpenEXR.File(str(file), separate_channels=True) as opened:
             return {name: channel.pixels.copy() for name, channel in opened.channels().items()}
@@ -102,5 +108,5 @@ def layers_of(file: Path) -> dict[str, NDArray[Any]]:
 
 
 def write_maps(path: Path, maps: DepthMaps) -> None:
-    """Write maps that say nothing about themselves, in the format that the file's name asks for."""
+    """Write maps with an empty header, in the format that the file's suffix asks for."""
     stage_maps(path, maps, header=MapHeader(), token="")[0].commit()

@@ -1,4 +1,4 @@
-"""A real scheduler of dask and real worker processes of it, on this machine's loopback address alone."""
+"""A real scheduler of dask with real worker processes, on the loopback address of this machine alone."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from tests.support.needed import needed_module
 from tests.support.run_cadtof import ROOT
 
 START_S = 60
-"""Longest wait for a process to be there, on a machine that has much else to do."""
+"""Longest time in s that a process may take to start on a busy machine."""
 
 HERE = "127.0.0.1"
 
@@ -26,16 +26,16 @@ PR_SET_PDEATHSIG = 1
 ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 os.execv(sys.argv[1], sys.argv[1:])
 """
-"""However the tests end, nothing that they have started outlives them."""
+"""Starts a program that the system ends together with the tests, however these end."""
 
 
 def no_work(task: FrameTask) -> FrameReport:
-    """Answer as a frame's task does, at once; it is here that workers find it."""
+    """Answer at once, as the task of a frame does; it is in a module so that workers can import it."""
     return task.report("ok", None, 0.123456, one_path=12345, two_paths=64455, invalid=0)
 
 
 def require_dask() -> None:
-    """Skip what needs dask where it is not installed; in CI it must be."""
+    """Skip the test if dask is not installed; in CI it must be."""
     needed_module("distributed")
 
 
@@ -44,7 +44,7 @@ class LocalCluster:
     """A scheduler and its workers.
 
     Attributes:
-        folder: where their words and the scheduler's address lie.
+        folder: holds their output and the scheduler's address.
         preload: a module that workers import when they start.
     """
 
@@ -60,16 +60,16 @@ class LocalCluster:
     def add_workers(self, count: int = 1, *, python_path: Path = ROOT) -> None:
         """Start workers, and wait until they have registered."""
         address, before = self.address, len(self.workers)
-        said = [self.folder / f"worker_{number}.txt" for number in range(before, before + count)]
+        output = [self.folder / f"worker_{number}.txt" for number in range(before, before + count)]
         command = ["worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", HERE]
         if self.preload:
             command += ["--preload", self.preload]
-        self.workers += [_started(self.folder, words, *command, python_path=python_path) for words in said]
-        for worker, words in zip(self.workers[before:], said, strict=True):
-            _wait_for(worker, words, "Registered to")
+        self.workers += [_started(self.folder, stream, *command, python_path=python_path) for stream in output]
+        for worker, stream in zip(self.workers[before:], output, strict=True):
+            _wait_for(worker, stream, "Registered to")
 
     def ended(self) -> None:
-        """End whatever is left."""
+        """End all processes that still run."""
         for process in (*self.workers, self.scheduler):
             process.kill()
             process.wait()
@@ -79,14 +79,14 @@ class LocalCluster:
 def local_cluster(
     folder: Path, *, workers: int, preload: str | None = None, python_path: Path = ROOT
 ) -> Iterator[LocalCluster]:
-    """Yield a scheduler, which finds modules below `python_path` first, with workers; all end on leaving."""
+    """Yield a scheduler with workers; all end on leaving. The scheduler looks for modules below `python_path` first."""
     folder.mkdir(parents=True, exist_ok=True)
-    said, file = folder / "scheduler.txt", folder / "scheduler.json"
+    output, file = folder / "scheduler.txt", folder / "scheduler.json"
     command = ("scheduler", "--host", HERE, "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-    cluster = LocalCluster(folder, preload, _started(folder, said, *command, python_path=python_path))
+    cluster = LocalCluster(folder, preload, _started(folder, output, *command, python_path=python_path))
     try:
-        _wait_for(cluster.scheduler, said, "Scheduler at")
-        # the scheduler says so before the file is whole
+        _wait_for(cluster.scheduler, output, "Scheduler at")
+        # the scheduler prints its address before the file is complete
         while not (file.exists() and file.read_text().rstrip().endswith("}")):
             time.sleep(0.02)
         cluster.add_workers(workers)
@@ -95,23 +95,23 @@ def local_cluster(
         cluster.ended()
 
 
-def _started(folder: Path, said: Path, *command: str, python_path: Path = ROOT) -> "subprocess.Popen[bytes]":
+def _started(folder: Path, output: Path, *command: str, python_path: Path = ROOT) -> "subprocess.Popen[bytes]":
     environment = {
         **os.environ,
         "PYTHONPATH": f"{python_path}:{os.environ.get('PYTHONPATH', '')}",
         "DASK_TEMPORARY_DIRECTORY": str(folder),
     }
     environment.pop("PYTHONWARNINGS", None)
-    with said.open("wb") as words:
+    with output.open("wb") as stream:
         return subprocess.Popen(
             [sys.executable, "-c", _ENDED_WITH_PARENT, sys.executable, "-m", "dask", *command],
-            env=environment, stdout=words, stderr=words, cwd=folder,
+            env=environment, stdout=stream, stderr=stream, cwd=folder,
         )  # fmt: skip
 
 
-def _wait_for(process: "subprocess.Popen[bytes]", said: Path, word: str) -> None:
+def _wait_for(process: "subprocess.Popen[bytes]", output: Path, word: str) -> None:
     until = time.monotonic() + START_S
-    while word not in said.read_text():
-        assert process.poll() is None, said.read_text()
-        assert time.monotonic() < until, said.read_text()
+    while word not in output.read_text():
+        assert process.poll() is None, output.read_text()
+        assert time.monotonic() < until, output.read_text()
         time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""Every command of the program, those of groups within it too."""
+"""Every command of the program, including the commands of groups."""
 
 import click
 

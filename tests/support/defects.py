@@ -1,7 +1,7 @@
 """A camera with defects, for calibrating it: voltages straight from the sampled waveform, without any series or phasor.
 
-What `calibration/` undoes is made here from its physical cause, so that neither can hide a mistake of the other: a photon
-at time t samples the wave at its phase, the pulse smears it, and electronics add, scale and delay.
+The defects that `calibration/` corrects are made here from their physical causes, so that neither can hide a mistake of
+the other. A photon at time t samples the wave at its phase, the pulse smears it, and electronics add, scale and delay.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,14 +23,14 @@ _PULSE_NODES = 241
 
 @dataclass(frozen=True, kw_only=True)
 class Defects:
-    """What is wrong with a camera. Per-pixel values are drawn once from `seed`.
+    """The defects of a camera. Per-pixel values are drawn once, from `seed`.
 
     Attributes:
         offset_v: largest dark offset; offsets are uniform over ± this, one per pixel, harmonic and channel.
-        hot_share: share of pixels with an offset far outside, and of as many that are noisy.
+        hot_share: share of pixels with an offset far outside; as large a share of other pixels is noisy.
         phase_rad: delay of each harmonic's modulation, as a phase of that harmonic.
-        gain: of each harmonic's channels.
-        sc2_gain: of SC2 against SC1.
+        gain: gain of both channels, per harmonic.
+        sc2_gain: gain of SC2 over that of SC1.
         pixel_phase_rad: standard deviation over the array of each pixel's own phase, one per harmonic.
         pixel_gain: standard deviation over the array of each pixel's own gain at harmonics other than the first.
         petzval_m: k2, k4 of the field curvature.
@@ -49,7 +49,7 @@ class Defects:
 
 @dataclass(frozen=True, eq=False)
 class PixelDefects:
-    """The draw of one array: offsets (H, 2, Y, X) V, phases (H, Y, X) rad, gains (H, Y, X), hot and noisy pixels (Y, X)."""
+    """Defects of an array: offsets (H, 2, Y, X) V, phases (H, Y, X) rad, gains (H, Y, X), hot, noisy pixels (Y, X)."""
 
     offset_v: Float
     phase_rad: Float
@@ -60,7 +60,7 @@ class PixelDefects:
 
 @dataclass(frozen=True, kw_only=True)
 class DefectiveCamera:
-    """A camera whose defects are known. Without a focal length in the metadata it cannot look at walls."""
+    """A camera with known defects. Without a focal length in the metadata it cannot look at walls."""
 
     metadata: CaptureMetadata
     pixels: tuple[int, int] = (240, 320)
@@ -68,7 +68,7 @@ class DefectiveCamera:
     bits: int = 14
 
     def drawn(self) -> PixelDefects:
-        """Return what is fixed in the array."""
+        """Return the defects that are fixed in the array."""
         rng = np.random.default_rng([self.defects.seed, 1])
         harmonics = len(self.metadata.modulation.harmonics)
         defects, shape = self.defects, self.pixels
@@ -109,9 +109,9 @@ class DefectiveCamera:
 
         Args:
             ranges_m: (P, Y, X).
-            shares: (P, Y, X), each path's photons over all, ambient light included; none is a covered lens.
-            count: frames.
-            seed: of the noise.
+            shares: (P, Y, X), each path's photons over all photons, ambient light included; all 0: a covered lens.
+            count: number of frames.
+            seed: seed of the noise.
         """
         drawn = self.drawn()
         modulation, voltage = self.metadata.modulation, self.metadata.voltage
@@ -136,14 +136,14 @@ class DefectiveCamera:
         return frames
 
     def _sampled(self, row: int, theta: Float, shares: Float) -> "_Sampled":
-        """Return mean and noise of the samples' average, by the samples' own first and second moments."""
+        """Return mean and noise of the average of samples; both follow from the samples' first and second moments."""
         n_av = self.metadata.pixel.integration_length
         assert n_av is not None
         harmonic = self.metadata.modulation.harmonics[row]
         ambient = 1.0 - shares.sum(axis=0)
 
         def mean(moment: Moment) -> Float:
-            """Average over the light of all paths, and over ambient light, which comes at any phase alike."""
+            """Average over the light of all paths and over ambient light, which comes at all phases equally."""
             answer = smeared(self.metadata, harmonic, moment)
             anywhere = answer(np.linspace(0.0, 2.0 * np.pi, _STEPS, endpoint=False)).mean()
             return np.asarray((shares * answer(theta)).sum(axis=0) + ambient * anywhere)
@@ -163,7 +163,7 @@ class DefectiveCamera:
 class _Sampled:
     """Means of SC1 and SC2, (2, Y, X), and their noise.
 
-    SC1's is `first` of a draw, SC2's `slope` of the same draw and `rest` of another.
+    The noise of SC1 is `first` times a draw; that of SC2 is `slope` times the same draw plus `rest` times another draw.
     """
 
     means: Float
@@ -176,7 +176,7 @@ _waves: Mapping[Waveform, Callable[[Float], Float]] = {
     "sine": np.cos,
     "triangle": lambda at: np.abs((at * 2.0 / np.pi) % 4.0 - 2.0) - 1.0,
 }
-"""What a photon samples at a phase, with the peak of a cosine at 0, in units of the amplitude."""
+"""Sample of a photon by its phase, in units of the amplitude; the wave has its peak at phase 0, as a cosine has."""
 
 
 _moments: Mapping[Moment, Callable[[Float, Float], Float]] = {

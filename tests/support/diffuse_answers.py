@@ -1,4 +1,4 @@
-"""The prediction run on a frame, as tests ask for it."""
+"""The prediction of diffuse MPI for a frame, in the form that tests need."""
 
 from dataclasses import fields, replace
 
@@ -31,10 +31,11 @@ def model_of(
     second_paths: bool = False,
     period_ns: float = T1_NS,
 ) -> DiffuseModel | DiffuseChoice:
-    """The model of a frame (H, Y, X), or the choice against it.
+    """Return the diffuse model of a frame (H, Y, X), or the choice if another model is chosen.
 
-    Tails of tests are mostly the same all over the view, as those of rooms never are but second paths may be: with
-    `second_paths` frames are left to these, as in the pipeline, without it only those with separate patches are.
+    In most tests the tail is the same all over the view. Tails of rooms never are, but second paths may be. With
+    `second_paths`, such frames are taken for second paths, as in the pipeline. Without it, only frames with enough
+    separate patches are.
     """
     height, width = phasors.shape[1:]
     view = None if focal_px is None else View(focal_px, ((width - 1) / 2, (height - 1) / 2))
@@ -68,7 +69,7 @@ def model_of(
 
 
 def predicted(phasors: Z, model: DiffuseModel, *, usable: B | None = None, step: int | None = None) -> DiffusePixels:
-    """The answers of all pixels, `step` at a time."""
+    """Return the answers of all pixels, computed `step` pixels at a time."""
     flat = phasors.reshape(len(phasors), -1)
     count = flat.shape[1]
     use = np.ones(count, bool) if usable is None else usable.ravel()
@@ -84,7 +85,7 @@ def predicted(phasors: Z, model: DiffuseModel, *, usable: B | None = None, step:
 
 
 def answers(phasors: Z, *, focal_px: float | None = 60.0, n_av: float = 1e5, model: MpiModel = "auto") -> DiffusePixels:
-    """The answers of a frame that the diffuse model is taken for."""
+    """Return the answers of a frame for which the diffuse model must be chosen."""
     found = model_of(phasors, focal_px=focal_px, n_av=n_av, model=model)
     assert isinstance(found, DiffuseModel)
     return predicted(phasors, found)

@@ -1,4 +1,4 @@
-"""Frames with a known tail for tests, written from the physics and apart from the package: geometry, tail → noisy phasors."""
+"""Frames with a known tail: geometry, tail → noisy phasors. Written from the physics, independently of the package."""
 
 from dataclasses import dataclass
 
@@ -16,14 +16,14 @@ Z = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Tail:
-    """Light that sets in `start_ns` after the direct light, `strength` times as much in all, and decays with `decay_ns`."""
+    """Light that begins `start_ns` after the direct light, decays with `decay_ns`, and sums to `strength` times it."""
 
     strength: float = 0.3
     start_ns: float = 3.0
     decay_ns: float = 8.0
 
     def phasor(self, h: int) -> complex:
-        """Its phasor over the direct light's."""
+        """Return the tail's phasor at harmonic h, divided by that of the direct light."""
         turn = np.exp(1j * h * OMEGA * self.start_ns)
         return complex(self.strength * turn / (1 - 1j * h * OMEGA * self.decay_ns))
 
@@ -84,9 +84,9 @@ def range_error_m(phase_rad: F | NDArray[np.float32], range_m: F) -> F:
 def hung_before(
     frame: Z, net: F, mpi: dict[int, complex], *, share: float, amplitude: float = 0.25
 ) -> tuple[Z, NDArray[np.bool_]]:
-    """A frame of `phasors_of` with a net at the ranges `net` before its middle, and where that is.
+    """Return `frame` with a net at the ranges `net` before its middle, and the mask of the pixels behind the net.
 
-    A `share` of the light there is that of the net, direct light times 1 + `mpi[h]`; the rest is what there was.
+    There, a `share` of the light comes from the net: direct light times 1 + `mpi[h]`. The rest is that of `frame`.
     """
     height, width = net.shape
     covered = np.zeros(net.shape, np.bool_)

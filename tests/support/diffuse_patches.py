@@ -1,4 +1,4 @@
-"""Patches of a frame, made from what their light holds besides the direct path."""
+"""Patches of a frame, made from their MPI."""
 
 import math
 
@@ -9,13 +9,13 @@ from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import PatchData
 
 PATCHES = (15, 20)
-"""Rows and columns."""
+"""Rows and columns of patches."""
 
 LIT: Bool = np.ones(PATCHES, np.bool_)
 
 
 def patch_data(*mpi: Complex, sigma: float, noisy: bool = True, seed: int = 0) -> PatchData:
-    """Patches of 64 pixels of amplitude .2 whose MPI over direct light at every harmonic is given, (n,), with noise."""
+    """Return patches of 64 pixels of amplitude .2, with noise; `mpi` holds MPI over direct light per harmonic, (n,)."""
     rng, each, count = np.random.default_rng(seed), sigma / (0.2 * 8.0), math.prod(PATCHES)
     noise = each * (rng.normal(size=(len(mpi), count)) + 1j * rng.normal(size=(len(mpi), count)))
     phasors = 1.0 + np.stack(mpi) + (noise if noisy else 0.0)

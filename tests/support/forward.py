@@ -1,4 +1,4 @@
-"""A forward model of the pixel for tests, written from docs/physics.md and apart from the package: paths → noisy voltages."""
+"""A forward model of the pixel: paths → noisy voltages. Written from docs/physics.md, independently of the package."""
 
 from dataclasses import dataclass
 

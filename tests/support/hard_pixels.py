@@ -30,7 +30,7 @@ def _complex(re: NDArray[np.float64], im: NDArray[np.float64]) -> NDArray[np.com
 
 
 def close_paths(rng: np.random.Generator, n: int) -> Pair:
-    """b → 0 and x → y, down to the last digit of each."""
+    """Two paths with b → 0 and x → y, down to the last digit of both."""
     a, b = rng.random(n), rng.random(n) * 10 ** rng.uniform(-18, 0, n)
     x = rng.uniform(0, 2 * np.pi, n)
     y = x + rng.uniform(-np.pi, np.pi, n) * 10 ** rng.uniform(-16, 0, n)
@@ -38,38 +38,38 @@ def close_paths(rng: np.random.Generator, n: int) -> Pair:
 
 
 def antipodal(rng: np.random.Generator, n: int) -> Pair:
-    """Half a turn apart, with p1 → 0."""
+    """Two paths half a turn apart, with p1 → 0."""
     a, x = rng.random(n), rng.uniform(0, 2 * np.pi, n)
     b = a * (1 + rng.uniform(-1, 1, n) * 10 ** rng.uniform(-17, 0, n))
     return (a - b) * _rotor(x), (a + b) * _rotor(2 * x)
 
 
 def one_path_and_noise(rng: np.random.Generator, n: int) -> Pair:
-    """Where one path becomes two by less and more than the noise."""
+    """One path, and deviations from it that are smaller or larger than noise."""
     a, x = rng.random(n), rng.uniform(0, 2 * np.pi, n)
     size = 10 ** rng.uniform(-17, -2, n)
     return a * _rotor(x) + size * _normal(rng, n), a * _rotor(2 * x) + size * _normal(rng, n)
 
 
 def arbitrary(rng: np.random.Generator, n: int) -> Pair:
-    """Anything of the size of phasors."""
+    """Any values of the size of phasors."""
     return _normal(rng, n), _normal(rng, n)
 
 
 def faint(rng: np.random.Generator, n: int) -> Pair:
-    """About the threshold of what is a signal."""
+    """Values around the threshold of a signal."""
     first, second = (_normal(rng, n) * 10 ** rng.uniform(-6, -1, n) for _ in range(2))
     return first, second
 
 
 def magnitudes(rng: np.random.Generator, n: int) -> Pair:
-    """Of any size that a float64 has."""
+    """Values of any size that a float64 can have."""
     first, second = (_normal(rng, n) * 10.0 ** rng.uniform(-330, 307, n) for _ in range(2))
     return first, second
 
 
 def special_values(rng: np.random.Generator, n: int) -> Pair:
-    """Zeros of both signs, NaN, infinities, denormals, and where squares overflow and underflow."""
+    """Zeros of both signs, NaN, infinities, denormals, and values whose squares overflow or underflow."""
     first, second = (_complex(*SPECIAL[rng.integers(0, SPECIAL.size, (2, n))]) for _ in range(2))
     return first, second
 

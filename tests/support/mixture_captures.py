@@ -1,4 +1,4 @@
-"""Captures on disk whose light is known."""
+"""Captures on disk with known light."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ def write_capture(
     frames: int = 1,
     seed: int = 1,
 ) -> Path:
-    """Write frames of one light all over, as float TIFF in volts, and the capture.toml to them."""
+    """Write frames with the same light in all pixels, as float TIFF in volts, and their capture.toml."""
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
     periods = ", ".join(f"{T1_NS / h:.8g}" for h in harmonics)

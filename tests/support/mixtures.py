@@ -1,4 +1,4 @@
-"""K paths on N harmonics for tests, written from docs/physics.md apart from the package: phasors, their noise, and its bound."""
+"""K paths on N harmonics: phasors, noise and bound. Written from docs/physics.md, independently of the package."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ C = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Mixture:
-    """Photons of one pixel: paths of the given shares and delays, ambient light besides, all by the first path's number."""
+    """Photons of one pixel: paths with their amplitudes and delays, and ambient light in the unit of the amplitudes."""
 
     amplitudes: tuple[float, ...]
     delays_ns: tuple[float, ...]
@@ -34,7 +34,7 @@ class Mixture:
         return 2 * np.pi * np.array(self.delays_ns) / T1_NS
 
     def pulse(self, k: int) -> float:
-        """What the pulse leaves of harmonic k."""
+        """Return the factor by which the pulse reduces harmonic k."""
         s = self.fwhm_ns / 2.354820045
         return float(np.exp(-((k * 2 * np.pi * s / T1_NS) ** 2) / 2))
 
@@ -82,5 +82,5 @@ def recorded(harmonics: Sequence[int], *, n_av: float) -> CaptureMetadata:
 
 
 def noise_of(harmonics: Sequence[int], *, n_av: float) -> NoiseModel:
-    """The package's noise of such a capture."""
+    """Return the package's noise model for such a capture."""
     return noise_model(recorded(harmonics, n_av=n_av), integration_length=n_av, quantised=False)

@@ -9,7 +9,7 @@ import pytest
 
 
 def needed_module(name: str) -> Any:
-    """Return a module, or skip the test that asks for it where it is not installed."""
+    """Return a module; if it is not installed, skip the test that asks for it."""
     try:
         return importlib.import_module(name)
     except ImportError:
@@ -17,12 +17,12 @@ def needed_module(name: str) -> Any:
 
 
 def needed_program(name: str) -> str:
-    """Return the path of a program, or skip the test that asks for it where it is not installed."""
+    """Return the path of a program; if it is not installed, skip the test that asks for it."""
     return shutil.which(name) or miss(f"{name} is not installed")
 
 
 def miss(what: str) -> NoReturn:
-    """Skip a test for what it misses; under CI, which must have everything, it fails."""
+    """Skip a test because something is missing; under CI, which must have everything, let it fail."""
     if os.environ.get("CI") == "true":
         pytest.fail(f"{what}, and CI must have it")
     pytest.skip(what)

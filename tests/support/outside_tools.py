@@ -1,4 +1,4 @@
-"""Other people's programs: a name on PATH counts only where the program's own version text says whose it is."""
+"""Programs of other makers: one on PATH is taken only if its version text says that it is of the expected maker."""
 
 import os
 import re
@@ -11,7 +11,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Maker:
-    """How a maker's programs are asked what they are, and what their answer says; `question` may be nothing at all."""
+    """A maker of programs: with the argument `question`, or none if it is empty, they print text that matches `answer`."""
 
     name: str
     question: str
@@ -44,17 +44,17 @@ MAKERS = {
 def outside_tool(name: str, path: str, /) -> str | None:
     """Return the first program of this name in the folders of `path` that is its maker's, or None.
 
-    Other programs go by the same names: Windows has a `convert`, and so have unit converters and stand-ins.
+    Other programs have the same names: `convert` is also a program of Windows, a converter of units, or a stand-in.
     """
     maker = MAKERS[name]
     for folder in path.split(os.pathsep):
         program = shutil.which(name, path=folder)
-        if program and re.search(maker.answer, _said(program, maker.question)):
+        if program and re.search(maker.answer, _version_text(program, maker.question)):
             return program
     return None
 
 
-def _said(program: str, question: str) -> str:
+def _version_text(program: str, question: str) -> str:
     try:
         done = subprocess.run([program, *question.split()], capture_output=True, text=True, timeout=20, check=False)
     except (OSError, UnicodeDecodeError, subprocess.TimeoutExpired):

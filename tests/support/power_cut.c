@@ -1,6 +1,6 @@
-/* Preloaded: remembers of every file what was synchronised, as a disk that loses power would.
-   On fsync of a file its content is copied to $POWER_CUT/<inode>; on fsync of a folder the inodes of its names to
-   $POWER_CUT/<inode>.names. A file that is made or emptied is forgotten. */
+/* A library to preload. It keeps what was synchronised, as a disk does that loses power.
+   fsync of a file copies its content to $POWER_CUT/<inode>. fsync of a folder writes the inodes and names of its files
+   to $POWER_CUT/<inode>.names. When a file is created or emptied, its copy is removed. */
 #define _GNU_SOURCE
 #include <dirent.h>
 #include <dlfcn.h>
@@ -39,15 +39,7 @@ int open64(const char *path, int flags, ...) {
     return fd;
 }
 
-int open(const char *path, int flags, ...) {
-    va_list more;
-    va_start(more, flags);
-    mode_t mode = va_arg(more, mode_t);
-    va_end(more);
-    int fd = real_open(path, flags, mode);
-    forget(fd, flags);
-    return fd;
-}
+int open(const char *path, int flags, ...) __attribute__((alias("open64")));
 
 static void remember(int fd) {
     struct stat found;

@@ -1,4 +1,4 @@
-"""Processes that a test has killed, and whether they are gone: a kill is an order, which takes its time."""
+"""Waits for the end of processes that a test has killed: it takes some time until a killed process is gone."""
 
 import time
 from collections.abc import Callable
@@ -6,18 +6,18 @@ from pathlib import Path
 
 
 def alive(pid: int) -> bool:
-    """Whether a process can still do anything; one that only nobody has waited for cannot."""
+    """Return True if a process can still do anything; a zombie, whose parent has not waited for it, cannot."""
     state = _stat(str(pid))
     return bool(state) and state[0] not in "ZX"
 
 
 def nobody_left(pids: list[int], within: float) -> bool:
-    """Wait for processes to end; return whether they have, after so many seconds at most."""
+    """Wait for processes to end, `within` seconds at most; return True if all have ended."""
     return _comes_true(lambda: not any(map(alive, pids)), within)
 
 
 def session_is_over(leader: int, within: float) -> bool:
-    """Wait for whatever was started in a session, by its leader or by others; return whether all of it has ended."""
+    """Wait for all processes of a session, `within` seconds at most; return True if all have ended."""
     return _comes_true(lambda: not any(_lives_in(leader, place.name) for place in Path("/proc").glob("[0-9]*")), within)
 
 
@@ -27,7 +27,7 @@ def _lives_in(session: int, pid: str) -> bool:
 
 
 def _stat(pid: str) -> list[str]:
-    """Return state, parent, group, session and more of a process, or nothing when there is none."""
+    """Return state, parent, group, session and more of a process, or an empty list if there is no such process."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except (FileNotFoundError, ProcessLookupError):

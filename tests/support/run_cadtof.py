@@ -1,4 +1,4 @@
-"""The command line run in this process or in one of its own: exit status, stdout and stderr, as a shell would see them."""
+"""Runs the command line in this process or in a new one: exit status, stdout and stderr, as a shell would see them."""
 
 import contextlib
 import io
@@ -21,7 +21,7 @@ ENVIRONMENT = {
     **{name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
     "PYTHONPATH": str(ROOT),
 }
-"""Streams are buffered, as they are for users: a developer's setting hid what is written as late as at exit."""
+"""Streams are buffered, as for users. With PYTHONUNBUFFERED, a developer's setting, nothing would be written at exit."""
 
 _WITHOUT_PRIVILEGE = """
 import ctypes, os, sys
@@ -34,7 +34,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 
 _WITH_SMALL_FILES = """
 import os, resource, sys
-# Python would keep bytecode that is cut off
+# otherwise Python would keep bytecode files that the limit has cut off
 os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
 os.execv(sys.argv[2], sys.argv[2:])
@@ -51,7 +51,7 @@ class Finished:
 
 
 def cadtof(*arguments: object) -> Finished:
-    """Run `cadtof` with the arguments in this process; give it --jobs 1 where it would start others."""
+    """Run `cadtof` with the arguments in this process; with --jobs 1 it starts no other processes."""
     out, err = io.StringIO(), io.StringIO()
     status = 0
     argv = ["cadtof", *map(str, arguments)]
@@ -64,7 +64,7 @@ def cadtof(*arguments: object) -> Finished:
 
 
 def program(*arguments: object, stdin: str = "", before: tuple[str, ...] = ()) -> Finished:
-    """Run `cadtof` as a program, after the words `before`; a warning in it is an error."""
+    """Run `cadtof` as a program; the words `before` precede it in the command, and a warning in it is an error."""
     command = [*before, *PROGRAM, *map(str, arguments)]
     done = subprocess.run(
         command, input=stdin, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False
@@ -73,7 +73,7 @@ def program(*arguments: object, stdin: str = "", before: tuple[str, ...] = ()) -
 
 
 def without_privilege(*arguments: object) -> Finished:
-    """Run `cadtof` so that permissions of files hold for it, even where the tests run as root."""
+    """Run `cadtof` so that permissions of files hold for it, even if the tests run as root."""
     done = program(*arguments, before=(sys.executable, "-c", _WITHOUT_PRIVILEGE))
     if done.status == 77:
         pytest.skip("root cannot give up its privilege here")
@@ -81,5 +81,5 @@ def without_privilege(*arguments: object) -> Finished:
 
 
 def with_small_files(limit: int, *arguments: object) -> Finished:
-    """Run `cadtof` where no file may grow beyond `limit` bytes."""
+    """Run `cadtof` so that no file may grow beyond `limit` bytes."""
     return program(*arguments, before=(sys.executable, "-c", _WITH_SMALL_FILES, str(limit)))

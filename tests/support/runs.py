@@ -1,4 +1,4 @@
-"""Records of runs as strangers read them, without what tells the time."""
+"""Maps and records of runs, read without the package and without their times."""
 
 import json
 from pathlib import Path
@@ -11,13 +11,13 @@ def maps_of(out: Path) -> dict[str, bytes]:
 
 
 def lines_of(out: Path) -> list[dict[str, Any]]:
-    """The lines of `frames.jsonl`, without seconds, and with maps by their names."""
+    """The lines of `frames.jsonl`, without seconds, and with the names of maps in place of their paths."""
     lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
     return [{**line, "seconds": None, "output": line["output"] and Path(line["output"]).name} for line in lines]
 
 
 def run_of(out: Path) -> dict[str, Any]:
-    """What `run.json` says, without when it was, and where to."""
+    """The content of `run.json`, without times and without the folder of the run."""
     record: dict[str, Any] = json.loads((out / "run.json").read_text())
     del record["started"], record["arguments"]["out"]
     if "totals" in record:
@@ -26,7 +26,7 @@ def run_of(out: Path) -> dict[str, Any]:
 
 
 def require_same_run(out: Path, undisturbed: Path) -> None:
-    """Make sure that two folders hold the same maps and the same records, but for times, and nothing else."""
+    """Require that two folders hold the same files: the same maps, and the same records except for times."""
     assert maps_of(out) == maps_of(undisturbed)
     assert lines_of(out) == lines_of(undisturbed)
     assert run_of(out) == run_of(undisturbed)

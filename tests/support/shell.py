@@ -1,4 +1,4 @@
-"""Commands as a person types them: run by a real shell, in a folder, with `cadtof` as a program."""
+"""Commands as a person types them: a real shell runs them in a folder, with `cadtof` as a program."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ _CADTOF = f'cadtof() {{ "{sys.executable}" -W error -m cadtof_cli "$@"; }}\n'
 
 
 def shell(script: str, folder: Path, *, program: str = "bash") -> Finished:
-    """Run a script by a shell, where `cadtof` is ours; its status is that of the last command."""
+    """Run a script by a shell in which `cadtof` is this package; the status is that of the last command."""
     command = [program, "-c", _CADTOF + script]
     done = subprocess.run(
         command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False

@@ -9,7 +9,7 @@ from tests.support.run_cadtof import ENVIRONMENT, PROGRAM
 
 
 def on_terminal(*arguments: object, columns: int = 120, status: int = 0, **environment: str) -> tuple[str, str]:
-    """Run `cadtof` with stderr on a terminal of so many columns, to end so; return stdout and what the terminal got."""
+    """Run `cadtof` with stderr on a terminal; return stdout and the text on the terminal. It must end with `status`."""
     ours, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (24, columns))
     environment = {**ENVIRONMENT, "TERM": "xterm-256color", **environment}
@@ -19,7 +19,7 @@ def on_terminal(*arguments: object, columns: int = 120, status: int = 0, **envir
     )
     os.close(theirs)
     shown = b""
-    # the end of a terminal without a process is an error on Linux
+    # on Linux, to read a terminal that no process holds any more is an error
     while piece := _read(ours):
         shown += piece
     os.close(ours)

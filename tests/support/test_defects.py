@@ -1,4 +1,4 @@
-"""The camera with defects: perfect unless told, and as far off as told."""
+"""The camera with defects has none by default, and each defect is as large as asked for."""
 
 from dataclasses import replace
 from typing import Any
@@ -60,7 +60,7 @@ def test_counts_saturate_at_14_bits() -> None:
     assert stored[1].min() == 0
 
 
-def test_the_draw_is_as_wide_as_told_and_fixed() -> None:
+def test_drawn_defects_are_as_large_as_asked_for_and_fixed() -> None:
     seen = DefectiveCamera(
         metadata=METADATA,
         pixels=(60, 80),
@@ -80,7 +80,7 @@ def test_the_draw_is_as_wide_as_told_and_fixed() -> None:
     np.testing.assert_array_equal(seen.drawn().phase_rad, drawn.phase_rad)
 
 
-def test_a_lens_and_a_wall_about_the_middle_of_the_array() -> None:
+def test_lens_and_wall_are_centred_without_a_principal_point() -> None:
     seen = camera(petzval_m=(0.06, -0.02))
     bent, wall = seen.curvature_m(), seen.wall_range_m(2.0)
     for values in (bent, wall):

@@ -1,8 +1,8 @@
-"""Progress that is counted."""
+"""Counts the progress that a function reports."""
 
 
 class Told:
-    """How many steps there were to be, and how many were told of."""
+    """The number of steps that were announced, and the number that were reported."""
 
     expected = steps = 0
 

@@ -1,4 +1,4 @@
-"""Calibration captures that are what they should be, and captures that are not: light on dark frames, things before walls."""
+"""Calibration captures, sound ones and wrong ones: light on dark frames, objects before walls."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from tests.support.defects import DefectiveCamera, Defects
 from tests.support.run_cadtof import Finished, cadtof
 
 SHARE = 1 / 3
-"""Of the photons that come from the laser at ASR 2."""
+"""Share of the photons that come from the laser, at ASR 2."""
 
 VOLTS_PER_COUNT = 6e-5
 
@@ -21,7 +21,7 @@ Frames = list[np.ndarray]
 
 @dataclass(frozen=True)
 class Case:
-    """A step of a calibration with captures by their names, and whether they are what they should be."""
+    """A step of a calibration with its captures; `sound`: the step must take them, else it must refuse them."""
 
     step: str
     sound: bool
@@ -29,7 +29,7 @@ class Case:
 
 
 def calibrated(case: Case, folder: Path, seed: int, /) -> Finished:
-    """Record the captures of a case and run its step; a response and what follows gets the dark part before it."""
+    """Record the captures of a case and run its step; before a response, the dark part is calibrated."""
     captures = case.record(folder, seed)
     if case.step == "response":
         dark = write(folder / "dark", _camera(seed), covered(_camera(seed), count=10, seed=seed))
@@ -42,14 +42,14 @@ def _camera(seed: int, *, offset_v: float = 0.02) -> DefectiveCamera:
 
 
 def _curved(seed: int) -> DefectiveCamera:
-    """A camera whose lens alone is to be calibrated."""
+    """A camera whose only defect is the field curvature of its lens."""
     return camera(Defects(petzval_m=(0.06, -0.02), seed=seed))
 
 
 def _dark(offset_v: float, count: int) -> Callable[[Path, int], tuple[Path, ...]]:
     def record(folder: Path, seed: int) -> tuple[Path, ...]:
-        seen = _camera(seed, offset_v=offset_v)
-        return (write(folder / "dark_frames", seen, covered(seen, count=count, seed=seed)),)
+        camera = _camera(seed, offset_v=offset_v)
+        return (write(folder / "dark_frames", camera, covered(camera, count=count, seed=seed)),)
 
     return record
 
@@ -58,8 +58,8 @@ def _patterned(kind: str) -> Callable[[Path, int], tuple[Path, ...]]:
     """Dark frames of a camera whose offsets have a pattern of 5 mV beside their own 2 mV."""
 
     def record(folder: Path, seed: int) -> tuple[Path, ...]:
-        seen, rng = _camera(seed, offset_v=0.002), np.random.default_rng([seed, 77])
-        height, width = seen.pixels
+        camera, rng = _camera(seed, offset_v=0.002), np.random.default_rng([seed, 77])
+        height, width = camera.pixels
         y, x = np.mgrid[:height, :width] / height - 0.5
         patterns = {
             "columns": rng.standard_normal((2, 2, 1, width)),
@@ -69,82 +69,82 @@ def _patterned(kind: str) -> Callable[[Path, int], tuple[Path, ...]]:
             "common": rng.standard_normal((2, 2, 1, 1)) + np.zeros((2, 2, height, width)),
         }
         counts = np.rint(0.005 / VOLTS_PER_COUNT * patterns[kind])
-        frames = [(frame + counts).astype(np.uint16) for frame in covered(seen, count=10, seed=seed)]
-        return (write(folder / "dark_frames", seen, frames),)
+        frames = [(frame + counts).astype(np.uint16) for frame in covered(camera, count=10, seed=seed)]
+        return (write(folder / "dark_frames", camera, frames),)
 
     return record
 
 
 def _lit(share: float, scene: str, offset_v: float) -> Callable[[Path, int], tuple[Path, ...]]:
     def record(folder: Path, seed: int) -> tuple[Path, ...]:
-        seen = _camera(seed, offset_v=offset_v)
+        camera = _camera(seed, offset_v=offset_v)
         if scene == "card":
-            frames = card(seen, count=10, seed=seed)
+            frames = card(camera, count=10, seed=seed)
         else:
             rng = np.random.default_rng([seed, 78])
-            ranges = _shape(seen, scene, float(rng.uniform(0.8, 3.0)))
-            frames = seen.frames(
+            ranges = _shape(camera, scene, float(rng.uniform(0.8, 3.0)))
+            frames = camera.frames(
                 ranges[np.newaxis], share * (ranges.min() / ranges[np.newaxis]) ** 2, count=10, seed=seed
             )
-        return (write(folder / "lit", seen, frames),)
+        return (write(folder / "lit", camera, frames),)
 
     return record
 
 
-def _shape(seen: DefectiveCamera, scene: str, distance_m: float) -> Float:
-    """Return the ranges of what is looked at, (Y, X)."""
-    wall_m, (height, width) = seen.wall_range_m(distance_m), seen.pixels
+def _shape(camera: DefectiveCamera, scene: str, distance_m: float) -> Float:
+    """Return the ranges of a scene, (Y, X)."""
+    wall_m, (height, width) = camera.wall_range_m(distance_m), camera.pixels
     if scene == "corner":
-        return np.minimum(*(seen.wall_range_m(distance_m, (angle, 0.0)) for angle in (40.0, -40.0)))
+        return np.minimum(*(camera.wall_range_m(distance_m, (angle, 0.0)) for angle in (40.0, -40.0)))
     if scene == "box":
-        box = np.zeros(seen.pixels)
+        box = np.zeros(camera.pixels)
         box[height // 3 : 2 * height // 3, width // 3 : 2 * width // 3] = 0.3
         return wall_m - box
     if scene == "curtain":
         return np.asarray(wall_m + 0.1 * np.sin(np.arange(width) / 8.0))
     angle = {"wall": 0.0, "leaning": 5.0, "tilted": 30.0}[scene]
-    return seen.wall_range_m(distance_m, (angle, 0.0))
+    return camera.wall_range_m(distance_m, (angle, 0.0))
 
 
 def _targets(scene: str, distances_m: tuple[float, ...]) -> Callable[[Path, int], tuple[Path, ...]]:
     def record(folder: Path, seed: int) -> tuple[Path, ...]:
-        seen, captures = _camera(seed), []
+        camera, captures = _camera(seed), []
         for place, distance in enumerate(distances_m):
-            said = distance + 0.1 * (scene == "wrong distance" and place == 0)
+            stated_m = distance + 0.1 * (scene == "wrong distance" and place == 0)
             if scene == "floor":
-                frames = _with_floor(seen, distance, seed=100 * seed + place)
+                frames = _with_floor(camera, distance, seed=100 * seed + place)
             else:
-                ranges = _shape(seen, "wall" if scene == "wrong distance" else scene, distance)[np.newaxis]
-                frames = seen.frames(ranges, np.full_like(ranges, SHARE), count=5, seed=100 * seed + place)
-            captures.append(write(folder / f"target_{place}", seen, frames, distance_m=said))
+                ranges = _shape(camera, "wall" if scene == "wrong distance" else scene, distance)[np.newaxis]
+                frames = camera.frames(ranges, np.full_like(ranges, SHARE), count=5, seed=100 * seed + place)
+            captures.append(write(folder / f"target_{place}", camera, frames, distance_m=stated_m))
         return tuple(captures)
 
     return record
 
 
-def _with_floor(seen: DefectiveCamera, distance_m: float, *, seed: int) -> Frames:
-    """A wall that gets light by way of a floor: up to 30 % of its own at the lower edge, by ways that differ."""
-    ranges = seen.wall_range_m(distance_m)
-    height = np.linspace(1.0, 0.0, seen.pixels[0])[:, np.newaxis]
-    ratio = 0.3 * (1.0 - height) * np.ones(seen.pixels)
+def _with_floor(camera: DefectiveCamera, distance_m: float, *, seed: int) -> Frames:
+    """Return frames of a wall with MPI by way of a floor: up to 30 % at the lower edge, with a delay that varies."""
+    ranges = camera.wall_range_m(distance_m)
+    height = np.linspace(1.0, 0.0, camera.pixels[0])[:, np.newaxis]
+    ratio = 0.3 * (1.0 - height) * np.ones(camera.pixels)
     extra = 0.3 + 0.5 * height + 0.2 / distance_m
-    return seen.frames(
-        np.stack([ranges, ranges + extra]), SHARE * np.stack([np.ones(seen.pixels), ratio]), count=5, seed=seed
+    return camera.frames(
+        np.stack([ranges, ranges + extra]), SHARE * np.stack([np.ones(camera.pixels), ratio]), count=5, seed=seed
     )
 
 
 def _walls(scene: str, distances_m: tuple[float, ...]) -> Callable[[Path, int], tuple[Path, ...]]:
     def record(folder: Path, seed: int) -> tuple[Path, ...]:
-        seen, captures = _curved(seed), []
+        camera, captures = _curved(seed), []
         rng = np.random.default_rng([seed, 79])
         for place, distance in enumerate(distances_m):
             if scene == "wall":
                 tilt = (float(rng.uniform(-10, 10)), float(rng.uniform(-10, 10)))
-                frames = wall(seen, distance, tilt_deg=tilt, count=5, seed=100 * seed + place)
+                frames = wall(camera, distance, tilt_deg=tilt, count=5, seed=100 * seed + place)
             else:
-                ranges = _shape(seen, scene, distance)[np.newaxis]
-                frames = seen.frames(ranges, np.full_like(ranges, SHARE), count=5, seed=100 * seed + place)
-            captures.append(write(folder / f"wall_{place}", seen, frames))
+                ranges = _shape(camera, scene, distance)[np.newaxis]
+                frames = camera.frames(ranges, np.full_like(ranges, SHARE), count=5, seed=100 * seed + place)
+            captures.append(write(folder / f"wall_{place}", camera, frames))
         return tuple(captures)
 
     return record

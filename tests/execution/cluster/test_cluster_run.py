@@ -1,4 +1,4 @@
-"""Whatever becomes of a cluster's workers, every task has one outcome, in order: with a pretended cluster, by chance."""
+"""Every task has one outcome, in order, even if workers are lost: a pretended cluster draws by chance what happens."""
 
 import random
 from collections.abc import Callable, Iterable, Iterator
@@ -20,7 +20,7 @@ OURS = Surroundings("3.11.2", "0.1.0", "abc", None)
 
 
 class PretendedCluster:
-    """Workers that do what they are asked when their turn is drawn, come and go by chance, and die of deadly tasks."""
+    """Workers that do a batch when their turn is drawn, join and leave by chance, and die of deadly tasks."""
 
     def __init__(self, seed: int, *, deadly: frozenset[int] = frozenset(), seconds: float = 1.0) -> None:
         self.address = "tcp://127.0.0.1:1"
@@ -31,7 +31,7 @@ class PretendedCluster:
         self.batches: list[tuple[str, list[int]]] = []
         self.deaths: dict[int, int] = {}
         self.most_waiting = 0
-        self.losses: frozenset[str] = frozenset()
+        self.events: frozenset[str] = frozenset()
         self.closed = False
         self.different: dict[str, Surroundings] = {}
 
@@ -61,10 +61,10 @@ class PretendedCluster:
     def news(self) -> list[News]:
         busy = [worker for worker, waiting in self.waiting.items() if waiting]
         chance = self.rng.random()
-        if not self.waiting or ("join" in self.losses and chance < 0.05):
+        if not self.waiting or ("join" in self.events and chance < 0.05):
             return [self.join()]
         worker = self.rng.choice(busy or list(self.waiting))
-        if "leave" in self.losses and chance < 0.15:
+        if "leave" in self.events and chance < 0.15:
             return [self.lose(worker, expected=True)]
         if not busy:
             return [self.join()]
@@ -78,7 +78,7 @@ class PretendedCluster:
             self.deaths[task] = self.deaths.get(task, 0) + 1
             return [self.lose(worker, expected=False)]
         self.waiting[worker].pop(0)
-        begun = self.rng.randint(1, len(tasks)) if "time" in self.losses else len(tasks)
+        begun = self.rng.randint(1, len(tasks)) if "time" in self.events else len(tasks)
         results = tuple(_done(arguments[0], task) for task in tasks[:begun])
         return [Finished(work, BatchResult(results, self.seconds * begun))]
 
@@ -104,9 +104,9 @@ def cluster_run(
     cluster: PretendedCluster,
     tasks: Iterator[int],
     function: Callable[[int], int] = square,
-    said: list[str] | None = None,
+    messages: list[str] | None = None,
 ) -> ClusterRun[int, int]:
-    say = (lambda _: None) if said is None else said.append
+    say = (lambda _: None) if messages is None else messages.append
     return ClusterRun(cluster, function, tasks, OURS, Path("probe"), say)
 
 
@@ -116,13 +116,14 @@ def cluster_run(
     st.frozensets(st.sampled_from(["join", "leave", "time"])), st.sampled_from([SHORT_S / 30, 1.0]),
 )  # fmt: skip
 def test_every_task_has_one_outcome_in_order(
-    seed: int, count: int, deadly: frozenset[int], losses: frozenset[str], seconds: float
+    seed: int, count: int, deadly: frozenset[int], events: frozenset[str], seconds: float
 ) -> None:
     cluster = PretendedCluster(seed, deadly=deadly, seconds=seconds)
-    cluster.losses = losses
+    cluster.events = events
     outcomes = list(cluster_run(cluster, iter(range(count))).outcomes())
     assert outcomes == [Outcome(n, WorkerDied() if n in deadly else n * n) for n in range(count)]
-    # twice each, no more, and the last time it was alone; with another in its batch, one of them comes only to that
+    # A deadly task kills two workers at most, and is alone in its last batch.
+    # If two deadly tasks share a batch, the worker dies of the first one.
     assert cluster.deaths.keys() == {task for task in deadly if task < count}
     assert all(times <= 2 for times in cluster.deaths.values())
     last = {task: tasks for _, tasks in cluster.batches for task in tasks}
@@ -154,7 +155,7 @@ def test_tasks_are_drawn_as_workers_ask_for_them() -> None:
     assert drawn == 300
 
 
-def test_while_one_task_is_slow_others_go_on_but_not_without_end() -> None:
+def test_while_one_task_is_slow_only_so_many_others_run_ahead() -> None:
     class FirstIsStuck(PretendedCluster):
         def news(self) -> list[News]:
             if len(self.waiting) < 2:
@@ -197,12 +198,14 @@ def test_a_worker_that_never_answers_keeps_nobody_waiting(monkeypatch: pytest.Mo
             self.waiting = everybody
             return found
 
-    said: list[str] = []
+    messages: list[str] = []
     monkeypatch.setattr(ordered, "ANSWER_S", 0.2)
-    run = cluster_run(FirstIsFrozen(0), iter(range(3)), said=said)
+    run = cluster_run(FirstIsFrozen(0), iter(range(3)), messages=messages)
     run.welcome_workers()
     assert [outcome.result for outcome in run.outcomes()] == [0, 1, 4]
-    assert said == ["warning: worker tcp://127.0.0.1:10001 has not answered for 0.2 s: it gets no frames until it does"]
+    assert messages == [
+        "warning: worker tcp://127.0.0.1:10001 has not answered for 0.2 s: it gets no frames until it does"
+    ]
 
 
 def test_a_worker_whose_own_folder_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -239,9 +242,11 @@ def test_workers_that_differ_at_the_start_are_all_named() -> None:
 
 
 def test_a_worker_that_differs_and_comes_later_is_left_out_and_named() -> None:
-    cluster, said = PretendedCluster(6), list[str]()
-    cluster.losses = frozenset({"join"})
+    cluster, messages = PretendedCluster(6), list[str]()
+    cluster.events = frozenset({"join"})
     cluster.different = {"tcp://127.0.0.1:10002": Surroundings("3.11.2", "0.2.0", "abc", None)}
-    list(cluster_run(cluster, iter(range(100)), said=said).outcomes())
-    assert said.count("warning: left out: worker tcp://127.0.0.1:10002 has cadtof 0.2.0, expected 0.1.0 as here") == 1
+    list(cluster_run(cluster, iter(range(100)), messages=messages).outcomes())
+    assert (
+        messages.count("warning: left out: worker tcp://127.0.0.1:10002 has cadtof 0.2.0, expected 0.1.0 as here") == 1
+    )
     assert "tcp://127.0.0.1:10002" not in {worker for worker, _ in cluster.batches}

@@ -52,7 +52,7 @@ def test_slower_switching_departs_from_equation_1_step_by_step() -> None:
 
 
 def simulated(samples: Float, nodes: tuple[float, ...], ticks: list[tuple[int, int]]) -> float:
-    """Charges moved one event after the other, forwards in time."""
+    """Return the last stage's voltage in the end; the charges are moved event by event, forwards in time."""
     sampling, first, second, third = nodes
     v1 = v2 = v3 = 0.0
     waiting = list(ticks)
@@ -129,19 +129,19 @@ def test_impossible_averaging_is_refused() -> None:
 
 @pytest.mark.parametrize("scale", [0.25, 3.0])
 def test_the_effective_length_is_that_of_the_weights_shares(scale: float) -> None:
-    """What has not settled yet, or is amplified, averages over as many photons."""
+    """An average that has not settled yet, or is amplified, is over the same number of photons."""
     weights = switched(RATE_HZ / 7.3, RATE_HZ / 41.9, photons=5000)[0]
     assert effective_length(scale * weights) == pytest.approx(effective_length(weights), rel=1e-12)
 
 
-def test_stages_are_closed_for_good_unless_they_are_switched_at_a_megahertz_and_ten_kilohertz() -> None:
+def test_stages_are_closed_by_default_or_switch_at_a_megahertz_and_ten_kilohertz() -> None:
     assert Stages() == Stages(drive="dc", f1_hz=1e6, f2_hz=1e4)
     assert stage_ticks(Stages(drive="switched"), 25_000, RATE_HZ)[-1] == (25_000, 2)
     assert len(stage_ticks(Stages(drive="switched"), 25_000, RATE_HZ)) == 200 + 2
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
-def test_frequencies_and_capacitances_are_numbers_above_nothing(value: float) -> None:
+def test_frequencies_and_capacitances_are_numbers_above_zero(value: float) -> None:
     with pytest.raises(SettingsError, match="F2: found"):
         Stages(f2_hz=value)
     with pytest.raises(SettingsError, match="all above 0 fF"):

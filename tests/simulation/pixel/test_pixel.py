@@ -115,13 +115,13 @@ def test_dead_time_favours_the_earlier_path() -> None:
     )
     early = (np.abs(np.mod(seen, 40.0) - 10.0) < 3.0).sum()
     late = (np.abs(np.mod(seen, 40.0) - 17.0) < 3.0).sum()
-    # Two photons a cycle fall on paths at random: a cycle has an early one in 3 of 4 cases, only late ones in 1 of 4.
+    # Two photons per cycle fall on the paths at random: 3 of 4 cycles have an early photon, 1 of 4 has only late ones.
     assert early == pytest.approx(15_000, rel=0.03)
     assert late == pytest.approx(5_000, rel=0.05)
 
 
 def test_jitter_of_a_dead_spad_comes_on_top_of_the_pulse() -> None:
-    """What is seen about a path scatters by √(pulse² + jitter²), whichever photons the dead time drops."""
+    """Detections of a path scatter by √(pulse² + jitter²), whichever photons the dead time drops."""
     light = Condition(asr=0.0, mpi_ratio=0.0, direct_ns=10.0, second_ns=17.0).mix(40.0)
     seen = draw_detections(
         light, np.random.default_rng(9), cycles=20_000, photons_per_cycle=1, dead_time_ns=5.0, jitter_ns=1.5
@@ -174,7 +174,7 @@ def test_jitter_shrinks_the_confidence_as_a_gaussian_does() -> None:
 
 
 def test_fig_2_phase_error_is_13_degrees() -> None:
-    """90° and 153° with ratio 0.3 at ASR 0.8 and n_av 4000 read 13.24° too much, 1.471 ns."""
+    """For paths at 90° and 153°, ratio 0.3, ASR 0.8 and n_av 4000, the phase is 13.24° too large; that is 1.471 ns."""
     light, pixel = mix(asr=0.8, second_ns=17.0), model(4000.0, cycles=10_000)
     phasors = np.array([complex(*final(pixel, light, seed)[0]) for seed in range(60)])
     errors = np.degrees(np.angle(phasors * np.exp(-1j * np.pi / 2)))
@@ -191,7 +191,7 @@ def test_evolution_holds_all_photons_and_settles_on_the_phase() -> None:
 
 
 def test_evolution_is_the_trace_in_bins_and_thinned() -> None:
-    """128 bins over a period; of 5000 photons a thousand rows, the first and the last among them."""
+    """The histogram has 128 bins per period. Of 5000 photons, 1000 are shown, the first and the last among them."""
     pixel = model(200.0, cycles=1000)
     shown = evolution(pixel, mix(), np.random.default_rng(3))
     times_ns, voltages_v = trace_pixel(pixel, mix(), np.random.default_rng(3), harmonic=1)
@@ -247,7 +247,7 @@ def test_switched_stages_have_no_trace_and_no_dead_time() -> None:
 
 
 def test_a_trace_with_a_dead_time_is_that_of_the_photons_that_are_seen() -> None:
-    """Two photons a cycle from one path, the SPAD blind for half of it: every second is lost, the phase stays."""
+    """One path, two photons per cycle, a SPAD blind for half a cycle: every second photon is lost, the phase stays."""
     light = Condition(asr=0.0, mpi_ratio=0.0, direct_ns=10.0, second_ns=17.0).mix(40.0)
     pixel = model(50.0, cycles=400, photons_per_cycle=2, dead_time_ns=20.0)
     times_ns, voltages_v = trace_pixel(pixel, light, np.random.default_rng(1), harmonic=1)

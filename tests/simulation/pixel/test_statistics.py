@@ -1,4 +1,4 @@
-"""Means and covariances against quadrature, against the photon-by-photon pixel, and against published closed forms."""
+"""Means and covariances are those of a quadrature, of the photon-by-photon pixel, and of published closed forms."""
 
 import math
 from dataclasses import replace
@@ -71,7 +71,7 @@ def test_drawn_voltages_have_the_covariance_they_are_drawn_from() -> None:
         np.testing.assert_allclose(observed, [[first, both], [both, second]], atol=0.03 * max(first, second))
 
 
-def test_voltages_that_cannot_vary_do_not() -> None:
+def test_voltages_without_variance_are_drawn_as_their_mean() -> None:
     still = VoltageStatistics(np.full((1, 2, 3), 0.1), np.zeros((1, 3, 3)))
     np.testing.assert_array_equal(draw_voltages(still, np.random.default_rng(0), draws=4), np.full((4, 1, 2, 3), 0.1))
 
@@ -85,7 +85,7 @@ def test_confidence_of_one_path_follows_the_analytical_model() -> None:
 
 @pytest.mark.parametrize("direct_ns", [0.0, 3.7, 10.0, 28.0])
 def test_confidence_is_the_length_of_the_mean_whatever_its_phase(direct_ns: float) -> None:
-    """Both channels make it: of light at 10 ns SC1 shows next to nothing, at 0 SC2."""
+    """Both channels count: of light at 10 ns SC1 shows almost nothing, and of light at 0 ns SC2."""
     light = replace(paper_mix(2.0), delays_ns=np.array([direct_ns, direct_ns + 6.0]))
     means = voltage_statistics(light, Modulation(), variance_gain=1e-6).means_v[0]
     length = math.sqrt(means[0] ** 2 + means[1] ** 2)
@@ -102,8 +102,8 @@ def test_phase_precision_of_a_short_pulse_is_the_published_root() -> None:
         assert float(found) == pytest.approx(expected, rel=1e-9)
 
 
-def test_phase_precision_of_one_path_is_that_of_any_mix() -> None:
-    """One path: (1 − r2/(1 + ASR))/2 across the phasor r1/(1 + ASR). Two paths make it wider: against draws."""
+def test_phase_precision_is_right_for_one_path_and_for_a_mix() -> None:
+    """One path has the variance (1 − r2/(1 + ASR))/2 across its phasor r1/(1 + ASR). Two paths: compare with draws."""
     r1, r2 = (math.exp(-((k * 2 * math.pi * 1.7 / 2.354820045 / 40) ** 2) / 2) for k in (1, 2))
     alone = phase_precision_of_mix_rad(paper_mix(2.0, mpi_ratio=0.0), Modulation(), variance_gain=averaging_gain(4000))
     single = math.sqrt((1 - r2 / 3) / 2 / (2 * 4000 - 1)) * 3 / r1
@@ -119,7 +119,7 @@ def test_phase_precision_of_one_path_is_that_of_any_mix() -> None:
 
 
 def test_bound_is_that_of_table_1() -> None:
-    """From the Fisher information, derived independently: .049/.165, .032/.107, .157/.510 ns."""
+    """The bounds .049/.165, .032/.107, .157/.510 ns were derived independently, from the Fisher information."""
     for second, expected in ((16.0, (0.049, 0.165)), (25.0, (0.032, 0.107)), (11.0, (0.157, 0.510))):
         bounds = time_bounds_ns(paper_mix(5.0, second_ns=second), Modulation(), variance_gain=averaging_gain(1e5))
         np.testing.assert_allclose(bounds, expected, atol=6e-4)
@@ -167,7 +167,7 @@ def test_impossible_light_is_refused(change: dict[str, Any], message: str) -> No
 
 
 @pytest.mark.parametrize(("ratio", "refused"), [(0.0, False), (0.5, False), (-0.1, True), (np.nan, True)])
-def test_a_further_path_may_be_dark_but_not_less(ratio: float, refused: bool) -> None:
+def test_a_further_path_may_have_a_ratio_of_zero_but_not_below(ratio: float, refused: bool) -> None:
     if refused:
         with pytest.raises(SettingsError, match="path: found a ratio of"):
             Condition(asr=5.0, mpi_ratio=0.1, further=((ratio, 20.0),))
@@ -175,8 +175,8 @@ def test_a_further_path_may_be_dark_but_not_less(ratio: float, refused: bool) ->
         assert Condition(asr=5.0, mpi_ratio=0.1, further=((ratio, 20.0),)).ratios == (1.0, 0.1, ratio)
 
 
-def test_gains_and_noise_of_samples_go_where_the_average_puts_them() -> None:
-    """Means by Σ w, variances by Σ w²; the samples' own noise is independent in SC1 and SC2."""
+def test_the_average_scales_means_variances_and_sample_noise() -> None:
+    """Means scale with Σ w, variances with Σ w². The samples' own noise is independent in SC1 and SC2."""
     mix = PhotonMix(
         delays_ns=np.array([5.0]), photons=np.array([1.0]), ambient=np.array(2.0), period_ns=40.0, fwhm_ns=1.7
     )
@@ -187,8 +187,8 @@ def test_gains_and_noise_of_samples_go_where_the_average_puts_them() -> None:
     np.testing.assert_allclose(more, [[0.05**2, 0.0, 0.05**2]] * 2, atol=1e-12)
 
 
-def test_photons_that_all_come_at_the_same_moment_bring_the_same_samples() -> None:
-    """Each of them says the same: voltages do not scatter, but for what their covariances are rounded by."""
+def test_voltages_of_photons_that_come_at_the_same_moment_do_not_scatter() -> None:
+    """All photons give the same sample, so voltages do not scatter, except by the rounding of their covariances."""
     for moment in np.linspace(0.0, 39.0, 200):
         light = Condition(asr=0.0, direct_ns=float(moment), second_ns=39.9, mpi_ratio=0.0, fwhm_ns=0.0).mix(40.0)
         exact = voltage_statistics(light, Modulation(), variance_gain=1.0)

@@ -1,4 +1,4 @@
-"""Series of the modulation against the waves themselves, written out as straight lines."""
+"""The series of the modulation add up to the waves, which are written here as straight lines."""
 
 import numpy as np
 import pytest

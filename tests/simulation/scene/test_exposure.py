@@ -1,4 +1,4 @@
-"""A scene through a camera: bands that make up the frame, and frames that are draws from it."""
+"""A scene seen by a camera: bands of rows make up the exposure, and frames are draws from it."""
 
 from dataclasses import replace
 
@@ -52,7 +52,7 @@ def test_frames_and_seeds_are_independent_draws() -> None:
 
 
 def test_a_pixel_s_own_delay_and_the_lens_s_come_on_top_of_every_path() -> None:
-    """2(k2 ρ² + k4 ρ⁴)/c and the fixed pattern turn the fundamental; the truth stays."""
+    """The delays 2(k2 ρ² + k4 ρ⁴)/c and the fixed pattern turn the phasor of the fundamental; the truth stays."""
     wall = Wall(distance_m=2.0)
     plain = replace(exposure(), scene=wall)
     bent = Camera(width=12, height=19, petzval_m=(0.05, 0.01), fixed_delay_ns=0.1)

@@ -1,4 +1,4 @@
-"""Scenes against geometry done by hand, and against each other's ways of integrating."""
+"""Scenes agree with geometry by hand, and two ways of integrating light agree with each other."""
 
 import math
 from dataclasses import replace
@@ -89,7 +89,7 @@ def test_cosine_directions_have_the_density_of_a_flat_receiver() -> None:
 
 
 def test_no_two_cosine_directions_lie_close_together() -> None:
-    """Seen from above, each has a share π/n of a disc to itself: a square of that area is 1.77/√n wide."""
+    """Seen from above, each direction has an area of π/n in the unit disc; a square of this area is 1.77/√n wide."""
     x, y, _ = cosine_directions(1000)
     apart = np.hypot(x[:, np.newaxis] - x, y[:, np.newaxis] - y)
     np.fill_diagonal(apart, np.inf)
@@ -113,7 +113,7 @@ def test_two_ways_of_integrating_a_bounce_agree() -> None:
 
 
 def test_a_bounce_from_a_small_patch_is_the_product_of_its_factors() -> None:
-    """A 1 cm² patch at 45° between the light and the point: ρ/π · E · cos · cos · dA / d², by hand."""
+    """A patch of 1 cm², at 45° to the light and to the point, sends ρ/π · E · cos · cos · dA / d² to the point."""
     patch = Surface(
         origin_m=(1.0, 0.0, 1.0),
         across=(math.sqrt(0.5), 0.0, math.sqrt(0.5)),
@@ -162,7 +162,7 @@ def test_corner_is_symmetric_and_blurred_by_its_mpi() -> None:
 
 
 def test_inter_reflection_makes_the_panel_look_2_cm_nearer() -> None:
-    """Fig. 4(c): 335 cm without, about 333 cm with the second object."""
+    """Fig. 4(c): 335 cm without the second object, about 333 cm with it."""
     centre = (24, 32)
     camera = Camera(width=65, height=49)
     without = first_phasor_range_m(InterReflection(mpi_ratio=0.0), camera)[centre]
@@ -219,7 +219,7 @@ def test_a_scene_beyond_the_unambiguous_range_is_refused() -> None:
 
 
 def test_a_scene_just_within_a_short_range_is_not() -> None:
-    """5 ns reach 0.749 m."""
+    """A period of 5 ns has an unambiguous range of 0.749 m."""
     metadata = CaptureMetadata(modulation=Modulation(periods_ns=(5.0, 2.5)), pixel=Pixel(integration_length=1e5))
     band = expose_band(Exposure(scene=Wall(distance_m=0.5), camera=CAMERA, metadata=metadata), ALL_ROWS)
     assert 0.55 < np.nanmax(band.truth["direct.depth"]) < 0.749
@@ -253,36 +253,6 @@ def test_a_pixel_that_sees_nothing_has_no_truth() -> None:
     assert np.isfinite(expose_band(exposure(Corner(extents_m=(0.2, 0.4), asr=0.0)), ALL_ROWS).voltages.means_v).all()
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Wall(distance_m=-1.0), "distance: found -1 m"),
-        (lambda: Wall(tilt_deg=(70.0, 0.0)), "tilt: found .* expected angles below 60°"),
-        (lambda: Wall(asr=-1.0), "ASR: found -1, expected a ratio from 0 to"),
-        (lambda: Corner(albedo=1.2), "albedo: found 1.2, expected above 0, at most 1"),
-        (lambda: Corner(opening_deg=180.0), "opening: found 180°, expected 10° to below 180°"),
-        (lambda: Card(mpi_ratios=(-0.1, 0.3)), "MPI ratios: found"),
-        (lambda: InterReflection(wall_m=3.0), "wall: found 3 m, expected more than 3.35 m"),
-        (lambda: Camera(width=0), "width: found 0 pixels"),
-        (lambda: Camera(bits=20), "converter: found 20 bits, expected 1 to 16 bits"),
-        (lambda: Camera(bits=0), "converter: found 0 bits"),
-        (lambda: Camera(height=16385), "height: found 16385 pixels, expected 1 to 16384"),
-        (lambda: Camera(focal_length_px=0.9), "focal length: found 0.9 px, expected 1 px or more"),
-        (lambda: Camera(petzval_m=(0.0, math.nan)), "Petzval curvature: found"),
-        (lambda: Camera(volts_per_count=0.0), "volts a count: found 0.0, expected a value above 0"),
-        (lambda: Camera(volts_per_count=math.inf), "volts a count: found inf"),
-        (lambda: Camera(dark_offset_v=-0.01), "dark offsets: found -0.01 V, expected 0 to 1e6 V"),
-        (lambda: Camera(dark_offset_v=math.nan), "dark offsets: found nan V"),
-        (lambda: Camera(fixed_delay_ns=-0.01), "fixed pattern: found -0.01 ns, expected 0 to 1e9 ns"),
-        (lambda: Camera(fixed_delay_ns=math.inf), "fixed pattern: found inf ns"),
-    ],
-)
-def test_impossible_scenes_are_refused(make: object, message: str) -> None:
-    assert callable(make)
-    with pytest.raises(SettingsError, match=message):
-        make()
-
-
 @pytest.mark.parametrize(("width", "height"), [(1, 5), (5, 1), (1, 1)])
 def test_a_card_of_one_column_or_row_has_the_first_separation_and_ratio(width: int, height: int) -> None:
     card = Card(separations_ns=(2.0, 9.0), mpi_ratios=(0.3, 0.9), clean_share=0.0)
@@ -292,14 +262,14 @@ def test_a_card_of_one_column_or_row_has_the_first_separation_and_ratio(width: i
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "met"), [(0.0, 0.0, True), (2.0, 1.0, True), (2.001, 0.5, False), (1.0, -0.001, False)]
+    ("x", "y", "hit"), [(0.0, 0.0, True), (2.0, 1.0, True), (2.001, 0.5, False), (1.0, -0.001, False)]
 )
-def test_the_edge_of_a_surface_belongs_to_it(x: float, y: float, met: bool) -> None:
+def test_the_edge_of_a_surface_belongs_to_it(x: float, y: float, hit: bool) -> None:
     surface = Surface(
         origin_m=(0.0, 0.0, 3.0), across=(1.0, 0.0, 0.0), along=(0.0, 1.0, 0.0), extents_m=(0.0, 2.0, 0.0, 1.0)
     )
     times = surface.distances(np.array([[x], [y], [0.0]]), np.array([[0.0], [0.0], [1.5]]))
-    assert times[0] == (2.0 if met else np.inf)
+    assert times[0] == (2.0 if hit else np.inf)
 
 
 @pytest.mark.parametrize("scene", [Corner(), Corner(opening_deg=70.0), InterReflection()])
@@ -317,7 +287,7 @@ def test_photons_count_one_where_the_wall_faces_the_light(distance_m: float) -> 
 
 @pytest.mark.parametrize("tilt_deg", [(25.0, 0.0), (-10.0, 35.0)])
 def test_a_tilted_wall_gets_less_light_by_the_cosine_of_incidence(tilt_deg: tuple[float, float]) -> None:
-    """cos θ/r² over that of a wall at this distance that faces the light."""
+    """Light goes with cos θ/r², and is 1 for a wall at this distance that faces the lamp."""
     light = Wall(distance_m=2.0, tilt_deg=tilt_deg, asr=3.0).light(CAMERA, ALL_ROWS)
     x, y, z = CAMERA.rays(ALL_ROWS)
     slope_x, slope_y = (math.tan(math.radians(angle)) for angle in tilt_deg)
@@ -328,14 +298,8 @@ def test_a_tilted_wall_gets_less_light_by_the_cosine_of_incidence(tilt_deg: tupl
     np.testing.assert_allclose(light.photons[0], 4.0 * cosine / range_m**2, rtol=1e-9)
 
 
-def test_what_is_just_possible_of_a_camera_is_taken() -> None:
-    least = Camera(width=1, height=1, focal_length_px=1.0, bits=1, volts_per_count=1e-12)
-    assert least.voltage.saturated_counts == (0.0, 1.0)
-    assert Camera(width=16384, height=16384, bits=16).voltage.saturated_counts == (0.0, 65535.0)
-
-
-def test_ways_that_carry_nothing_have_no_length() -> None:
-    """A reflector that faces away from the target, and directions that miss it."""
+def test_bounces_that_carry_no_light_have_the_length_zero() -> None:
+    """The reflector is behind the target's front: its patches do not light the front, and all directions miss it."""
     target = Surface(origin_m=(0.0, 0.0, 2.0), across=(1.0, 0.0, 0.0), along=(0.0, 1.0, 0.0), albedo=0.5)
     aside = Surface(
         origin_m=(1.0, 0.0, 3.0),

@@ -1,1 +1,1 @@
-"""Hostile input: sound samples of everything that is read, ways to spoil them that know their structure, and who reads them."""
+"""Hostile input: sound samples of everything that is read, ways to spoil them, and the readers."""

@@ -1,4 +1,4 @@
-"""Spoiled input by the thousands: read in children with limits; what they must not do is told with the number that repeats it."""
+"""Thousands of spoiled inputs, read in children with limits; a fault is reported with the number that repeats it."""
 
 import contextlib
 import faulthandler
@@ -24,31 +24,31 @@ from tests.support.fuzz.samples import copy_of, make_sound
 from tests.support.fuzz.spoil import spoiled
 
 MOST_SECONDS, MOST_BYTES = 5.0, 512 * 2**20
-"""What one input may take, of a processor; one that waits for something has as long to get it."""
+"""Limits for one input: processor time in s, and memory in bytes. The time limit holds for waiting too."""
 
 PER_CHILD = 50
 """Inputs that a child reads, one after the other."""
 
 _BEYOND = 4 * 2**30
-"""What a child may ask for above what it has, so that a fault is found and the machine lives."""
+"""Bytes that a child may allocate besides those that it has: so a fault is found, and the machine survives."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that an input did: `hang`, `crash`, `exception`, `output` or `memory`."""
+    """A fault that an input caused; its kind is `hang`, `crash`, `exception`, `output` or `memory`."""
 
     reader: str
     number: int
     kind: str
-    told: str
+    text: str
 
     def __str__(self) -> str:
-        return f"{self.kind}: {self.reader}:{self.number}: {self.told}"
+        return f"{self.kind}: {self.reader}:{self.number}: {self.text}"
 
 
 @dataclass
 class Tally:
-    """What has come of a campaign: inputs by reader, the most bytes that one took, the longest time, and what was found."""
+    """Result of a campaign: inputs by reader, how many were refused, the most memory, the longest time, findings."""
 
     inputs: dict[str, int] = field(default_factory=dict)
     refused: int = 0
@@ -63,12 +63,12 @@ class Tally:
         return sum(self.inputs.values())
 
     def count(self, kind: str) -> int:
-        """Return how often something was found."""
+        """Return the number of findings of a kind."""
         return sum(finding.kind == kind for finding in self.findings)
 
 
 def input_of(reader: Reader, number: int, place: Path) -> bytes:
-    """Return the input of a number: always the same."""
+    """Return the input with this number, which is always the same."""
     rng = random.Random(f"{reader.name} {number}")
     return spoiled(rng.choice(reader.samples(place)), reader.ways, rng)
 
@@ -105,7 +105,7 @@ def run_campaign(
         if not running:
             return tally
         for key, _ in selector.select(0.25):
-            key.data.hear()
+            key.data.receive()
         for child in list(running):
             if child.is_done or child.is_late:
                 selector.unregister(child.pipe)
@@ -135,7 +135,7 @@ def _start(child: "_Child", selector: selectors.BaseSelector, running: "set[_Chi
 
 
 class _Child:
-    """A process that reads a batch of inputs, and says on a pipe at which it is."""
+    """A process that reads a batch of inputs, and reports on a pipe which input it reads."""
 
     def __init__(self, reader: str, first: int, count: int, place: Path) -> None:
         self.reader, self.first, self.count, self._place = reader, first, count, place
@@ -145,7 +145,7 @@ class _Child:
         self._messages: list[dict[str, object]] = []
 
     def start(self) -> None:
-        """Fork."""
+        """Fork the process."""
         self.pipe, writing = os.pipe()
         self._output = os.memfd_create("output")
         self._folder = Path(tempfile.mkdtemp(prefix="child-", dir=self._place.parent))
@@ -170,10 +170,10 @@ class _Child:
 
     @property
     def is_late(self) -> bool:
-        """Whether one input takes too long: of a processor, or in waiting for something."""
+        """Whether the input takes too long: in processor time, or in time that it waits."""
         state, used_s = self._state()
         now = time.monotonic()
-        # on a machine that has much to do, this process may look rarely: a look tells of a moment, not of all since the last
+        # on a busy machine this process may look rarely: one look shows the state now, not since the last look
         self._waited_s = (
             0.0 if state in "RZ" or used_s > self._last_used_s else self._waited_s + min(now - self._looked, 0.5)
         )
@@ -185,12 +185,12 @@ class _Child:
         self._used_s = self._last_used_s = self._state()[1]
 
     def _state(self) -> tuple[str, float]:
-        """Return what the child is at, as the system says it by a letter, and the time that it has had of a processor."""
+        """Return the state of the child, a letter of the system, and the processor time in s that it has used."""
         words = Path(f"/proc/{self._pid}/stat").read_text().rpartition(")")[2].split()
         return words[0], (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
-    def hear(self) -> None:
-        """Take what it says."""
+    def receive(self) -> None:
+        """Read the messages of the child."""
         content = os.read(self.pipe, 2**16)
         self._ended = not content
         *lines, self._rest = (self._rest + content).split(b"\n")
@@ -203,7 +203,7 @@ class _Child:
                 self._messages.append(message)
 
     def end(self, tally: Tally) -> list[Finding]:
-        """Reap it; count what it has read, and return what was found."""
+        """Reap the child, count its inputs, and return its findings."""
         late = not self._ended
         if late:
             os.kill(self._pid, signal.SIGKILL)
@@ -212,23 +212,23 @@ class _Child:
         os.close(self._output)
         os.close(self.pipe)
         shutil.rmtree(self._folder, ignore_errors=True)
-        findings = self._heard(tally)
+        findings = self._findings_received(tally)
         if late:
             findings.append(Finding(self.reader, self.next, "hang", f"over {MOST_SECONDS:g} s"))
         elif status and not any(finding.number == self.next and finding.kind == "memory" for finding in findings):
             findings.append(Finding(self.reader, self.next, "crash", f"ended with {status}: {printed[-1500:]}"))
-        # the input at which it ended is done with
+        # the input at which the child ended is not read again
         self.next += 1
         tally.inputs[self.reader] = tally.inputs.get(self.reader, 0) + self.next - self.first
         tally.findings += findings
         return findings
 
-    def _heard(self, tally: Tally) -> list[Finding]:
+    def _findings_received(self, tally: Tally) -> list[Finding]:
         findings = []
         for message in self._messages:
             if "kind" in message:
                 findings.append(
-                    Finding(self.reader, int(str(message["number"])), str(message["kind"]), str(message["told"]))
+                    Finding(self.reader, int(str(message["number"])), str(message["kind"]), str(message["text"]))
                 )
             else:
                 tally.refused += int(str(message["refused"]))
@@ -240,7 +240,7 @@ class _Child:
 
 
 def _serve(reader: Reader, numbers: range, place: Path, folder: Path, pipe: int, output: int) -> None:
-    """Do what a child does, and end."""
+    """Read the inputs in the child, and end it."""
     status = 1
     try:
         _limit(output)
@@ -275,21 +275,21 @@ def _limit(output: int) -> None:
 
 
 class _Reading:
-    """Reads one input after the other, and says what must not be."""
+    """Reads one input after the other, and reports faults."""
 
     def __init__(self, reader: Reader, place: Path, here: Path, pipe: int, output: int) -> None:
         self._reader, self._place, self._here, self._pipe, self._output = reader, place, here, pipe, output
         self._refused, self._longest_s, self._longest = 0, 0.0, 0
 
     def __call__(self, number: int) -> None:
-        self._say({"at": number})
+        self._send({"at": number})
         content = input_of(self._reader, number, self._place)
         began = time.process_time()
         try:
             self._reader.read(self._here, content)
         except CadtofError:
             self._refused += 1
-        except Exception:  # noqa: BLE001  (any that is not one of ours is what is looked for)
+        except Exception:  # noqa: BLE001  (any exception but CadtofError is a finding)
             self._find(number, "exception", traceback.format_exc()[-3000:])
         took_s = time.process_time() - began
         if took_s > self._longest_s:
@@ -306,17 +306,17 @@ class _Reading:
             os._exit(1)
 
     def sum_up(self) -> None:
-        """Say what has come of all."""
+        """Report the totals of all inputs."""
         found = {"refused": self._refused, "longest_s": self._longest_s, "longest": self._longest}
-        self._say({**found, "peak_bytes": peak_bytes()})
+        self._send({**found, "peak_bytes": peak_bytes()})
 
-    def _find(self, number: int, kind: str, told: str) -> None:
-        self._say({"number": number, "kind": kind, "told": told})
+    def _find(self, number: int, kind: str, text: str) -> None:
+        self._send({"number": number, "kind": kind, "text": text})
 
-    def _say(self, message: dict[str, object]) -> None:
+    def _send(self, message: dict[str, object]) -> None:
         os.write(self._pipe, json.dumps(message).encode() + b"\n")
 
 
 def peak_bytes() -> int:
-    """Return the most memory that this process has had."""
+    """Return the peak memory of this process."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

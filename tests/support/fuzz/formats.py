@@ -1,4 +1,4 @@
-"""Ways to spoil files that keep to their format: tags of TIFF, attributes of EXR, chunks of PNG, the header of NPY."""
+"""Ways to spoil a file within its format: tags of TIFF, attributes of EXR, chunks of PNG, the header of NPY."""
 
 import random
 import struct
@@ -14,7 +14,7 @@ _DESCRIPTION = 270
 
 @dataclass(frozen=True)
 class _Tag:
-    """An entry of a page: where it stands, and what it says."""
+    """A tag of a page: its place in the file, and its fields."""
 
     place: int
     code: int
@@ -75,7 +75,7 @@ def tiff_tag(content: bytes, rng: random.Random) -> bytes:
         case 4:
             value = number(rng, len(content), *tiff.pages)
         case _:
-            # small numbers stand at the beginning of the field, whatever the byte order
+            # small numbers are at the beginning of the field in both byte orders
             small = number(rng, value, tag.count) % 65536
             field = struct.pack(tiff.order + "H", small) + bytes(tiff.link.size - 2)
             (value,) = tiff.link.unpack(field)
@@ -84,7 +84,7 @@ def tiff_tag(content: bytes, rng: random.Random) -> bytes:
 
 
 def tiff_values(content: bytes, rng: random.Random) -> bytes:
-    """Change one of the values that a tag keeps elsewhere, such as the place of a strip or a word of a description."""
+    """Change a value that a tag points to, such as the place of a strip or a word of a description."""
     tiff = _Tiff(content)
     long = [tag for tag in tiff.tags if _TIFF_SIZES.get(tag.kind, 1) * tag.count > tiff.link.size]
     if not long:
@@ -101,7 +101,7 @@ def tiff_values(content: bytes, rng: random.Random) -> bytes:
 
 
 def tiff_pages(content: bytes, rng: random.Random) -> bytes:
-    """Change the list of pages: where it leads, how many tags a page has."""
+    """Change the list of pages: the link to a page, or the number of tags of a page."""
     tiff = _Tiff(content)
     if not tiff.pages:
         return content
@@ -113,7 +113,7 @@ def tiff_pages(content: bytes, rng: random.Random) -> bytes:
 
 
 def _exr_attributes(content: bytes) -> list[tuple[int, int]]:
-    """Return where the values of the first header's attributes begin, and how long they are."""
+    """Return the places and sizes of the values of the first header's attributes."""
     found: list[tuple[int, int]] = []
     place = 8
     while 0 < place < len(content) and content[place]:
@@ -128,7 +128,7 @@ def _exr_attributes(content: bytes) -> list[tuple[int, int]]:
 
 
 def exr_attribute(content: bytes, rng: random.Random) -> bytes:
-    """Change the value of an attribute, or how long it says it is."""
+    """Change the value of an attribute, or its stated size."""
     attributes = _exr_attributes(content)
     if not attributes:
         return content
@@ -143,7 +143,7 @@ def exr_attribute(content: bytes, rng: random.Random) -> bytes:
 
 
 def exr_chunk(content: bytes, rng: random.Random) -> bytes:
-    """Change a place in the table of chunks, or what a chunk says of itself."""
+    """Change an entry in the table of chunks, or the header of a chunk."""
     attributes = _exr_attributes(content)
     place = sum(attributes[-1]) + 1 if attributes else 8
     at = min(place + 8 * rng.randrange(8), max(len(content) - 8, 0))
@@ -156,7 +156,7 @@ def exr_chunk(content: bytes, rng: random.Random) -> bytes:
 
 
 def png_chunk(content: bytes, rng: random.Random) -> bytes:
-    """Change the data of a chunk and make its sum right again, or its kind or length."""
+    """Change the data of a chunk and correct its check sum, or change its kind or length."""
     places, place = list[tuple[int, int]](), 8
     while place + 12 <= len(content):
         size = int.from_bytes(content[place : place + 4], "big")
@@ -175,7 +175,7 @@ def png_chunk(content: bytes, rng: random.Random) -> bytes:
 
 
 def npy_header(content: bytes, rng: random.Random) -> bytes:
-    """Change a word of the header, whose length is kept, or made right again."""
+    """Change a word of the header; then keep its length, or correct the stated length."""
     size = int.from_bytes(content[8:10], "little")
     header, rest = content[10 : 10 + size], content[10 + size :]
     new = spoiled(header, TEXT, rng)

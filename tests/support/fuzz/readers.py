@@ -1,4 +1,4 @@
-"""Everything that reads what a stranger may hand over, each with its samples and the ways in which they are spoiled."""
+"""All readers of input that may come from a stranger, each with its samples and the ways to spoil them."""
 
 import contextlib
 import io
@@ -30,7 +30,7 @@ from tests.support.fuzz.formats import EXR, NPY, PNG, TIFF
 from tests.support.fuzz.spoil import BYTES, TEXT, Spoil
 
 FEW_PIXELS = 40_000
-"""Frames that hold more are read, not resolved: that they are large is no fault."""
+"""A frame with more pixels is read but not resolved: it may take long because it is large, which is no fault."""
 
 _METADATA = CaptureMetadata(
     pixel=Pixel(integration_length=1e5), voltage=Voltage(zero_counts=8192.0, volts_per_count=6e-5)
@@ -45,7 +45,7 @@ class SurpriseError(Exception):
 
 @dataclass(frozen=True)
 class Reader:
-    """Something that reads: its samples, in which ways they are spoiled, and what is done with one in a folder of sound files."""
+    """A reader: its samples, the ways to spoil them, and a function that reads one in a folder of sound files."""
 
     name: str
     samples: Callable[[Path], list[bytes]]
@@ -54,7 +54,7 @@ class Reader:
 
 
 def run_command(arguments: Sequence[object], /, *, stdin: bytes | None = None) -> str:
-    """Run a command line in this process; return what it says, after making sure that users may hear it."""
+    """Run a command line in this process and return its stderr; raise SurpriseError if users must not see that."""
     out, err = io.StringIO(), io.StringIO()
     status: object = 0
     with (
@@ -67,16 +67,16 @@ def run_command(arguments: Sequence[object], /, *, stdin: bytes | None = None) -
             main()
         except SystemExit as ended:
             status = ended.code
-    told = err.getvalue()
-    words = [word for word in ("unexpected", "Traceback", "Warning:") if word in told.replace("; Warning: ", "; ")]
-    if status not in {0, 1, 2} or (words and "unexpected extra argument" not in told):
-        raise SurpriseError(f"{arguments} ended with {status}: {told[-1500:]}")
-    if status and not told:
+    stderr = err.getvalue()
+    words = [word for word in ("unexpected", "Traceback", "Warning:") if word in stderr.replace("; Warning: ", "; ")]
+    if status not in {0, 1, 2} or (words and "unexpected extra argument" not in stderr):
+        raise SurpriseError(f"{arguments} ended with {status}: {stderr[-1500:]}")
+    if status and not stderr:
         raise SurpriseError(f"{arguments} ended with {status} and said nothing")
     if "--json" in arguments and status == 0:
         for line in out.getvalue().splitlines():
             json.loads(line)
-    return told
+    return stderr
 
 
 @contextlib.contextmanager
@@ -148,7 +148,7 @@ def _truth(place: Path, content: bytes) -> None:
 
 @contextlib.contextmanager
 def _in_place_of(path: Path, content: bytes) -> Iterator[None]:
-    """Have other content in a sound file, for a while."""
+    """Put other content into a sound file until the context is left."""
     sound = path.read_bytes()
     path.write_bytes(content)
     try:
@@ -179,7 +179,7 @@ def _calibration(name: str, place: Path, content: bytes) -> None:
         recorded = str(tomllib.loads((place / "cal" / name).with_suffix(".toml").read_text())["part"]["digest"])
     with _in_place_of(place / "cal" / name, content):
         run_command(("info", "cal"))
-        # one who has changed a part can have changed its digest too
+        # whoever changes a part can change its digest too
         with patch.object(store, "digest_of", trusting):
             store.cached_calibration.cache_clear()
             if not run_command(("info", "cal", "--json")).startswith("wrong: "):
@@ -205,11 +205,9 @@ def _options(place: Path, content: bytes) -> None:
     if not words or words[0] not in {"resolve", "info", "inspect", "evaluate", "export", "compare", "calibrate"}:
         return
     shutil.rmtree(place / "new", ignore_errors=True)
-    # what would take long, start processes, or listen, as it was asked to
-    if any(word in {"-j", "--jobs", "--scheduler", "--start-method", "--frame-timeout"} for word in words[:1]):
-        return
+
     if any(re.fullmatch(r"/+|.*/\.\.", word) for word in words):
-        # all folders of this machine
+        # such a word names all folders of this machine
         return
     with contextlib.suppress(ValueError, IndexError):
         words[words.index("-j") + 1] = "1"

@@ -1,4 +1,4 @@
-"""Sound samples of everything that is read, small enough that thousands of spoiled ones are tried in a minute."""
+"""Sound samples of everything that is read; they are so small that thousands of spoiled ones are tried in a minute."""
 
 import io
 import json
@@ -54,7 +54,7 @@ def make_sound(place: Path, run: Callable[[Sequence[object]], str], /) -> Path:
 
 
 def _written(form: Form) -> list[bytes]:
-    """Return the files of a form, the first of several."""
+    """Return the file of a form; if a frame has several files, the first one."""
     with tempfile.TemporaryDirectory() as folder:
         source = form.write(Path(folder) / "frame", known_frame(form.dtype, shape=(20, 24)))
         return [source.paths[0].read_bytes()]
@@ -72,14 +72,14 @@ def _tiff_of(pages: NDArray[Any], **options: Any) -> bytes:
 
 @cache
 def tiffs() -> list[bytes]:
-    """Frames in TIFF files of every form, and volts as a camera has them."""
+    """Frames in TIFF files of every form, and the counts and volts of a camera."""
     volts = step_frame(np.random.default_rng(1))
-    own = [
+    frames = [
         _tiff_of(counts_of(volts), metadata=None),
         _tiff_of(volts.astype(np.float32), metadata={"axes": "HCYX"}),
         _tiff_of(volts.astype(np.float32), metadata=None, compression="zlib", predictor=True),
     ]
-    return own + [content for form in TIFF_FORMS + CODEC_FORMS for content in _written(form)] + _corpus(".tif")
+    return frames + [content for form in TIFF_FORMS + CODEC_FORMS for content in _written(form)] + _corpus(".tif")
 
 
 @cache
@@ -138,13 +138,13 @@ def raws() -> list[bytes]:
 
 
 def file_of(place: Path, name: str) -> list[bytes]:
-    """Return one of the files that are sound."""
+    """Return the content of one sound file."""
     return [(place / name).read_bytes()]
 
 
 @cache
 def tomls() -> list[bytes]:
-    """Settings of captures: what they may hold, all of it."""
+    """Settings of captures, which together have all tables."""
     every = TOML["tif"] + "[target]\ndistance_m = 2.5\n[layout]\nframes = 1\n"
     layouts = (
         '[layout]\npattern = "{frame}_h{harmonic}_c{channel}.tif"\nchannel = ["1", "2"]\nharmonic = { "1" = 1, "2" = 2 }\n',
@@ -157,7 +157,7 @@ def tomls() -> list[bytes]:
 
 @cache
 def command_lines() -> list[bytes]:
-    """Options, a word a line."""
+    """Command lines with options, one word per line."""
     return [
         text.replace(" ", "\n").encode()
         for text in (

@@ -1,4 +1,4 @@
-"""Ways to spoil bytes and text, whatever they are."""
+"""Ways to spoil bytes and text of any format."""
 
 import random
 import re
@@ -27,14 +27,14 @@ NUMBERS = (
     2**32 - 1,
     2**63,
 )
-"""Numbers at which something ends."""
+"""Numbers at the limits of types and sizes."""
 
 _PIECE = 4096
-"""The most that one change doubles."""
+"""Longest stretch in bytes that one change overwrites or repeats."""
 
 
 def number(rng: random.Random, *near: int) -> int:
-    """Draw a number that is odd in some way, or lies by one of those that mean something."""
+    """Draw a number at or next to one of `NUMBERS`, or of the numbers `near`, which mean something in this place."""
     chosen = rng.choice((*NUMBERS, *near, *near))
     return max(0, chosen + rng.choice((0, 0, 0, -1, 1, 2)))
 
@@ -46,7 +46,7 @@ def bit(content: bytes, rng: random.Random) -> bytes:
 
 
 def head(content: bytes, rng: random.Random) -> bytes:
-    """Change a byte of the first few hundred, where most formats say what follows."""
+    """Change one of the first few hundred bytes, where most formats have their header."""
     place = rng.randrange(min(len(content), 400))
     return content[:place] + bytes([rng.choice((0, 1, 127, 128, 255, rng.randrange(256)))]) + content[place + 1 :]
 
@@ -70,7 +70,7 @@ def begin(content: bytes, rng: random.Random) -> bytes:
 
 
 def zeros(content: bytes, rng: random.Random) -> bytes:
-    """Write zeros over a stretch, as a disk may."""
+    """Write zeros over a stretch, as a disk may do."""
     place = rng.randrange(len(content))
     size = min(len(content) - place, rng.choice((4, 16, 64, 512, _PIECE)))
     return content[:place] + bytes(size) + content[place + size :]
@@ -149,7 +149,7 @@ ODD = (
     *('"\\u0000"', '"\\ud800"', '"\\u001b[31m"', "\ufeff", "\x00", "\x1b[2J", "\u202e", "'''", '"""', "#", "=", "."),
     *("[[", "]]", "-", "/", "../..", "/dev/zero", "~", "*", "{frame}"),
 )
-"""Words that are odd in some way, in TOML, JSON, XML or on a command line."""
+"""Words that may be misread in TOML, JSON, XML or on a command line."""
 
 
 def token(content: bytes, rng: random.Random) -> bytes:

@@ -1,4 +1,4 @@
-"""Averages over traced pixels, each weight written out: by place, by face, and by how alike normals are."""
+"""Averages over traced pixels, with each weight written out: it follows from place, face and likeness of normals."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ WIDTH, STEP, REACH = 11, 2, 1
 
 
 def bent(count: int, rng: np.random.Generator, surfaces: int = 2) -> Faces:
-    """Faces of some surfaces, their normals a little bent."""
+    """Return the faces of pixels on random surfaces; their normals scatter about −z."""
     normals = rng.normal(size=(3, count)) * 0.4 + np.array([[0.0], [0.0], [-1.0]])
     return Faces(rng.integers(surfaces, size=count).astype(np.int32), unit(normals))
 
@@ -21,14 +21,12 @@ def unit(normals: Float) -> Float32:
 
 
 def nearness(pixel: int, place: int, step: int, reach: int) -> float:
-    """1 at the middle of the place's square, evenly down to 0 at half a place beyond the last."""
+    """Return a weight: 1 at the middle of the place's square, falling linearly to 0 at reach + 1/2 places."""
     return max(0.0, 1.0 - abs(pixel - (step * place + (step - 1) / 2)) / (step * (reach + 0.5)))
 
 
 @pytest.mark.parametrize(("step", "reach", "rows"), [(2, 1, range(4, 8)), (2, 2, range(8)), (3, 1, range(6, 7))])
-def test_a_pixel_gets_its_neighbours_on_its_own_face_by_nearness_and_likeness(
-    step: int, reach: int, rows: range
-) -> None:
+def test_a_pixel_averages_neighbours_on_its_face_by_nearness_and_normal(step: int, reach: int, rows: range) -> None:
     rng, lattice = np.random.default_rng(1), Lattice(WIDTH, step, reach)
     across, lines = lattice.across, lattice.rows(rows)
     assert across == len(range(0, WIDTH, step))
@@ -62,18 +60,18 @@ def test_a_pixel_with_no_neighbour_on_its_face_gets_nothing() -> None:
 @pytest.mark.parametrize(("across", "cell"), [(6, 2), (7, 3), (5, 4)])
 def test_cells_are_squares_whose_pixels_of_one_face_count_alike(across: int, cell: int) -> None:
     faces = bent(5 * across, np.random.default_rng(3), surfaces=3)
-    means, places, of = means_of_cells(faces, across, cell)
+    means, places, mean_faces = means_of_cells(faces, across, cell)
     weights = means.toarray()
     cells = -(-across // cell)
     row, column = np.divmod(np.arange(5 * across), across)
-    own = row // cell * cells + column // cell
+    cell_of_pixel = row // cell * cells + column // cell
     assert weights.shape == (len(places), 5 * across)
-    assert {(int(p), int(s)) for p, s in zip(places, of.surface, strict=True)} == set(
-        zip(own.tolist(), faces.surface.tolist(), strict=True)
+    assert {(int(p), int(s)) for p, s in zip(places, mean_faces.surface, strict=True)} == set(
+        zip(cell_of_pixel.tolist(), faces.surface.tolist(), strict=True)
     )
-    for mean, place, surface, normal in zip(weights, places, of.surface, of.normals.T, strict=True):
-        held = (own == place) & (faces.surface == surface)
-        assert_allclose(mean, held / held.sum())
-        assert_allclose(normal, unit(faces.normals[:, held].mean(axis=1)), atol=1e-6)
-    order = list(zip(places.tolist(), of.surface.tolist(), strict=True))
+    for mean, place, surface, normal in zip(weights, places, mean_faces.surface, mean_faces.normals.T, strict=True):
+        inside = (cell_of_pixel == place) & (faces.surface == surface)
+        assert_allclose(mean, inside / inside.sum())
+        assert_allclose(normal, unit(faces.normals[:, inside].mean(axis=1)), atol=1e-6)
+    order = list(zip(places.tolist(), mean_faces.surface.tolist(), strict=True))
     assert order == sorted(order)

@@ -1,4 +1,4 @@
-"""Rooms that stay what they are: those of seeds that figures were reported for, and Cornell's as it was measured."""
+"""Rooms that must not change: those of the seeds that docs report figures for, and Cornell's box as it was measured."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ DRAWN = "ffab05c50b342b52"
 
 
 def numbers(value: object) -> Iterator[float | str]:
-    """Everything in a room, to a micrometre."""
+    """Yield everything in a room: numbers to a micrometre, everything else as text."""
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, list | tuple):
@@ -41,7 +41,7 @@ def parts(room: Room) -> list[object]:
 
 
 def test_a_seed_draws_the_room_that_figures_were_reported_for() -> None:
-    """docs/diffuse.md reports on these rooms by their seeds: a change of what is drawn makes its figures those of others."""
+    """docs/diffuse.md reports figures of these rooms by seed: they would be wrong if a seed drew another room."""
     rooms = [random_room(seed) for seed in range(2000, 2030)]
     assert {room.summary.split(" of ")[0] for room in rooms} == set(KINDS)
     drawn = json.dumps(list(numbers([parts(room) for room in rooms])))
@@ -66,7 +66,7 @@ def corners(block: Box) -> np.ndarray:
 
 
 def test_the_blocks_stand_as_in_the_original() -> None:
-    """Floor corners in mm, of graphics.cornell.edu/online/box/data.html, where x grows to the left; the box is 5 times larger."""
+    """Floor corners in mm from graphics.cornell.edu/online/box/data.html; x grows to the left. Our box is 5 times larger."""
     measured = {
         165: [(130, 65), (82, 225), (240, 272), (290, 114)],
         330: [(423, 247), (265, 296), (314, 456), (472, 406)],
@@ -99,7 +99,7 @@ def test_cornell_s_box_is_lit_from_the_camera() -> None:
 
 
 def test_a_room_that_has_no_place_for_its_furniture_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is drawn again and again, but not for ever."""
+    """The room is drawn again, but only so many times."""
     kind = random_room(2003, furniture=12).summary.split(" of ")[0]
     monkeypatch.setattr("cadtof_cli.simulation.scene.rooms.random_rooms.TRIES", 0)
     message = f"furniture: found 12 pieces, expected few enough that the {kind} of seed 2003 holds them"

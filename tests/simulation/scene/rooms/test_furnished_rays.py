@@ -1,4 +1,4 @@
-"""Rays in a furnished room, against each solid intersected in double precision, one by one."""
+"""Rays in a furnished room; the reference intersects each ray with each solid in double precision, one by one."""
 
 import math
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ SIZE = (4.0, 2.5, 5.0)
 ROOM = Interior(size_m=SIZE, albedos=WALLS, boxes=BOXES, balls=BALLS)
 
 INSIDE = ((2.0, 1.0, 0.5), (0.3, 0.4, 4.7), (3.8, 2.4, 2.8), (1.5, 1.6, 1.95), (0.05, 0.03, 0.04))
-"""The fourth is above furniture, closer to it than that is wide; the last is in the corner that lengths are counted from."""
+"""Origins of rays. The fourth is above furniture, nearer to it than it is wide; the last is in the corner (0, 0, 0)."""
 
 
 def rays(origin: tuple[float, float, float], count: int, seed: int) -> tuple[Float32, Float32]:
-    """Return rays from one place, all around, two thirds of them about some solid."""
+    """Return rays from one place to all sides; two thirds of them go near some solid."""
     rng = np.random.default_rng(seed)
     directions = rng.standard_normal((3, count))
     centres = np.array([solid.centre_m for solid in (*BOXES, *BALLS)])[rng.integers(6, size=count)].T
@@ -45,13 +45,13 @@ def rays(origin: tuple[float, float, float], count: int, seed: int) -> tuple[Flo
 
 
 def upright_turn(angle: float) -> Float:
-    """From the axes of a box to those of the room: x turns towards z."""
+    """Return the rotation from the axes of a box to those of the room: x turns towards z."""
     cosine, sine = math.cos(angle), math.sin(angle)
     return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
 
 
 def into_box(box: Box, origin: Float, direction: Float) -> tuple[float, Float]:
-    """How far a ray goes until it enters a box, and the normal there; inf where it misses it."""
+    """Return how far a ray goes until it enters a box, and the normal there; inf if it misses the box."""
     turn = upright_turn(box.turn_rad)
     start, way = turn.T @ (origin - box.centre_m), turn.T @ direction
     near, far, normal = -math.inf, math.inf, np.zeros(3)
@@ -73,7 +73,7 @@ def into_ball(ball: Ball, origin: Float, direction: Float) -> tuple[float, Float
 
 
 def to_wall(origin: Float, direction: Float) -> tuple[float, int]:
-    """How far a ray from within goes to the room's own faces, and to which."""
+    """Return how far a ray goes from inside the room to its walls, and the number of the wall that it meets."""
     found = []
     for axis in range(3):
         for side, at in enumerate((0.0, SIZE[axis])):
@@ -86,28 +86,28 @@ def to_wall(origin: Float, direction: Float) -> tuple[float, int]:
 @pytest.mark.parametrize("origin", INSIDE)
 def test_a_ray_meets_the_first_of_all_surfaces(origin: tuple[float, float, float]) -> None:
     starts, directions = rays(origin, 1500, 3)
-    met = ROOM.meet(starts, directions)
-    solids_met = set()
+    meetings = ROOM.meet(starts, directions)
+    numbers_met = set()
     for ray in range(1500):
         start, way = starts[:, ray].astype(float), directions[:, ray].astype(float)
         wall, face = to_wall(start, way)
         inward = np.zeros(3)
         inward[face // 2] = 1.0 if face % 2 == 0 else -1.0
-        all_met = [(wall, WALLS[face], inward, 0)]
+        candidates = [(wall, WALLS[face], inward, 0)]
         for number, solid in enumerate(ROOM.solids, start=1):
             entry, normal = into_box(solid, start, way) if isinstance(solid, Box) else into_ball(solid, start, way)
-            all_met.append((entry, solid.albedo, normal, number))
-        length, albedo, normal, number = min(all_met, key=lambda one: one[0])
-        solids_met.add(number)
-        assert met.lengths_m[ray] == pytest.approx(length, rel=1e-4)
-        assert met.albedo[ray] == pytest.approx(albedo)
-        assert_allclose(met.normals[:, ray], normal, atol=2e-3)
-        assert_allclose(met.points_m[:, ray], start + length * way, atol=1e-3)
-        assert met.surface[ray] // 8 == number
-    assert len(solids_met) >= 5
+            candidates.append((entry, solid.albedo, normal, number))
+        length, albedo, normal, number = min(candidates, key=lambda one: one[0])
+        numbers_met.add(number)
+        assert meetings.lengths_m[ray] == pytest.approx(length, rel=1e-4)
+        assert meetings.albedo[ray] == pytest.approx(albedo)
+        assert_allclose(meetings.normals[:, ray], normal, atol=2e-3)
+        assert_allclose(meetings.points_m[:, ray], start + length * way, atol=1e-3)
+        assert meetings.surface[ray] // 8 == number
+    assert len(numbers_met) >= 5
 
 
-def test_more_rays_than_are_followed_together_are_met_alike() -> None:
+def test_rays_beyond_the_first_batch_meet_the_same_surfaces() -> None:
     starts, directions = rays(INSIDE[0], 40_000, 5)
     whole, last = ROOM.meet(starts, directions), ROOM.meet(starts[:, 33_000:], directions[:, 33_000:])
     assert_allclose(whole.lengths_m[33_000:], last.lengths_m)
@@ -121,7 +121,7 @@ def test_more_rays_than_are_followed_together_are_met_alike() -> None:
 
 
 @pytest.mark.parametrize("origin", INSIDE)
-def test_a_way_is_clear_where_no_solid_is_entered_on_it(origin: tuple[float, float, float]) -> None:
+def test_a_way_is_clear_if_it_enters_no_solid(origin: tuple[float, float, float]) -> None:
     starts, directions = rays(origin, 1200, 4)
     lengths = np.random.default_rng(1).uniform(0.5, 4.0, 1200)
     clear = ROOM.clear(starts, directions, lengths.astype(np.float32))
@@ -135,16 +135,16 @@ def test_a_way_is_clear_where_no_solid_is_entered_on_it(origin: tuple[float, flo
 
 def test_faces_of_one_solid_have_numbers_of_their_own() -> None:
     starts, directions = rays(INSIDE[0], 20_000, 6)
-    met = ROOM.meet(starts, directions)
-    for number in np.unique(met.surface[met.surface // 8 <= 4]):
-        same = met.normals[:, met.surface == number]
+    meetings = ROOM.meet(starts, directions)
+    for number in np.unique(meetings.surface[meetings.surface // 8 <= 4]):
+        same = meetings.normals[:, meetings.surface == number]
         assert_allclose(same, np.broadcast_to(same[:, :1], same.shape), atol=1e-6)
-    walls = met.surface < 8
+    walls = meetings.surface < 8
     for face in range(6):
-        at = met.points_m[face // 2, walls & (met.surface == face)]
+        at = meetings.points_m[face // 2, walls & (meetings.surface == face)]
         assert_allclose(at, SIZE[face // 2] if face % 2 else 0.0, atol=1e-4)
     for number in (5, 6):
-        assert len(np.unique(met.surface[met.surface // 8 == number])) == 1
+        assert len(np.unique(meetings.surface[meetings.surface // 8 == number])) == 1
 
 
 def test_solids_behind_and_around_a_ray_are_not_met() -> None:
@@ -190,6 +190,8 @@ def test_albedos_of_all_that_is_in_a_room_are_checked(albedo: float) -> None:
     ):
         with pytest.raises(SettingsError, match="albedos: found"):
             Interior(size_m=SIZE, albedos=WALLS, **part)
+    with pytest.raises(SettingsError, match="albedos: found"):
+        Interior(size_m=SIZE, albedos=(*WALLS[:5], albedo))
     assert Interior(size_m=SIZE, albedos=(0.0, 1.0, 0.0, 1.0, 0.0, 1.0)).albedos[1] == 1.0
 
 
@@ -206,21 +208,21 @@ def test_the_corners_of_a_large_solid_are_met() -> None:
     assert not room.clear(starts.astype(np.float32), directions, np.linalg.norm(ways, axis=0).astype(np.float32)).any()
 
 
-def test_what_stands_in_a_room_is_grey_and_straight_unless_it_is_told() -> None:
-    """Half of the light comes back, and a box is not turned."""
+def test_solids_are_grey_and_not_turned_by_default() -> None:
+    """By default half of the light comes back, and a box is not turned."""
     box, ball = Box(centre_m=(2.0, 1.2, 2.5), half_m=(0.5, 0.5, 0.5)), Ball(centre_m=(1.0, 1.2, 4.0), radius_m=0.4)
     room = Interior(size_m=SIZE, albedos=WALLS, boxes=(box,), balls=(ball,))
     starts = np.array([[2.1, 1.0], [1.3, 1.2], [0.5, 0.5]], np.float32)
     ahead = np.repeat(np.array([[0.0], [0.0], [1.0]], np.float32), 2, axis=1)
-    met = room.meet(starts, ahead)
-    assert_allclose(met.albedo, 0.5)
-    assert_allclose(met.normals, [[0.0, 0.0], [0.0, 0.0], [-1.0, -1.0]], atol=1e-6)
-    assert_allclose(met.lengths_m, [1.5, 3.1], rtol=1e-6)
+    meetings = room.meet(starts, ahead)
+    assert_allclose(meetings.albedo, 0.5)
+    assert_allclose(meetings.normals, [[0.0, 0.0], [0.0, 0.0], [-1.0, -1.0]], atol=1e-6)
+    assert_allclose(meetings.lengths_m, [1.5, 3.1], rtol=1e-6)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Watched(Ball):
-    """A ball that keeps count of the rays that are followed to it."""
+    """A ball that counts the rays that are intersected with it."""
 
     followed: list[int]
 
@@ -231,7 +233,7 @@ class Watched(Ball):
 
 @pytest.mark.parametrize("origin", INSIDE)
 def test_rays_that_miss_a_solid_by_a_centimetre_are_not_followed_to_it(origin: tuple[float, float, float]) -> None:
-    """And none that goes the other way: what a room costs is what is near its rays."""
+    """Rays that go the other way are not followed to it either: a room costs as much as the solids near its rays."""
     ball = Watched(centre_m=(2.6, 1.4, 3.4), radius_m=0.5, followed=[])
     room = Interior(size_m=SIZE, albedos=WALLS, balls=(ball,))
     starts, ways = rays(origin, 12_000, 8)
@@ -253,8 +255,8 @@ def test_a_ray_that_touches_a_ball_meets_it() -> None:
     assert ball.entry(missing, ahead)[0] == math.inf
 
 
-def test_a_solid_is_met_as_itself_whichever_neighbours_it_has() -> None:
-    """One that stands alone, then three beside each other: rays from above onto each of them."""
+def test_a_ray_meets_the_right_one_of_solids_beside_each_other() -> None:
+    """One box stands alone, three stand beside each other; a ray from above goes to each of them."""
     places, albedos = ((0.5, 0.5), (3.0, 4.0), (3.3, 4.0), (3.6, 4.0)), (0.2, 0.4, 0.6, 0.8)
     boxes = tuple(
         Box(centre_m=(x, 2.4, z), half_m=(0.1, 0.1, 0.1), albedo=albedo)
@@ -262,6 +264,6 @@ def test_a_solid_is_met_as_itself_whichever_neighbours_it_has() -> None:
     )
     starts = np.array([(x, 1.0, z) for x, z in places], np.float32).T
     down = np.repeat(np.array([[0.0], [1.0], [0.0]], np.float32), len(places), axis=1)
-    met = Interior(size_m=SIZE, albedos=WALLS, boxes=boxes).meet(starts, down)
-    assert_allclose(met.albedo, albedos)
-    assert (met.surface // 8).tolist() == [1, 2, 3, 4]
+    meetings = Interior(size_m=SIZE, albedos=WALLS, boxes=boxes).meet(starts, down)
+    assert_allclose(meetings.albedo, albedos)
+    assert (meetings.surface // 8).tolist() == [1, 2, 3, 4]

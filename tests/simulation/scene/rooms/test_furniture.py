@@ -1,4 +1,4 @@
-"""Furniture stands on the floor, is as broad to the left as to the right, and turns about its own middle."""
+"""Furniture stands on the floor, is symmetric from left to right, and turns about its own middle."""
 
 import math
 
@@ -28,17 +28,17 @@ def test_pieces_stand_on_the_floor_and_are_of_the_size_of_furniture() -> None:
             assert all(min(half) > 0.0 for _, half in piece.parts)
 
 
-def test_pieces_are_alike_to_the_left_and_to_the_right() -> None:
+def test_pieces_are_symmetric_from_left_to_right() -> None:
     for piece in pieces():
-        there = {(round(c[0], 9), c[1:], half) for c, half in piece.parts}
-        assert len(there) == len(piece.parts)
+        parts = {(round(c[0], 9), c[1:], half) for c, half in piece.parts}
+        assert len(parts) == len(piece.parts)
         assert {(round(-c[0], 9) + 0.0, c[1:], half) for c, half in piece.parts} == {
-            (x + 0.0, rest, half) for x, rest, half in there
+            (x + 0.0, rest, half) for x, rest, half in parts
         }
 
 
 def test_parts_of_a_piece_touch_each_other() -> None:
-    """Every part meets another one, within the thickness of a board."""
+    """Every part touches another part, except for a gap below the thickness of a board."""
     for piece in pieces():
         for number, (centre, half) in enumerate(piece.parts):
             others = [part for index, part in enumerate(piece.parts) if index != number]
@@ -80,7 +80,7 @@ def test_rooms_without_an_albedo_are_refused(albedo: float) -> None:
     assert RandomRoom(albedo=0.001).albedo == 0.001
 
 
-def test_what_is_just_possible_of_rooms_is_taken() -> None:
+def test_rooms_at_their_limits_are_accepted_and_beyond_refused() -> None:
     for room in (
         RandomRoom(seed=0, furniture=0, beam_deg=1.0, light_paths=1, asr=0.0),
         RandomRoom(furniture=12, beam_deg=180.0, light_paths=100_000, lamp_offset_m=(0.0, 0.3, 0.0)),
@@ -99,7 +99,7 @@ def test_what_is_just_possible_of_rooms_is_taken() -> None:
 
 
 def test_cornell_s_walls_are_those_of_the_original_and_space_before_it_is_black() -> None:
-    """Left red, right green, all else white; 59.5° of view meet neither the room behind nor beside the camera."""
+    """Left is red, right is green, all else white. A view of 59.5° shows no wall behind or beside the camera."""
     interior = CornellBox().room.interior
     left, right, ceiling, floor, near, far = interior.albedos
     assert (left, right) == (0.6, 0.35)

@@ -1,4 +1,4 @@
-"""The lamp's light against the inverse-square and cosine laws, its shadows and its beam."""
+"""The lamp's light obeys the inverse-square and cosine laws; its shadows and its beam."""
 
 import math
 
@@ -71,7 +71,7 @@ def test_emitted_light_goes_where_the_beam_goes() -> None:
 
 
 @pytest.mark.parametrize("beam_deg", [30.0, 180.0])
-def test_the_directions_of_its_light_go_round_the_axis_evenly_and_are_spread_as_it_shines(beam_deg: float) -> None:
+def test_directions_of_the_light_go_round_the_axis_evenly_and_fill_the_beam(beam_deg: float) -> None:
     lamp = Lamp(position_m=(0.0, 0.0, 0.0), axis=(0.0, 0.6, 0.8), beam_rad=math.radians(beam_deg))
     found = lamp.emitted(20_000).astype(np.float64)
     np.testing.assert_allclose(np.linalg.norm(found, axis=0), 1.0, atol=1e-5)

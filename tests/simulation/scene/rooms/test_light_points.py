@@ -1,4 +1,4 @@
-"""Where the lamp's light goes: what arrives at once, what arrives after surfaces, and directions that it takes."""
+"""Where the lamp's light goes: points that it reaches directly, points after surfaces, and directions of its rays."""
 
 import math
 
@@ -33,7 +33,7 @@ def test_first_points_are_those_that_the_lamp_lights() -> None:
 
 
 def test_later_points_share_the_light_that_surfaces_give_back() -> None:
-    """Each ray goes on with the probability of the albedo: ρ/(1 − ρ) more points a ray, each with the same light."""
+    """A ray goes on with probability ρ, the albedo: it has ρ/(1 − ρ) later points on average, each with equal light."""
     found = known()
     later = found.later
     count = len(later.albedo)
@@ -47,7 +47,7 @@ def test_later_points_share_the_light_that_surfaces_give_back() -> None:
 
 
 def test_later_points_of_a_ray_follow_each_other_by_the_way_between_them() -> None:
-    """From each point the ray goes on with the probability of the albedo; then another ray's points begin."""
+    """At each point a ray goes on with the probability of the albedo; when it ends, the points of another ray begin."""
     later = known().later
     way = np.linalg.norm(np.diff(later.points_m, axis=1), axis=0)
     follows = np.abs(np.diff(later.lengths_m) - way) < 2e-3
@@ -63,7 +63,7 @@ def test_a_black_room_gives_nothing_on() -> None:
     assert (later.flux, later.albedo.size, later.points_m.shape) == (0.0, 0, (3, 0))
 
 
-def test_pairs_are_spread_evenly_from_wherever_one_begins() -> None:
+def test_any_consecutive_pairs_are_spread_evenly() -> None:
     for part in (slice(0, 400), slice(137, 537)):
         first, second = (values[part] for values in evenly_spread_pairs(600))
         counts, _, _ = np.histogram2d(first, second, bins=5, range=[[0.0, 1.0], [0.0, 1.0]])
@@ -72,7 +72,7 @@ def test_pairs_are_spread_evenly_from_wherever_one_begins() -> None:
 
 
 def test_directions_about_a_normal_have_the_density_of_the_cosine() -> None:
-    """Mean cosine 2/3, mean of its square 1/2, and no direction across is favoured."""
+    """The mean cosine is 2/3, the mean of its square 1/2, and no direction across the normal is favoured."""
     first, second = (values.astype(np.float32) for values in evenly_spread_pairs(20_000))
     x, y, z = cosine_weighted(first, second).astype(np.float64)
     assert_allclose(x * x + y * y + z * z, 1.0, atol=1e-5)

@@ -1,4 +1,4 @@
-"""A net in a room: how far it is, what it hides, and how its light and that from behind add up."""
+"""A net in a room: its distance, what it hides, and how its light and the light from behind add up."""
 
 import math
 from dataclasses import replace
@@ -27,7 +27,7 @@ def with_and_without() -> tuple[Light, Light]:
 
 
 def test_the_net_hangs_where_it_is_asked_for() -> None:
-    """Upright at 1.5 m along the axis: that is its range where the view is level with its middle."""
+    """The net hangs upright, 1.5 m along the optical axis: this is its range at the height of its middle."""
     net, bare = with_and_without()
     range_m = net.delays_ns[0] * C_M_PER_NS / 2
     hidden = net.delays_ns[0] < bare.delays_ns[0] - 0.1
@@ -39,7 +39,7 @@ def test_the_net_hangs_where_it_is_asked_for() -> None:
     np.testing.assert_array_equal(net.delays_ns[0][~hidden], bare.delays_ns[0][~hidden])
 
 
-def test_what_is_behind_the_net_is_seen_through_its_holes() -> None:
+def test_surfaces_behind_the_net_are_seen_through_its_holes() -> None:
     net, bare = with_and_without()
     hidden = net.delays_ns[0] < bare.delays_ns[0] - 0.1
     np.testing.assert_allclose(net.photons[1][hidden], 0.7 * bare.photons[0][hidden])
@@ -73,7 +73,7 @@ def hall(pitch_rad: float) -> Room:
 
 
 def middle_of_hall_m(pitch_rad: float) -> float:
-    """The median of the ranges in the middle third of a view of 60 by 45 degrees."""
+    """Return the median of the ranges in the middle third of a view of 60 by 45 degrees."""
     x, y = np.meshgrid(np.linspace(-0.23, 0.23, 51), np.linspace(-0.16, 0.16, 51))
     cosine, sine = math.cos(pitch_rad), math.sin(pitch_rad)
     ahead, down = cosine - sine * y, sine + cosine * y
@@ -82,7 +82,7 @@ def middle_of_hall_m(pitch_rad: float) -> float:
 
 
 def test_a_net_is_drawn_at_a_share_of_the_distance_that_the_middle_of_the_view_shows() -> None:
-    """Of a wall, or of the floor where the camera looks down: the same share of a seed in all rooms, .35 to .85."""
+    """The view shows a wall, or the floor if the camera looks down. A seed's share, .35 to .85, is equal in all rooms."""
     pitches = np.radians([-25.0, 0.0, 12.0, 30.0, 55.0])
     shares = [
         [drawn_net(hall(p), fill=0.3, distance_m=None, seed=seed).distance_m / middle_of_hall_m(p) for p in pitches]

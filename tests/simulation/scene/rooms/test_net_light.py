@@ -1,4 +1,4 @@
-"""A net's panel stands where geometry puts it, and its light is that of threads and of holes."""
+"""The panel of a net is where geometry puts it; threads and holes share the light."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ def net(seed: int = 1, *, distance_m: float | None = 2.0, room: Room = ROOM) -> 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_panel_is_at_its_distance_about_the_middle_of_the_view(seed: int) -> None:
-    """Upright, turned with the camera, at most 8° aside of the axis."""
+    """The panel is upright, turned with the camera, and its middle is at most 8° beside the axis."""
     panel = net(seed).panel
     x, y, z = (at - from_m for at, from_m in zip(panel.centre_m, ROOM.position_m, strict=True))
     assert math.hypot(x, y, z) == pytest.approx(2.0)
@@ -47,13 +47,13 @@ def test_the_panel_is_at_its_distance_about_the_middle_of_the_view(seed: int) ->
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_drawn_net_is_between_the_camera_and_what_lies_behind(seed: int) -> None:
-    """Straight ahead at the far wall, 5 m away: a third to six sevenths of that."""
+def test_a_drawn_net_is_between_the_camera_and_the_surfaces_behind(seed: int) -> None:
+    """The camera looks straight at the far wall, 5 m away; the net is at .35 to .85 of the distance behind it."""
     straight = replace(ROOM, yaw_rad=0.0, pitch_rad=0.0)
     assert 0.35 * 4.9 < net(seed, distance_m=None, room=straight).distance_m < 0.85 * 5.4
 
 
-def test_a_net_is_hung_beside_what_is_there() -> None:
+def test_a_net_is_added_to_the_solids_of_a_room() -> None:
     box = Box(centre_m=(1.0, 2.0, 3.0), half_m=(0.1, 0.1, 0.1))
     room = replace(ROOM, interior=replace(ROOM.interior, boxes=(box,)))
     assert net().hung(room).interior.boxes == (box, net().panel)
@@ -61,7 +61,7 @@ def test_a_net_is_hung_beside_what_is_there() -> None:
 
 
 def light(direct: float, later: float, delays: tuple[float, float]) -> Light:
-    """Two pixels: what is seen at two delays, and one way of MPI."""
+    """Return the light of two pixels: direct light at these delays, and one MPI path 3 ns later."""
     return Light(
         delays_ns=np.array([[delays], [[delays[0] + 3.0, delays[1] + 3.0]]]),
         photons=np.array([[[direct, direct]], [[later, later]]]),
@@ -71,7 +71,7 @@ def light(direct: float, later: float, delays: tuple[float, float]) -> Light:
 
 
 def test_threads_and_holes_share_the_light() -> None:
-    """The first pixel is hidden by the net, the second is not: there both rooms show the same surface."""
+    """The net hides the surface of the first pixel only; in the second pixel both rooms show the same surface."""
     panel, behind = light(4.0, 0.5, (10.0, 30.0)), light(1.0, 0.3, (20.0, 30.0))
     both = net().mixed(panel, behind)
     assert_allclose(both.photons[:, 0], [[1.2, 1.9], [0.7, 0.0], [0.15, 0.15], [0.21, 0.21]])
@@ -81,7 +81,7 @@ def test_threads_and_holes_share_the_light() -> None:
 
 
 def test_nets_are_drawn_over_all_of_their_sizes_places_and_albedos() -> None:
-    """Half widths .12 to .3 of the distance, half heights .12 to .25, 8° to either side, albedos .4 to .9."""
+    """Half widths are .12 to .3 of the distance, half heights .12 to .25, angles −8° to 8°, albedos .4 to .9."""
     drawn = [net(seed, distance_m=1.0).panel for seed in range(300)]
     aside = [math.atan2(one.centre_m[0] - 3.0, one.centre_m[2] - 1.0) - 0.3 for one in drawn]
     for values, low, high in (
@@ -94,7 +94,7 @@ def test_nets_are_drawn_over_all_of_their_sizes_places_and_albedos() -> None:
         assert high - 0.03 * (high - low) < max(values) <= high
 
 
-def test_distances_of_nets_are_drawn_over_a_third_to_six_sevenths() -> None:
+def test_nets_are_drawn_at_35_to_85_percent_of_the_distance_behind() -> None:
     straight = replace(ROOM, yaw_rad=0.0, pitch_rad=0.0)
     behind = net(0, distance_m=None, room=straight).distance_m / share_of(0)
     drawn = [net(seed, distance_m=None, room=straight).distance_m / behind for seed in range(120)]
@@ -103,5 +103,5 @@ def test_distances_of_nets_are_drawn_over_a_third_to_six_sevenths() -> None:
 
 
 def share_of(seed: int) -> float:
-    """The first number that a net's branch of the seed draws, over its span."""
+    """Return the share of the distance that a seed draws: the first number of the seed's branch for nets."""
     return float(np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,))).uniform(0.35, 0.85))

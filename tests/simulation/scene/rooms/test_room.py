@@ -1,4 +1,4 @@
-"""Rooms as scenes: what is drawn, what is true of it, and that nothing depends on who does the work."""
+"""Rooms as scenes: what a seed draws, and what the truth is; nothing depends on which process does the work."""
 
 import math
 from collections.abc import Callable
@@ -27,12 +27,12 @@ def view(room: Interior, *, lamp_offset_m: tuple[float, float, float] = (0.0, 0.
 
 
 def mpi_phasor(light: Light, period_ns: float = 40.0) -> Complex:
-    """Return the MPI's phasor over the direct light, relative to its phase."""
+    """Return the phasor of the MPI divided by that of the direct light."""
     turn = np.exp(2j * np.pi / period_ns * (light.delays_ns[1:] - light.delays_ns[0]))
     return np.asarray((light.photons[1:] * turn).sum(axis=0) / light.photons[0])
 
 
-def test_a_seed_is_a_room() -> None:
+def test_a_seed_always_gives_the_same_room() -> None:
     assert RandomRoom(seed=3).room == RandomRoom(seed=3).room
     assert RandomRoom(seed=3).room != RandomRoom(seed=4).room
     first, second = (RandomRoom(seed=3, light_paths=8).light(CAMERA, slice(0, 8)) for _ in range(2))
@@ -49,7 +49,7 @@ def test_rows_are_the_same_whoever_traces_them() -> None:
         np.testing.assert_array_equal(np.concatenate(parts, axis=1), getattr(whole, name))
 
 
-def test_rooms_of_many_seeds_can_be_looked_at() -> None:
+def test_rooms_of_many_seeds_have_sensible_sizes_distances_and_albedos() -> None:
     sizes = set()
     for seed in range(40):
         scene = RandomRoom(seed=seed)
@@ -70,7 +70,7 @@ def test_rooms_of_many_seeds_can_be_looked_at() -> None:
 
 
 @pytest.mark.parametrize("pieces", [0, 1, 8])
-def test_furniture_is_as_many_as_asked_and_stands_on_the_floor(pieces: int) -> None:
+def test_as_many_pieces_of_furniture_as_asked_stand_on_the_floor(pieces: int) -> None:
     room = RandomRoom(seed=24, furniture=pieces).room
     assert room.summary.endswith(f"pieces of furniture: {pieces}")
     solids = room.interior.solids
@@ -108,10 +108,10 @@ def test_a_lamp_beside_the_camera_lengthens_ways_and_leaves_the_true_range() -> 
     centred = light_in_room(view(room), ALL_ROWS, asr=1.0)
     np.testing.assert_array_equal(light.truth(1.0)["direct.depth"], centred.truth(1.0)["direct.depth"])
     x, y, _ = CAMERA.rays(ALL_ROWS) * 3.5
-    there = (x > -1.5) & (x < 1.5) & (y > -1.2) & (y < 1.3)
+    on_wall = (x > -1.5) & (x < 1.5) & (y > -1.2) & (y < 1.3)
     expected = np.hypot(np.hypot(x, y), 3.5) + np.sqrt((x - 0.2) ** 2 + y**2 + 3.5**2)
-    np.testing.assert_allclose((light.delays_ns[0] * C_M_PER_NS)[there], expected[there], rtol=1e-6)
-    assert there.mean() > 0.5
+    np.testing.assert_allclose((light.delays_ns[0] * C_M_PER_NS)[on_wall], expected[on_wall], rtol=1e-6)
+    assert on_wall.mean() > 0.5
 
 
 def test_an_opening_has_no_truth() -> None:
@@ -123,7 +123,7 @@ def test_an_opening_has_no_truth() -> None:
 
 
 def test_light_from_neighbours_is_the_light_of_the_pixel() -> None:
-    """Averages over neighbours against a rendering of a camera with three times as many pixels."""
+    """Averages over neighbours agree with every third pixel of a rendering of three times the resolution."""
     scene = RandomRoom(seed=10, light_paths=256)
     coarse = mpi_phasor(scene.light(Camera(width=60, height=45), slice(16, 24)))
     fine = mpi_phasor(scene.light(Camera(width=180, height=135), slice(48, 72)))[1::3, 1::3]
@@ -178,7 +178,7 @@ def test_a_lamp_behind_the_wall_is_refused() -> None:
 
 
 @pytest.mark.parametrize("asr", [0.5, 4.0])
-def test_ambient_light_is_that_many_times_the_direct_light_where_it_is_the_median_of_the_view(asr: float) -> None:
+def test_the_asr_is_ambient_light_over_the_median_of_direct_light(asr: float) -> None:
     light = RandomRoom(seed=2003, asr=asr, light_paths=1).light(CAMERA, ALL_ROWS)
     lit = light.photons[0] > 0.0
     assert np.median(light.photons[0][lit] / light.ambient[lit]) == pytest.approx(1.0 / asr, rel=0.1)

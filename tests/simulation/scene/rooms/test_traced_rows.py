@@ -1,4 +1,4 @@
-"""Light on rows of a camera against light traced to each pixel by itself, and what of it goes where."""
+"""Light on rows of a camera agrees with light that is traced for each pixel alone, and becomes photons and delays."""
 
 import math
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ C_M_PER_NS = 0.299792458
 CAMERA = Camera(width=21, height=13, focal_length_px=24.0)
 
 POST = Box(centre_m=(1.99, 1.9, 2.6), half_m=(0.02, 0.6, 0.02), albedo=0.4)
-"""So thin that some of its pixels have no traced neighbour on its face."""
+"""A post so thin that some of its pixels have no traced neighbour on the same face."""
 
 ROOM = Interior(size_m=(3.0, 2.5, 4.0), albedos=(0.6, 0.5, 0.8, 0.3, 0.4, 0.7), boxes=(POST,))
 
@@ -44,7 +44,7 @@ def by_rows() -> Float:
 
 @cache
 def by_pixels() -> Float:
-    """Irradiance, and irradiance times delay, of each of these pixels traced by itself, (2, Y·X)."""
+    """Return irradiance, and irradiance times delay, of these pixels, each traced alone, (2, Y·X)."""
     seen = VIEW.meet(CAMERA.rays(slice(ROWS.start, ROWS.stop)).reshape(3, -1))
     generator = np.random.default_rng(11)
     known = lamp_light(ROOM, VIEW.lamp, generator)
@@ -75,7 +75,7 @@ def test_every_pixel_has_light_also_one_without_a_neighbour_on_its_face() -> Non
 
 
 @pytest.mark.parametrize("row", [0, 3, 6])
-def test_a_traced_row_is_the_second_of_each_two_and_the_last_of_an_odd_number(row: int) -> None:
+def test_every_second_pixel_is_traced_and_the_last_of_an_odd_number(row: int) -> None:
     columns = [min(column + 1, CAMERA.width - 1) for column in range(0, CAMERA.width, STEP)]
     line = min(STEP * row + 1, CAMERA.height - 1)
     rays = CAMERA.rays(slice(None))[:, line, columns]
@@ -86,7 +86,7 @@ def test_a_traced_row_is_the_second_of_each_two_and_the_last_of_an_odd_number(ro
     assert found.light.once.shape[:2] == (2, 11)
 
 
-def test_light_through_a_camera_is_light_on_what_it_sees_times_its_albedo() -> None:
+def test_photons_of_a_pixel_are_the_light_on_its_surface_times_the_albedo() -> None:
     rays = CAMERA.rays(slice(ROWS.start, ROWS.stop)).reshape(3, -1)
     seen, found = VIEW.meet(rays), light()
     flat = {name: getattr(found, name).reshape(-1, seen.albedo.size) for name in ("photons", "delays_ns")}
@@ -104,7 +104,7 @@ def test_light_through_a_camera_is_light_on_what_it_sees_times_its_albedo() -> N
     assert found.photons.shape[1:] == found.ambient.shape == (3, 21)
 
 
-def test_rows_and_paths_have_randomness_of_their_own() -> None:
+def test_rows_and_seeds_are_traced_independently() -> None:
     first, second = traced_row(VIEW, 2).light.once[0].sum(axis=-1), traced_row(VIEW, 3).light.once[0].sum(axis=-1)
     assert not np.isclose(first, second).any()
     again = View(**{**vars(VIEW), "seed": 4})
@@ -112,7 +112,7 @@ def test_rows_and_paths_have_randomness_of_their_own() -> None:
 
 
 def arrays_in(record: object) -> Iterator[NDArray[Any]]:
-    """All arrays of a record, and of the records in it."""
+    """Yield all arrays of a record, and of the records in it."""
     for part in vars(record).values():
         if isinstance(part, np.ndarray):
             yield part

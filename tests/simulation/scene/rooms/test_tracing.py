@@ -1,4 +1,4 @@
-"""Traced light against the conservation of energy and against an integral over the other surface."""
+"""Traced light conserves energy, and agrees with an integral over the other surface."""
 
 import math
 
@@ -24,7 +24,7 @@ def traced(room: Interior, lamp: Lamp, points: Float, normals: Float, *, paths: 
 
 
 def all_over(box: Box, inwards: float, count: int, generator: np.random.Generator) -> tuple[Float, Float, Float]:
-    """Return points all over the faces of a box, normals, and the area that each stands for."""
+    """Return random points on all faces of a box, their normals, and the area that each point stands for."""
     cosine, sine = math.cos(box.turn_rad), math.sin(box.turn_rad)
     turn = np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
     points, normals, areas = [], [], []
@@ -43,7 +43,7 @@ def all_over(box: Box, inwards: float, count: int, generator: np.random.Generato
 @pytest.mark.parametrize("albedo", [0.3, 0.8])
 @pytest.mark.parametrize("beam_rad", [1.0, math.pi])
 def test_a_closed_room_keeps_its_light(albedo: float, beam_rad: float) -> None:
-    """Of the flux Φ, surfaces receive Φ from the lamp and Φ(ρ + ρ² + …) = Φρ/(1 − ρ) from each other."""
+    """Surfaces receive the flux Φ from the lamp, and Φ(ρ + ρ² + …) = Φρ/(1 − ρ) from each other."""
     block = Box(centre_m=(1.2, 1.4, 2.5), half_m=(0.3, 0.4, 0.2), turn_rad=0.5, albedo=albedo)
     room = Interior(size_m=(3.0, 2.5, 4.0), albedos=(albedo,) * 6, boxes=(block,))
     lamp = Lamp(position_m=(1.5, 1.2, 0.5), axis=(0.0, 0.0, 1.0), beam_rad=beam_rad)
@@ -57,7 +57,7 @@ def test_a_closed_room_keeps_its_light(albedo: float, beam_rad: float) -> None:
 
 
 def test_light_by_way_of_one_surface_is_the_integral_over_it() -> None:
-    """Two walls at a right angle, all else black: against the sum over patches of the other wall, a method apart."""
+    """Two walls at a right angle, all else black. The reference is independent: a sum over patches of one wall."""
     room = Interior(size_m=(3.0, 2.4, 3.0), albedos=(0.0, 0.0, 0.0, 0.0, 0.0, 0.7))
     lamp = Lamp(position_m=(1.0, 1.2, 0.4), axis=(0.0, 0.0, 1.0))
     points = np.array([[0.0, 0.0, 0.0], [1.0, 1.8, 0.3], [2.9, 2.0, 1.0]])
@@ -126,7 +126,7 @@ def test_directions_about_a_normal_are_turned_and_nothing_else() -> None:
 
 
 def test_bins_grow_from_the_direct_light_to_the_last() -> None:
-    """Their edges are evenly spread over ln(1 + delay/4 ns), from 0 to 150 ns; what is beyond goes into the last."""
+    """The edges are evenly spread over ln(1 + delay/4 ns), from 0 to 150 ns; longer delays go into the last bin."""
     assert bin_numbers(np.array([-1.0, 0.0])).tolist() == [0, 0]
     edges = 4.0 * np.expm1(np.arange(161) / 160 * np.log1p(150.0 / 4.0))
     middles = 0.5 * (edges[1:] + edges[:-1])

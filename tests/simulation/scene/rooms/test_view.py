@@ -1,4 +1,4 @@
-"""Where a camera in a room looks, and where its lamp is: the turn to the right first, then the one down."""
+"""Where a camera in a room looks, and where its lamp is; the camera turns to the right first, then down."""
 
 import math
 
@@ -23,7 +23,7 @@ def view(yaw_rad: float = 0.0, pitch_rad: float = 0.0, offset: tuple[float, floa
 
 
 @pytest.mark.parametrize(("yaw", "pitch"), [(0.0, 0.0), (0.4, 0.0), (0.0, 0.3), (-0.7, 0.5), (1.2, -0.4)])
-def test_ahead_right_and_down_of_the_camera(yaw: float, pitch: float) -> None:
+def test_yaw_and_pitch_turn_the_axes_of_the_camera(yaw: float, pitch: float) -> None:
     right, down, ahead = view(yaw, pitch).turn.T
     cosine, sine = math.cos(pitch), math.sin(pitch)
     assert_allclose(ahead, (cosine * math.sin(yaw), sine, cosine * math.cos(yaw)), atol=1e-12)
@@ -35,8 +35,8 @@ def test_ahead_right_and_down_of_the_camera(yaw: float, pitch: float) -> None:
     ("yaw", "pitch", "length"), [(0.0, 0.0, 4.5), (math.pi / 2, 0.0, 2.5), (0.0, 1.5, 1.3 / math.sin(1.5))]
 )
 def test_rays_of_any_length_go_from_the_camera_to_the_wall_ahead(yaw: float, pitch: float, length: float) -> None:
-    met = view(yaw, pitch).meet(np.array([[0.0], [0.0], [7.0]]))
-    assert met.lengths_m[0] == pytest.approx(length, rel=1e-5)
+    meetings = view(yaw, pitch).meet(np.array([[0.0], [0.0], [7.0]]))
+    assert meetings.lengths_m[0] == pytest.approx(length, rel=1e-5)
 
 
 def test_the_lamp_turns_with_the_camera() -> None:
@@ -57,11 +57,13 @@ def test_a_lamp_in_or_behind_a_wall_is_refused(offset: tuple[float, float, float
 
 
 def test_the_median_is_that_of_every_eighth_pixel_with_direct_light() -> None:
-    """Of the far wall's and the side walls' cos/r², where the lamp shines: within .9 rad and 10° of the axis."""
-    asked = view()
-    x, y, z = asked.camera.rays(slice(None))[:, ::8, ::8].reshape(3, -1)
-    met = asked.meet(np.stack([x, y, z]))
-    lit = asked.direct(met)
+    """The beam, .9 rad and an edge of 10° to each side, covers the view. The light of a pixel is cos/r²."""
+    straight = view()
+    x, y, z = straight.camera.rays(slice(None))[:, ::8, ::8].reshape(3, -1)
+    meetings = straight.meet(np.stack([x, y, z]))
+    lit = straight.direct(meetings)
     assert (lit > 0).all()
-    cosine = np.abs((met.normals * (met.points_m - np.array(POSITION)[:, None])).sum(axis=0)) / met.lengths_m
-    assert median_irradiance(asked) == pytest.approx(float(np.median(cosine / met.lengths_m**2)), rel=1e-4)
+    cosine = (
+        np.abs((meetings.normals * (meetings.points_m - np.array(POSITION)[:, None])).sum(axis=0)) / meetings.lengths_m
+    )
+    assert median_irradiance(straight) == pytest.approx(float(np.median(cosine / meetings.lengths_m**2)), rel=1e-4)

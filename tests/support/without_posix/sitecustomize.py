@@ -1,6 +1,6 @@
-"""Makes of every Python process one of a system that lacks what only POSIX has; found by way of PYTHONPATH.
+"""Takes from a Python process what only POSIX has. Python imports this file on its start if its folder is in PYTHONPATH.
 
-What Windows has instead of `fcntl`, a stand-in gives: locks of one byte at the place where the file is.
+A stand-in for `msvcrt` gives the locks that Windows has instead of `fcntl`: locks of bytes at the position of the file.
 """
 
 import importlib
@@ -109,12 +109,12 @@ NO_MODULES = (
 )
 
 fcntl = importlib.import_module("fcntl")
-# it takes the stand-in for Windows itself
+# imported before there is a stand-in for msvcrt, from which subprocess would conclude that this is Windows
 importlib.import_module("subprocess")
 
 
 def locking(descriptor: int, mode: int, count: int) -> None:
-    """Lock bytes from where the file is; OSError where another process has them."""
+    """Lock bytes from the position of the file on; raise OSError if another process has locked them."""
     assert mode == 1
     fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, count, os.lseek(descriptor, 0, os.SEEK_CUR))
 
@@ -124,7 +124,7 @@ for module, names in LACKING.items():
         if hasattr(module, name):
             delattr(module, name)
 for name in NO_MODULES:
-    # as good as not there
+    # with None, an import fails as if there were no such module
     sys.modules[name] = cast("ModuleType", None)
 msvcrt = ModuleType("msvcrt")
 msvcrt.__dict__.update(LK_NBLCK=1, locking=locking)
