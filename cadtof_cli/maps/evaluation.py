@@ -12,6 +12,9 @@ from cadtof_cli.maps.comparison import MagnitudeTally
 ERROR_TITLES = ("median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ")
 """Titles of the columns of a table of errors; the first two columns are of |error|."""
 
+LARGEST_M = float(np.finfo(np.float32).max)
+"""Depths and errors beyond this count as missing. Files of float32 hold infinity in place of such a number."""
+
 
 @dataclass(frozen=True)
 class DepthErrors:
@@ -64,12 +67,12 @@ class ErrorTally:
     ) -> None:
         """Add a frame's depths against its truth, and their predicted standard deviations, (Y, X) each in m.
 
-        Pixels without truth do not count. Pixels without a standard deviation do not count in the shares within it.
+        Pixels without truth, or with a truth beyond `LARGEST_M`, do not count. Pixels without a standard deviation do not count in the shares within it.
         """
-        known = np.isfinite(truth_m)
+        known = np.abs(truth_m) <= LARGEST_M
         self._with_truth += int(np.count_nonzero(known))
         error: Float = 100.0 * (depth_m[known].astype(np.float64) - truth_m[known])
-        answered = np.isfinite(error)
+        answered = np.abs(error) <= 100.0 * LARGEST_M
         error = error[answered]
         if sigma_m is not None:
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -159,13 +162,18 @@ class SequenceTally:
         self._variances: Float = np.zeros(shape)
 
     def add(self, values: NDArray[np.floating], sigma: NDArray[np.floating] | None, /) -> None:
-        """Add a map, (Y, X), and its predicted standard deviations; NaN in pixels without an answer."""
-        known = np.isfinite(values)
+        """Add a map, (Y, X), and its predicted standard deviations; NaN in pixels without an answer.
+
+        A value beyond `LARGEST_M` counts as no answer.
+        """
+        known = np.abs(values) <= LARGEST_M
         self._count += known
         step = np.where(known, values - self._mean, 0.0)
         self._mean += step / np.maximum(self._count, 1.0)
         self._squares += step * np.where(known, values - self._mean, 0.0)
-        self._variances += np.where(known, np.nan if sigma is None else np.square(sigma.astype(np.float64)), 0.0)
+        with np.errstate(over="ignore"):
+            variances = np.nan if sigma is None else np.square(sigma.astype(np.float64))
+        self._variances += np.where(known, variances, 0.0)
 
     def summary(self) -> OverTime:
         """Return the statistics of the maps so far."""
@@ -173,4 +181,5 @@ class SequenceTally:
         free = np.where(self._count > 1, self._count - 1.0, np.nan)
         mean, std = np.where(self._count > 0, self._mean, np.nan), np.sqrt(self._squares / free)
         planes = (mean, std, np.sqrt(self._variances / count), self._count)
-        return OverTime(*(plane.astype(np.float32) for plane in planes))
+        with np.errstate(over="ignore"):
+            return OverTime(*(plane.astype(np.float32) for plane in planes))

@@ -86,10 +86,23 @@ def test_what_is_not_finite_counts_for_nothing() -> None:
     assert tally.summary() == DepthErrors(0.0, 0.0, 0.0, 0.0, 0.5)
 
 
-def test_over_time_what_is_not_finite_is_no_answer() -> None:
+@pytest.mark.parametrize("far", [1e300, -1e300, np.inf])
+def test_a_depth_beyond_float32_counts_as_missing(far: float) -> None:
+    """float64 files can hold it; its square is no number."""
+    truth, depth = np.full((2, 3), 2.0), np.full((2, 3), 2.01)
+    truth[0, 0], depth[0, 1] = far, far
+    tally = ErrorTally()
+    tally.add(depth, truth)
+    summary = tally.summary()
+    assert summary.rmse_cm == pytest.approx(1.0)
+    assert summary.valid == pytest.approx(4 / 5)
+
+
+@pytest.mark.parametrize("far", [np.inf, 1e300])
+def test_over_time_what_is_not_finite_or_beyond_float32_is_no_answer(far: float) -> None:
     tally = SequenceTally((3,))
-    for frame in ([np.inf, 1.0, np.nan], [np.inf, 3.0, np.nan], [2.0, np.nan, np.nan]):
-        tally.add(np.array(frame), None)
+    for frame in ([far, 1.0, np.nan], [far, 3.0, np.nan], [2.0, np.nan, np.nan]):
+        tally.add(np.array(frame), np.array(frame))
     over = tally.summary()
     np.testing.assert_array_equal(over.frames, [1.0, 2.0, 0.0])
     np.testing.assert_array_equal(over.mean, np.array([2.0, 2.0, np.nan], np.float32))
