@@ -67,7 +67,8 @@ class ErrorTally:
     ) -> None:
         """Add a frame's depths against its truth, and their predicted standard deviations, (Y, X) each in m.
 
-        Pixels without truth, or with a truth beyond `LARGEST_M`, do not count. Pixels without a standard deviation do not count in the shares within it.
+        Pixels without truth, or with a truth beyond `LARGEST_M`, do not count. Pixels without a standard deviation do not
+        count in the shares within it.
         """
         known = np.abs(truth_m) <= LARGEST_M
         self._with_truth += int(np.count_nonzero(known))
