@@ -59,7 +59,7 @@ def all_saturated(planes: Stored, metadata: CaptureMetadata, dtype: np.dtype[np.
     # a real pixel stops at the limit: values beyond it show that these numbers are no counts of this camera
     beyond = found.low < low or found.high > high
     cause = _shifted_or_scaled(found, voltage, metadata.modulation.amplitude_v) if beyond else None
-    return f"every pixel is saturated: {found}, and saturated_counts = [{low:g}, {high:g}]" + (
+    return f"every pixel is saturated: {found}, expected values inside saturated_counts = [{low:g}, {high:g}]" + (
         f": {cause}" if cause else ""
     )
 
@@ -70,12 +70,15 @@ def likely_cause(found: StoredRange, voltage: Voltage, amplitude_v: float, /) ->
         low, high = _MILLIVOLTS
         if found.whole:
             return (
-                f"they look like counts: give --volts-per-count, and --zero-counts (their middle is {found.middle:.6g})"
+                "they look like counts: give --volts-per-count and --zero-counts (the middle of the values is "
+                f"{found.middle:.6g})"
             )
         if low < found.largest / amplitude_v < high:
             return "they look like millivolts: give --volts-per-count 0.001"
-        return "give --volts-per-count, how many volts a stored step of 1 is, and --zero-counts; or mend --amplitude-v"
-    return _shifted_or_scaled(found, voltage, amplitude_v) or "mend --volts-per-count, --zero-counts or --amplitude-v"
+        return "give --volts-per-count (the volts of a stored step of 1) and --zero-counts, or correct --amplitude-v"
+    return (
+        _shifted_or_scaled(found, voltage, amplitude_v) or "correct --volts-per-count, --zero-counts or --amplitude-v"
+    )
 
 
 def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float) -> str | None:
@@ -88,9 +91,9 @@ def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float)
     if around_zero(found.middle) or found.low <= zero <= found.high:
         return None
     if zero == 0.0:
-        return f"nothing says which stored value is 0 V: give --zero-counts (their middle is {found.middle:.6g})"
-    what_now = "or give --zero-counts and --volts-per-count for what they are now"
-    scaled = f"scaled to 0 … 1, as ImageMagick writes floats: keep whole numbers, {what_now}"
+        return f"zero_counts is 0 or not given: give --zero-counts (the middle of the values is {found.middle:.6g})"
+    what_now = "or give --zero-counts and --volts-per-count of the scaled values"
+    scaled = f"scaled to 0 … 1, as ImageMagick writes floats: export whole numbers, {what_now}"
     if found.dtype.kind == "f" and found.largest <= LONGEST * amplitude_v:
         likely = "like volts already: leave out zero_counts, volts_per_count and saturated_counts"
         if found.low >= 0.0 and around_zero(found.middle * _FULL_SCALE):
@@ -98,9 +101,11 @@ def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float)
     elif found.dtype.kind == "f" and found.low >= 0.0 and around_zero(found.middle * _FULL_SCALE):
         likely = scaled
     elif found.dtype == np.uint8 or (found.largest <= _BYTE and around_zero(found.middle * _FULL_SCALE / _BYTE)):
-        likely = f"scaled to 8 bits, as ImageMagick does with -depth 8: keep 16 bits, {what_now}"
+        likely = f"scaled to 8 bits, as ImageMagick does with -depth 8: export 16 bits, {what_now}"
     elif found.dtype.kind != "u" and found.largest * step <= LONGEST * amplitude_v:
-        likely = "like counts with the zero taken out: give --zero-counts 0, and saturated_counts to match"
+        likely = "like counts from which the zero was subtracted: give --zero-counts 0, and saturated_counts to match"
     else:
-        return f"zero_counts = {zero:g} is far from them: give --zero-counts (their middle is {found.middle:.6g})"
-    return f"zero_counts = {zero:g} is far from them; they look {likely}"
+        return (
+            f"zero_counts = {zero:g} is far from these values: give --zero-counts (their middle is {found.middle:.6g})"
+        )
+    return f"zero_counts = {zero:g} is far from these values; they look {likely}"

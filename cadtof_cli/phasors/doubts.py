@@ -127,8 +127,8 @@ def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if not difference(width) > _SHEARED * long / short * difference(height):
         return None
     return (
-        f"pixels below each other differ far more than if lines were {height} pixels long, not {width}: are height and width, "
-        "as in --raw-shape, swapped?"
+        f"neighbours in a column differ far more than they would if each row had {height} pixels instead of {width}: are "
+        "height and width swapped, for example in --raw-shape?"
     )
 
 
@@ -155,9 +155,7 @@ def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if not dark.any() or not (scatter > _AS_SCENE * noise).any():
         return None
     names = [name for name, is_dark in zip(plane_names(metadata.modulation.harmonics), dark, strict=True) if is_dark]
-    return (
-        f"only noise in {', '.join(names)}, where other planes show a scene: was that recorded, with its modulation on?"
-    )
+    return f"{', '.join(names)}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
@@ -184,8 +182,9 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if shares[likely] <= _LEAST_SHARE or _odds(shares[likely]) <= least:
         return None
     return (
-        f"only {as_read:.0%} of the pixels have phases as light has them, and {shares[likely]:.0%} would {likely}: are the "
-        f"planes {', '.join(plane_names(metadata.modulation.harmonics))}, one after the other, and their signs right?"
+        f"the phases of the harmonics fit each other in only {as_read:.0%} of the pixels; {likely}, they would in "
+        f"{shares[likely]:.0%}: are the planes in the order {', '.join(plane_names(metadata.modulation.harmonics))}, and are "
+        "their signs right?"
     )
 
 
@@ -196,7 +195,7 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     values = some[:, :, sound_pixels(some, metadata.voltage.saturated_counts)]
     if values.shape[2] < FEWEST:
         return None
-    for name, outermost in (("least", np.min), ("largest", np.max)):
+    for name, outermost in (("smallest", np.min), ("largest", np.max)):
         there = values == outermost(values)
         # nearly all frames end here
         if np.count_nonzero(there) < FEWEST:
@@ -206,9 +205,9 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
             following = outermost(values[~there])
             if np.count_nonzero(there) > _PILED_UP * np.count_nonzero(values == following):
                 return (
-                    f"{pixels / values.shape[2]:.1%} of the pixels hold {outermost(values):g}, the {name} stored value: if the "
-                    "camera or a program cuts values off there, they are saturated: set saturated_counts under [voltage] in "
-                    "capture.toml, or --saturated-counts"
+                    f"{pixels / values.shape[2]:.1%} of the pixels hold {outermost(values):g}, the {name} stored value; if the "
+                    "camera or a program cuts values off there, these pixels are saturated: set saturated_counts under "
+                    "[voltage] in capture.toml, or --saturated-counts"
                 )
     return None
 

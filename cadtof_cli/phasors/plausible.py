@@ -99,12 +99,15 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
     for name, other in combinations(range(len(rows)), 2):
         if np.array_equal(rows[name], rows[other]) and np.unique(rows[name]).size > _FEW_VALUES:
             return (
-                f"{names[other]} holds the same values as {names[name]} in every pixel, as no two recordings do: it was "
-                "written twice, or its buffer was not filled"
+                f"{names[other]} holds the same values as {names[name]} in every pixel, but noise makes "
+                "two recordings differ: one plane was written twice, or the camera had not filled its buffer"
             )
     if any(constant) and scatters(rows, SCATTER_STEPS):
         place = constant.index(True)
-        return f"{names[place]} holds {rows[place, 0]:g} in every pixel, and other planes scatter: it was not recorded"
+        return (
+            f"{names[place]} holds {rows[place, 0]:g} in every pixel, but the values of other planes differ: this plane "
+            "was not recorded"
+        )
     return None
 
 

@@ -86,8 +86,13 @@ def why_no_answer(status: Status, /) -> str:
     )
     shares = {bit: float(np.mean((status & bit) != 0)) for bit in bits}
     found = [f"{share:.1%} {bit_words(bit)}" for bit, share in shares.items() if share]
-    hint = "; if light was there, look at integration_length, amplitude_v, --min-confidence and --false-alarm"
-    return f"no pixel has an answer ({', '.join(found)}){hint if shares[StatusBit.LOW_CONFIDENCE] else ''}"
+    weak = "; if there was light, check integration_length, amplitude_v, --min-confidence and --false-alarm"
+    impossible = (
+        "; impossible means: amplitudes above what the modulation can record, or the same values in all pixels; check "
+        "amplitude_v, volts_per_count and fwhm_ns"
+    )
+    hints = (weak if shares[StatusBit.LOW_CONFIDENCE] else "") + (impossible if shares[StatusBit.IMPOSSIBLE] else "")
+    return f"no pixel has an answer ({', '.join(found)}){hints}"
 
 
 def bit_words(bit: StatusBit, /) -> str:

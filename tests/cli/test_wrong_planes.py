@@ -21,24 +21,23 @@ def test_swapped_channels_are_reported_once(
     recorded: Recorded, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     sound = cadtof("resolve", recorded.folder, "-o", tmp_path / "sound", "--jobs", "1")
-    assert "phases as light" not in sound.err
+    assert "the phases of the harmonics" not in sound.err
     assert cadtof("info", recorded.folder, "--jobs", "1").status == 0
     for file in recorded.files:
         write_pages(file, tifffile.imread(file)[[1, 0, 3, 2]])
     done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
     assert done.status == 0
-    (warning,) = (line for line in done.err.splitlines() if "phases as light" in line)
-    assert warning.startswith(f"warning: {recorded.folder}: only ")
-    assert (
-        "would with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2, H2.SC1, H2.SC2, one after the other" in warning
-    )
+    (warning,) = (line for line in done.err.splitlines() if "the phases of the harmonics" in line)
+    assert warning.startswith(f"warning: {recorded.folder}: the phases of the harmonics fit each other in only ")
+    assert "; with SC1 and SC2 swapped, they would in " in warning
+    assert warning.endswith(": are the planes in the order H1.SC1, H1.SC2, H2.SC1, H2.SC2, and are their signs right?")
     info = cadtof("info", recorded.folder, "--jobs", "1")
     assert info.status == 1
-    assert "would with SC1 and SC2 swapped" in info.err
-    assert "(and 2 frames more)" in info.err
+    assert "with SC1 and SC2 swapped, they would" in info.err
+    assert "(and 2 more frames)" in info.err
     with caplog.at_level(logging.WARNING, "cadtof_cli"):
         list(read_frames(recorded.folder))
-    assert "would with SC1 and SC2 swapped" in caplog.text
+    assert "with SC1 and SC2 swapped, they would" in caplog.text
 
 
 def test_a_harmonic_that_was_stored_twice_fails_its_frame_alone(recorded: Recorded, tmp_path: Path) -> None:
@@ -57,18 +56,21 @@ def test_a_harmonic_that_was_not_recorded_fails_its_frame(tmp_path: Path) -> Non
     write_pages(recorded.files[0], pages)
     done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
     assert done.status == 1
-    assert "frame_0.tif: H2.SC1 holds 8192 in every pixel, and other planes scatter: it was not recorded" in done.err
+    assert (
+        "frame_0.tif: H2.SC1 holds 8192 in every pixel, but the values of other planes differ: this plane was not recorded"
+        in done.err
+    )
 
 
 def test_a_response_of_swapped_channels_is_doubted(tmp_path: Path) -> None:
     """With one distance, phases of the camera explain swapped channels; its field would then curve the other way."""
     case = CASES["response: wall at 1 distance"]
     sound = calibrated(case, tmp_path, 4)
-    assert (sound.status, "phases as light" in sound.err) == (0, False)
+    assert (sound.status, "the phases of the harmonics" in sound.err) == (0, False)
     (folder,) = {file.parent for file in tmp_path.glob("*/*.tif") if "dark" not in file.parent.name}
     for file in folder.glob("*.tif"):
         write_pages(file, tifffile.imread(file).reshape(4, *tifffile.imread(file).shape[-2:])[[1, 0, 3, 2]])
     done = cadtof("calibrate", "response", folder, "-o", tmp_path / "camera", "--overwrite")
-    (warning,) = (line for line in done.err.splitlines() if "phases as light" in line)
-    assert warning.startswith(f"warning: {folder}: only ")
+    (warning,) = (line for line in done.err.splitlines() if "the phases of the harmonics" in line)
+    assert warning.startswith(f"warning: {folder}: the phases of the harmonics fit each other in only ")
     assert "with SC1 and SC2 swapped" in warning

@@ -41,7 +41,7 @@ def test_the_sound_capture_is_resolved(recorded: Path, tmp_path: Path) -> None:
 def test_float_counts_without_settings_are_refused(recorded: Path, tmp_path: Path) -> None:
     folder = _capture(tmp_path / "floats", tifffile.imread(recorded).astype("f4"))
     done = _refused(folder)
-    assert "they look like counts: give --volts-per-count, and --zero-counts (their middle is 8" in done.err
+    assert "they look like counts: give --volts-per-count and --zero-counts (the middle of the values is 8" in done.err
     mended = ("--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", f"{ZERO_COUNTS}")
     assert cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).status == 0
 
@@ -52,14 +52,14 @@ def test_unsigned_counts_need_their_zero(recorded: Path, tmp_path: Path) -> None
     assert done.status == 2
     assert "unsigned numbers (uint16), and the stored value of 0 V is unknown: set zero_counts" in done.err
     refused = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", "0")
-    assert "give --zero-counts (their middle is 8" in refused.err
+    assert "give --zero-counts (the middle of the values is 8" in refused.err
 
 
 def test_values_that_are_cut_off_are_reported_until_the_limit_is_given(recorded: Path, tmp_path: Path) -> None:
     pages = tifffile.imread(recorded)
     limit = int(np.quantile(pages, 0.9))
     folder = _capture(tmp_path / "cut", np.minimum(pages, limit), toml=TOML["tif"])
-    warning = f" of the pixels hold {limit}, the largest stored value: if the camera or a program cuts values off there"
+    warning = f" of the pixels hold {limit}, the largest stored value; if the camera or a program cuts values off there"
     done = cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1")
     assert done.status == 0
     assert [line.startswith(f"warning: {folder}: ") for line in done.err.splitlines() if warning in line] == [True]
@@ -75,11 +75,11 @@ def test_a_channel_that_is_not_connected_is_reported(recorded: Path, tmp_path: P
     pages = tifffile.imread(recorded)
     noise = np.random.default_rng(3).normal(ZERO_COUNTS, 7.0, pages.shape).astype(pages.dtype)
     folder = _capture(tmp_path / "loose", np.concatenate([pages[:3], noise[3:]]), toml=TOML["tif"])
-    warning = f"warning: {folder}: only noise in H2.SC2, where other planes show a scene"
+    warning = f"warning: {folder}: H2.SC2: found only noise, but other planes show a scene"
     assert warning in cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1").err
     looked = cadtof("info", folder)
     assert looked.status == 1
-    assert "only noise in H2.SC2" in looked.err
+    assert "H2.SC2: found only noise" in looked.err
     assert "one after the other" not in looked.err
     assert warning not in cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera").err
 
@@ -122,7 +122,7 @@ def test_counts_without_their_zero_are_refused_under_settings_of_counts(recorded
     shifted = (tifffile.imread(recorded).astype(int) - ZERO_COUNTS).astype("i2")
     done = _refused(_capture(tmp_path / "shifted", shifted, toml=TOML["tif"]))
     assert done.status == 1
-    assert "they look like counts with the zero taken out: give --zero-counts 0" in done.err
+    assert "they look like counts from which the zero was subtracted: give --zero-counts 0" in done.err
 
 
 def test_volts_are_refused_under_settings_of_counts(recorded: Path, tmp_path: Path) -> None:

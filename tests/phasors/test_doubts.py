@@ -43,8 +43,8 @@ def test_values_that_are_cut_off(dtype: type) -> None:
         "saturated_counts under [voltage] in capture.toml, or --saturated-counts"
     )
     share = (high == 9500).any(axis=(0, 1)).mean()
-    assert str(told_of_cutting(high)).startswith(f"{share:.1%} of the pixels hold 9500, the largest stored value: ")
-    assert " of the pixels hold 7000, the least stored value: " in str(told_of_cutting(low))
+    assert str(told_of_cutting(high)).startswith(f"{share:.1%} of the pixels hold 9500, the largest stored value; ")
+    assert " of the pixels hold 7000, the smallest stored value; " in str(told_of_cutting(low))
     known = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 9500.0))
     assert told_of_cutting(high, known) is None
     assert told_of_cutting(low, known) is not None
@@ -81,7 +81,10 @@ def test_planes_that_hold_noise_alone(planes: list[tuple[int, int]], named: str,
     for place in planes:
         stored[place] = np.random.default_rng(5).normal(ZERO + 30.0, max(noise_counts, 1.0), stored.shape[2:])
     told = without_light(stored, CaptureMetadata(voltage=COUNTS))
-    assert told == f"only noise in {named}, where other planes show a scene: was that recorded, with its modulation on?"
+    assert (
+        told
+        == f"{named}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
+    )
 
 
 def test_frames_of_noise_of_few_pixels_or_of_bad_ones_say_nothing_of_a_dark_plane() -> None:
@@ -120,7 +123,7 @@ def test_height_and_width_that_were_taken_for_each_other(height: int, width: int
     stored = hill(height, width, noise_counts=noise_counts)
     assert told_of_lines(stored) is None
     said = str(told_of_lines(stored.reshape(2, 2, width, height)))
-    assert f"if lines were {width} pixels long, not {height}: are height and width" in said
+    assert f"if each row had {width} pixels instead of {height}: are height and width swapped" in said
 
 
 def test_lines_of_which_nothing_can_be_said() -> None:

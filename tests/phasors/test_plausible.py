@@ -77,21 +77,21 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("stored", "voltage", "cause"),
     [
-        (counts().astype(np.float32), Voltage(), "they look like counts: give --volts-per-count, and --zero-counts"),
+        (counts().astype(np.float32), Voltage(), "they look like counts: give --volts-per-count and --zero-counts"),
         (1000.0 * volts(), Voltage(), "they look like millivolts: give --volts-per-count 0.001"),
-        (10.0 * volts(), Voltage(), "give --volts-per-count, how many volts a stored step of 1 is, and --zero-counts"),
-        (1e6 * volts() + 0.5, Voltage(), "give --volts-per-count, how many volts a stored step of 1 is"),
-        (counts(), Voltage(zero_counts=0.0, volts_per_count=STEP), "nothing says which stored value is 0 V"),
+        (10.0 * volts(), Voltage(), "give --volts-per-count (the volts of a stored step of 1) and --zero-counts"),
+        (1e6 * volts() + 0.5, Voltage(), "give --volts-per-count (the volts of a stored step of 1)"),
+        (counts(), Voltage(zero_counts=0.0, volts_per_count=STEP), "zero_counts is 0 or not given"),
         (
             counts(),
             Voltage(zero_counts=ZERO, volts_per_count=0.01),
-            "mend --volts-per-count, --zero-counts or --amplitude-v",
+            "correct --volts-per-count, --zero-counts or --amplitude-v",
         ),
         (
             # in µV; the middle of a scene is not the zero
             counts(),
             Voltage(zero_counts=ZERO + 700.0, volts_per_count=60.0),
-            "mend --volts-per-count, --zero-counts or --amplitude-v",
+            "correct --volts-per-count, --zero-counts or --amplitude-v",
         ),
         (volts().astype(np.float32), COUNTS, "look like volts already: leave out zero_counts"),
         ((counts() / 65535.0).astype(np.float32), COUNTS, "; or scaled to 0 … 1, as ImageMagick writes floats"),
@@ -109,10 +109,18 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
         (
             np.rint((counts() - counts().min()) / 10).astype(np.uint16),
             COUNTS,
-            "zero_counts = 8192 is far from them: give --zero-counts",
+            "zero_counts = 8192 is far from these values: give --zero-counts",
         ),
-        ((counts() - ZERO).astype(np.int16), COUNTS, "like counts with the zero taken out: give --zero-counts 0"),
-        ((counts() + 20000).astype(np.uint16), COUNTS, "zero_counts = 8192 is far from them: give --zero-counts"),
+        (
+            (counts() - ZERO).astype(np.int16),
+            COUNTS,
+            "like counts from which the zero was subtracted: give --zero-counts 0",
+        ),
+        (
+            (counts() + 20000).astype(np.uint16),
+            COUNTS,
+            "zero_counts = 8192 is far from these values: give --zero-counts",
+        ),
     ],
 )
 def test_what_has_likely_been_done_is_said(stored: NDArray[np.generic], voltage: Voltage, cause: str) -> None:
@@ -144,7 +152,8 @@ def test_a_frame_that_is_saturated_everywhere_says_why() -> None:
     limits = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(4000.0, 12000.0))
     told = said(np.full((2, 2, 50), 12000, np.uint16), limits)
     assert told == (
-        "every pixel is saturated: stored values (uint16) lie between 12000 and 12000, and saturated_counts = [4000, 12000]"
+        "every pixel is saturated: stored values (uint16) lie between 12000 and 12000, "
+        "expected values inside saturated_counts = [4000, 12000]"
     )
     volts_of_counts = said(volts().astype(np.float32), limits)
     assert volts_of_counts is not None
@@ -173,7 +182,7 @@ def test_voltages_may_fall_with_the_counts() -> None:
     assert said(counts(), falling) is None
     told = said((counts() + 20000).astype(np.uint16), falling)
     assert told is not None
-    assert "zero_counts = 8192 is far from them" in told
+    assert "zero_counts = 8192 is far from these values" in told
 
 
 def test_values_of_one_sign_are_as_large_as_their_largest() -> None:

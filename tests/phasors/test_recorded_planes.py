@@ -70,7 +70,7 @@ def test_noise_alone_has_no_order() -> None:
 @pytest.mark.parametrize("periods_ns", [TWO, THREE])
 def test_channels_and_harmonics_in_another_order(periods_ns: tuple[float, ...]) -> None:
     volts = light(periods_ns)
-    assert "with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2" in str(said(volts[:, ::-1], periods_ns))
+    assert "; with SC1 and SC2 swapped, they would in " in str(said(volts[:, ::-1], periods_ns))
     assert "with the harmonics in the opposite order" in str(said(volts[::-1], periods_ns))
     channel_first = volts.swapaxes(0, 1).reshape(volts.shape)
     assert "with SC1 of all harmonics before SC2" in str(said(channel_first, periods_ns))
@@ -92,8 +92,8 @@ def test_planes_that_are_interleaved(periods_ns: tuple[float, ...]) -> None:
     volts = light(periods_ns)
     planes = volts.reshape(2 * len(periods_ns), -1, 50)
     by_line, by_pixel = (np.moveaxis(planes, 0, axis).reshape(volts.shape) for axis in (1, 2))
-    assert "would interleaved line by line: are the planes" in str(said(by_line, periods_ns))
-    assert "would interleaved pixel by pixel: are the planes" in str(said(by_pixel, periods_ns))
+    assert "; interleaved line by line, they would in " in str(said(by_line, periods_ns))
+    assert "; interleaved pixel by pixel, they would in " in str(said(by_pixel, periods_ns))
 
 
 @pytest.mark.parametrize("signs", [((-1, -1), (-1, -1)), ((-1, 1), (-1, 1)), ((1, 1), (-1, -1))])
@@ -106,7 +106,7 @@ def test_counts_and_pixels_that_say_nothing() -> None:
     told = said(stored, voltage=COUNTS)
     assert told is not None
     assert told.startswith(
-        "only 0% of the pixels have phases as light has them, and 100% would with SC1 and SC2 swapped"
+        "the phases of the harmonics fit each other in only 0% of the pixels; with SC1 and SC2 swapped, they would in 100%"
     )
     stored[0, 0, FEWEST - 1 :] = 16383
     assert said(stored, voltage=COUNTS) is None
@@ -145,7 +145,7 @@ def test_a_plane_that_is_one_value_while_others_scatter() -> None:
     stored[1, 0] = 8192
     assert (
         no_recording(stored, (1, 3))
-        == "H3.SC1 holds 8192 in every pixel, and other planes scatter: it was not recorded"
+        == "H3.SC1 holds 8192 in every pixel, but the values of other planes differ: this plane was not recorded"
     )
     stored[1, 0, -1] = 8193
     assert no_recording(stored, (1, 3)) is None

@@ -40,9 +40,12 @@ def test_what_keeps_a_frame_from_an_answer_is_said_with_its_share() -> None:
     assert said.startswith("no pixel has an answer (25.0% ")
     assert "75.0%" in said
     assert said.endswith(
-        "; if light was there, look at integration_length, amplitude_v, --min-confidence and --false-alarm"
+        "; if there was light, check integration_length, amplitude_v, --min-confidence and --false-alarm"
     )
     assert why_no_answer(np.full(4, StatusBit.SATURATED, np.uint32)).endswith(")")
     low = np.full(4, StatusBit.LOW_CONFIDENCE, np.uint32)
     assert "--min-confidence" in why_no_answer(low)
+    impossible = why_no_answer(np.full(4, StatusBit.IMPOSSIBLE, np.uint32))
+    assert impossible.endswith("; check amplitude_v, volts_per_count and fwhm_ns")
+    assert "--min-confidence" not in impossible
     assert "100.0%" in why_no_answer(low)

@@ -21,7 +21,7 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.units import unambiguous_range_m
+from cadtof_cli.units import counted, unambiguous_range_m
 from cadtof_cli.workflows.inspect.facts import (
     CalibrationFacts,
     FrameFacts,
@@ -145,7 +145,7 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
                 implausible.append(f"{outcome.task}: {result.implausible}")
             progress.advance()
     if implausible:
-        more = f" (and {len(implausible) - 1} frames more)" if len(implausible) > 1 else ""
+        more = f" (and {counted(len(implausible) - 1, 'more frame')})" if len(implausible) > 1 else ""
         facts.problems.append(f"{implausible[0]}{more}")
     if pixels and (doubt := metadata.optics.doubt(pixels)):
         facts.problems.append(f"{capture.root}: {doubt}")
