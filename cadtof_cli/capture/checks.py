@@ -46,7 +46,19 @@ class InvalidValueError(MetadataError):
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
-        return f"{place}{self.key}: found {shortened(repr(self.found), MOST_LETTERS)}, expected {self.expected}"
+        return f"{place}{self.key}: found {shortened(_shown(self.found), MOST_LETTERS)}, expected {self.expected}"
+
+
+def _shown(value: object) -> str:
+    """Return a value as text: true, false and lists as in `capture.toml`, numbers by name in braces."""
+    match value:
+        case bool():
+            return repr(value).lower()
+        case (tuple(), *_) if isinstance(value, tuple):
+            return repr(dict(value))
+        case tuple():
+            return repr(list(value))
+    return repr(value)
 
 
 def converted(kind: Kind, value: Any, /) -> Any:

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cadtof_cli.capture.checks import InvalidValueError
 from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
 from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.capture.planes import grouped_planes, hint_of_words
@@ -256,6 +257,7 @@ def _capture(
     Raises:
         CaptureError: two frames have the same name; or `recursive` is set, and the folder has planes but none fits the
             pattern.
+        MetadataError: `layout.harmonic` has no name for one of the harmonics.
     """
     # when a shell expands cap/*, `capture.toml` is among the named files
     layout, names = source.metadata.layout, [name for name in named or () if name != FILE_NAME]
@@ -274,7 +276,10 @@ def _capture(
         names.sort(key=natural_key)
     frames: Sequence[FrameSource] = FrameFileList(root, names)
     if layout.pattern is not None:
-        frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
+        try:
+            frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
+        except InvalidValueError as error:
+            raise InvalidValueError(error.key, error.found, error.expected, source.origins[error.key]) from None
     # names without suffix can be equal only if there are different suffixes, or if a pattern makes the names
     if layout.pattern is not None or len({name.rpartition(".")[2] for name in names}) > 1:
         _require_different_names(root, frames)

@@ -250,6 +250,16 @@ class Layout(Table):
     )
 
 
+_NEEDED_BESIDE = (
+    ("channel", "pattern"),
+    ("harmonic", "pattern"),
+    ("raw_dtype", "raw_shape"),
+    ("raw_shape", "raw_dtype"),
+    ("raw_offset_bytes", "raw_dtype"),
+)
+"""Keys of `[layout]`, and for each the other key without which it means nothing."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class CaptureMetadata:
     """The metadata of a capture; its fields are the tables of `capture.toml`."""
@@ -273,10 +283,7 @@ class CaptureMetadata:
         if distance is not None and distance > (farthest := MOST_RANGES * unambiguous_range_m(period)):
             expected = f"at most {MOST_RANGES} unambiguous ranges, which are {farthest:.4g} m; is it in mm?"
             raise InvalidValueError("target.distance_m", distance, expected)
-        raw = self.layout.raw_dtype
-        if (raw is None) != (self.layout.raw_shape is None):
-            raise InvalidValueError("layout.raw_dtype", raw, "dtype and shape of raw dumps, both or none")
-        for name, needs in (("channel", "pattern"), ("harmonic", "pattern"), ("raw_offset_bytes", "raw_dtype")):
+        for name, needs in _NEEDED_BESIDE:
             found = getattr(self.layout, name)
             if found is not None and getattr(self.layout, needs) is None:
                 raise InvalidValueError(f"layout.{name}", found, f"layout.{needs} beside it")

@@ -123,7 +123,8 @@ def test_a_pattern_without_frame_means_a_single_frame(whole: Path) -> None:
     _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame.tif")
     done = shell(f"cadtof resolve planes -o out2 -j 1 {named.replace('50=2', '50=3')}", whole)
     assert done.status == 2
-    assert "layout.harmonic: found {'25': 1, '50': 3}, expected a name for each of the harmonics 1, 2" in done.err
+    expected = "expected a name for each of the harmonics 1, 2"
+    assert f"Error: --harmonic: layout.harmonic: found {{'25': 1, '50': 3}}, {expected}" in done.err
 
 
 def test_a_folder_above_describes_its_captures(whole: Path) -> None:

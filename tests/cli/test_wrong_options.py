@@ -100,8 +100,15 @@ def test_info_writes_no_settings_of_maps(maps: Path) -> None:
 
 
 IMPOSSIBLE = [
-    ("resolve CAPTURE --channel A,B", "--channel: layout.channel: found ('A', 'B'), expected layout.pattern beside it"),
-    ("resolve CAPTURE --harmonic a=1,b=2", "--harmonic: layout.harmonic: found"),
+    ("resolve CAPTURE --channel A,B", "--channel: layout.channel: found ['A', 'B'], expected layout.pattern beside it"),
+    (
+        "resolve CAPTURE --harmonic a=1,b=2",
+        "--harmonic: layout.harmonic: found {'a': 1, 'b': 2}, expected layout.pattern",
+    ),
+    (
+        "resolve CAPTURE --raw-shape 2,2,24,32",
+        "--raw-shape: layout.raw_shape: found [2, 2, 24, 32], expected layout.raw_d",
+    ),
     (
         "info CAPTURE --raw-offset-bytes 4",
         "--raw-offset-bytes: layout.raw_offset_bytes: found 4, expected layout.raw_dtype",

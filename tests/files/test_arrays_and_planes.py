@@ -366,7 +366,7 @@ def test_raw_dumps_by_options_alone(tmp_path: Path) -> None:
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "maps", "--jobs", "1", *options)
     assert done.status == 0, done.err
     refused = cadtof("resolve", capture.folder, "-o", tmp_path / "no", "--raw-dtype", "uint16")
-    assert "dtype and shape of raw dumps, both or none" in refused.err
+    assert "--raw-dtype: layout.raw_dtype: found 'uint16', expected layout.raw_shape beside it" in refused.err
     refused = cadtof(
         "resolve", capture.folder, "-o", tmp_path / "no", "--raw-dtype", "words", "--raw-shape", "2,2,24,32"
     )
