@@ -284,7 +284,7 @@ def test_defaults_that_were_taken_are_logged(tmp_path: Path, caplog: pytest.LogC
     capture = record(tmp_path / "capture", form="exr", toml="")
     with caplog.at_level(logging.WARNING, logger="cadtof_cli"):
         assert len(list(read_frames(capture.folder))) == 1
-    assert "taken from the paper: modulation.periods_ns = (40.0, 20.0)" in caplog.text
+    assert "taken from the paper: modulation.periods_ns = [40.0, 20.0]" in caplog.text
 
 
 def test_a_capture_whose_harmonics_allow_one_path_only_is_read(tmp_path: Path) -> None:

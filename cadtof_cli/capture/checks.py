@@ -46,10 +46,10 @@ class InvalidValueError(MetadataError):
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
-        return f"{place}{self.key}: found {shortened(_shown(self.found), MOST_LETTERS)}, expected {self.expected}"
+        return f"{place}{self.key}: found {shortened(shown(self.found), MOST_LETTERS)}, expected {self.expected}"
 
 
-def _shown(value: object) -> str:
+def shown(value: object, /) -> str:
     """Return a value as text: true, false and lists as in `capture.toml`, numbers by name in braces."""
     match value:
         case bool():

@@ -163,7 +163,7 @@ def nearest_settings(folder: Path, /) -> Path | None:
         for name in _MISNAMED:
             if os.path.lexists(place / name):
                 raise CaptureError(
-                    f"{place / name}: found settings of this name, expected {FILE_NAME}: rename it, or give --settings"
+                    f"{place / name}: found settings under this name, expected {FILE_NAME}: rename it, or give --settings"
                 )
     return None
 
@@ -292,13 +292,14 @@ def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None =
     """Return the error for a folder without frames, or for named files in it (`among`) that are no frames."""
     layout = source.metadata.layout
     pattern, looked_for = layout.pattern, _expected_names(layout)
+    where = "" if among is None else " among the files that were named"
     if among is None:
         among = [name + "/" * is_dir for name, is_dir in _entries(root, pattern) or _entries(root)]
     files = [name for name in among if not name.endswith("/")]
     hint = _what_is_missing(root, layout, {Path(name).suffix.lower(): name for name in files})
     if pattern is not None and not hint and (words := hint_of_words(sorted(files, key=natural_key), layout)):
         hint = f"; {words}"
-    return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}{hint}")
+    return CaptureError(f"{root}: no frames{where}: looked for {looked_for}, found {_first_names(among)}{hint}")
 
 
 def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -> str:
@@ -306,9 +307,9 @@ def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -
     if of_matlab := by_suffix.get(".mat"):
         return f"; `cadtof info {root / of_matlab}` says how to save an array of MATLAB"
     if layout.raw_dtype is None and (dump := next(filter(None, map(by_suffix.get, RAW.suffixes)), None)):
-        return f"; what dumps such as {dump} hold is said by --raw-dtype and --raw-shape, or [layout.raw]"
+        return f"; to read raw dumps such as {dump}, give --raw-dtype and --raw-shape, or [layout.raw] in capture.toml"
     if layout.pattern is None and ".png" in by_suffix:
-        return "; a PNG holds one plane, and --pattern says how the planes of a frame are named"
+        return "; a PNG holds one plane: give --pattern, which says how the planes of a frame are named"
     suffixes = frame_suffixes(planes=True, raw=layout.raw_dtype is not None)
     if layout.pattern is not None and not layout.pattern.lower().endswith(suffixes):
         return f"; planes are read from {', '.join(suffixes)} files"

@@ -84,7 +84,7 @@ class Modulation(Table):
         each(PERIOD),
         Check(
             _are_harmonics,
-            "the fundamental first, then falling periods that divide it by whole numbers, such as [40.0, 20.0]",
+            "the longest period first, then shorter ones, each the longest divided by a whole number, such as [40.0, 20.0]",
             list,
         ),
     )
@@ -188,9 +188,12 @@ class Optics(Table):
         """Return in words which value is probably not in pixels, for an array (Y, X); None: all may be in pixels."""
         across, focal, point = max(pixels), self.focal_length_px, self.principal_point_px
         if focal is not None and (view_deg := 2.0 * math.degrees(math.atan(across / 2.0 / focal))) > WIDEST_VIEW_DEG:
-            return f"optics.focal_length_px = {focal:g} is a view of {view_deg:.0f}° across: is it in mm?"
+            return f"optics.focal_length_px = {focal:g} means a view of {view_deg:.0f}°: is the value in mm instead of pixels?"
         if point is not None and across > LARGE_ARRAY and max(point) <= 1.0:
-            return f"optics.principal_point_px = {point[0]:g}, {point[1]:g} is a corner: is it a share of width and height?"
+            return (
+                f"optics.principal_point_px = {point[0]:g}, {point[1]:g} lies in a corner of the frame: is the value a share of "
+                "width and height instead of pixels?"
+            )
         return None
 
 
@@ -224,7 +227,7 @@ class Layout(Table):
         "text of {harmonic} in the pattern for each harmonic h, if not 1, 2, …",
         None,
         Check(
-            lambda pairs: len({number for _, number in pairs}) == len(pairs), "a number of its own for each name", dict
+            lambda pairs: len({number for _, number in pairs}) == len(pairs), "a different number for each name", dict
         ),
     )
     frames: int | None = _key(

@@ -69,8 +69,8 @@ def hint_of_planes(capture: Capture, /) -> str | None:
     if guess and guess.harmonic:
         keys += ", harmonic = { " + ", ".join(f'"{name}" = {number}' for name, number in guess.harmonic) + " }"
     return (
-        f"{capture.root}: {len(capture.frames)} files of one plane each, and nothing says which plane is which; say how they are "
-        f"named under [layout] in capture.toml{', it seems' if guess else ', such as'}: {keys}"
+        f"{capture.root}: found {len(capture.frames)} files with one plane each, and nothing says which plane is which; write "
+        f"the pattern of their names under [layout] in capture.toml, {'probably' if guess else 'for example'}: {keys}"
     )
 
 
@@ -185,8 +185,8 @@ def hint_of_words(names: Iterable[str], layout: Layout, /) -> str | None:
         return None
     harmonics = "1, 2, …" if layout.harmonic is None else ", ".join(word for word, _ in layout.harmonic)
     return (
-        f"{name} would fit if --harmonic and --channel named its words: now {{harmonic}} is {harmonics} and {{channel}} "
-        f"{' or '.join(layout.channel or _CHANNEL_NAMES)}"
+        f"{name} would fit if --harmonic and --channel listed the words in it; now {{harmonic}} stands for {harmonics} and "
+        f"{{channel}} for {' or '.join(layout.channel or _CHANNEL_NAMES)}"
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.checks import MOST_LETTERS, InvalidValueError, converted
+from cadtof_cli.capture.checks import MOST_LETTERS, InvalidValueError, converted, shown
 from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
@@ -34,7 +34,7 @@ class MetadataSource:
     def defaults_in_words(self) -> str:
         """Return in words which values are the paper's, because neither a file nor an option gave them; empty: none."""
         defaults = {path: KEYS[path].default for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN}
-        told = ", ".join(f"{path} = {default}" for path, default in defaults.items() if default is not None)
+        told = ", ".join(f"{path} = {shown(default)}" for path, default in defaults.items() if default is not None)
         return f"not given, so taken from the paper: {told}" if told else ""
 
 

@@ -28,12 +28,14 @@ def read_toml(path: Path, /) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise MetadataError(f"{path}: not UTF-8 text (byte {error.start})") from error
     except RecursionError as error:
-        raise MetadataError(f"{path}: not valid TOML: tables or lists within each other, hundreds deep") from error
+        raise MetadataError(f"{path}: not valid TOML: tables or lists are nested hundreds of levels deep") from error
     except tomllib.TOMLDecodeError as error:
         raise MetadataError(f"{path}: not valid TOML: {error}") from error
     except ValueError as error:
         # other values that Python cannot hold raise a ValueError that is no TOMLDecodeError
-        raise MetadataError(f"{path}: not valid TOML: a whole number of thousands of digits, or no date") from error
+        raise MetadataError(
+            f"{path}: not valid TOML: a number with thousands of digits, or an impossible date"
+        ) from error
 
 
 def toml_from_tables(tables: Mapping[str, Mapping[str, Any]], /, *, comments: Iterable[str] = ()) -> str:

@@ -112,12 +112,13 @@ def test_a_folder_and_a_file_in_it_are_one_capture(tmp_path: Path) -> None:
         (("camera/h1/cos/1.png", "notes.txt"), "found camera/, notes.txt"),
         (
             tuple(f"{i}.png" for i in range(12)),
-            "found 0.png, 1.png, 2.png, 3.png, 4.png and 7 more; a PNG holds one plane, and --pattern says how the planes of a "
-            "frame are named",
+            "found 0.png, 1.png, 2.png, 3.png, 4.png and 7 more; a PNG holds one plane: give --pattern, which says how "
+            "the planes of a frame are named",
         ),
         (
             ("a.RAW", "b.txt"),
-            "found a.RAW, b.txt; what dumps such as a.RAW hold is said by --raw-dtype and --raw-shape, or [layout.raw]",
+            "found a.RAW, b.txt; to read raw dumps such as a.RAW, give --raw-dtype and --raw-shape, or [layout.raw] in "
+            "capture.toml",
         ),
     ],
 )
@@ -150,9 +151,9 @@ def test_planes_that_cannot_be_found_or_read_say_why(pattern: str, found: str, t
 @pytest.mark.parametrize(
     ("more", "now"),
     [
-        ({}, "{harmonic} is 1, 2, … and {channel} 1 or 2"),
-        ({"layout.channel": ("A", "B")}, "{harmonic} is 1, 2, … and {channel} A or B"),
-        ({"layout.harmonic": {"25": 1, "50": 2}}, "{harmonic} is 25, 50 and {channel} 1 or 2"),
+        ({}, "{harmonic} stands for 1, 2, … and {channel} for 1 or 2"),
+        ({"layout.channel": ("A", "B")}, "{harmonic} stands for 1, 2, … and {channel} for A or B"),
+        ({"layout.harmonic": {"25": 1, "50": 2}}, "{harmonic} stands for 25, 50 and {channel} for 1 or 2"),
     ],
 )
 def test_a_pattern_with_unknown_words_for_harmonic_and_channel_says_so(
@@ -162,7 +163,16 @@ def test_a_pattern_with_unknown_words_for_harmonic_and_channel_says_so(
     with pytest.raises(CaptureError) as caught:
         find_captures([tmp_path], overrides={"layout.pattern": "img-{frame}-{harmonic}-{channel}.png", **more})
     text = str(caught.value)
-    assert text.endswith(f"; img-0-25MHz-A.png would fit if --harmonic and --channel named its words: now {now}")
+    assert text.endswith(f"; img-0-25MHz-A.png would fit if --harmonic and --channel listed the words in it; now {now}")
+
+
+def test_named_files_that_are_no_frames_say_so(tmp_path: Path) -> None:
+    """The folder of such a file may well have frames."""
+    _touch(tmp_path, "capture.toml", "frame.tif")
+    with pytest.raises(CaptureError) as caught:
+        find_captures([tmp_path / "capture.toml"])
+    assert str(caught.value).startswith(f"{tmp_path}: no frames among the files that were named: looked for ")
+    assert str(caught.value).endswith(", found capture.toml")
 
 
 def test_raw_dumps_need_the_suffix_of_raw_dumps(tmp_path: Path) -> None:

@@ -24,8 +24,8 @@ METADATA = [
     ("[pixel]\nintegration_length = 'long'\n", "pixel.integration_length: found 'long', expected a number"),
     ("[modulation]\namplitude_v = 0\n", "modulation.amplitude_v: found 0.0, expected a finite number above 0"),
     ("[modulation]\nperiods_ns = 40\n", "modulation.periods_ns: found 40, expected a list of numbers"),
-    ("[modulation]\nperiods_ns = [40.0, 27.0]\n", "modulation.periods_ns: found [40.0, 27.0], expected the fundamental first"),
-    ("[modulation]\nperiods_ns = [20.0, 40.0]\n", "modulation.periods_ns: found [20.0, 40.0], expected the fundamental first"),
+    ("[modulation]\nperiods_ns = [40.0, 27.0]\n", "modulation.periods_ns: found [40.0, 27.0], expected the longest period first"),
+    ("[modulation]\nperiods_ns = [20.0, 40.0]\n", "modulation.periods_ns: found [20.0, 40.0], expected the longest period first"),
     ("[modulation]\nwaveform = 'square'\n", "modulation.waveform: found 'square', expected 'sine' or 'triangle'"),
     ("[pulse]\nfwhm_ns = -1\n", "pulse.fwhm_ns: found -1.0, expected 0, or 1e-06 or more, in ns"),
     ("[pulse]\nfwhm_ns = 1.7e-9\n", "pulse.fwhm_ns: found 1.7e-09, expected 0, or 1e-06 or more, in ns"),
@@ -293,7 +293,9 @@ def test_a_settings_file_with_a_wrong_name_is_reported_not_ignored(name: str, tm
     above.write_text(TOML["tif"])
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1)
     assert done.status == 2
-    assert f"{settings}: found settings of this name, expected capture.toml: rename it, or give --settings" in done.err
+    assert (
+        f"{settings}: found settings under this name, expected capture.toml: rename it, or give --settings" in done.err
+    )
     assert cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--settings", settings).status == 0
     (capture.folder / "capture.toml").write_text(TOML["tif"])
     assert cadtof("info", capture.folder, "-j", 1).status == 0
@@ -301,7 +303,9 @@ def test_a_settings_file_with_a_wrong_name_is_reported_not_ignored(name: str, tm
 
 def test_optics_that_are_not_in_pixels_are_doubted(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml=TOML["tif"].replace("focal_length_px = 28.0", "focal_length_px = 4.2"))
-    message = f"{capture.folder}: optics.focal_length_px = 4.2 is a view of 151° across: is it in mm?"
+    message = (
+        f"{capture.folder}: optics.focal_length_px = 4.2 means a view of 151°: is the value in mm instead of pixels?"
+    )
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1)
     assert done.status == 0
     assert f"warning: {message}" in done.err

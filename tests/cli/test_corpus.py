@@ -63,8 +63,8 @@ def test_a_library_that_prints_does_not_break_json(tmp_path: Path) -> None:
 
 FILES = {
     "amplitude.toml": "pulse.fwhm_ns: found 1e+39, expected 39.4 or less: a longer pulse leaves nothing of a modulation of 20 ns",
-    "deep.toml": "not valid TOML: tables or lists within each other, hundreds deep",
-    "int.toml": "not valid TOML: a whole number of thousands of digits, or no date",
+    "deep.toml": "not valid TOML: tables or lists are nested hundreds of levels deep",
+    "int.toml": "not valid TOML: a number with thousands of digits, or an impossible date",
 }
 
 TABLES = {

@@ -140,7 +140,7 @@ def test_a_folder_above_describes_its_captures(whole: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("Capture.toml", "found settings of this name, expected capture.toml"), ("capture.toml", "cannot be read")],
+    [("Capture.toml", "found settings under this name, expected capture.toml"), ("capture.toml", "cannot be read")],
 )
 def test_unusable_settings_in_a_folder_above_are_reported_not_ignored(name: str, message: str, whole: Path) -> None:
     archive = whole / "archive"

@@ -230,8 +230,8 @@ def test_defaults_and_an_estimated_noise_are_reported(tmp_path: Path) -> None:
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--json")
     assert done.status == 0
     assert (
-        f"{capture.folder}: not given, so taken from the paper: modulation.periods_ns = (40.0, 20.0), "
-        "modulation.waveform = sine, modulation.amplitude_v = 0.2746, pulse.fwhm_ns = 1.7" in done.err
+        f"{capture.folder}: not given, so taken from the paper: modulation.periods_ns = [40.0, 20.0], "
+        "modulation.waveform = 'sine', modulation.amplitude_v = 0.2746, pulse.fwhm_ns = 1.7" in done.err
     )
     assert "pixel.integration_length is not given, so the noise is estimated from each frame" in done.err
     words, _, estimate = json.loads(done.out)["reason"].rpartition(" ")

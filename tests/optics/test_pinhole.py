@@ -44,8 +44,14 @@ def test_a_principal_point_that_is_not_given_is_the_middle_as_column_and_row() -
         (Optics(), None),
         (Optics(focal_length_px=280.0, principal_point_px=(159.5, 119.5)), None),
         (Optics(focal_length_px=59.0), None),
-        (Optics(focal_length_px=4.2), "optics.focal_length_px = 4.2 is a view of 177° across: is it in mm?"),
-        (Optics(principal_point_px=(0.5, 0.5)), "optics.principal_point_px = 0.5, 0.5 is a corner: is it a share"),
+        (
+            Optics(focal_length_px=4.2),
+            "optics.focal_length_px = 4.2 means a view of 177°: is the value in mm instead of pixels?",
+        ),
+        (
+            Optics(principal_point_px=(0.5, 0.5)),
+            "optics.principal_point_px = 0.5, 0.5 lies in a corner of the frame: ",
+        ),
         (Optics(principal_point_px=(-20.0, 119.5)), None),
     ],
 )

@@ -162,7 +162,7 @@ def read_record(folder: Path, /) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise ValueError(f"not UTF-8 text: byte {error.start}") from error
     except RecursionError as error:
-        raise ValueError("lists or objects within each other, hundreds deep") from error
+        raise ValueError("lists or objects are nested hundreds of levels deep") from error
 
 
 @dataclass
