@@ -149,6 +149,6 @@ def transpositions(call: str, shape: Sequence[int], harmonics: int, /) -> str:
     rows_first = [one for one in found if "YX" in one[0]]
     planes = str(lengths["P"])
     return "; ".join(
-        f"if its axes are {' '.join(axes).replace('P', planes)}, {call.format(f'.transpose{order}')} mends it"
+        f"if its axes are {' '.join(axes).replace('P', planes)}: {call.format(f'.transpose{order}')}"
         for axes, order in columns_first[:_NAMED] + rows_first[:_NAMED]
     )

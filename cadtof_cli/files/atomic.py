@@ -191,7 +191,9 @@ def make_folder(path: Path, /) -> None:
         finally:
             probe.unlink()
     except OSError as error:
-        raise OutputError(f"{path}: expected a folder that can be written into: {error.strerror}") from error
+        found = "found a file, " if isinstance(error, FileExistsError) else ""
+        why = "" if found else f": {error.strerror}"
+        raise OutputError(f"{path}: {found}expected a folder that can be written into{why}") from error
 
 
 def require_new(path: Path, /, *, overwrite: bool) -> None:
@@ -210,7 +212,7 @@ def require_absent(path: Path, /) -> None:
         return
     if path.exists() or path.is_symlink():
         kind = "a folder with files" if path.is_dir() else "a file"
-        raise OutputError(f"{path}: found {kind}, expected nothing there; choose another OUT or remove it")
+        raise OutputError(f"{path}: found {kind}, expected nothing there; choose another name, or remove it")
 
 
 @contextmanager
@@ -226,7 +228,7 @@ def new_folder(path: Path, /) -> Iterator[Path]:
         partial = path.with_name(f".{path.name}.{os.urandom(16).hex()}{PARTIAL_SUFFIX}")
         partial.mkdir()
     except OSError as error:
-        raise OutputError(f"{path}: cannot be created: {error.strerror}; choose another OUT") from error
+        raise OutputError(f"{path}: cannot be created: {error.strerror}; choose another name") from error
     try:
         yield partial
         partial.replace(path)

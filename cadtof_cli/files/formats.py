@@ -233,7 +233,7 @@ def detect_format(path: Path, /, *, raw: bool = False) -> Format:
         from cadtof_cli.files.matlab import matlab_refusal
 
         raise matlab_refusal(path, head)
-    found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
+    found = f"a file of another kind (first bytes {head[:4].hex(' ')})" if head else "an empty file"
     titles = ", ".join(one.title for one in FORMATS if one.magics)
     hint = ""
     if raw:

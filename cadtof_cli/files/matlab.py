@@ -33,7 +33,7 @@ def matlab_refusal(path: Path, head: bytes, /) -> FrameError:
         )
     else:
         how = _saving(path, saved)
-    return FrameError(f"{path}: found a MATLAB file, expected its array in one of ours: {how}")
+    return FrameError(f"{path}: found a MATLAB file, expected its array in a format that is read here: {how}")
 
 
 def _saving(path: Path, saved: str) -> str:
@@ -44,4 +44,4 @@ def _saving(path: Path, saved: str) -> str:
         call = f"numpy.save({saved}, scipy.io.loadmat({str(path)!r})[{name!r}]{{}})"
         ways = (transpositions(call, shape, harmonics) for harmonics in _HARMONICS)
         return next(filter(None, ways), f"{call.format('')}, with axes [T] H C Y X")
-    return "none in it has three axes or more, as harmonics, channels, rows and columns are"
+    return "no array in it has three axes or more, but a frame has harmonics, channels, rows and columns"

@@ -95,7 +95,9 @@ def _reordered(
         at_harmonic = harmonic if label.harmonic is None else labels.index(label.harmonic)
         ordered[frame, at_harmonic, channel if label.channel is None else label.channel - 1] = place
     if (ordered < 0).any():
-        raise FrameError(f"{where}: found planes named as if two were one, expected {_names(layout)} once per frame")
+        raise FrameError(
+            f"{where}: found two planes whose names mean the same plane, expected {_names(layout)} once per frame"
+        )
     return ordered
 
 

@@ -73,7 +73,7 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
 
 
 def _require_sound_chunks(path: Path, content: memoryview) -> None:
-    """Make sure that all chunks are complete and have the right check sums, and that the picture is neither turned nor
+    """Make sure that all chunks are complete and have the right checksums, and that the picture is neither turned nor
     transparent.
 
     The library would find damaged chunks too. But it loses memory at each failure, and thousands of failures in one
@@ -85,7 +85,7 @@ def _require_sound_chunks(path: Path, content: memoryview) -> None:
         if end > len(content):
             raise FrameError(f"{path}: truncated PNG: reaches to byte {end:,}, found a file of {len(content):,} bytes")
         if zlib.crc32(content[place + 4 : end - 4]) != int.from_bytes(content[end - 4 : end]):
-            raise FrameError(f"{path}: damaged PNG: bytes {place:,} to {end:,} do not have their check sum")
+            raise FrameError(f"{path}: damaged PNG: the checksum of bytes {place:,} to {end:,} is wrong")
         if content[place + 4 : place + 8] == _TRANSPARENT:
             raise NotAFrameError(
                 f"{path}: holds a colour picture (one grey is transparent), expected one plane of voltages in grey"

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.system import READ_FLAGS
+from cadtof_cli.units import counted
 
 MOST_TEXT_BYTES = 2**22
 """Limit for texts that are read into memory as a whole; it is larger than any text that people write."""
@@ -128,7 +129,7 @@ def in_brief(remarks: Iterable[object], /) -> str:
     """
     first, *others = dict.fromkeys(map(str, remarks))
     told = first if len(first) <= _MOST_LETTERS else f"{first[:_MOST_LETTERS]} …"
-    return f"{told} (and {len(others)} remarks more)" if others else told
+    return f"{told} (and {counted(len(others), 'more remark')})" if others else told
 
 
 @contextmanager

@@ -178,7 +178,7 @@ DAMAGE: list[tuple[str, Callable[[Path], None], str]] = [
     ("exr", _without_last_plane, "H2.SC2"),
     ("tif", _gone, "cannot be read: No such file or directory"),
     ("tif", _empty, "found an empty file, expected one of EXR, TIFF, NPY, PNG"),
-    ("exr", _picture, "found first bytes ff d8 ff e0, expected one of EXR, TIFF, NPY, PNG"),
+    ("exr", _picture, "found a file of another kind (first bytes ff d8 ff e0), expected one of EXR, TIFF, NPY, PNG"),
 ]
 
 

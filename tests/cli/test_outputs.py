@@ -30,9 +30,11 @@ def _require_refused(done: Finished, message: str) -> None:
 def test_an_out_that_is_a_file_is_refused(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     (tmp_path / "out").write_text("mine")
-    for out in (tmp_path / "out", tmp_path / "out" / "deeper"):
-        done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
-        _require_refused(done, f"{out}: expected a folder that can be written into: ")
+    out = tmp_path / "out"
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
+    _require_refused(done, f"{out}: found a file, expected a folder that can be written into\n")
+    done = cadtof("resolve", capture.folder, "-o", out / "deeper", "-j", 1)
+    _require_refused(done, f"{out / 'deeper'}: expected a folder that can be written into: Not a directory")
     assert (tmp_path / "out").read_text() == "mine"
 
 

@@ -158,7 +158,7 @@ def test_failures_stand_on_the_page_with_their_reasons(tmp_path: Path) -> None:
     (out / "frame_3.tif").rename(out / "elsewhere.tif")
     page = _page(out)
     assert "3 failed, 0 skipped" in page.text
-    assert "found first bytes" in page.text
+    assert "found a file of another kind (first bytes" in page.text
     assert "its maps are gone" in page.text
     assert "1 of the maps cannot be read" in page.text
     # the labels of thumbnails have the same form for all frames, with and without maps

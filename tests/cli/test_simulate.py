@@ -210,7 +210,7 @@ def test_bad_input_gets_a_clear_error(
 def test_an_out_that_exists_is_left_alone(tmp_path: Path, scene: str) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     done = cadtof("simulate", "--scene", scene, "-o", tmp_path, "--jobs", 1)
-    assert f"{tmp_path}: found a folder with files, expected nothing there; choose another OUT" in done.err
+    assert f"{tmp_path}: found a folder with files, expected nothing there; choose another name" in done.err
     assert done.status == 2
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 

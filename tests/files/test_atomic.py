@@ -212,5 +212,5 @@ def test_a_new_folder_replaces_nothing_but_an_empty_one(tmp_path: Path) -> None:
         new_folder(tmp_path).__enter__()
     with pytest.raises(OutputError, match="found a file, expected nothing there"):
         new_folder(tmp_path / "frame").__enter__()
-    with pytest.raises(OutputError, match="cannot be created: File exists; choose another OUT"):
+    with pytest.raises(OutputError, match="cannot be created: File exists; choose another name"):
         new_folder(tmp_path / "frame" / "capture").__enter__()

@@ -26,8 +26,8 @@ from tests.support.captures import write_exr, write_pages
     ("content", "found"),
     [
         (b"", "an empty file"),
-        (b"\x89PNG\r\n", "first bytes 89 50 4e 47"),
-        (b"[modulation]\n", "first bytes 5b 6d 6f 64"),
+        (b"\x89PNG\r\n", "a file of another kind (first bytes 89 50 4e 47)"),
+        (b"[modulation]\n", "a file of another kind (first bytes 5b 6d 6f 64)"),
     ],
 )
 def test_a_file_of_no_known_format_is_refused(content: bytes, found: str, tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_a_message_that_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest
     ("remarks", "text"),
     [
         (["no strip", "no strip"], "no strip"),
-        (["no strip", "no tile", "no tag"], "no strip (and 2 remarks more)"),
+        (["no strip", "no tile", "no tag"], "no strip (and 2 more remarks)"),
         ([KeyError("x" * 10_000)], f"'{'x' * 299} …"),
     ],
 )

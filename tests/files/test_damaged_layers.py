@@ -63,7 +63,7 @@ def test_only_the_first_part_of_an_exr_file_holds_maps(tmp_path: Path) -> None:
 
 def test_a_tiff_without_names_for_all_its_pages_holds_no_maps(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "plain.tif", np.zeros((3, *SHAPE), np.float32), photometric="minisblack", metadata=None)
-    with pytest.raises(FrameError, match=r"found 3 pages, expected an OME-TIFF of maps with a name for each"):
+    with pytest.raises(FrameError, match=r"found 3 pages without the names of maps, expected an OME-TIFF"):
         read_layers(tmp_path / "plain.tif")
     xml = '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Channel Name="one"/><Channel Name="two"/></OME>'
     tifffile.imwrite(
@@ -73,7 +73,7 @@ def test_a_tiff_without_names_for_all_its_pages_holds_no_maps(tmp_path: Path) ->
         metadata=None,
         description=xml,
     )
-    with pytest.raises(FrameError, match=r"found 3 pages, expected an OME-TIFF of maps"):
+    with pytest.raises(FrameError, match=r"found 3 pages without the names of maps"):
         read_layers(tmp_path / "few.tif")
 
 

@@ -153,7 +153,7 @@ def test_planes_without_a_voltages_name_are_passed_over() -> None:
         (["H1.SC1", "H1.SC2", "H2.SC1", "x"], None, "file: no channel H2.SC2; found H1.SC1, H1.SC2, H2.SC1"),
         (["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2", "H1.SC1"], None, "2 of them are named H1.SC1"),
         (["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"], 2, "expected layout.frames = 2"),
-        (["SC1", "SC1", "SC1", "SC2"], None, "named as if two were one"),
+        (["SC1", "SC1", "SC1", "SC2"], None, "found two planes whose names mean the same plane"),
         (["H1", "H1", "H5", "H5"], None, "found a plane of harmonic 5"),
     ],
 )
@@ -210,7 +210,7 @@ def test_names_of_a_stack_that_say_channels_alone_must_agree_with_its_order() ->
     names = [f"SC{channel} of frame {frame}" for frame in (0, 1) for channel in (1, 2, 1, 2)]
     table = plane_table("Q", [8], layout, where="file", names=names)
     assert table.ravel().tolist() == list(range(8))
-    with pytest.raises(FrameError, match="named as if two were one"):
+    with pytest.raises(FrameError, match="found two planes whose names mean the same plane"):
         plane_table("Q", [8], layout, where="file", names=sorted(names))
 
 

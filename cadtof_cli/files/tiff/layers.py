@@ -198,6 +198,6 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
         names = [name for name in images.names if name]
     if not names or len(names) != len(planes):
         raise NotMapsError(
-            f"{path}: found {len(planes)} pages, expected an OME-TIFF of maps with a name for each, as `cadtof resolve` writes it"
+            f"{path}: found {len(planes)} pages without the names of maps, expected an OME-TIFF as `cadtof resolve` writes it"
         )
     return dict(zip(names, planes, strict=True))
