@@ -60,7 +60,7 @@ _OUTPUTS = frozenset({"-o", "--out", "--csv", "--log", "--plot"})
 _CALLED_DASH = {f"{name}=-" if name.startswith("--") else f"{name}-": name for name in _OUTPUTS}
 """Arguments that name the output `-` in the same word as the option, such as `--out=-`, and their option."""
 
-_CUT_OFF = "Python has kept bytecode that is cut off, as by a full disk"
+_CUT_OFF = "Python has stored bytecode that is cut off; was a disk full?"
 
 INTERRUPTED = 130
 BROKEN_PIPE = 141
@@ -172,13 +172,13 @@ def _require_words(arguments: Sequence[str]) -> None:
     for before, argument in itertools.pairwise((PROGRAM, *arguments)):
         if not argument or (argument.startswith("--") and argument.endswith("=")):
             raise click.UsageError(
-                f"{argument.rstrip('=') or f'after {before}'}: found nothing, expected a path or a value: is a variable of"
-                " the shell not set?"
+                f"{argument.rstrip('=') or f'after {before}'}: found an empty argument, expected a path or a value; is a"
+                " variable of the shell not set?"
             )
         option = before if argument == "-" and before in _OUTPUTS else _CALLED_DASH.get(argument)
         if option is not None:
             raise click.UsageError(
-                f"{option}: found -, expected a name; what can go to stdout goes there without {option}"
+                f"{option}: found -, expected a name; commands that can write to stdout do so without {option}"
             )
 
 
@@ -196,7 +196,7 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
         case OSError(filename=None):
             told = f"standard output: cannot be written: {error.strerror or error}"
             if isinstance(error, FileNotFoundError):
-                told = "the folder that cadtof was started in is gone; go into one that is there"
+                told = "the folder in which cadtof was started is gone; change to a folder that exists"
             elif error.errno in {errno.EMFILE, errno.ENFILE}:
                 told = f"{error.strerror}: allow more open files (ulimit -n)"
             return f"Error: {told}", OutputError.exit_status
@@ -205,7 +205,7 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
         case _:
             advice = "Run `cadtof --debug …` and report it."
             if "marshal data" in str(error):
-                advice = f"{_CUT_OFF}: remove the folders __pycache__ where cadtof and what it needs are installed"
+                advice = f"{_CUT_OFF} Remove the folders __pycache__ where cadtof and its packages are installed"
             return f"Error: unexpected {type(error).__name__}: {error}\n{advice}", 1
 
 

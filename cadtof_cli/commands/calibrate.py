@@ -43,7 +43,7 @@ class _StepsInOrder(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a step. If the user forgot the step and typed a capture in its place, the message names the steps."""
         if cmd_name not in self.commands and not ctx.resilient_parsing:
-            ctx.fail(f"found '{cmd_name}', expected a step first: {', '.join(self.list_commands(ctx))}")
+            ctx.fail(f"found '{cmd_name}', expected one of the steps {', '.join(self.list_commands(ctx))}")
         return super().get_command(ctx, cmd_name)
 
 

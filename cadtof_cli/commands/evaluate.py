@@ -79,7 +79,7 @@ def evaluate(
             "--truth is missing: expected a file with the layer direct.depth (only --over-time needs none)"
         )
     if table is None and over_time is None:
-        note_given({"overwrite"}, "without --csv and --over-time")
+        note_given({"overwrite"}, "without --csv or --over-time")
     from cadtof_cli.workflows.inspect.evaluate import evaluate_maps, scatter_over_time
 
     evaluation, found = None, dict[str, Any]()

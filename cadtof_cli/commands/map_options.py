@@ -22,7 +22,7 @@ def path_options(*without: str) -> RecordOptions:
         if made.solver != "lm":
             note_given({"starts", "seed"}.intersection(given), f"with --solver {made.solver}")
         if not made.may_be_diffuse((1, 2)) and made.mpi_model == "diffuse":
-            note_given({"mpi_model"}, "with --solver, --order, --paths or --return that ask for separate paths")
+            note_given({"mpi_model"}, "with a --solver, --order, --paths or --return that asks for separate paths")
         if made.returns == "strongest":
             note_given({"min_return_ratio"}, "with --return strongest")
         return made

@@ -237,7 +237,7 @@ def note_given(names: Collection[str], where: str, /) -> None:
     if click.get_current_context().params.get("quiet"):
         return
     for option in given_options(names):
-        tell(f"{option}: found {where}, where it has no effect", err=True)
+        tell(f"{option}: has no effect {where}", err=True)
 
 
 def refuse_given(names: Collection[str], where: str, /) -> None:
@@ -251,7 +251,7 @@ def refuse_given(names: Collection[str], where: str, /) -> None:
         SettingsError: one of the options was typed.
     """
     for option in given_options(names):
-        raise SettingsError(f"{option}: found {where}, where it has no effect; leave it out")
+        raise SettingsError(f"{option}: has no effect {where}; leave it out")
 
 
 def capture_options(*without: str) -> RecordOptions:

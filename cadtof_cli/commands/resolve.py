@@ -24,6 +24,7 @@ from cadtof_cli.commands.options import (
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.execution.workers import LOCAL, Workers
+from cadtof_cli.units import counted
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -149,7 +150,7 @@ def _tell_of_frame(bar: "Bar", report: "FrameReport", /, *, as_json: bool, dry_r
 
 def _dry_summary(totals: "RunTotals", out: Path) -> str:
     kept = f", {totals.already_there} are already there" if totals.already_there else ""
-    return f"would write {totals.ok} files of maps into {out}{kept}; nothing has been written"
+    return f"would write {counted(totals.ok, 'file')} of maps into {out}{kept}; nothing has been written"
 
 
 def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
@@ -164,14 +165,14 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
         counts = {what: count for what, count in rare.items() if count} | usual
         shares = ", ".join(f"{count / pixels:.1%} {what}" for what, count in counts.items())
         line += f" ({per_second(totals.ok, totals.seconds)} frames/s); pixels: {shares}"
-    skipped = totals.skipped - totals.already_there
     if totals.already_there == totals.frames:
-        line = f"already there: the maps of all {totals.frames} frames"
-    elif totals.already_there:
+        return f"nothing to do: the maps of {counted(totals.frames, 'frame')} are already in {out}"
+    if totals.already_there:
         line += f"; {totals.already_there} already there"
-    for count, what in ((totals.failed, "failed"), (skipped, "skipped")):
-        if count:
-            line += f"; {count} {what}, see {out / 'frames.jsonl'}"
+    without = {"failed": totals.failed, "skipped": totals.skipped - totals.already_there}
+    if any(without.values()):
+        told = ", ".join(f"{count} {what}" for what, count in without.items() if count)
+        line += f"; {told}, see {out / 'frames.jsonl'}"
     return f"{line}; maps in {out}" if totals.ok + totals.already_there else line
 
 

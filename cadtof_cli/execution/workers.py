@@ -60,7 +60,7 @@ class Workers:
             raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
         if self.scheduler != LOCAL and self.task_timeout_s is not None:
             raise SettingsError(
-                "--frame-timeout holds for processes of this machine; leave out --scheduler, or the limit"
+                "--frame-timeout works only with processes of this machine; leave out --scheduler or --frame-timeout"
             )
 
 

@@ -142,9 +142,8 @@ class ResolverSettings:
             return "two_path" if in_closed_form else by_search
         if not in_closed_form:
             raise SettingsError(
-                "the waveform or calibrated response is not a pure sine, which can be resolved for periods T1 and T1/2, "
-                f"with --solver two-path or one-path and at most two paths; {found}, "
-                f"--solver {self.solver}, --paths {self.paths}"
+                f"{found}, --solver {self.solver}, --paths {self.paths}; the waveform or calibrated response is not a pure sine, "
+                "and needs the periods T1 and T1/2, --solver two-path or one-path, and at most two paths"
             )
         return "response"
 

@@ -231,7 +231,7 @@ def test_the_scheduler_is_lost_and_resume_finishes(
         assert process.returncode == 1
         assert "Traceback" not in err
         assert err.splitlines()[-1] == (
-            f"Error: the scheduler at {address} is lost; what is finished is kept, go on with --resume when it is back"
+            f"Error: the scheduler at {address} does not answer any more; finished maps are kept, continue with --resume"
         )
     left = contents(tmp_path / "out")
     assert left["finished"] is False

@@ -57,7 +57,7 @@ def test_resuming_a_complete_run_says_that_all_maps_are_there(here: Path) -> Non
     assert shell("cadtof resolve cap -o out -j 1", here).status == 0
     done = shell("cadtof resolve cap -o out -j 1 --resume", here)
     assert done.status == 0
-    assert done.err == "already there: the maps of all 3 frames; maps in out\n"
+    assert done.err == "nothing to do: the maps of 3 frames are already in out\n"
     (here / "out" / "frame_1.tif").unlink()
     done = shell("cadtof resolve cap -o out -j 1 --resume", here)
     assert "resolved 1 of 3 frames" in done.err
@@ -181,7 +181,7 @@ def test_a_missing_pattern_is_suggested_in_one_line(here: Path) -> None:
     done = shell("cadtof resolve planes -o out", here)
     assert done.status == 2
     (line,) = done.err.splitlines()
-    assert "12 files of one plane each" in line
+    assert "found 12 files with one plane each" in line
     pattern = "shot{frame}_h{harmonic}_sc{channel}.tif"
     assert f'pattern = "{pattern}"' in line
     assert shell(f"cadtof resolve planes -o out -j 1 --pattern '{pattern}'", here).status == 0
@@ -280,13 +280,13 @@ def test_frames_beyond_the_capture_end_the_run_with_status_1(here: Path) -> None
 @pytest.mark.parametrize(
     ("typed", "message"),
     [
-        ('cd cap; cadtof resolve "$CAPTURE" -o ../out', "after resolve: found nothing"),
-        ('cadtof resolve cap -o "$OUT"', "after -o: found nothing"),
-        ('cadtof resolve cap --out="$OUT"', "--out: found nothing"),
+        ('cd cap; cadtof resolve "$CAPTURE" -o ../out', "after resolve: found an empty argument"),
+        ('cadtof resolve cap -o "$OUT"', "after -o: found an empty argument"),
+        ('cadtof resolve cap --out="$OUT"', "--out: found an empty argument"),
     ],
 )
 def test_a_shell_variable_that_is_not_set_is_reported(typed: str, message: str, here: Path) -> None:
     done = shell(typed, here)
     assert (done.status, done.out) == (2, "")
-    assert f"{message}, expected a path or a value: is a variable of the shell not set?" in done.err
+    assert f"{message}, expected a path or a value; is a variable of the shell not set?" in done.err
     assert {path.name for path in here.iterdir()} == {"cap"}

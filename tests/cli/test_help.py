@@ -116,7 +116,7 @@ def test_a_command_that_is_mistyped(typed: str, meant: str) -> None:
 def test_a_calibration_without_its_step() -> None:
     done = cadtof("calibrate", "wall", "-o", "camera")
     assert (done.status, done.out) == (2, "")
-    assert done.err.endswith("Error: found 'wall', expected a step first: dark, response, petzval\n")
+    assert done.err.endswith("Error: found 'wall', expected one of the steps dark, response, petzval\n")
 
 
 def test_an_option_that_is_mistyped() -> None:

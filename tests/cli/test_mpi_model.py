@@ -87,7 +87,7 @@ def test_unknown_optics_are_reported_once(tmp_path: Path) -> None:
     (folder / "capture.toml").write_text(kept)
     done = cadtof("resolve", folder, "-o", tmp_path / "out", "--jobs", "1")
     assert done.status == 0, done.err
-    assert done.err.count("60° across") == 1
+    assert done.err.count("60° wide") == 1
     layers = layers_of(tmp_path / "out" / "frame_0000.tif")
     assert (layers["status"].astype(int) & DIFFUSE > 0).all()
     assert median_error_cm("corner", layers) < 1.5

@@ -110,8 +110,8 @@ def test_bytecode_that_a_full_disk_cut_off_is_reported(capture: Path, tmp_path: 
     cached.write_bytes(cached.read_bytes()[:100])
     done = _run("info", capture, cwd=tmp_path, environment=environment)
     assert (done.status, done.out) == (1, "")
-    assert done.err.endswith("where cadtof and what it needs are installed\n")
-    assert "Python has kept bytecode that is cut off, as by a full disk: remove the folders __pycache__" in done.err
+    assert done.err.endswith("where cadtof and its packages are installed\n")
+    assert "Python has stored bytecode that is cut off; was a disk full? Remove the folders __pycache__" in done.err
     cached.unlink()
     assert _run("info", capture, cwd=tmp_path, environment=environment).status == 0
 

@@ -275,7 +275,7 @@ def test_a_frame_that_hangs_fails_alone(jobs: int, capture: Path, map_bytes: byt
         status, err, reports = run.wait()
     assert status == 1
     assert [report["status"] for report in reports] == ["failed" if index == 7 else "ok" for index in range(10)]
-    assert reports[7]["reason"].startswith("not done in the 1.5 s of --frame-timeout, twice")
+    assert reports[7]["reason"].startswith("not done within the 1.5 s of --frame-timeout, twice")
     assert reports[7]["reason"] in err
     assert _whole_maps(out, map_bytes) == 9
 

@@ -118,13 +118,13 @@ def _line_lost(_capture: Recorded, out: Path) -> None:
     [
         (_other_frame, "frame_1.tif: its recorded frame has changed since; made again", 0),
         (_other_frame_with_the_old_time, "frame_1.tif: its recorded frame has changed since; made again", 0),
-        (_truncated, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
-        (_emptied, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
+        (_truncated, "frame_1.tif: removed, because its recorded frame cannot be resolved any more", 1),
+        (_emptied, "frame_1.tif: removed, because its recorded frame cannot be resolved any more", 1),
         (_map_truncated, "frame_1.tif: changed since it was written; made again", 0),
         (_map_emptied, "frame_1.tif: changed since it was written; made again", 0),
         (_map_changed, "frame_1.tif: changed since it was written; made again", 0),
         (_map_gone, "frame_1.tif: is gone; made again", 0),
-        (_line_lost, "frame_1.tif: has no line in frames.jsonl, as where a run was stopped; made again", 0),
+        (_line_lost, "frame_1.tif: has no line in frames.jsonl, probably because a run was stopped; made again", 0),
     ],
 )
 def test_what_changed_is_done_again(
@@ -158,10 +158,10 @@ def test_maps_whose_lines_are_lost_are_made_again(tmp_path: Path) -> None:
     done = _resolve(capture.folder, "-o", out, "--resume")
     assert done.status == 0
     # three maps are named, the other two are counted
-    why = "has no line in frames.jsonl, as where a run was stopped; made again"
+    why = "has no line in frames.jsonl, probably because a run was stopped; made again"
     assert done.err.splitlines()[:-1] == [
         *(f"{out}/frame_{index}.tif: {why}" for index in range(3)),
-        f"{out}: 2 maps more: {why}",
+        f"{out}: 2 more maps: {why}",
     ]
     require_same_run(out, fresh)
 

@@ -72,7 +72,7 @@ def test_a_current_folder_that_is_gone_is_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     script = 'mkdir gone; cd gone; rmdir ../gone; "$@"'
     done = _shell(f"cd {tmp_path}; {script}", "resolve", capture, "-o", "out", "-q")
-    message = "Error: the folder that cadtof was started in is gone; go into one that is there\n"
+    message = "Error: the folder in which cadtof was started is gone; change to a folder that exists\n"
     assert (done.status, done.err) == (2, message)
     assert _shell(f"cd {tmp_path}; {script}", "--version").status == 0
 

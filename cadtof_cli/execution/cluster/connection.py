@@ -98,7 +98,7 @@ class Connection:
             # there. A scheduler sends the first byte; a dashboard does not
             with socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S) as line:
                 if not line.recv(1):
-                    raise ConnectionResetError("whoever listens there hangs up")
+                    raise ConnectionResetError("the program that listens there closes the connection")
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 self._client = Client(address, timeout=CONNECT_S, set_as_default=False, name="cadtof")
@@ -215,5 +215,5 @@ class Connection:
 
     def _lost(self) -> ClusterError:
         return ClusterError(
-            f"the scheduler at {self.address} is lost; what is finished is kept, go on with --resume when it is back"
+            f"the scheduler at {self.address} does not answer any more; finished maps are kept, continue with --resume"
         )

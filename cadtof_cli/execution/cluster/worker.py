@@ -69,7 +69,7 @@ class Surroundings:
                 f"has cadtof {self.cadtof}, but of other source code than here ({self.code}, not {expected.code})"
             )
         if self.probe != expected.probe:
-            found.append("does not see the folders of this run; expected a file system that all share")
+            found.append("does not see the folders of this run; expected a file system that all workers share")
         return found
 
 

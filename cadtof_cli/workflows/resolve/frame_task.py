@@ -153,7 +153,7 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
         if task.resume and isinstance(failed, FrameError) and task.output.is_file():
             # the maps there are of an earlier content of the frame
             task.output.unlink()
-            note = f"{task.output}: removed, as the frame that it was made from cannot be resolved any more"
+            note = f"{task.output}: removed, because its recorded frame cannot be resolved any more"
         seconds = time.monotonic() - began
         return task.report(
             status, str(failed), seconds, files=task.files(), note=note, stops=isinstance(failed, PlaceError)
@@ -258,7 +258,7 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
 def _why_again(task: FrameTask) -> str | None:
     """Return a note on why existing maps are made again; None: there are no maps, for example because the frame failed."""
     if task.before is None:
-        told = "has no line in frames.jsonl, as where a run was stopped" if task.output.exists() else None
+        told = "has no line in frames.jsonl, probably because a run was stopped" if task.output.exists() else None
     elif _maps_changed(task.output, task.before):
         told = "changed since it was written" if task.output.exists() else "is gone"
     else:

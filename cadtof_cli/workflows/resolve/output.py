@@ -220,7 +220,7 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
     # the lines of frames that are left out would be lost, while their maps would stay
     if frames_now[0] > frames[0] or frames_now[1] < frames[1]:
         raise OutputError(
-            f"{path}: cannot resume: --frames leaves out some that the earlier run took; give the same or more, or --overwrite"
+            f"{path}: cannot resume: --frames leaves out frames of the earlier run; give the same frames or more, or --overwrite"
         )
     now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
     if arriving:

@@ -116,7 +116,7 @@ class CapturePlan:
         """Yield notes on what is assumed about the capture, and warnings of what is likely wrong with it."""
         source, root = self.capture.source, self.capture.root
         if source.file is not None and source.file.parent != root:
-            yield f"{root}: settings of {source.file}"
+            yield f"{root}: has the settings of {source.file}"
         if taken := source.defaults_in_words():
             yield f"{root}: {taken}"
         if source.metadata.pixel.integration_length is None:
@@ -131,7 +131,7 @@ class CapturePlan:
             yield f"warning: {root}: {doubt}"
         resolver, harmonics = self.plan.settings.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
-            yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view of 60° across"
+            yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view that is 60° wide"
 
 
 def plan_captures(

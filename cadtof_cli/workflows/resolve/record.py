@@ -251,7 +251,8 @@ class RunRecorder:
                     break
                 report = report_of(line)
                 if report is None:
-                    raise OutputError(f"{self.path}: not the record of a run, so it cannot be resumed ({line[:40]!r})")
+                    found = line[:40].decode(errors="replace").rstrip()
+                    raise OutputError(f"{self.path}: not the record of a run, so it cannot be resumed (found: {found})")
                 if report.output is not None:
                     self._before[place_in(out, Path(report.output))] = end
                 end += len(line)

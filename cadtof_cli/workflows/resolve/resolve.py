@@ -211,7 +211,7 @@ class _Run:
                         self.report(report)
             for why, count in self.noted.items():
                 if count > _NOTES_OF_A_KIND:
-                    self.progress.say(f"{settings.out}: {count - _NOTES_OF_A_KIND} maps more: {why}")
+                    self.progress.say(f"{settings.out}: {counted(count - _NOTES_OF_A_KIND, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
             self.record.finish(totals.seconds)
         except KeyboardInterrupt as interrupt:
@@ -238,8 +238,8 @@ class _Run:
         self.on_frame(report)
         if report.stops:
             raise RunStoppedError(
-                f"{self.settings.out}: takes no more maps, so the run stopped there, {counted(self.totals.ok, 'frame')}"
-                " resolved; mend that and go on with --resume"
+                f"{self.settings.out}: no more maps can be written there, so the run stopped with "
+                f"{counted(self.totals.ok, 'frame')} resolved; remove the cause and continue with --resume"
             )
         self.progress.advance(total=self.expected)
 
@@ -270,7 +270,10 @@ def _lost(worker: WorkerDied) -> str:
     """Return the reason why a frame has no maps if its worker was lost twice."""
     if worker.after_s is None:
         return WORKER_DIED
-    return f"not done in the {worker.after_s:g} s of --frame-timeout, twice: does the place that it lies in answer?"
+    return (
+        f"not done within the {worker.after_s:g} s of --frame-timeout, twice: does the disk or network share of the frame "
+        "answer?"
+    )
 
 
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:

@@ -237,7 +237,7 @@ def test_workers_that_differ_at_the_start_are_all_named() -> None:
     assert str(refused.value) == (
         "worker tcp://127.0.0.1:10001 has cadtof 0.0.9, expected 0.1.0 as here; "
         "worker tcp://127.0.0.1:10002 has Python 3.12.0, expected 3.11.2 as here and has cadtof 0.1.0, but of other source code "
-        "than here (abd, not abc) and does not see the folders of this run; expected a file system that all share"
+        "than here (abd, not abc) and does not see the folders of this run; expected a file system that all workers share"
     )
 
 
