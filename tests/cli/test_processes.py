@@ -275,7 +275,7 @@ def test_a_frame_that_hangs_fails_alone(jobs: int, capture: Path, map_bytes: byt
         status, err, reports = run.wait()
     assert status == 1
     assert [report["status"] for report in reports] == ["failed" if index == 7 else "ok" for index in range(10)]
-    assert reports[7]["reason"].startswith("not done within the 1.5 s of --frame-timeout, twice")
+    assert reports[7]["reason"].startswith(f"{inputs[7]}: not done within the 1.5 s of --frame-timeout, twice")
     assert reports[7]["reason"] in err
     assert _whole_maps(out, map_bytes) == 9
 
@@ -312,10 +312,9 @@ def test_a_frame_that_kills_every_worker_fails_alone(capture: Path, map_bytes: b
     with _running("resolve", *inputs, "-o", out, "-j", 2, command=(sys.executable, "-c", _DEADLY)) as run:
         status, err, reports = run.wait()
     assert status == 1
-    assert err.startswith("failed: ")
+    assert err.startswith(f"failed: {inputs[7]}: the worker process died twice on this frame")
     assert [report["status"] for report in reports] == ["failed" if index == 7 else "ok" for index in range(20)]
     assert reports[7]["source"] == str(inputs[7])
-    assert "the worker process died twice on this frame" in reports[7]["reason"]
     assert _whole_maps(out, map_bytes) == 19
 
 

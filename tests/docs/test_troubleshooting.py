@@ -22,7 +22,7 @@ def test_messages_are_found_in_the_source() -> None:
     assert "--pool: found …, expected an odd number of pixels such as 3 or 5, at most …" in found
     assert "tilt: found …, expected angles below 60°" in found
     assert "they look like millivolts: give --volts-per-count 0.001" in found
-    assert any(text.startswith("the worker process died twice") for text in found)
+    assert any(text.startswith("…: the worker process died twice") for text in found)
     assert "No such command '…': did you mean …?" in found
 
 

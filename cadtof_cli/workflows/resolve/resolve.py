@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.discovery import find_placed_captures
-from cadtof_cli.capture.frames import Capture, frame_names
+from cadtof_cli.capture.frames import Capture, FrameSource, frame_names
 from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Outcome, WorkerDied
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
 Outcomes = Generator[Outcome[FrameTask, FrameReport], None, None]
-
-WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
 
 WORTH_SPLITTING_S = 0.5
 """Expected seconds per frame above which each part of a frame is worth a process: its pixels have to go there and back."""
@@ -207,7 +205,7 @@ class _Run:
                     for outcome in outcomes:
                         report = outcome.result
                         if isinstance(report, WorkerDied):
-                            report = outcome.task.report("failed", _lost(report), 0.0)
+                            report = outcome.task.report("failed", _lost(outcome.task.sources[0], report), 0.0)
                         self.report(report)
             for why, count in self.noted.items():
                 if count > _NOTES_OF_A_KIND:
@@ -266,14 +264,11 @@ class _Run:
             self.progress.advance(0, total=self.expected)
 
 
-def _lost(worker: WorkerDied) -> str:
+def _lost(source: FrameSource, worker: WorkerDied) -> str:
     """Return the reason why a frame has no maps if its worker was lost twice."""
     if worker.after_s is None:
-        return WORKER_DIED
-    return (
-        f"not done within the {worker.after_s:g} s of --frame-timeout, twice: does the disk or network share of the frame "
-        "answer?"
-    )
+        return f"{source}: the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
+    return f"{source}: not done within the {worker.after_s:g} s of --frame-timeout, twice: does its disk or network share answer?"
 
 
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
