@@ -88,11 +88,13 @@ def test_pooling_and_averaging_lower_the_noise_and_say_by_how_much(tmp_path: Pat
 def test_a_frame_that_cannot_be_read_is_left_out_of_its_mean(tmp_path: Path) -> None:
     capture = write_capture(tmp_path / "capture", TWO, frames=3)
     (capture / "frame_0001.tif").write_bytes(b"II*\0 and no more")
-    assert resolve(capture, tmp_path / "out", "--average", 3).status == 0
+    done = cadtof("resolve", capture, "-o", tmp_path / "out", "--format", "exr", "--jobs", 1, "--average", 3)
+    assert done.status == 0
     line = json.loads((tmp_path / "out" / "frames.jsonl").read_text())
     assert line["status"] == "ok"
-    assert line["reason"].startswith("1 of 3 frames left out of the mean")
-    assert "frame_0001.tif" in line["reason"]
+    why = f"1 of 3 frames left out of the mean: {capture / 'frame_0001.tif'}: damaged"
+    assert line["reason"].startswith(why)
+    assert f"{tmp_path / 'out' / 'frame_0000.exr'}: {why}" in done.err
     assert (read_maps(tmp_path / "out" / "frame_0000.exr")["effective_pixels"] == 2.0).all()
 
 

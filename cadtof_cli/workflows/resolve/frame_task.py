@@ -181,7 +181,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         OutputError: see `stage_maps`.
     """
     maps, counts = answered_maps(resolved, task.plan, source=task.sources[0])
-    note = _why_again(task) if task.resume else None
+    remarks = [told for told in (_why_again(task) if task.resume else None, recording.left_out) if told]
     header = task.plan.header.of_frame(task.sources[0].file_name)
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
@@ -197,7 +197,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         "files": recording.files,
         "digest": recording.digest,
         "output_digest": output_digest,
-        "note": note,
+        "note": f"{task.output}: {'; '.join(remarks)}" if remarks else None,
     }
     return Later(partial(_committed, task, file, "; ".join(reasons) or None, known, began=began))
 
@@ -256,14 +256,14 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
 
 
 def _why_again(task: FrameTask) -> str | None:
-    """Return a note on why existing maps are made again; None: there are no maps, for example because the frame failed."""
+    """Return in words why existing maps are made again; None: there are no maps, for example because the frame failed."""
     if task.before is None:
         told = "has no line in frames.jsonl, probably because a run was stopped" if task.output.exists() else None
     elif _maps_changed(task.output, task.before):
         told = "changed since it was written" if task.output.exists() else "is gone"
     else:
         told = "its recorded frame has changed since"
-    return told and f"{task.output}: {told}; made again"
+    return told and f"{told}; made again"
 
 
 def _maps_changed(path: Path, before: FrameReport) -> bool:
