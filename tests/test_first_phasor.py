@@ -1,6 +1,7 @@
 """The first phasor alone, with which the resolver is compared: it gets all that the resolver gets."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -108,7 +109,7 @@ def test_the_calibration_is_found_after_a_move_and_a_changed_one_is_not_used(
     (tmp_path / "moved" / "calibration" / "petzval.toml").unlink()
     # in a new process, because this one keeps the calibration that it has read
     done = program(*arguments)
-    assert "so the first phasor is not evaluated" in done.err
+    assert "so the first phasor is left out" in done.err
     assert (done.status, json.loads(done.out)["first_phasor"]) == (0, None)
 
 
@@ -126,10 +127,27 @@ def test_a_calibration_that_was_replaced_after_the_run_is_reported(command: str,
     done = program(command, out, "--truth", tmp_path / "truth.exr", *more)
     assert done.status == 0
     assert done.err.strip() == (
-        "the calibration of the run is not what it was, so the first phasor is not evaluated: "
+        "the calibration of the run has changed or is gone, so the first phasor is left out: "
         f"{calibration}: holds another calibration (digest {now}) than when the run began (digest {before}); resolve again to"
         " apply it"
     )
+
+
+def test_a_frame_that_was_replaced_after_the_run_is_reported(tmp_path: Path) -> None:
+    """Another frame of the same size and type would give the first phasor of another scene."""
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
+    write_exr(tmp_path / "truth.exr", {"direct.depth": np.full(SHAPE, 2.0, np.float32)})
+    shutil.copy(capture.files[0], capture.files[1])
+    done = cadtof("evaluate", out, "--truth", tmp_path / "truth.exr", "--json")
+    changed = out / f"frame_1{capture.files[1].suffix}"
+    assert done.err == f"{changed}: its recorded frame has changed since the run, so the first phasor is left out\n"
+    assert (done.status, json.loads(done.out)["first_phasor"]) == (0, None)
+    # a copy with the same values is the same frame, whatever its time
+    capture.files[1].unlink()
+    record(tmp_path / "again", frames=2)
+    shutil.copy(tmp_path / "again" / capture.files[1].name, capture.files[1])
+    assert cadtof("evaluate", out, "--truth", tmp_path / "truth.exr", "--json").err == ""
 
 
 def test_the_first_phasor_of_averaged_frames_is_that_of_their_mean(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameRepo
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """For each map, by its name: the capture, and the recorded frames that the map was made from (several if it shows a mean)."""
 
-NOT_EVALUATED = "so the first phasor is not evaluated"
+NOT_EVALUATED = "so the first phasor is left out"
 """End of all notes on recorded frames that are unknown or have changed."""
 
 _DEPTH_BY_WORDS = {words: kind for kind, words in DEPTH_IN_WORDS.items()}
@@ -182,7 +182,7 @@ class Run:
             )
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
-            say(f"the recorded frames are not where they were, {NOT_EVALUATED}: {error}")
+            say(f"the recorded frames are no longer where they were, {NOT_EVALUATED}: {error}")
             return {}
 
 

@@ -117,7 +117,7 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
     truth = _truth(tmp_path / "truth.exr")
     shutil.rmtree(capture.folder)
     done = cadtof("evaluate", out, "--truth", truth, "--json")
-    assert "the recorded frames are not where they were, so the first phasor is not evaluated" in done.err
+    assert "the recorded frames are no longer where they were, so the first phasor is left out" in done.err
     assert (done.status, json.loads(done.out)["first_phasor"]) == (0, None)
     record_of_run = (out / "run.json").read_text()
     (out / "run.json").write_text(record_of_run.replace('"captures"', '"ceptures"'))
@@ -131,7 +131,7 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
         why = "no run.json beside the maps" if content is None else f"{out / 'run.json'}: not the record of a run ("
         assert (done.status, done.err.count("\n")) == (0, 1)
         assert done.err.startswith(why)
-        assert done.err.endswith(", so the first phasor is not evaluated\n")
+        assert done.err.endswith(", so the first phasor is left out\n")
         assert "direct path" in done.out
 
 

@@ -168,7 +168,7 @@ def test_maps_are_evaluated_from_any_folder_and_after_a_move(here: Path) -> None
     done = shell("cadtof evaluate moved/out --truth moved/out/frame_0.tif", here)
     assert done.status == 0
     assert "first phasor " not in done.out
-    assert "not where they were" in done.err
+    assert "no longer where they were" in done.err
 
 
 def test_a_missing_pattern_is_suggested_in_one_line(here: Path) -> None:

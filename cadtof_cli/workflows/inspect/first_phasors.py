@@ -6,7 +6,7 @@ maps of a run, a pixel that has no answer in the maps has no answer here either.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.errors import CadtofError
+from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.maps.layers import without_offset
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline.frame import prepare_frame
@@ -54,11 +54,19 @@ def first_phasor_depth(
 
 @dataclass(frozen=True)
 class FirstPhasors:
-    """The recorded frames of a run. `tasks` tells how `cadtof resolve` read them, by the names of their maps."""
+    """The recorded frames of a run.
+
+    Attributes:
+        run: the run.
+        tasks: how `cadtof resolve` read the frames, by the names of their maps.
+        say: called with notes for the user.
+        digests: digests of the values that the run read, by the names of the maps, if `frames.jsonl` has them.
+    """
 
     run: Run
     tasks: Mapping[str, FrameTask]
     say: Callable[[str], None]
+    digests: Mapping[str, str] = field(default_factory=dict)
 
     def depth(self, file: Path, direct: NDArray[np.floating], /) -> Float | None:
         """Return the first phasor's depth of a map's frame, float64 (Y, X) in m; NaN if the map has no answer.
@@ -68,16 +76,20 @@ class FirstPhasors:
             direct: its direct depth, (Y, X); NaN where there is no answer.
 
         Returns:
-            None if the frame is not known. None, with a note, if it cannot be read any more or has another size.
+            None if the frame is not known. None, with a note, if it cannot be read any more, or has changed since the run.
         """
-        task = self.tasks.get(self.run.name(file))
+        name = self.run.name(file)
+        task = self.tasks.get(name)
         if task is None:
             return None
         try:
-            frame, _ = read_frame(task)
+            frame, recording = read_frame(task)
+            if self.digests.get(name, recording.digest) != recording.digest:
+                self.say(f"{file}: its recorded frame has changed since the run, {NOT_EVALUATED}")
+                return None
             depth = self.run.cropped(first_phasor_depth(frame, plan=task.plan, calibration=task.calibration()))
         except CadtofError as error:
-            self.say(f"{file}: its recorded frame is not what it was, {NOT_EVALUATED}: {error}")
+            self.say(f"{file}: its recorded frame cannot be read any more, {NOT_EVALUATED}: {error}")
             return None
         if depth.shape != direct.shape:
             self.say(f"{file}: its recorded frame has another size now, {NOT_EVALUATED}")
@@ -102,15 +114,25 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
     try:
         next(iter(tasks.values())).calibration()
     except CadtofError as error:
-        say(f"the calibration of the run is not what it was, {NOT_EVALUATED}: {error}")
+        say(f"the calibration of the run has changed or is gone, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
-    return FirstPhasors(run, tasks, say)
+    return FirstPhasors(run, tasks, say, _digests(run))
+
+
+def _digests(run: Run) -> dict[str, str]:
+    """Return the digests of the values that a run read, by the names of the maps; empty if its lines cannot be read."""
+    try:
+        reports = run.reports()
+    except CaptureError:
+        return {}
+    files = ((run.map_of(report), report.digest) for report in reports)
+    return {run.name(file): digest for file, digest in files if file is not None and digest is not None}
 
 
 def _map_settings(record: Mapping[str, Any]) -> MapSettings:
     """Return the settings that a run made its phasors with."""
     arguments = record["arguments"]
-    known = {field.name for field in fields(ResolverSettings)} & arguments.keys() - {"min_confidence"}
+    known = {one.name for one in fields(ResolverSettings)} & arguments.keys() - {"min_confidence"}
     resolver = ResolverSettings(**{name: arguments[name] for name in known})
     return MapSettings(
         resolver=resolver, depth=arguments["depth"], pool=arguments.get("pool", 1), average=arguments.get("average", 1)
