@@ -12,6 +12,7 @@ HOLE = "…"
 REASONS = frozenset(
     {
         "implausible",
+        "wrong_with",
         "no_recording",
         "mistaken_order",
         "sheared",

@@ -3,6 +3,7 @@
 import logging
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tifffile
 
@@ -74,3 +75,17 @@ def test_a_response_of_swapped_channels_is_doubted(tmp_path: Path) -> None:
     (warning,) = (line for line in done.err.splitlines() if "the phases of the harmonics" in line)
     assert warning.startswith(f"warning: {folder}: the phases of the harmonics fit each other in only ")
     assert "with SC1 and SC2 swapped" in warning
+
+
+def test_a_frame_of_one_value_is_wrong_for_info_as_for_resolve(recorded: Recorded, tmp_path: Path) -> None:
+    shape = tifffile.imread(recorded.files[0]).shape
+    write_pages(recorded.files[0], np.full(shape, 9000, np.uint16))
+    looked = cadtof("info", recorded.folder, "--jobs", "1")
+    assert looked.status == 1
+    assert looked.err == (
+        f"wrong: {recorded.files[0]}: all pixels hold the same values, but noise makes pixels differ: the frame was not "
+        "recorded\n"
+    )
+    done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
+    assert done.status == 1
+    assert f"failed: {recorded.files[0]}: no pixel has an answer (100.0% impossible); impossible means: " in done.err
