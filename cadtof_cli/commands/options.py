@@ -21,7 +21,7 @@ from cadtof_cli.commands.values import (
     NUMBERED_NAMES,
     NUMBERS,
     PATH,
-    RECTANGLE,
+    TWO_PIXELS,
     NumberTuple,
     ParamType,
 )
@@ -55,7 +55,7 @@ _TYPES: dict[Any, ParamType] = {
     str: click.STRING,
     slice: FRAME_RANGE,
     Path: PATH,
-    tuple[int, int, int, int]: RECTANGLE,
+    tuple[int, int, int, int]: TWO_PIXELS,
 }
 
 
@@ -224,7 +224,9 @@ def given_options(names: Collection[str], /) -> Iterator[str]:
     context = click.get_current_context()
     for param in context.command.params:
         if param.name in names and context.get_parameter_source(param.name) == ParameterSource.COMMANDLINE:
-            yield param.opts[-1]
+            # a switch that was turned off has another name, such as --no-first-phasor
+            is_off = param.secondary_opts and context.params.get(param.name) is False
+            yield (param.secondary_opts if is_off else param.opts)[-1]
 
 
 def note_given(names: Collection[str], where: str, /) -> None:

@@ -68,7 +68,9 @@ NUMBERS = Typed("N,N…", "a list of numbers such as 40,20", lambda text: list(m
 FRAME_RANGE = Typed("A:B", "a range of frames such as 10:20, 10: or 7, counted from 0", _frames)
 """A range of frames counted from 0, such as 10:20, whose end is not part of it; or a single frame."""
 
-RECTANGLE = Typed("X0,Y0,X1,Y1", "a rectangle of pixels such as 40,30,280,210", lambda text: _parted(text, ",", int, 4))
+TWO_PIXELS = Typed(
+    "X0,Y0,X1,Y1", "two pixels X0,Y0,X1,Y1 such as 40,30,280,210", lambda text: _parted(text, ",", int, 4)
+)
 """Two corners of a rectangle of pixels, or the ends of a line."""
 
 PIXEL_PLACE = Typed("X,Y", "a column and a row such as 160,120", lambda text: _parted(text, ",", int, 2))

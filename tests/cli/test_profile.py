@@ -93,7 +93,7 @@ def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -
     half = found["x"] < 16
     assert np.abs(found["z first phasor"] - found["truth"])[half].max() < 0.05
     done = cadtof("profile", out, runs[0], "--row", 4)
-    assert (done.status, "resolve all with the same --depth" in done.err) == (2, True)
+    assert (done.status, ": resolve both with the same --depth" in done.err) == (2, True)
 
 
 def test_maps_of_other_pixels_are_not_drawn_together(runs: tuple[Path, Path], tmp_path: Path) -> None:
@@ -128,6 +128,7 @@ def test_impossible_profiles_are_refused(runs: tuple[Path, Path], tmp_path: Path
         ((runs[0], "--row", 3, "--column", 4), "found 2 of --row, --column and --line"),
         ((runs[0], "--row", 24), "--row: found 24, expected columns 0 … 31 and rows 0 … 23"),
         ((runs[0], "--line", "0,0,32,3"), "--line: found 0,0,32,3, expected columns 0 … 31"),
+        ((runs[0], "--line", "0,0"), "'0,0' is not two pixels X0,Y0,X1,Y1 such as 40,30,280,210"),
         ((runs[0], "--row", 3, "--frame", 2), "--frame: found 2, expected 0 … 1"),
         ((runs[0], "--row", 3, "--layer", "other"), "expected other"),
         ((runs[0], tmp_path / "small.exr", "--row", 1), "found 4 × 3 pixels, expected 32 × 24 as in"),

@@ -50,6 +50,10 @@ WITHOUT_EFFECT = [
     ("preview MAPS -o a.png --fps 5", "--fps: has no effect with .png"),
     ("preview MAPS -o a.png --layer status --range 0,1", "--range: has no effect with --layer status"),
     ("profile MAPS --row 1 --layer mpi.depth --first-phasor", "--first-phasor: has no effect with --layer mpi.depth"),
+    (
+        "profile MAPS --row 1 --layer mpi.depth --no-first-phasor",
+        "--no-first-phasor: has no effect with --layer mpi.depth",
+    ),
     ("profile MAPS --row 1 --overwrite", "--overwrite: has no effect without -o"),
     ("inspect CAPTURE --pixel 1,1 --overwrite", "--overwrite: has no effect without -o"),
     ("compare MAPS MAPS --overwrite", "--overwrite: has no effect without -o"),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
-from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.comparison import (
@@ -20,9 +20,8 @@ from cadtof_cli.maps.comparison import (
     difference,
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
-from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import bit_words
-from cadtof_cli.workflows.inspect.layers import Layers, require_same_pixels, require_same_size
+from cadtof_cli.workflows.inspect.layers import Layers, require_same_depth, require_same_pixels, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -103,11 +102,7 @@ class MapPairs:
 
     def __init__(self, first: Path, second: Path, /) -> None:
         self.a, self.b = read_run(first), read_run(second)
-        if self.a.depth_kind != self.b.depth_kind:
-            raise SettingsError(
-                f"{first} holds {DEPTH_IN_WORDS[self.a.depth_kind]} and {second} {DEPTH_IN_WORDS[self.b.depth_kind]}: "
-                "resolve both with the same --depth"
-            )
+        require_same_depth(self.a, self.b)
         if self.a.roi and self.b.roi:
             require_same_pixels(self.a, self.b)
         one, other = ({run.name(file): file for file in run.require_maps()} for run in (self.a, self.b))

@@ -19,6 +19,7 @@ from cadtof_cli.files.maps import NotMapsError
 from cadtof_cli.files.named_planes import is_of_a_plane
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.run_folder import Run
@@ -149,6 +150,19 @@ class Truth:
                 f"{self.given}: the frames of {captures} captures are held against it alone; a folder may hold a truth for"
                 " each"
             )
+
+
+def require_same_depth(run: Run, other: Run, /) -> None:
+    """Make sure that the maps of two runs hold the same kind of depth.
+
+    Raises:
+        SettingsError: one holds radial range and the other planar depth.
+    """
+    if run.depth_kind != other.depth_kind:
+        raise SettingsError(
+            f"{run.maps} holds {DEPTH_IN_WORDS[run.depth_kind]} and {other.maps} {DEPTH_IN_WORDS[other.depth_kind]}: "
+            "resolve both with the same --depth"
+        )
 
 
 def require_same_pixels(run: Run, other: Run, /) -> None:

@@ -18,7 +18,7 @@ from cadtof_cli.optics import planar_per_range
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import layer_of, require_same_pixels, require_same_size
+from cadtof_cli.workflows.inspect.layers import layer_of, require_same_depth, require_same_pixels, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -94,11 +94,8 @@ def read_profile(
             or they show different parts of the recorded frames.
     """
     runs = [read_run(path) for path in maps]
-    if len({run.depth_kind for run in runs}) > 1:
-        raise SettingsError(
-            "some of the maps hold planar depth and some radial range: resolve all with the same --depth"
-        )
     for run in runs[1:]:
+        require_same_depth(runs[0], run)
         require_same_pixels(runs[0], run)
     files = [_chosen(run, settings) for run in runs]
     found: list[Curve] = []
