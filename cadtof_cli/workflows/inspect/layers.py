@@ -102,7 +102,8 @@ class Truth:
     _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(_direct_depth), repr=False)
 
     def __post_init__(self) -> None:
-        """Raise SettingsError if the maps hold z depth: they cannot be compared with truth, which is radial range."""
+        """Raise CaptureError if the truth does not exist. Raise SettingsError if the maps hold z depth: truth is radial range."""
+        require_truth(self.given)
         if self.run.depth_kind == "z":
             raise SettingsError(
                 f"{self.run.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
@@ -150,6 +151,12 @@ class Truth:
                 f"{self.given}: the frames of {captures} captures are held against it alone; a folder may hold a truth for"
                 " each"
             )
+
+
+def require_truth(path: Path, /) -> None:
+    """Raise CaptureError if there is no file or folder with the truth."""
+    if not path.exists():
+        raise CaptureError(f"{path}: no such file or folder; expected the truth of the maps")
 
 
 def require_same_depth(run: Run, other: Run, /) -> None:

@@ -18,7 +18,13 @@ from cadtof_cli.optics import planar_per_range
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import layer_of, require_same_depth, require_same_pixels, require_same_size
+from cadtof_cli.workflows.inspect.layers import (
+    layer_of,
+    require_same_depth,
+    require_same_pixels,
+    require_same_size,
+    require_truth,
+)
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -151,6 +157,7 @@ def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
 
 def _truth(truth: Path, run: Run, file: Path, settings: ProfileSettings, size: tuple[int, ...]) -> Float:
     """Return the truth of the layer, (Y, X). Depths are of the kind that the maps hold: radial range, or planar depth."""
+    require_truth(truth)
     whole = layer_of(read_layers(truth), settings.layer, truth).astype(np.float64)
     if run.depth_kind == "z" and settings.layer.endswith(".depth"):
         whole = whole * planar_per_range(run.optics(file), (whole.shape[0], whole.shape[1]))
