@@ -77,7 +77,7 @@ class Origin:
         for name, found, expected in checks:
             if found != expected:
                 raise SettingsError(
-                    f"the {kind} calibration does not belong to this capture: {name} is {found} there and {expected} "
+                    f"the {kind} calibration does not belong to this capture: {name} is {found} in the capture and {expected} "
                     f"in the calibration, made {self.created} from {', '.join(self.captures)}; calibrate with captures of "
                     "the same camera settings"
                 )

@@ -145,7 +145,8 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
         part: Part = _TYPES[kind].from_stored(_origin(document), document, maps)
         recorded, digest = document["part"]["digest"], digest_of(part)
     except FrameError as error:
-        raise MetadataError(f"{path}: cannot be read: {error}") from error
+        # its message names the file of the maps
+        raise MetadataError(str(error)) from error
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MetadataError) as error:
         # the text of a TypeError is about Python code; the cause is an unknown key, or a value of another kind
         what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, covered, record_campaign, wall, write
+from tests.support.captures import record
 from tests.support.defects import Defects
 from tests.support.run_cadtof import ROOT, cadtof
 
@@ -115,8 +116,16 @@ def test_a_calibration_that_does_not_fit_is_refused_before_anything_is_written(
         shutil.copytree(calibrated, tmp_path / part)
         (tmp_path / part / part).write_text(damage)
     for folder, capture, message in (
-        (calibrated, (small,), "does not belong to this capture: size is 32 × 24 pixels there and 80 × 60 pixels"),
-        (calibrated, (frames, "--waveform", "triangle"), "waveform is triangle there and sine in the calibration"),
+        (
+            calibrated,
+            (small,),
+            f"{small}: the dark calibration does not belong to this capture: size is 32 × 24 pixels in the capture and 80",
+        ),
+        (
+            calibrated,
+            (frames, "--waveform", "triangle"),
+            "waveform is triangle in the capture and sine in the calibration",
+        ),
         (tmp_path / "dark.toml", (frames,), "dark.toml: not valid TOML"),
         (tmp_path / "petzval.toml", (frames,), "petzval.toml: not a petzval calibration"),
         (tmp_path / "nowhere", (frames,), "nowhere: no such folder"),
@@ -134,3 +143,22 @@ def test_a_response_needs_to_know_the_distance(campaign: Campaign, tmp_path: Pat
     assert done.status == 2
     assert "the target's distance is not known: set distance_m under [target] in capture.toml" in done.err
     assert not (tmp_path / "camera" / "response.toml").exists()
+
+
+def test_captures_of_different_settings_are_refused_by_the_key_that_differs(tmp_path: Path) -> None:
+    first, other = (record(tmp_path / name).folder for name in "ab")
+    settings = (other / "capture.toml").read_text()
+    for key, found, expected, change in (
+        ("modulation.periods_ns", "[50.0, 25.0]", "[40.0, 20.0]", ("[40.0, 20.0]", "[50.0, 25.0]")),
+        (
+            "optics.lamp_offset_m",
+            "[0.1, 0.0, 0.0]",
+            "not given",
+            ("[optics]\n", "[optics]\nlamp_offset_m = [0.1, 0, 0]\n"),
+        ),
+    ):
+        assert change[0] in settings
+        (other / "capture.toml").write_text(settings.replace(*change))
+        done = cadtof("calibrate", "response", first, other, "--distance", 1, "-o", tmp_path / "camera")
+        assert (done.status, done.out) == (2, "")
+        assert done.err.startswith(f"Error: {other}: {key} is {found}, expected {expected} as in {first}: all captures")

@@ -243,12 +243,12 @@ def test_strangers_are_refused(measured: Measured, kind: PartKind) -> None:
     other: Waveform = "sine" if metadata.modulation.waveform == "triangle" else "triangle"
     alone.require_match(metadata, measured.seen.pixels)
     for strange, pixels, what in (
-        (metadata, (24, 32), "size is 32 × 24 pixels there and 80 × 60 pixels"),
-        (replace(metadata, modulation=Modulation(waveform=other)), None, f"waveform is {other} there"),
+        (metadata, (24, 32), "size is 32 × 24 pixels in the capture and 80 × 60 pixels"),
+        (replace(metadata, modulation=Modulation(waveform=other)), None, f"waveform is {other} in the capture"),
         (
             replace(metadata, modulation=replace(metadata.modulation, periods_ns=(60.0, 30.0))),
             None,
-            r"periods_ns is [60.0, 30.0] there and [40.0, 20.0]",
+            r"periods_ns is [60.0, 30.0] in the capture and [40.0, 20.0]",
         ),
     ):
         with pytest.raises(SettingsError, match=rf"the {kind} calibration does not belong.*{re.escape(what)}"):

@@ -1,5 +1,6 @@
 """What every `cadtof calibrate` step has in common: captures → mean frames, earlier parts of the calibration, the report."""
 
+import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,9 +10,10 @@ from typing import Any
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, save_part
+from cadtof_cli.capture.checks import shown
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
-from cadtof_cli.capture.metadata import CaptureMetadata, Target
+from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.phasors.doubts import doubts
@@ -138,16 +140,15 @@ def _at_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> 
 
 
 def _require_same_modulation(captures: Sequence[Capture]) -> None:
-    first = captures[0].source.metadata
-    for capture in captures[1:]:
-        metadata = capture.source.metadata
-        for table in ("modulation", "pulse", "optics"):
-            found, expected = getattr(metadata, table), getattr(first, table)
-            if found != expected:
-                raise SettingsError(
-                    f"{capture.root}: [{table}] is {found}, expected {expected} as in {captures[0].root}: the captures of one "
-                    "calibration need one camera setting"
-                )
+    keys = [key for key in KEYS.values() if key.table in {"modulation", "pulse", "optics"}]
+    for capture, key in itertools.product(captures[1:], keys):
+        values = [getattr(getattr(one.source.metadata, key.table), key.name) for one in (capture, captures[0])]
+        if values[0] != values[1]:
+            found, expected = ("not given" if value is None else shown(value) for value in values)
+            raise SettingsError(
+                f"{capture.root}: {key.path} is {found}, expected {expected} as in {captures[0].root}: all captures of a "
+                "calibration need the same camera settings"
+            )
 
 
 def _earlier_parts(

@@ -4,6 +4,7 @@
 import itertools
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -148,7 +149,8 @@ def plan_captures(
     plans: list[CapturePlan] = []
     for capture in captures:
         typical = capture.typical
-        plan = FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use)
+        with _of_capture(capture):
+            plan = FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use)
         if typical is None:
             from cadtof_cli.capture.planes import hint_of_planes
 
@@ -167,6 +169,15 @@ def plan_captures(
     return plans
 
 
+@contextmanager
+def _of_capture(capture: Capture) -> Iterator[None]:
+    """Name the capture in the message of a SettingsError that is raised in the block."""
+    try:
+        yield
+    except SettingsError as error:
+        raise SettingsError(f"{capture.root}: {error}") from error
+
+
 def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
     """Return a frame whose stored values can be voltages: the typical one, else the first, middle or last; None: none is read.
 
@@ -177,13 +188,11 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
     wrong: list[str] = []
     for source in dict.fromkeys((typical, *(capture.frames[place] for place in (0, len(capture.frames) // 2, -1)))):
         try:
-            with open_frames(source, capture.layout) as frames:
+            with _of_capture(capture), open_frames(source, capture.layout) as frames:
                 stored = frames.read()
                 found = implausible(stored, capture.source.metadata)
         except FrameError:
             continue
-        except SettingsError as error:
-            raise SettingsError(f"{capture.root}: {error}") from error
         if found is None:
             return stored
         wrong.append(f"{source}: {found}")
@@ -282,7 +291,8 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
 
     calibration = load_calibration(folder)
     for capture in captures:
-        calibration.require_match(capture.source.metadata, capture.typical.pixels if capture.typical else None)
+        with _of_capture(capture):
+            calibration.require_match(capture.source.metadata, capture.typical.pixels if capture.typical else None)
     digests = calibration.digests
     parts: dict[str, Mapping[str, Any]] = {
         part.kind: {
