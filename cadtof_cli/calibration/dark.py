@@ -32,7 +32,7 @@ DEFECT_MEANING: dict[Defect, str] = {
     Defect.OFFSET: "an offset far from the other pixels'",
     Defect.NOISE: "noise far above the other pixels'",
     Defect.DEAD: "a value that hardly changes",
-    Defect.NOT_FINITE: "saturated or not finite in a dark frame",
+    Defect.NOT_FINITE: "a value that is saturated or not finite in a dark frame",
 }
 
 

@@ -11,8 +11,11 @@ SEED = 4
 
 MESSAGES = {
     "lit: wall, offsets ± 20 mV": ("saw light", "cover the lens"),
-    "lit: tilted wall, a third of that light, ± 2 mV": ("as light ties them, and offsets do not", "cover the lens"),
-    "lit: card with MPI, offsets ± 20 mV": ("saw light", "mend --zero-counts"),
+    "lit: tilted wall, a third of that light, ± 2 mV": (
+        "change together; light does that, offsets do not",
+        "cover the lens",
+    ),
+    "lit: card with MPI, offsets ± 20 mV": ("saw light", "correct --zero-counts"),
     "response: corner at 5 distances": ("differs from the others", "plain wall"),
     "response: corner at 1 distance": ("the targets have a shape", "plain wall"),
     "response: box of .3 m before the wall, 1 distance": ("the targets have a shape", "something stands before them"),

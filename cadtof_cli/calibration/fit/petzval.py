@@ -13,7 +13,7 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.units import unambiguous_range_m
+from cadtof_cli.units import counted, unambiguous_range_m
 
 LEAST_PIXELS = 50
 """Least number of pixels of a wall to which its distance and tilt are fitted."""
@@ -105,7 +105,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
         if good.sum() < LEAST_PIXELS:
             raise SettingsError(
                 f"wall {index + 1} ({origin.captures[index]}): found {good.sum()} pixels with a single path, expected at "
-                f"least {LEAST_PIXELS}: is it a flat wall without multi-path interference, and the dark and response "
+                f"least {LEAST_PIXELS}: is it a flat wall without multi-path interference, and are the dark and response "
                 "calibration in the folder?"
             )
     if optics.focal_length_px is None:
@@ -114,7 +114,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     fit = robust_fit(problem.residuals, problem.start, free=problem.free)
     if not fit.parameters[2] > 0.0:
         raise SettingsError(
-            "the optics are unknown, and the walls do not tell the focal length: the view is too narrow, or they are not flat: "
+            "the focal length is unknown and cannot be found from the walls: the view is too narrow, or they are not flat: "
             "set focal_length_px under [optics] in capture.toml, or --focal-length-px"
         )
     _require_walls(problem, fit, usable, origin)
@@ -136,20 +136,21 @@ def _require_walls(problem: _Problem, fit: RobustFit, usable: Sequence[Bool], or
         on_wall = float(np.mean(on)) if on else 1.0
         if on_wall < LEAST_ON_WALL:
             raise SettingsError(
-                f"wall {index + 1} ({origin.captures[index]}): {on_wall:.0%} of what has a single path lies on a wall within "
-                f"{1000 * OFF_WALL_M:.0f} mm and noise, expected {LEAST_ON_WALL:.0%} or more: it is not a flat wall, or is "
-                "distorted by other light (MPI: floor, corners, glossy objects). Take a plain wall that fills the view; other "
-                "things in view may hide a third of it"
+                f"wall {index + 1} ({origin.captures[index]}): {on_wall:.0%} of the parts with a single path lie on a flat "
+                f"wall, within {1000 * OFF_WALL_M:.0f} mm and noise, expected {LEAST_ON_WALL:.0%} or more: it is not a flat "
+                "wall, or is distorted by other light (MPI: floor, corners, glossy objects). Take a plain wall that fills the "
+                "view; other things in view may hide a third of it"
             )
 
 
 def _require_distinct(walls: Sequence[WallRanges]) -> None:
     medians = [wall.distance_m or float(np.nanmedian(wall.range_m)) for wall in walls]
     if max(medians) < DISTINCT_DISTANCES * min(medians):
+        found = f"{counted(len(walls), 'wall')} at {', '.join(f'{median:.2f} m' for median in medians)}"
         raise SettingsError(
-            f"the optics are unknown, and {len(walls)} wall(s) at {', '.join(f'{d:.2f} m' for d in medians)} do not suffice "
-            "to separate the ranges of a flat wall from field curvature: set focal_length_px under [optics] in capture.toml, or "
-            f"--focal-length-px, or record walls at distances that differ by {DISTINCT_DISTANCES - 1:.0%} or more"
+            f"the focal length is unknown, and {found} cannot separate the ranges of a flat wall from field curvature: set "
+            "focal_length_px under [optics] in capture.toml, or --focal-length-px, or record walls at distances that differ by "
+            f"{DISTINCT_DISTANCES - 1:.0%} or more"
         )
 
 
@@ -230,7 +231,7 @@ def _findings(problem: _Problem, quality: PetzvalQuality, fit: RobustFit, optics
     uncertain = max(quality.k2_stderr_m, quality.k4_stderr_m) > LARGEST_STDERR_M
     if quality.correlation > HIGH_CORRELATION or uncertain:
         findings.append(
-            "warning: curvature, distance and tilt can hardly be told apart: "
+            "warning: curvature, distance and tilt can hardly be separated: "
             f"k2 = {k2:.4f} ± {quality.k2_stderr_m:.4f} m, k4 = {k4:.4f} ± {quality.k4_stderr_m:.4f} m, correlation with the "
             f"walls' parameters {quality.correlation:.5f}, condition {fit.condition:.2g}; known distances, more walls at other "
             "distances, or a wall that fills the whole view help"
@@ -240,7 +241,7 @@ def _findings(problem: _Problem, quality: PetzvalQuality, fit: RobustFit, optics
         findings.append(f"{dropped:.1%} of the pixels with a single path do not lie on the walls and were left out")
     if quality.rms_after_m > LARGEST_RESIDUAL * quality.noise_rms_m:
         findings.append(
-            f"warning: what is left, {1000 * quality.rms_after_m:.2f} mm, is more than noise, "
+            f"warning: the residual, {1000 * quality.rms_after_m:.2f} mm, is more than the noise, "
             f"{1000 * quality.noise_rms_m:.2f} mm: the walls are not flat, or the response is not calibrated"
         )
     return tuple(findings)

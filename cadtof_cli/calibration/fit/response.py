@@ -88,12 +88,12 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
         curvature, errors, own = _without_curvature(pixels, usable, metadata, origin)
     if any(curvature):
         findings.append(
-            f"field curvature k2 = {curvature[0]:.4f} m, k4 = {curvature[1]:.4f} m was taken out of the phase maps: `resolve` "
-            "corrects it, or what `calibrate petzval` finds in its place"
+            f"field curvature k2 = {curvature[0]:.4f} m, k4 = {curvature[1]:.4f} m was removed from the phase maps: `resolve` "
+            "corrects it by itself, or uses the field curvature of `calibrate petzval` instead"
         )
     if terms.residual > LARGEST_RESIDUAL:
         findings.append(
-            f"warning: what is left is {terms.residual:.1f} times the noise: is the dark calibration in the folder, are the "
+            f"warning: the residual is {terms.residual:.1f} times the noise: is the dark calibration in the folder, are the "
             "distances right, and is the target flat, still and without multi-path interference?"
         )
     quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
@@ -106,22 +106,22 @@ def _usable(volts: Complex, noise: Float) -> Bool:
     if usable.mean() < LEAST_USABLE:
         raise SettingsError(
             f"found {usable.mean():.1%} of the pixels with a signal from every target, expected {LEAST_USABLE:.0%} or more: the "
-            "target must fill most of the view, and not be saturated"
+            "targets must fill most of the view, and must not be saturated"
         )
     return np.asarray(usable)
 
 
 def _assumptions(metadata: CaptureMetadata, usable: Bool, known_optics: bool) -> list[str]:
-    said = ["gains are those against harmonic 1, whose own cannot be told from the target's reflectivity"]
+    said = ["gains are relative to harmonic 1, because its own gain cannot be separated from the target's reflectivity"]
     if known_optics:
-        said.append("the targets are taken to face the camera; their ranges follow from the optics")
+        said.append("the targets are assumed to face the camera; their ranges follow from the optics")
     else:
         said.append(
-            "warning: no focal length given, so every pixel's range is taken to be the target's distance; set focal_length_px "
+            "warning: no focal length given, so the target's distance is used as the range of every pixel; set focal_length_px "
             "under [optics], or the shape of the walls ends up in the phase maps"
         )
     if not usable.all():
-        said.append(f"{(~usable).sum()} pixels could not be used: they get the array's mean phase and gain")
+        said.append(f"{(~usable).sum()} pixels could not be used: they get the mean phase and gain of the array")
     return said
 
 
@@ -169,8 +169,8 @@ def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None
     worst = int(np.argmax(misfits))
     if misfits[worst] > LARGEST_MISFIT_M:
         raise SettingsError(
-            f"{origin.captures[worst]}: over the array this target differs from the others by "
-            f"{1000 * misfits[worst]:.0f} mm, expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: it is not flat, is tilted, "
+            f"{origin.captures[worst]}: this target differs from the others by {1000 * misfits[worst]:.0f} mm (RMS over the "
+            f"array), expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: it is not flat, is tilted, "
             "receives light by other ways (MPI: floor, walls, glossy objects), or its distance is wrong; or the dark calibration "
             "is missing in the folder. Point the camera square at a plain wall, clear the sides, measure the distance, and "
             "record again"
@@ -189,7 +189,7 @@ def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
         )
     if shape > LARGEST_SHAPE_M:
         raise SettingsError(
-            f"the targets have a shape: blocks of the array depart from a wall by {1000 * shape:.0f} mm, expected "
+            f"the targets have a shape: parts of the array deviate from a flat wall by {1000 * shape:.0f} mm, expected "
             f"{1000 * LARGEST_SHAPE_M:.0f} mm at most: they are not flat, something stands before them, or light comes by "
             "other ways (MPI). Take a plain wall that fills the view, and record again"
         )

@@ -69,7 +69,7 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
     terms: Terms = tuple(dict(one) for one in base)
     kept = np.ones(observed.phase.shape[1], np.bool_)
     if distances < 2:
-        said = "one distance: k = 1 and the maps only; two or more distances tell further terms"
+        said = "one distance: only k = 1 and the maps are determined; further terms need two or more distances"
         return TermFit(terms, tuple(() for _ in terms), 1.0, (said,), kept)
     changes: Terms = tuple({} for _ in base)
     for _ in range(PASSES):
@@ -118,7 +118,7 @@ def _needed(changes: Terms, system: "_System") -> tuple[int, ...]:
 
 def _taken(changes: Terms, errors: Float, k: int) -> str:
     sizes = ", ".join(f"{abs(change[k]):.5f} ± {error:.5f}" for change, error in zip(changes, errors, strict=True))
-    return f"taken, {sizes} of k = 1"
+    return f"used, {sizes} of k = 1"
 
 
 def _without_outliers(misfit: Float) -> Bool:
@@ -200,11 +200,11 @@ class _System:
                 significance = float((size / error).max())
                 if condition > LARGEST_CONDITION or error.max() > LARGEST_STDERR:
                     findings[k] = (
-                        f"left, cannot be told: standard error {error.max():.1e}, condition {condition:.1e}; more distances, "
-                        "spread over the range, are needed"
+                        f"not used, because it cannot be determined: standard error {error.max():.1e}, "
+                        f"condition {condition:.1e}; record more distances, spread over the range"
                     )
                 elif significance < LEAST_SIGNIFICANCE or size.max() < LEAST_TERM:
-                    findings[k] = f"left, not needed: {size.max():.1e} ± {error.max():.1e} of k = 1"
+                    findings[k] = f"not used, because it is not needed: {size.max():.1e} ± {error.max():.1e} of k = 1"
                 else:
                     scores[k] = significance
             if not scores:

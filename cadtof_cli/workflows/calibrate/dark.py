@@ -29,7 +29,7 @@ def calibrate_dark(
     """
     averaged = averaged_captures(inputs, "dark", settings=settings, overrides=overrides, progress=progress)
     if len(averaged.captures) > 1:
-        raise SettingsError(f"found {len(averaged.captures)} captures, expected one of covered-lens frames")
+        raise SettingsError(f"found {len(averaged.captures)} captures, expected one, recorded with the lens covered")
     capture, mean = averaged.captures[0]
     _require_dark(capture, mean)
     dark = fit_dark(mean, origin=averaged.origin)
@@ -37,10 +37,11 @@ def calibrate_dark(
     known = zip(counts.values(), DEFECT_MEANING.values(), strict=True)
     findings = tuple(f"{count} pixels with {meaning}" for count, meaning in known if count)
     if mean.frames < 2:
-        findings += ("one frame only: no noise was measured, and noisy or dead pixels were not looked for",)
+        findings += ("only one frame: the noise was not measured, so noisy and dead pixels were not looked for",)
     elif not tells_dead(mean):
         findings += (
-            f"{mean.frames} frames only: sound pixels may hold the same count in all by chance; dead ones were not looked for",
+            f"only {mean.frames} frames: a sound pixel may hold the same count in all of them by chance, so dead pixels were not "
+            "looked for",
         )
     bad = int(dark.hot.sum())
     return save_with_report(dark, settings, {**dark.quality(), "bad_pixels": bad, "defects": counts}, findings)
@@ -52,12 +53,13 @@ def _require_dark(capture: Capture, mean: FrameMean) -> None:
     seen = light_seen(mean.stored, harmonics=modulation.harmonics, amplitude_v=modulation.amplitude_v)
     if seen.follows_law:
         raise CaptureError(
-            f"{capture.root}: these frames saw light: over the array harmonics and channels follow each other as light ties "
-            "them, and offsets do not; cover the lens, or switch the laser off and darken the room, and record again"
+            f"{capture.root}: these frames saw light: from pixel to pixel, the values of all harmonics and channels change "
+            "together; light does that, offsets do not: cover the lens, or switch the laser off and darken the room, and "
+            "record again"
         )
     if seen.is_lit:
         raise CaptureError(
-            f"{capture.root}: these frames saw light, or zero_counts is wrong: all pixels have {seen.level:.0%} of the "
-            "modulation amplitude, or more, in common at every harmonic, which is no offset; cover the lens and record again; if "
-            "it was covered, mend --zero-counts, the stored value of 0 V"
+            f"{capture.root}: these frames saw light, or zero_counts is wrong: at every harmonic, all pixels have at least "
+            f"{seen.level:.0%} of the modulation amplitude in common, which is too much for offsets; cover the lens and record "
+            "again; if it was covered, correct --zero-counts, the stored value of 0 V"
         )

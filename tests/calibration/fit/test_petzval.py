@@ -141,7 +141,7 @@ def test_without_optics_distances_a_fifth_apart_are_enough() -> None:
 
 @pytest.mark.parametrize("distances", [(1.0,), (1.0, 1.15)])
 def test_without_optics_one_distance_is_refused(distances: tuple[float, ...]) -> None:
-    with pytest.raises(SettingsError, match=r"the optics are unknown.*set focal_length_px under \[optics\]"):
+    with pytest.raises(SettingsError, match=r"the focal length is unknown.*set focal_length_px under \[optics\]"):
         fitted(*(measured_wall(d, seed=1) for d in distances), optics=Optics())
 
 
@@ -217,7 +217,7 @@ def test_pixels_off_the_walls_are_counted_from_a_twentieth_on(share: float, said
 def test_more_left_than_noise_is_warned_of_from_half_as_much_again_on(factor: float, said: bool) -> None:
     walls = [WallRanges(wall.range_m, wall.sigma_m / factor, None) for wall in two_walls()]
     quality = fitted(*walls).quality
-    assert any(text.startswith("warning: what is left, 3.0") for text in quality.findings) == said
+    assert any(text.startswith("warning: the residual, 3.0") for text in quality.findings) == said
     # what scatters more than thought is known less well, too
     assert quality.k2_stderr_m == pytest.approx(fitted(*two_walls()).quality.k2_stderr_m, rel=0.02)
 
@@ -315,7 +315,8 @@ def test_of_a_flat_wall_three_fifths_lie_on_it(columns: int, share: str | None) 
         assert max(deviations(fitted(*walls))) < 3.5
         return
     said = (
-        rf"wall 2 \(wall_1\): {share} of what has a single path lies on a wall within 20 mm and noise, expected 60% or"
+        rf"wall 2 \(wall_1\): {share} of the parts with a single path lie on a flat wall, within 20 mm and noise, "
+        "expected 60% or"
     )
     with pytest.raises(SettingsError, match=said):
         fitted(*walls)
@@ -394,7 +395,7 @@ def test_walls_that_do_not_tell_a_long_focal_length_are_refused_or_it_is_positiv
         measured_wall(distance, seed=10 * seed + index, focal_px=5000.0) for index, distance in enumerate((1.0, 3.0))
     ]
     if seed in {0, 1}:
-        with pytest.raises(SettingsError, match=r"do not tell the focal length: .* set focal_length_px"):
+        with pytest.raises(SettingsError, match=r"cannot be found from the walls: .* set focal_length_px"):
             fitted(*walls, optics=Optics())
         return
     found = fitted(*walls, optics=Optics())

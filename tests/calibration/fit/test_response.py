@@ -68,7 +68,7 @@ def test_terms_that_noise_alone_makes_are_not_taken(seed: int) -> None:
     """At n_av 300 they come to one to three standard errors of 2e-4, which would matter."""
     found = response_of(Defects(), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=seed)
     assert orders(found) == {1}
-    assert sum("left, not needed" in text for text in found.quality.findings) == 5
+    assert sum("not used, because it is not needed" in text for text in found.quality.findings) == 5
 
 
 @pytest.mark.parametrize(("sc2_gain", "taken"), [(1.0012, False), (1.0037, True)])
@@ -80,18 +80,22 @@ def test_a_term_is_taken_from_six_standard_errors_on(sc2_gain: float, taken: boo
 
 def test_an_ideal_triangle_needs_nothing_besides_its_own_series() -> None:
     found = response_of(Defects(), (0.5, 1.0, 1.7, 2.4, 3.0), waveform="triangle")
-    assert all("left, not needed" in text for text in found.quality.findings if text.startswith("k ="))
+    assert all(
+        "not used, because it is not needed" in text for text in found.quality.findings if text.startswith("k =")
+    )
 
 
 def test_one_distance_gives_one_term_and_says_so() -> None:
     found = response_of(Defects(sc2_gain=1.05, phase_rad=(0.0, 0.3)), (1.0,))
     assert orders(found) == {1}
-    assert any(text.startswith("one distance: k = 1 and the maps only") for text in found.quality.findings)
+    assert any(
+        text.startswith("one distance: only k = 1 and the maps are determined") for text in found.quality.findings
+    )
 
 
 def test_two_close_distances_tell_no_offset_from_a_phase() -> None:
     found = response_of(Defects(sc2_gain=1.05), (1.0, 1.05))
-    assert any("cannot be told" in text for text in found.quality.findings)
+    assert any("cannot be determined" in text for text in found.quality.findings)
 
 
 def test_the_imbalance_is_found_from_five_distances() -> None:
@@ -107,13 +111,16 @@ def test_curvature_of_the_lens_is_taken_out_of_the_phase_maps() -> None:
     assert found.field_curvature_m == pytest.approx((0.06, -0.02), abs=1e-3)
     assert found.phase_rad.std(axis=(1, 2)) == pytest.approx(found.quality.phase_stderr_rad, rel=0.2)
     k2, k4 = found.field_curvature_m
-    (said,) = (text for text in found.quality.findings if "was taken out of the phase maps" in text)
+    (said,) = (text for text in found.quality.findings if "was removed from the phase maps" in text)
     assert said.startswith(f"field curvature k2 = {k2:.4f} m, k4 = {k4:.4f} m ")
 
 
 def test_without_optics_the_distance_stands_for_every_pixel_and_it_is_said() -> None:
     found = response_of(Defects(), (1.0,), optics=Optics())
-    assert any("no focal length given, so every pixel's range is taken" in text for text in found.quality.findings)
+    assert any(
+        "no focal length given, so the target's distance is used as the range" in text
+        for text in found.quality.findings
+    )
     assert (found.field_curvature_m, found.quality.curvature_stderr_m) == ((0.0, 0.0), (0.0, 0.0))
 
 
@@ -121,7 +128,7 @@ def test_without_optics_the_distance_stands_for_every_pixel_and_it_is_said() -> 
 def test_offsets_that_nobody_took_out_are_warned_of(offset_v: float, warned: bool) -> None:
     """They leave 1.3, 2.5 and 18 times the noise."""
     found = response_of(Defects(offset_v=offset_v), (0.5, 1.0, 1.7, 2.4, 3.0))
-    assert any(text.startswith("warning: what is left is") for text in found.quality.findings) == warned
+    assert any(text.startswith("warning: the residual is ") for text in found.quality.findings) == warned
 
 
 def test_offsets_that_move_ranges_by_centimetres_are_refused() -> None:
@@ -187,7 +194,7 @@ def test_targets_without_noise_give_gain_and_pulse_exactly() -> None:
     assert found.quality.distances_m == (0.7, 1.4, 2.4)
     assert (found.field_curvature_m, found.quality.curvature_stderr_m) == ((0.0, 0.0), (0.0, 0.0))
     assert not any("could not be used" in text for text in found.quality.findings)
-    assert any("the targets are taken to face the camera" in text for text in found.quality.findings)
+    assert any("the targets are assumed to face the camera" in text for text in found.quality.findings)
 
 
 def test_a_delay_of_each_pixel_goes_into_the_maps_and_their_mean_into_the_response() -> None:
@@ -242,7 +249,7 @@ def test_every_order_that_is_tried_is_found_where_it_is(k: int) -> None:
     for one in found.responses:
         assert dict(one.terms)[k] / one.main == pytest.approx(value, abs=1e-4)
         assert all(abs(g / one.main) < 1e-4 for order, g in one.terms if order not in {1, k})
-    assert any(text.startswith(f"k = {k:+d}: taken, 0.02236 ± ") for text in found.quality.findings)
+    assert any(text.startswith(f"k = {k:+d}: used, 0.02236 ± ") for text in found.quality.findings)
 
 
 RAD_PER_M = 2 * np.pi / 40.0 * 2 / 0.299792458
@@ -276,7 +283,7 @@ def test_targets_that_lean_by_more_than_ten_centimetres_are_refused(
 def test_targets_with_a_shape_of_more_than_three_centimetres_are_refused(size_m: float, refused: bool) -> None:
     own = RAD_PER_M * size_m * CHEQUERED
     if refused:
-        with pytest.raises(SettingsError, match="depart from a wall by 32 mm, expected 30 mm at most"):
+        with pytest.raises(SettingsError, match="deviate from a flat wall by 32 mm, expected 30 mm at most"):
             noiseless(own=own)
     else:
         assert noiseless(own=own).phase_rad.std() > 0.01
@@ -294,7 +301,8 @@ def test_a_target_more_than_a_centimetre_unlike_the_others_is_refused(
     if refused:
         worst = 0 if target == 0 and mean < 0.5 else target
         with pytest.raises(
-            SettingsError, match=rf"^target {worst if target else '[12]'}: .* by 11 mm, expected 10 mm at most"
+            SettingsError,
+            match=rf"^target {worst if target else '[12]'}: .* by 11 mm \(RMS over the array\), expected 10 mm at most",
         ):
             noiseless(off_m=(target, off_m))
     else:

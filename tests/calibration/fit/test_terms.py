@@ -70,7 +70,7 @@ def test_terms_that_are_there_are_taken_and_found() -> None:
     assert found.kept.mean() > 0.98
     said = dict(text.split(": ", maxsplit=1) for text in found.findings)
     assert list(said) == ["k = -1", "k = +0", "k = -3", "k = +5", "k = +3"]
-    assert [text.split(",")[0] for text in said.values()] == ["taken", "taken", "left", "left", "taken"]
+    assert [text.split(",")[0] for text in said.values()] == ["used", "used", "not used", "not used", "used"]
 
 
 def test_standard_errors_are_those_of_repetitions() -> None:
@@ -97,7 +97,7 @@ def test_what_is_known_too_badly_is_not_taken() -> None:
     """Noise of a fiftieth of the signal in few pixels: standard errors above two thousandths."""
     found = fit_terms(observed(noise_v=2e-3, pixels=60), ({}, {}), distances=6)
     assert not orders(found)
-    assert all("cannot be told" in text for text in found.findings)
+    assert all("cannot be determined" in text for text in found.findings)
 
 
 def test_what_is_too_small_to_matter_is_not_taken_however_well_it_is_known() -> None:
@@ -112,7 +112,9 @@ def test_one_distance_tells_no_terms() -> None:
     found = fit_terms(observed(), ({5: 0.1j}, {}), distances=1)
     assert (found.terms, found.stderr, found.residual) == (({5: 0.1j}, {}), ((), ()), 1.0)
     assert found.kept.all()
-    assert found.findings == ("one distance: k = 1 and the maps only; two or more distances tell further terms",)
+    assert found.findings == (
+        "one distance: only k = 1 and the maps are determined; further terms need two or more distances",
+    )
 
 
 def test_terms_come_on_top_of_those_of_the_waveform() -> None:
