@@ -100,7 +100,7 @@ def _fails(evaluation: "Evaluation", max_median: float) -> bool:
     median = evaluation.direct.median_cm
     if median is not None and median <= max_median:
         return False
-    found = "no pixel with truth has an answer" if median is None else f"found a median error of {median:.2f} cm"
+    found = "found no pixel with truth and an answer" if median is None else f"found a median error of {median:.2f} cm"
     tell(f"failed: {found}, expected at most {max_median:g} cm (--max-median)", err=True)
     return True
 
@@ -118,5 +118,5 @@ def _table(evaluation: "Evaluation") -> Iterator[str]:
 def _scatter_line(scatter: "Scatter", path: Path) -> str:
     frames, std = counted(scatter.frames, "frame"), scatter.median_std_cm
     sigma = "–" if scatter.median_sigma_cm is None else f"{scatter.median_sigma_cm:.2f} cm"
-    seen = "no pixel has two depths that could scatter" if std is None else f"direct depth scatters by {std:.2f} cm"
-    return f"over {frames}: {seen}; predicted {sigma} at the median pixel; {path}"
+    seen = "no pixel has depths in two frames" if std is None else f"direct depth scatters by {std:.2f} cm"
+    return f"over {frames}: {seen}; predicted sigma of the median pixel: {sigma}; maps in {path}"

@@ -127,7 +127,8 @@ def _write_settings(found: Sequence[Any], out: Path | None, *, overwrite: bool) 
     from cadtof_cli.workflows.inspect.write_settings import write_settings
 
     if not found or (len(found) > 1 and out is not None):
-        raise click.UsageError(f"--write-settings: found {len(found)} captures, expected one to write the settings of")
+        expected = "one for the file of -o" if found else "one or more"
+        raise click.UsageError(f"--write-settings: found {len(found)} captures, expected {expected}")
     for facts in found:
         path = write_settings(facts, out=out, overwrite=overwrite)
         tell(f"wrote {path}: complete it by hand", err=True)
@@ -150,12 +151,12 @@ def _capture_lines(facts: Any) -> Iterator[str]:
     yield _row("unambiguous range", f"{facts.unambiguous_range_m:.3f} m")
     if facts.noise_mv is not None:
         known = facts.metadata["pixel.integration_length"]["value"] is not None
-        by = "the integration length" if known else "what is seen in a frame"
-        yield _row("noise", f"{facts.noise_mv:.3f} mV per channel, at most, by {by}")
+        by = "the integration length" if known else "the integration length seen"
+        yield _row("noise", f"{facts.noise_mv:.3f} mV per channel at most, from {by}")
     if facts.integration_length_seen is not None:
         yield _row(
-            "seen in a frame",
-            f"neighbouring pixels scatter as with an integration length of {facts.integration_length_seen:.4g}, or more",
+            "integration length seen",
+            f"{facts.integration_length_seen:.4g} or more, from the scatter of neighbouring pixels in a frame",
         )
     for name, (low, high) in facts.planes.items():
         yield _row(f"{name} stored", f"{low:g} … {high:g}")

@@ -20,11 +20,11 @@ _WIDTH = 22
 
 _ROOM = {
     "albedo": "  of the surfaces",
-    "beside": " ×  what surfaces beside the view send, as guessed from its border",
-    "later": " ×  what later bounces send, as computed",
-    "unseen": " ×  the direct light: what surfaces send that nothing is known of",
-    "decay_ns": " ns  in which that falls to 1/e",
-    "start_ns": " ns  after the direct light, when that begins",
+    "beside": " ×  the light of surfaces beside the view, as guessed from its border",
+    "later": " ×  the light of later bounces, as computed",
+    "unseen": " ×  the direct light: the light of surfaces that are unknown",
+    "decay_ns": " ns  in which the light of unknown surfaces falls to 1/e",
+    "start_ns": " ns  after the direct light, when the light of unknown surfaces begins",
 }
 """Unit and meaning of each number that describes a room with diffuse MPI; they are printed after the number."""
 
@@ -97,9 +97,8 @@ def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[
     noise = document["noise"]
     for row, harmonic in enumerate(harmonics):
         volts = "  ".join(
-            f"SC{channel} {_number(1000 * value, 3)} mV"
+            f"SC{channel} {_number(None if value is None else 1000 * value, 3)} mV"
             for channel, value in enumerate(document["voltages_v"][row], start=1)
-            if value is not None
         )
         re, im = document["phasors"][row]
         spread = " and ".join(_number(None if one is None else 1000 * one, 3) for one in noise["sigma_v"][row])
@@ -123,11 +122,11 @@ def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[
 
 def _test_lines(test: Mapping[str, Any] | None) -> Iterator[str]:
     if test is not None:
-        moved, needed = (_number(None if test[key] is None else 100 * test[key], 2) for key in ("moved_m", "needed_m"))
+        moved, needed = ("–" if test[key] is None else f"{100 * test[key]:.2f} cm" for key in ("moved_m", "needed_m"))
         yield _row(
             "order test",
             f"χ² {_number(test['chi_squared'], 2)}, limit {test['threshold']:.2f}; "
-            f"a second path moves the direct one by {moved} cm, needed: {needed} cm",
+            f"a second path moves the direct one by {moved}, needed: {needed}",
         )
         yield _row("", test["verdict"])
 
@@ -137,7 +136,7 @@ def _diffuse_lines(diffuse: Mapping[str, Any] | None) -> Iterator[str]:
         return
     share = f"{diffuse['patches']} patches with light, {diffuse['separate_share']:.1%} of them with separate paths"
     if diffuse["through_patches"]:
-        share += f", {diffuse['through_patches']} with something before a wall that lets light through"
+        share += f", {diffuse['through_patches']} with a net or pane before a wall"
     yield _row("MPI of the frame", f"{diffuse['model']} ({diffuse['reason']}); {share}")
     for name, (median, scatter) in (diffuse["room"] or {}).items():
         yield _row(f"  {name.removesuffix('_ns')}", f"{_number(median, 3)} ± {_number(scatter, 3)}{_ROOM[name]}")

@@ -62,7 +62,9 @@ class TrialOptions:
             length = INTEGRATION_LENGTH if integration_length is None else integration_length
             return Averaging(integration_length=length, stages=self.stages)
         if integration_length is not None:
-            raise SettingsError("--integration-length: found with --capacitors, expected one of the two")
+            raise SettingsError(
+                "--integration-length: found with --capacitors, expected one of the two: the capacitors determine n_av"
+            )
         capacitors = Capacitors(values_ff=self.capacitors)
         return Averaging(integration_length=capacitors.integration_length, capacitors=capacitors, stages=self.stages)
 
@@ -71,7 +73,9 @@ class TrialOptions:
         noise_v = self.pixel["sample_noise_v"]
         if self.temperature_k is not None:
             if averaging.capacitors is None:
-                raise SettingsError("--temperature: found without --capacitors, expected C1, whose kTC noise it is")
+                raise SettingsError(
+                    "--temperature: found without --capacitors, expected both: the temperature gives the kTC noise of C1"
+                )
             if not self.temperature_k >= 0:
                 raise SettingsError(f"--temperature: found {self.temperature_k:g} K, expected 0 K or more")
             noise_v = float((noise_v**2 + averaging.capacitors.ktc_noise_v(self.temperature_k) ** 2) ** 0.5)

@@ -241,7 +241,7 @@ def test_one_frame_has_no_scatter_over_time(tmp_path: Path) -> None:
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
     done = cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr")
     assert (done.status, done.err) == (0, "")
-    assert done.out.startswith("over 1 frame: no pixel has two depths that could scatter; predicted ")
+    assert done.out.startswith("over 1 frame: no pixel has depths in two frames; predicted sigma of the median pixel: ")
 
 
 def test_a_limit_of_the_median_fails_if_no_pixel_has_an_answer(tmp_path: Path) -> None:
@@ -251,4 +251,4 @@ def test_a_limit_of_the_median_fails_if_no_pixel_has_an_answer(tmp_path: Path) -
     write_maps(out / "frame_0.tif", DepthMaps(("direct.depth",), pages, np.full((24, 32), 4, np.uint32)))
     done = cadtof("evaluate", out, "--truth", _truth(tmp_path / "truth.exr"), "--max-median", 5)
     assert done.status == 1
-    assert "failed: no pixel with truth has an answer, expected at most 5 cm (--max-median)" in done.err
+    assert "failed: found no pixel with truth and an answer, expected at most 5 cm (--max-median)" in done.err

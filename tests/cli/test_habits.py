@@ -100,7 +100,7 @@ def test_maps_of_a_region_are_that_part_of_whole_maps(here: Path) -> None:
     for typed, message in (
         ("0,0,33,10", "expected it inside the 32 × 24 pixels"),
         ("5,5,5,9", "0 ≤ X0 < X1"),
-        ("1,2", "rectangle"),
+        ("1,2", "two pixels X0,Y0,X1,Y1"),
     ):
         done = shell(f"cadtof resolve cap -o none --roi {typed}", here)
         assert done.status == 2
@@ -119,7 +119,7 @@ def test_maps_of_a_region_say_so_without_their_run(ending: str, here: Path) -> N
     assert json.loads(done.out)["direct"]["median_cm"] == 0.0
     refused = shell("cadtof export copied -o points.ply --focal-length 28", here)
     assert refused.status == 2
-    assert "for maps of a --roi --principal-point-px" in refused.err
+    assert "for maps of a --roi also --principal-point-px" in refused.err
 
 
 def test_a_dry_run_lists_the_maps_and_writes_nothing(here: Path) -> None:

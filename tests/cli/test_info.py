@@ -77,10 +77,10 @@ def _rows(*arguments: object) -> dict[str, str]:
 def test_an_unknown_value_is_shown_with_the_reason(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", toml="[voltage]\nzero_counts = 8192\n")
     known = _rows(capture.folder, "--volts-per-count", 6e-5, "--integration-length", 1e5, "--saturated-counts", "0,1")
-    assert known["noise"].endswith("by the integration length")
+    assert known["noise"].endswith("from the integration length")
     assert known["saturated"] == "100.000% of pixels"
     seen = _rows(capture.folder, "--volts-per-count", 6e-5)
-    assert seen["noise"].endswith("by what is seen in a frame")
+    assert seen["noise"].endswith("from the integration length seen")
     assert seen["saturated"] == "unknown: voltage.saturated_counts is not given"
     # pixels at the limits are counted even if nothing says how many volts a count is
     assert _rows(capture.folder, "--saturated-counts", "0,1")["saturated"] == "100.000% of pixels"
@@ -134,7 +134,7 @@ def test_a_folder_without_frames_is_a_problem_unless_folders_are_searched(tmp_pa
     done = cadtof("info", tmp_path, "-j", 1)
     assert (done.status, done.err) == (
         1,
-        f"wrong: {tmp_path}: no frames: none of its files holds the voltages of one\n",
+        f"wrong: {tmp_path}: no frames: none of its files holds the voltages of a frame\n",
     )
     assert cadtof("info", "-r", tmp_path, "-j", 1).status == 0
 

@@ -91,7 +91,7 @@ def test_frames_of_a_stack_and_means_are_found_by_their_place(tmp_path: Path) ->
     for beyond in (5, 10**20):
         done = cadtof("inspect", capture.folder, "--pixel", "1,1", "--frame", beyond)
         assert (done.status, done.out) == (2, "")
-        assert done.err.startswith(f"Error: --frame: found {beyond}, expected 0 … 4 of what a run on")
+        assert done.err.startswith(f"Error: --frame: found {beyond}, expected 0 … 4: a run on")
 
 
 def test_voltages_and_phasors_are_those_of_the_file(tmp_path: Path) -> None:

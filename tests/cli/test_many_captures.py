@@ -239,7 +239,7 @@ def test_each_capture_is_compared_with_its_own_truth(tree: Path) -> None:
     # the same scene, other noise
     assert medians["b/two/frame_0"] == pytest.approx(3.0, abs=0.1)
     one = shell("cadtof evaluate out --truth rec/a/truth.exr", tree)
-    assert "rec/a/truth.exr: the frames of 3 captures are held against it alone" in one.err
+    assert "rec/a/truth.exr: the frames of 3 captures are compared with this one truth" in one.err
     _require_same_pages_and_pictures(tree)
     (tree / "rec" / "a" / "truth.exr").unlink()
     done = shell("cadtof report out -o none.html --truth rec", tree)
@@ -267,7 +267,7 @@ def _require_same_pages_and_pictures(tree: Path) -> None:
     # rec/b has two captures, and one truth
     assert [len(document["truth"]), [frame["truth"] for frame in document["frames"]]] == [2, [0, 1, 1]]
     one = shell("cadtof report out -o page.html --overwrite --truth rec/a/truth.exr", tree)
-    assert "rec/a/truth.exr: the frames of 3 captures are held against it alone" in one.err
+    assert "rec/a/truth.exr: the frames of 3 captures are compared with this one truth" in one.err
 
 
 def test_info_searches_a_tree(tree: Path) -> None:

@@ -188,7 +188,7 @@ def test_a_calibration_is_drawn_with_all_its_parts(tmp_path: Path) -> None:
     titles = {"dark offset H1.SC1", "dark noise H2.SC2", "phase H2", "gain H2", "field curvature"}
     assert titles | {"mV", "cm", "°"} <= _words(tmp_path / "a.svg")
     done = cadtof("preview", tmp_path / "calibration", "-o", tmp_path / "b.png", "--layer", "gain")
-    assert (done.status, "a calibration is drawn whole" in done.err) == (2, True)
+    assert (done.status, "a calibration is drawn as one picture" in done.err) == (2, True)
 
 
 def _sequence(folder: Path, count: int) -> Path:

@@ -99,7 +99,7 @@ class Averaging:
             self.capacitors is not None or self.stages.drive == "dc",
             "stages",
             "switched stages without capacitors",
-            "the capacitors C1 to C12, whose charge they share",
+            "the capacitors C1 to C12 (--capacitors): the stages share their charge",
         )
 
     def weights(self, photons: int, *, photon_rate_hz: float) -> Float:

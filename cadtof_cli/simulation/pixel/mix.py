@@ -167,7 +167,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         light_m_s = 1e9 * C_M_PER_NS
-        require(abs(self.speed_m_s) < light_m_s, "speed", f"{self.speed_m_s:g} m/s", "one below that of light")
+        require(abs(self.speed_m_s) < light_m_s, "speed", f"{self.speed_m_s:g} m/s", "less than the speed of light")
         rate = self.frame_rate_hz
         require(1e-6 <= rate < math.inf, "frame rate", f"{rate:g} Hz", "a rate of 1e-6 Hz or more")
 

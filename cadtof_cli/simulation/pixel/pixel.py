@@ -95,7 +95,7 @@ class PixelModel:
 
 
 def _require_few_photons(model: PixelModel) -> None:
-    expected = f"{MOST_PHOTONS} or less: a smaller integration length, or fewer --cycles or --photons-per-cycle"
+    expected = f"{MOST_PHOTONS} or less: use a smaller integration length, or fewer --cycles or --photons-per-cycle"
     require(model.photons <= MOST_PHOTONS, "photons", f"{model.photons} in a harmonic", expected)
 
 

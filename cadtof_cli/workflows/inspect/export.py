@@ -81,7 +81,10 @@ def export_maps(
     ]
     for position, output in enumerate(outputs):
         if output in outputs[:position]:
-            raise SettingsError(f"two of the maps would be written as {output}: export them one command each")
+            first, second = (found[place][1] for place in (outputs.index(output), position))
+            raise SettingsError(
+                f"{first} and {second} would both be written as {output}; export each with a command of its own"
+            )
         require_new(output, overwrite=overwrite)
     progress.advance(0, total=len(found))
     for (run, file), output in zip(found, outputs, strict=True):
@@ -107,8 +110,8 @@ def _write_points(one: _Map, output: Path) -> None:
     depth, path = one.depth, one.name.removesuffix(".depth")
     if one.optics.focal_length_px is None:
         raise SettingsError(
-            f"{one.path}: its optics are unknown: give --focal-length-px, and for maps of a --roi --principal-point-px, counted "
-            "from the corner of the maps"
+            f"{one.path}: its optics are unknown: give --focal-length-px, and for maps of a --roi also --principal-point-px, "
+            "counted from the corner of the maps"
         )
     rows, columns = depth.shape
     right, down = ray_slopes(one.optics, (rows, columns))

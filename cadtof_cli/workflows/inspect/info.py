@@ -114,7 +114,7 @@ def look_into(
         facts = _capture_facts(capture, workers, progress)
         # a search through all folders below an input also finds pictures that are no frames
         if not (facts.frames or facts.problems or recursive):
-            facts.problems.append(f"{facts.root}: no frames: none of its files holds the voltages of one")
+            facts.problems.append(f"{facts.root}: no frames: none of its files holds the voltages of a frame")
         found.append(facts)
     return found
 

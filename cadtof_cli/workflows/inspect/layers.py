@@ -1,5 +1,6 @@
 """Layers of maps for the commands after a run: by name, of one size, with the optics for points in space, and with truth."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -148,14 +149,15 @@ class Truth:
         captures = len(self.run.record.get("captures", [])) if self.run.record else 1
         if captures > 1 and len(files) > 1 and not is_folder(self.given):
             say(
-                f"{self.given}: the frames of {captures} captures are held against it alone; a folder may hold a truth for"
+                f"{self.given}: the frames of {captures} captures are compared with this one truth; a folder may hold a truth for"
                 " each"
             )
 
 
 def require_truth(path: Path, /) -> None:
     """Raise CaptureError if there is no file or folder with the truth."""
-    if not path.exists():
+    # a link in a loop counts as present, and reading it fails
+    if not os.path.lexists(path):
         raise CaptureError(f"{path}: no such file or folder; expected the truth of the maps")
 
 

@@ -21,7 +21,7 @@ from cadtof_cli.pipeline.one_pixel import OrderTest, PixelEvidence, pixel_eviden
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.status import StatusBit, describe_status
-from cadtof_cli.units import metres_per_radian
+from cadtof_cli.units import counted, metres_per_radian
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
 from cadtof_cli.workflows.resolve.plans import plan_captures, use_calibration
@@ -118,7 +118,9 @@ def _task(
         if maps == place:
             return task, (*plan.notes(), *(calibration.notes if calibration else ()))
         maps += 1
-    raise SettingsError(f"--frame: found {place}, expected 0 … {maps - 1} of what a run on {frame} would write")
+    raise SettingsError(
+        f"--frame: found {place}, expected 0 … {maps - 1}: a run on {frame} would write {counted(maps, 'map')}"
+    )
 
 
 def _with_recorded_frame(error: NotAFrameError, file: Path) -> NotAFrameError:

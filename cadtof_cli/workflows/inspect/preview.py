@@ -84,7 +84,7 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
 def _draw_calibration(folder: Path, out: Path, settings: PreviewSettings) -> None:
     if settings.of_layers or out.suffix.lower() in FILMS:
         raise SettingsError(
-            f"{folder}: a calibration is drawn whole, as a picture: without --layer, --range, --cmap and --truth"
+            f"{folder}: a calibration is drawn as one picture; leave out --layer, --range, --cmap and --truth"
         )
     calibration = load_calibration(folder)
     parts = ", ".join(f"{kind_of} {digest}" for kind_of, digest in calibration.digests.items())

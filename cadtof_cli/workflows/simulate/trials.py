@@ -75,7 +75,9 @@ class Trials:
         self.condition.mix(self.period_ns)
         self.resolver.room(self.model.modulation.harmonics, sine=True)
         if self.model.dead_time_ns > 0 and not self.photon_by_photon:
-            raise SettingsError("dead time: found without photons, expected photon by photon, where it has an effect")
+            raise SettingsError(
+                "dead time: found without --photons, expected both: it has an effect only on single photons"
+            )
 
     @property
     def period_ns(self) -> float:

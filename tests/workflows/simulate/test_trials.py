@@ -186,7 +186,7 @@ def test_impossible_trials_are_refused() -> None:
         trials(runs=1)
     with pytest.raises(SettingsError, match="seed: found -1"):
         trials(seed=-1)
-    with pytest.raises(SettingsError, match="dead time: found without photons"):
+    with pytest.raises(SettingsError, match="dead time: found without --photons"):
         trials(model=PixelModel(averaging=Averaging(integration_length=100.0), dead_time_ns=5.0))
     odd = PixelModel(modulation=Modulation(periods_ns=(40.0, 10.0)), averaging=Averaging(integration_length=100.0))
     with pytest.raises(SettingsError, match=r"found harmonics 1, 4 of the first period; with two periods, two paths"):

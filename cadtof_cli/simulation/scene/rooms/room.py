@@ -63,7 +63,7 @@ class RandomRoom:
         fill, distance = self.net_fill, self.net_distance_m
         require(fill is None or 0 < fill < 1, "net fill", fill, "a share above 0 and below 1")
         require(distance is None or 0.2 <= distance <= 10, "net distance", distance, "0.2 to 10 m")
-        require(distance is None or fill is not None, "net distance", distance, "one with a net fill")
+        require(distance is None or fill is not None, "net distance", distance, "both a net distance and a net fill")
 
     @property
     def room(self) -> Room:

@@ -99,7 +99,7 @@ def test_a_net_is_drawn_at_a_share_of_the_distance_that_the_middle_of_the_view_s
         (0.0, None, "net fill: found 0.0, expected a share above 0 and below 1"),
         (1.0, None, "net fill: found 1.0, expected a share above 0 and below 1"),
         (0.5, 0.1, "net distance: found 0.1, expected 0.2 to 10 m"),
-        (None, 1.0, "net distance: found 1.0, expected one with a net fill"),
+        (None, 1.0, "net distance: found 1.0, expected both a net distance and a net fill"),
     ],
 )
 def test_nets_that_cannot_be_are_refused(fill: float | None, distance_m: float | None, message: str) -> None:
