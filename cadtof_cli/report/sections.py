@@ -199,9 +199,9 @@ def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Mark
             layers.setdefault(layer.name, []).append(layer)
     held = "; ".join(_held(step, count) for step, count in sorted(Counter(frame.step for frame in frames).items()))
     told = (
-        f"Of {counted(len(frames), 'frame')} the page holds: {held}. "
-        "A pixel that is there has all its layers; the files of the run have all pixels of all frames. "
-        "Values are rounded to 16 bits, between the lowest and the highest of the layer in the frame:"
+        f"Of {counted(len(frames), 'frame')}, the page holds {held}. "
+        "Every pixel on the page has all its layers; the files of the run hold all pixels of all frames. "
+        "Values are rounded to 16-bit steps between the lowest and the highest value of the layer in the frame:"
     )
     rows = [(name, *_loss(known)) for name, known in layers.items()]
     return joined(

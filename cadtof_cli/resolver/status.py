@@ -35,15 +35,18 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.LOW_CONFIDENCE: "no signal above the noise, or confidence below `--min-confidence`; no answer",
     StatusBit.ONE_PATH: "resolved as one path; MPI layers are NaN",
     StatusBit.TWO_PATHS: "resolved as two paths",
-    StatusBit.ILL_CONDITIONED: "doubtful: a predicted standard deviation exceeds a quarter of the paths' separation, or one path "
-    "that falls off with frequency as two close ones do (one pixel in ten without MPI): sigma is a lower bound",
+    StatusBit.ILL_CONDITIONED: "doubtful, and sigma is a lower bound: a predicted standard deviation exceeds a quarter of the "
+    "paths' separation, or the amplitude of a single path falls with frequency as that of two close paths does (one pixel in "
+    "ten without MPI)",
     StatusBit.CALIBRATED: "a calibration was applied",
-    StatusBit.NOT_CONVERGED: "the iteration ran out of steps (no answer), or left the response's equations open (best attempt)",
+    StatusBit.NOT_CONVERGED: "a search ran out of steps (no answer), or left the equations of a calibrated response open "
+    "(best attempt)",
     StatusBit.HOT_PIXEL: "the dark calibration found the pixel hot, noisy or dead; no answer",
     StatusBit.MORE_PATHS: "resolved as three paths or more",
     StatusBit.POOLED: "averaged over frames or neighbours: layer `effective_pixels` says over how many",
     StatusBit.DIFFUSE_MPI: "the MPI is a tail predicted from the scene's geometry; MPI layers are its phasor at the fundamental",
-    StatusBit.IMPOSSIBLE: "amplitudes beyond what the modulation can record and noise, or a frame without noise; no answer",
+    StatusBit.IMPOSSIBLE: "the amplitudes exceed what the modulation can record by more than noise, or all pixels of the "
+    "frame hold the same values; no answer",
 }
 
 

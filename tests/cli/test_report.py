@@ -188,7 +188,7 @@ def test_maps_alone_and_a_run_that_was_moved(tmp_path: Path) -> None:
     assert "frames1" in bare.text.replace("\n", "")
     single = _page(out / "frame_1.tif")
     assert "frames1" in single.text.replace("\n", "")
-    assert "Of 1 frame the page holds: all pixels of 1." in single.text
+    assert "Of 1 frame, the page holds all pixels of 1." in single.text
 
 
 def test_impossible_pages_are_refused(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ function setPoints() {
   state.cloudLayer = showOptions(byId("cloud-layer"), depths, state.cloudLayer);
   const note = byId("cloud-note");
   note.hidden = Boolean(frame.optics);
-  note.textContent = "The focal length is not known, so pixels have no place in space: write the page with --focal-length-px.";
+  note.textContent = "The focal length is not known, so the points cannot be computed: write the page with --focal-length-px.";
   cloudCanvas.hidden = !frame.optics;
   points = frame.optics ? pointsOf(frame, state.cloudLayer) : null;
 }

@@ -68,7 +68,7 @@ function showOverlays(frame, chosen, changed) {
 function showSampling(frame) {
   const every = { 2: "second", 3: "third" }[frame.step] ?? `${frame.step}th`;
   byId("sampling").textContent = frame.step === 1 ? "" :
-    `Of this frame the page holds every ${every} row and column, ${frame.columns} × ${frame.rows} of ${frame.width} × ${frame.height} pixels.`;
+    `Of this frame, the page holds every ${every} row and column, ${frame.columns} × ${frame.rows} of ${frame.width} × ${frame.height} pixels.`;
 }
 
 function showProfileTable(frame, profile) {

@@ -114,15 +114,15 @@ def _notes(run: Run, reports: Sequence[FrameReport], problems: Mapping[Path, str
     if run.record is None:
         yield f"There is no {RUN_FILE} beside the maps: settings, totals and failures of the run are not known."
     elif not run.record.get("finished"):
-        yield "The run has not finished: what it had done until then is here."
+        yield "The run has not finished: this page shows what it had done until then."
     if run.record is not None and not reports:
-        yield f"There is no {FRAMES_FILE} beside the maps, or nothing in it: what became of the frames is not known."
+        yield f"There is no {FRAMES_FILE} beside the maps, or it is empty: which frames were resolved, and how, is not known."
     for capture in (run.record or {}).get("captures", []):
         if capture.get("lossy_compression"):
             how = f"with lossy compression ({capture['lossy_compression']})"
             yield f"{capture.get('root')} was recorded {how}, which changes voltages and so depths."
     if problems:
-        yield f"{len(problems)} of the maps cannot be read; the reasons stand under Failures."
+        yield f"{len(problems)} of the maps cannot be read; the reasons are listed under Failures."
 
 
 def _settings(record: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[str, str, str]]]]:
