@@ -46,7 +46,7 @@ def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None
     phasor = evidence.phasors[row]
     axes.set_aspect("equal")
     axes.set_xlabel("real part (SC1)", fontsize=9)
-    axes.set_title(f"harmonic {harmonic}, over the modulation amplitude", fontsize=10)
+    axes.set_title(f"harmonic {harmonic}, divided by the modulation amplitude", fontsize=10)
     axes.tick_params(labelsize=8)
     axes.axhline(0.0, color="0.85", lw=0.8, zorder=0)
     axes.axvline(0.0, color="0.85", lw=0.8, zorder=0)

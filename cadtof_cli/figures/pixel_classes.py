@@ -23,7 +23,7 @@ class PixelClass(Enum):
     DIFFUSE = "diffuse MPI", "#e69f00"
     NO_ANSWER = "no answer", "#737373"
     SATURATED = "saturated", "#ff2fd0"
-    IN_ONE = "a value in one of the two", "#f0e442"
+    IN_ONE = "a value in only one of the two", "#f0e442"
 
     @property
     def label(self) -> str:

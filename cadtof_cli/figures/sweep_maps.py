@@ -77,7 +77,7 @@ def draw_confidence(table: Table, path: Path, /) -> None:
                 axes.errorbar(asr, [scale * row[column] for row in rows], errors, fmt="none", color=f"C{index}", lw=0.8)
         axes.set(xlabel="ambient-to-signal ratio", ylabel=label)
     figure.legend(*axes.get_legend_handles_labels(), title="MPI/laser", loc="outside right center", fontsize=8)
-    figure.suptitle(f"first phasor at integration length {longest:g}; lines: analytical model (Fig. 3)")
+    figure.suptitle(f"first phasor at integration length {longest:g}; lines: analytical model (Fig. 3 of the paper)")
     figure.savefig(path)
 
 

@@ -109,6 +109,10 @@ def draw_sweep(cells: list[SweepCell], folder: Path, /) -> None:
 
     table = list(rows(cells))
     with new_folder(folder) as partial:
-        draw_path_maps(table, "bias_ns", partial / "bias.png", title="mean error of the resolved time (Fig. 8)")
-        draw_path_maps(table, "std_ns", partial / "std.png", title="standard deviation of the resolved time (Fig. 9)")
+        draw_path_maps(
+            table, "bias_ns", partial / "bias.png", title="mean error of the resolved time (Fig. 8 of the paper)"
+        )
+        draw_path_maps(
+            table, "std_ns", partial / "std.png", title="standard deviation of the resolved time (Fig. 9 of the paper)"
+        )
         draw_confidence(table, partial / "first_phasor.png")
