@@ -93,7 +93,7 @@ class Frame:
         """
         if np.ma.is_masked(stored):
             raise FrameError(
-                f"{name}: found masked values, expected an array of numbers: NaN, or saturated ones, have no answer"
+                f"{name}: found masked values, expected an array of numbers; fill the masked ones with NaN or a saturated value"
             )
         path = None if settings_file is None else Path(settings_file)
         known = load_metadata(path, _overrides(metadata)).metadata

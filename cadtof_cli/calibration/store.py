@@ -150,7 +150,7 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MetadataError) as error:
         # the text of a TypeError is about Python code; the cause is an unknown key, or a value of another kind
         what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
-        what = "its keys, or the kinds of their values, are others" if isinstance(error, TypeError) else what
+        what = "a key is unknown, or its value is of another kind" if isinstance(error, TypeError) else what
         raise MetadataError(f"{path}: not a {kind} calibration: {what}") from error
     if digest != recorded:
         raise MetadataError(

@@ -174,7 +174,7 @@ def test_a_digest_can_be_reckoned_from_the_files(tmp_path: Path) -> None:
     [
         ("frames = 3", "frames = 0", "not a dark calibration: found 0 frames of"),
         ("frames = 3", "", "not a dark calibration: key 'frames' is missing"),
-        ("pixels = [", "pixels = 7 # [", "its keys, or the kinds of their values, are others"),
+        ("pixels = [", "pixels = 7 # [", "a key is unknown, or its value is of another kind"),
     ],
 )
 def test_what_is_wrong_with_a_part_is_said(before: str, after: str, said: str, tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def _seen(facts: CaptureFacts) -> dict[str, tuple[Any, str]]:
     seen: dict[str, tuple[Any, str]] = {}
     if facts.integration_length_seen is not None:
         length = float(f"{facts.integration_length_seen:.2g}")
-        seen["pixel.integration_length"] = length, "the scatter between neighbouring pixels is as with this, or more"
+        seen["pixel.integration_length"] = length, "the scatter between neighbouring pixels suggests this, or more"
     if facts.planes and all(name.startswith("u") for name in facts.types):
         low = min(low for low, _ in facts.planes.values())
         high = max(high for _, high in facts.planes.values())
