@@ -1,4 +1,7 @@
-"""Another path must be worth the scatter that it costs, wherever the phases lie on the circle."""
+"""The order test keeps another path only if it moves the direct path by more than the scatter that it adds.
+
+This holds wherever the phases lie on the circle.
+"""
 
 import numpy as np
 import pytest

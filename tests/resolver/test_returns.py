@@ -1,4 +1,4 @@
-"""Which path is direct, and which order the others stand in."""
+"""Which path of a pixel is direct, and in which order the other paths follow it."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_an_echo_of_the_strongest_is_weak_and_half_a_turn_ahead(ratio: float, le
 @pytest.mark.parametrize("weaker", [0, 1])
 @pytest.mark.parametrize(("ratio", "direct"), [(0.5, 0.5), (0.5000001, 1.0)])
 def test_a_return_of_just_the_least_share_is_strong_enough(weaker: int, ratio: float, direct: float) -> None:
-    """The weaker of the two comes first."""
+    """The weaker of the two paths arrives first, with half the amplitude of the stronger path."""
     amplitude, phase = np.full((3, 1), np.nan), np.full((3, 1), np.nan)
     amplitude[weaker], amplitude[1 - weaker], phase[weaker], phase[1 - weaker] = 0.5, 1.0, 1.0, 2.0
     settings = ResolverSettings(min_return_ratio=ratio)

@@ -1,4 +1,4 @@
-"""What a user can choose: defaults, limits, and which captures a choice fits."""
+"""The settings of the resolver: their defaults, their limits, and the captures that they can be used for."""
 
 from typing import Any
 
@@ -138,7 +138,7 @@ def test_a_response_that_is_no_sine_is_resolved_in_few_ways(
 
 
 def test_the_slower_ways_are_expected_to_take_longer() -> None:
-    """By what was measured: .2 µs, 4 µs, 30 µs and 40 µs per pixel."""
+    """The times that were measured are .2 µs, 4 µs, 30 µs and 40 µs per pixel."""
     closed = ResolverSettings().seconds_per_pixel(2)
     likelihood = ResolverSettings().seconds_per_pixel(3)
     lm = ResolverSettings(solver="lm").seconds_per_pixel(2)

@@ -1,4 +1,4 @@
-"""What every room of the resolver offers by its solver: fits of the pixels that it says, and of all that it is asked for."""
+"""A contract for the solver of every room: it fits all pixels that it is asked for, and says which pixels it fitted."""
 
 from importlib import import_module
 
@@ -21,7 +21,10 @@ LIGHT = Mixture((1.0, 0.4), (5.0, 14.0))
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.parametrize("room", ["two_path", "likelihood", "paper", "response"])
 def test_a_fit_is_of_the_pixels_that_are_said_and_of_all_that_were_asked_for(room: str, count: int, asked: int) -> None:
-    """By their places in a block of forty, in rising order, each with the answer that it has alone."""
+    """The solver returns the places of the fitted pixels in a block of forty, in rising order.
+
+    It may fit more pixels than it was asked for. Every pixel has the same answer when it is fitted alone.
+    """
     phasors = LIGHT.phasors((1, 2), n_av=1e6, size=40, rng=np.random.default_rng(3))
     model = response_block(ideal_response(TRIANGLE), None) if room == "response" else None
     block = None if model is None else model.block(slice(None))

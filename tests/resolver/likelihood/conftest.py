@@ -1,4 +1,4 @@
-"""The compiled search, where it was built."""
+"""The compiled search, if it was built."""
 
 import importlib
 from types import ModuleType
@@ -10,7 +10,7 @@ from tests.support.needed import miss
 
 @pytest.fixture(scope="session")
 def search() -> ModuleType:
-    """Return the extension module; where it was not built its tests are skipped, but fail under CI, which has a compiler."""
+    """Return the extension module; without it the test is skipped, or fails under CI, which has a compiler."""
     try:
         return importlib.import_module("cadtof_cli.resolver.likelihood._search")
     except ImportError:

@@ -1,4 +1,4 @@
-"""The compiled search against the readable one: every bit, whatever comes in; and nothing that comes in can hurt."""
+"""The compiled search returns the bits of the search in numpy for any input, and refuses buffers that do not fit."""
 
 from dataclasses import fields, replace
 from types import ModuleType
@@ -30,7 +30,7 @@ COUNTS = (0, 1, 7, 33, 1001)
 
 
 def hard(rows: int, count: int, rng: np.random.Generator) -> C:
-    """Noise, light, and what no light gives."""
+    """Return phasors of plain noise; in every fifty pixels, five hold NaN, 0, 1e150, infinity and 1e-200 instead."""
     phasors: C = np.empty((rows, count), np.complex128)
     phasors.real, phasors.imag = 0.1 * rng.normal(size=(2, rows, count))
     for first, poison in enumerate((np.nan, 0.0, 1e150, np.inf, 1e-200)):
@@ -120,7 +120,7 @@ def test_buffers_of_weights_that_do_not_fit_are_errors(search: ModuleType) -> No
 def test_scans_find_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], pairs: bool) -> None:
     for count in COUNTS:
         phasors = hard(len(harmonics), count, np.random.default_rng(count))
-        phasors[:, 40::50] = 0.1  # as good at several places
+        phasors[:, 40::50] = 0.1  # several places of the grid are equally good
         measured, weights = Measured.of_phasors(phasors, harmonics=harmonics), tuple(range(3, 3 + len(harmonics)))
         with np.errstate(all="ignore"):
             expected = scanned(measured, weights=weights, pairs=pairs, kernel=NUMPY)
@@ -194,7 +194,7 @@ def test_what_there_is_no_room_for_is_left_to_numpy(search: ModuleType) -> None:
 
 
 def arguments(level: str) -> list[Any]:
-    """Sound ones, of two problems of one path."""
+    """Return valid arguments of the compiled `solve`, for two problems of one path."""
     plane, harmonics = np.ones((1, 2)), np.array([1], np.int64)
     outputs = [np.empty((3, 2)), np.empty(2), np.empty((3, 2)), np.empty(2, np.bool_), np.empty(2, np.int64)]
     return [level, WHITE, 1, 3, 0.0, 1e-3, harmonics, plane, plane, np.ones(1), np.ones((3, 2)), np.ones(2), *outputs]

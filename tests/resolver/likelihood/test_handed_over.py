@@ -1,4 +1,4 @@
-"""What the compiled search, weights and scans are asked for: the problem as it is; and what they answer is what comes out."""
+"""The compiled search, weights and scans receive the problem unchanged, and their answer is returned unchanged."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ SOLVER = LevenbergMarquardt(max_steps=17, relative=0.02, absolute=0.3, first_dam
 
 
 class Twin:
-    """Stands for what is compiled: notes what it is asked, and gives one answer."""
+    """Stands in for a compiled function: it records the arguments of the call and returns a fixed answer."""
 
     def __init__(self, answer: Any) -> None:
         self.asked: tuple[tuple[Any, ...], dict[str, Any]] = (), {}
@@ -41,7 +41,7 @@ def paths() -> Mixture:
 
 
 def problems() -> dict[str, tuple[Compilable, Float, Planes]]:
-    """Every kind of problem with its starts, and what there is to hand over: kind, paths, harmonics, phasors, weights."""
+    """Return each kind of problem with its starts and the planes that the compiled search must receive."""
     seen, light = measured(), paths()
     white = np.array([3.0, 2.0, 1.0])
     weighted = WeightedFit.around(seen, light, noise=noise_of(HARMONICS, n_av=1e4), kernel=NUMPY)
@@ -103,7 +103,7 @@ def test_weights_are_handed_over_as_the_noise_of_the_paths(monkeypatch: pytest.M
 
 @pytest.mark.parametrize("pairs", [False, True])
 def test_a_scan_is_handed_over_with_its_grid(pairs: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """32 places a turn: eight in a period of the fourth harmonic; lags up to half a turn."""
+    """The grid has 32 places per turn, eight per period of harmonic 4. Its lags go up to half a turn."""
     seen, weights, answer = measured(), (3.0, 2.0, 1.0), Scanned.empty(COUNT)
     twin = Twin(answer)
     monkeypatch.setattr(starts, "compiled_scan", twin)

@@ -1,4 +1,4 @@
-"""The loop alone, on Rosenbrock's function as least squares: 10·(y − x²) and 1 − x."""
+"""The loop of Levenberg–Marquardt on Rosenbrock's function as least squares: residuals 10·(y − x²) and root − x."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -14,7 +14,7 @@ SOLVER = LevenbergMarquardt(max_steps=200, absolute=1e-20)
 
 @dataclass(frozen=True)
 class Rosenbrock:
-    """Valleys with their lowest point at (root, root²)."""
+    """Rosenbrock functions, one per problem, each with its minimum at (root, root²)."""
 
     root: Float
 
@@ -85,7 +85,7 @@ def test_not_a_number_is_not_an_answer() -> None:
 
 @dataclass(frozen=True)
 class Stairs:
-    """Problems that promise to get better by any step, whose cost follows a list of its own, step by step."""
+    """Problems whose derivatives promise a lower cost for any step, but whose cost is the next number of a fixed list."""
 
     costs: list[float]
 
@@ -102,9 +102,10 @@ class Stairs:
 
 @pytest.mark.parametrize("lower", [0, 1, 3, 7])
 def test_steps_that_lead_up_damp_the_next_twice_four_eight_times_as_much(lower: int) -> None:
-    """From a damping of 2⁻¹⁰ to 2⁴⁵ with ten of them, by 1 + 2 + … + 10 factors of 2; nine are not enough for 10¹².
+    """Ten steps in a row that raise the cost multiply the damping by 2, 4, …, 2¹⁰, so from 2⁻¹⁰ to 2⁴⁵.
 
-    Before, steps that lead down bring more than they promise, which lowers the damping to a tenth, and begin the count anew.
+    That is beyond 10¹², where the search gives up; nine such steps are not enough. The `lower` steps before them lower
+    the cost by more than was promised. Each of these divides the damping by ten and starts the factors again at 2.
     """
     costs = [100.0 - 10.0 * number for number in range(lower + 1)]
     solver = LevenbergMarquardt(max_steps=60, first_damping=2.0**-10 * 10.0**lower)

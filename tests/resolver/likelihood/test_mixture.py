@@ -1,4 +1,4 @@
-"""The least-squares problems of K paths: cost and derivatives against sums and differences written out here."""
+"""The least-squares problems of K paths: cost and derivatives against sums and finite differences computed here."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def measured(seed: int) -> tuple[Measured, C]:
 
 
 def full(triangle: F, size: int) -> F:
-    """Symmetric matrices, (n, M, M), of their lower triangles."""
+    """Return the symmetric matrices, (n, M, M), that have these lower triangles, (M(M + 1)/2, n)."""
     matrix = np.empty((triangle.shape[1], size, size))
     rows, columns = np.tril_indices(size)
     matrix[:, rows, columns] = matrix[:, columns, rows] = triangle.T
@@ -40,7 +40,7 @@ def full(triangle: F, size: int) -> F:
 
 
 def check(at: Linearised, fit: WhiteFit | WeightedFit, points: F, weight: NDArray[np.float64], given: C) -> None:
-    """Hold normal equations against those of the model's differences; `weight` is (N, 2, 2, n)."""
+    """Check the normal equations against those from finite differences of the model; `weight` is (N, 2, 2, n)."""
     size, step = 2 * len(points) // 3, 1e-6
     slopes = []
     for index in range(size):
@@ -99,7 +99,7 @@ def test_more_light_than_there_can_be_has_the_noise_of_all_there_can_be() -> Non
 
 
 def test_equation_9_and_its_derivatives() -> None:
-    """q_j − z^j/|z|^(j−1) − (1−z)^j/|1−z|^(j−1), by Re z and Im z."""
+    """The residual is q_j − z^j/|z|^(j−1) − (1−z)^j/|1−z|^(j−1); its derivatives are by Re z and Im z."""
     rng = np.random.default_rng(6)
     z = rng.normal(0.5, 1.0, PIXELS) + 1j * rng.normal(0.0, 1.0, PIXELS)
     q = rng.normal(size=(2, PIXELS)) + 1j * rng.normal(size=(2, PIXELS))

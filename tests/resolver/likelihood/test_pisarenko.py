@@ -1,3 +1,5 @@
+"""Pisarenko's decomposition finds as many paths as there are harmonics, exactly."""
+
 import numpy as np
 import pytest
 
@@ -38,7 +40,7 @@ def test_nothing_and_no_number_give_no_light() -> None:
 
 
 def test_no_path_has_less_than_no_light() -> None:
-    """As many paths as harmonics have amplitudes above 0, whatever the phasors (Carathéodory 1911)."""
+    """Any phasors are a sum of as many paths as harmonics, with amplitudes of 0 or more (Carathéodory 1911)."""
     rng = np.random.default_rng(3)
     phasors = 0.02 * (rng.normal(size=(3, 300)) + 1j * rng.normal(size=(3, 300))) + 0.3
     assert (pisarenko(np.asarray(phasors, np.complex128)).amplitude >= 0.0).all()

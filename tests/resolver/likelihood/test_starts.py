@@ -1,4 +1,4 @@
-"""Where searches begin, and what is known before one."""
+"""The points where a search of the likelihood begins, and the moduli and powers that are known before it."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from tests.support.mixtures import Mixture, noise_of
 
 HARMONICS = (1, 2, 3)
 STEPS = 24
-"""Grid delays a turn: eight in a period of the highest harmonic."""
+"""Delays of the grid per turn: eight per period of the highest harmonic."""
 
 
 @pytest.mark.parametrize("place", range(0, STEPS, 5))

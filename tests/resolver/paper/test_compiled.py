@@ -1,4 +1,4 @@
-"""The compiled search of Eq. (9) against the readable one: every bit, whatever comes in; and nothing that comes in can hurt."""
+"""The compiled search of Eq. (9) returns numpy's bits for any input, and refuses buffers that do not fit."""
 
 from types import ModuleType
 from typing import Any
@@ -22,7 +22,7 @@ COUNTS = (0, 1, 31, 32, 33, 501)
 
 
 def equations_of(harmonics: tuple[int, ...], count: int) -> EliminatedPath:
-    """Right sides that two paths have, next to |q| = 1 and elsewhere, that none have, and that are no numbers."""
+    """Return equations whose right sides q are those of two paths, near |q| = 1 and elsewhere; of no light; NaN and ∞."""
     rng = np.random.default_rng([count, *harmonics])
     z = 0.5 + rng.normal(size=count) * 10.0 ** rng.uniform(-8, 1, count) + 1j * 10.0 ** rng.uniform(-8, 1, count)
     right = []
@@ -85,7 +85,7 @@ def test_what_there_is_no_room_for_is_left_to_numpy(search: ModuleType) -> None:
 
 
 def arguments(level: str) -> list[Any]:
-    """Sound ones, of two pixels."""
+    """Return valid arguments of the compiled `shares`, for two pixels."""
     plane = np.ones((1, 2))
     outputs = [np.empty((2, 2)), np.empty(2), np.empty(2, np.bool_), np.empty(2, np.int64)]
     return [level, 0, 2, 9, 2**64 - 1, 1e-3, 1e-29, 0.5, np.array([2], np.int64), plane, plane, np.arange(2), *outputs]

@@ -1,4 +1,4 @@
-"""The paper's solver against the closed form, which has no local minima, and against scipy on the same pixels."""
+"""The paper's solver against the closed form, which has no local minima, and against scipy on equal pixels."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ SEEDS = 20
 
 
 def in_closed_form(phasors: C) -> C:
-    """a·exp(ix) and b·exp(iy), the stronger first, (2, n)."""
+    """Return a·exp(ix) and b·exp(iy) of the closed form, the stronger path first, (2, n)."""
     with np.errstate(all="ignore"):
         two = two_paths(fundamental_frame(phasors[0], phasors[1]))
     return stronger_first(np.stack((two.a * (two.cos_x + 1j * two.sin_x), two.b * (two.cos_y + 1j * two.sin_y))))
@@ -37,7 +37,7 @@ def stronger_first(paths: NDArray[Any]) -> NDArray[Any]:
 
 
 def wrong(found: C, truth: C) -> NDArray[np.bool_]:
-    """Where a path is off by more than a millionth of the light."""
+    """Return the pixels in which a path is off by more than a millionth of all light, or is NaN."""
     missed: NDArray[np.bool_] = ~(np.abs(found - truth).max(axis=0) <= 1e-6 * np.abs(truth).sum(axis=0))
     return missed
 
@@ -53,7 +53,10 @@ def test_random_paths_are_found_to_rounding() -> None:
 
 
 def test_what_is_missed_ended_in_a_local_minimum_and_shows_it() -> None:
-    """Without MPI every real z in (0, 1) is stationary: there, and nowhere else, the best of some starts can be false."""
+    """Without MPI every real z in (0, 1) is a stationary point, so that the best of a few starts can be wrong.
+
+    With MPI it never is.
+    """
     one = Mixture((1.0,), (5.0,)).phasors((1, 2), n_av=1e5, size=4000, rng=np.random.default_rng(3))
     with np.errstate(all="ignore"):
         found = two_shares(one, harmonics=(1, 2), places=np.arange(4000), starts=RandomStarts(3, 0))
@@ -67,7 +70,7 @@ def test_what_is_missed_ended_in_a_local_minimum_and_shows_it() -> None:
 
 
 def test_without_mpi_three_pixels_in_a_thousand_are_missed_at_most_whatever_the_seed() -> None:
-    """Every pixel has its own luck, so the counts of twenty seeds scatter as those of independent draws do, and no more."""
+    """Pixels are missed independently of each other, so the counts of twenty seeds scatter only as independent draws do."""
     size = 1000
     drawn = Mixture((1.0,), (5.0,)).phasors((1, 2), n_av=1e5, size=size, rng=np.random.default_rng(6))
     truth = in_closed_form(drawn)
@@ -135,9 +138,9 @@ def test_starts_are_uniform_in_a_square_and_know_nothing_of_each_other() -> None
 
 
 def test_splitmix64_is_that_of_its_authors() -> None:
-    """The first numbers of seed 1234567 that reference implementations print."""
+    """The expected numbers are the first three of seed 1234567 that reference implementations print."""
     starts = RandomStarts(1, 0)
-    starts.__dict__["key"] = 1234567 + 0x9E3779B97F4A7C15  # they step before the first
+    starts.__dict__["key"] = 1234567 + 0x9E3779B97F4A7C15  # the reference adds the increment before its first number
     known = (6457827717110365317, 3203168211198807973, 9817491932198370423)
     expected = [[n >> 32, n & 0xFFFFFFFF] for n in known]
     found = (starts.of(np.arange(3), 0) + np.array([[2.5], [3.0]])) * 2**32 / 6.0
@@ -152,19 +155,19 @@ def test_higher_harmonics_give_more_equations(harmonics: tuple[int, ...]) -> Non
             problem.exact(harmonics), harmonics=harmonics, places=np.zeros(1, np.intp), starts=RandomStarts(20, 1)
         )
     assert found.cost[0] < 1e-20
-    if harmonics != (1, 3):  # where two pairs of delays have the same phasors
+    if harmonics != (1, 3):  # with (1, 3), two different pairs of delays have the same phasors
         np.testing.assert_allclose(sorted(found.paths.amplitude[:, 0]), sorted(problem.shares), rtol=1e-9)
 
 
 def test_a_start_at_the_answer_ends_at_once_and_others_take_steps() -> None:
-    """Of light of two paths z = α/p_1; each pixel's steps are its own."""
+    """For light of two paths, the answer is z = α/p_1. The steps of a pixel do not depend on the other pixels."""
     rng = np.random.default_rng(5)
     amplitudes, phases = rng.uniform(0.2, 1.0, (2, 200)), rng.uniform(0, 2 * np.pi, (2, 200))
     paths = amplitudes * np.exp(1j * phases)
     phasors = np.stack([(amplitudes * np.exp(1j * h * phases)).sum(axis=0) for h in (1, 2, 3)])
     equations, there = EliminatedPath.of_phasors(phasors, harmonics=(1, 2, 3)), paths[0] / phasors[0]
     found, taken = DAMPED.descended(equations, np.stack([there.real, there.imag]))
-    assert np.quantile(taken, 0.98) <= 1  # the rest, where z is large, lose digits to it
+    assert np.quantile(taken, 0.98) <= 1  # in the other pixels z is large, and rounding costs them digits
     np.testing.assert_allclose(complex_of(found.points), there, rtol=1e-9)
     places, starts = np.arange(200), RandomStarts(3, 1)
     steps = steps_of_starts(phasors, harmonics=(1, 2, 3), places=places, starts=starts)
@@ -176,7 +179,7 @@ def test_a_start_at_the_answer_ends_at_once_and_others_take_steps() -> None:
 
 
 class Plain(EliminatedPath):
-    """Equations that promise to be met better elsewhere, and are met as badly everywhere."""
+    """Equations whose derivatives promise a lower cost for a step, but whose cost is the same everywhere."""
 
     def linearised(self, z: Float, /) -> Linearised:
         count = z.shape[1]
