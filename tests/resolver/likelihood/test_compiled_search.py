@@ -29,7 +29,7 @@ SOLVERS = (
 COUNTS = (0, 1, 7, 33, 1001)
 
 
-def hard(rows: int, count: int, rng: np.random.Generator) -> C:
+def hard_phasors(rows: int, count: int, rng: np.random.Generator) -> C:
     """Return phasors of plain noise; in every fifty pixels, five hold NaN, 0, 1e150, infinity and 1e-200 instead."""
     phasors: C = np.empty((rows, count), np.complex128)
     phasors.real, phasors.imag = 0.1 * rng.normal(size=(2, rows, count))
@@ -41,7 +41,7 @@ def hard(rows: int, count: int, rng: np.random.Generator) -> C:
 def mixture_problem(harmonics: tuple[int, ...], paths: int, count: int, *, white: bool) -> tuple[Compilable, Float]:
     rng = np.random.default_rng([paths, count, *harmonics])
     noise = noise_of(harmonics, n_av=1e4)
-    measured = Measured.of_phasors(hard(len(harmonics), count, rng), harmonics=harmonics)
+    measured = Measured.of_phasors(hard_phasors(len(harmonics), count, rng), harmonics=harmonics)
     phase = rng.uniform(0.0, 2.0 * np.pi, (paths, count))
     start = Mixture(rng.uniform(0.0, 0.4, (paths, count)), np.cos(phase), np.sin(phase))
     if white:
@@ -86,9 +86,9 @@ def test_a_problem_ends_the_same_whichever_others_are_solved_with_it(search: Mod
 def test_weights_are_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], paths: int) -> None:
     for count in COUNTS:
         rng = np.random.default_rng(count)
-        rows = hard(3 * paths, count, rng)
+        rows = hard_phasors(3 * paths, count, rng)
         light = Mixture.of_points(5.0 * rows.real)
-        measured = Measured.of_phasors(hard(len(harmonics), count, rng), harmonics=harmonics)
+        measured = Measured.of_phasors(hard_phasors(len(harmonics), count, rng), harmonics=harmonics)
         with np.errstate(all="ignore"):
             expected = WeightedFit.around(measured, light, noise=noise_of(harmonics, n_av=1e4), kernel=NUMPY)
             for level in search.levels():
@@ -119,7 +119,7 @@ def test_buffers_of_weights_that_do_not_fit_are_errors(search: ModuleType) -> No
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 3), (1,), (1, 2, 7), (1, 2, 4, 5)])
 def test_scans_find_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], pairs: bool) -> None:
     for count in COUNTS:
-        phasors = hard(len(harmonics), count, np.random.default_rng(count))
+        phasors = hard_phasors(len(harmonics), count, np.random.default_rng(count))
         phasors[:, 40::50] = 0.1  # several places of the grid are equally good
         measured, weights = Measured.of_phasors(phasors, harmonics=harmonics), tuple(range(3, 3 + len(harmonics)))
         with np.errstate(all="ignore"):
@@ -156,7 +156,7 @@ def test_buffers_of_scans_that_do_not_fit_are_errors(search: ModuleType) -> None
 
 
 @pytest.mark.parametrize("settings", [ResolverSettings(paths=3), ResolverSettings(solver="lm", order="2")])
-def test_paths_are_those_of_numpy(
+def test_resolved_paths_have_the_bits_of_numpy(
     search: ModuleType, settings: ResolverSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     light = mixtures.Mixture((1.0, 0.5), (5.0, 14.0))
@@ -181,7 +181,7 @@ def ends(planes: Planes, starts: Float, level: str) -> Minimum | None:
     )
 
 
-def test_what_there_is_no_room_for_is_left_to_numpy(search: ModuleType) -> None:
+def test_a_problem_too_large_for_the_compiled_search_is_left_to_numpy(search: ModuleType) -> None:
     planes, starts = Planes(WHITE, 1, (1,), np.ones((1, 2)), np.ones((1, 2)), np.ones(1)), np.ones((3, 2))
     assert ends(planes, starts, search.levels()[0]) is not None
     nine = np.ones((9, 2))
@@ -238,7 +238,7 @@ def test_buffers_that_do_not_fit_are_errors(search: ModuleType, place: int, valu
         search.solve(*given)
 
 
-def test_what_is_written_must_lie_apart(search: ModuleType) -> None:
+def test_outputs_that_overlap_inputs_or_are_read_only_are_refused(search: ModuleType) -> None:
     for place, other in ((12, 10), (13, 11), (14, 12)):
         given = arguments(search.levels()[0])
         given[place] = given[other]

@@ -57,7 +57,9 @@ def test_two_paths_reach_the_bound_and_their_sigma_is_known(harmonics: tuple[int
 
 
 @pytest.mark.parametrize(("harmonics", "gain"), [((1, 2, 3), 2.5), ((1, 2, 3, 4), 5.0)])
-def test_more_harmonics_of_the_same_light_are_worth_it(harmonics: tuple[int, ...], gain: float) -> None:
+def test_more_harmonics_at_the_same_number_of_photons_reduce_the_scatter(
+    harmonics: tuple[int, ...], gain: float
+) -> None:
     problem = Mixture((1.0, 0.3), (5.0, 11.0))
     two, _ = spread_ns(problem, (1, 2), PHOTONS / 2)
     more, _ = spread_ns(problem, harmonics, PHOTONS / len(harmonics))
@@ -97,14 +99,14 @@ def test_a_mean_is_resolved_as_a_recording_of_all_its_photons(
     one = resolved(drawn, harmonics, as_long, settings)
     noise = replace(noise_of(harmonics, n_av=n_av), samples=np.full(RUNS, frames))
     mean = resolve_paths(drawn, status=np.zeros(RUNS, np.uint32), settings=settings, noise=noise)
-    off = np.abs(mean.paths.phase_rad - one.paths.phase_rad) / one.paths.sigma_rad
-    assert np.nanmax(off) < 1e-6
+    difference = np.abs(mean.paths.phase_rad - one.paths.phase_rad) / one.paths.sigma_rad
+    assert np.nanmax(difference) < 1e-6
     assert_allclose(mean.paths.sigma_rad, one.paths.sigma_rad, rtol=1e-6)
 
 
 @pytest.mark.parametrize("false_alarm", [0.05, 0.01])
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 4)])
-def test_one_path_is_taken_for_two_in_a_third_of_the_share_asked_for_and_at_no_cost(
+def test_one_path_is_taken_for_two_in_a_third_of_the_false_alarm_rate_and_at_no_cost(
     harmonics: tuple[int, ...], false_alarm: float
 ) -> None:
     """The misfit exceeds its threshold in the whole share of pixels that was asked for.
@@ -118,7 +120,7 @@ def test_one_path_is_taken_for_two_in_a_third_of_the_share_asked_for_and_at_no_c
     assert tested.paths[0].phase_rad.std() / known.paths[0].phase_rad.std() < 1.05
 
 
-def test_two_paths_are_taken_for_three_in_a_third_of_the_share_asked_for_and_at_little_cost() -> None:
+def test_two_paths_are_taken_for_three_in_a_third_of_the_false_alarm_rate_and_at_little_cost() -> None:
     drawn = Mixture((1.0, 0.5), (5.0, 15.0)).phasors((1, 2, 3), n_av=1e5, size=RUNS, rng=np.random.default_rng(10))
     tested = resolved(drawn, (1, 2, 3), 1e5, ResolverSettings(paths=3, false_alarm=0.05))
     assert 0.22 * 0.05 < np.mean((tested.status & StatusBit.MORE_PATHS) > 0) < 0.6 * 0.05
@@ -130,7 +132,7 @@ def test_two_paths_are_taken_for_three_in_a_third_of_the_share_asked_for_and_at_
 @pytest.mark.parametrize(
     ("harmonics", "n_av"), [((1, 2, 3), 300.0), ((1, 2, 3), 2e3), ((1, 2, 4), 1e3), ((1, 2, 3, 4), 1e3)]
 )
-def test_no_search_of_everything_finds_a_better_pair(harmonics: tuple[int, ...], n_av: float) -> None:
+def test_no_exhaustive_search_finds_a_better_pair(harmonics: tuple[int, ...], n_av: float) -> None:
     """With white noise the best amplitudes for two given delays are a linear problem.
 
     NNLS solves this problem here for every pair of delays on a fine grid.
@@ -151,7 +153,7 @@ def test_no_search_of_everything_finds_a_better_pair(harmonics: tuple[int, ...],
         assert chi_squared <= best**2 + 0.1
 
 
-def test_chi_squared_says_where_two_paths_are_too_few() -> None:
+def test_chi_squared_is_large_where_two_paths_are_too_few() -> None:
     three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0)).exact((1, 2, 3, 4))
     two = Mixture((1.0, 0.6), (5.0, 13.0)).exact((1, 2, 3, 4))
     left = resolved(np.concatenate((three, two), axis=1), (1, 2, 3, 4), 1e6).chi_squared
@@ -160,7 +162,7 @@ def test_chi_squared_says_where_two_paths_are_too_few() -> None:
 
 
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 4)])
-def test_harmonics_of_one_path_fall_off_by_a_deviate_of_unit_variance(harmonics: tuple[int, ...]) -> None:
+def test_the_fall_off_of_one_path_is_the_signed_square_of_a_normal_deviate(harmonics: tuple[int, ...]) -> None:
     """`fall_off` is the square of a standard normal deviate, with the sign of the deviate.
 
     So its sign is + in half of the pixels; its magnitude has the mean 1 and the median .455. Light of two close paths
@@ -193,7 +195,7 @@ def test_paths_of_the_same_phase_cannot_be_told_apart_at_all() -> None:
     assert (fit.doubt > 1e4).all()
 
 
-def test_a_path_without_an_amplitude_is_none_and_comes_last() -> None:
+def test_a_path_with_an_amplitude_of_0_is_missing_and_comes_last() -> None:
     """In the first pixel, the first path has the amplitude 0. In the second pixel both paths exist and keep their order."""
     amplitude, phase = np.array([[0.0, 0.2], [1.0, 0.9]]), np.array([[2.0, 2.0], [1.0, 3.0]])
     found = LikelyPaths(

@@ -75,7 +75,7 @@ def test_a_pixel_ends_the_same_whichever_others_are_solved_with_it(search: Modul
         assert_same_bits(part, Ends(whole.z[:, some], whole.cost[some], whole.converged[some], whole.steps[some]))
 
 
-def test_what_there_is_no_room_for_is_left_to_numpy(search: ModuleType) -> None:
+def test_equations_too_many_for_the_compiled_search_are_left_to_numpy(search: ModuleType) -> None:
     for harmonics in ((17,), tuple(range(2, 11))):
         equations, starts = equations_of(harmonics, 2), RandomStarts(1, 0)
         found = compiled_best_ends(
@@ -126,7 +126,7 @@ def test_buffers_that_do_not_fit_are_errors(search: ModuleType, place: int, valu
         search.shares(*given)
 
 
-def test_what_is_written_must_lie_apart(search: ModuleType) -> None:
+def test_outputs_that_overlap_inputs_or_are_read_only_are_refused(search: ModuleType) -> None:
     given = arguments(search.levels()[0])
     given[15] = given[11]
     with pytest.raises(ValueError, match="lies in the memory"):
