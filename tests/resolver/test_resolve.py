@@ -85,7 +85,7 @@ def test_a_path_counts_as_a_wrapped_echo_below_half_the_amplitude_and_over_half_
 
 
 def test_order_1_gives_the_most_likely_path_even_if_the_light_has_two() -> None:
-    """The one path has the phase x that maximises w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), even if one path fits badly.
+    """The path has the phase x that maximises w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), even if one path fits badly.
 
     w_h is one over the variance of the noise of harmonic h. Steps of 10⁻⁴ rad around the answer find nothing better.
     """

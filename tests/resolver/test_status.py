@@ -1,4 +1,4 @@
-"""Status bits are a promise to those who read maps: their numbers are those of the README; every pixel is counted once."""
+"""Status bits are a promise to readers of maps: their numbers are those of the README; every pixel is counted once."""
 
 import re
 from pathlib import Path

@@ -70,7 +70,7 @@ def test_a_missed_pixel_ended_in_a_local_minimum_and_its_cost_shows_it() -> None
 
 
 def test_without_mpi_at_most_three_pixels_in_a_thousand_are_missed_for_any_seed() -> None:
-    """Pixels are missed independently of each other, so the counts of twenty seeds scatter only as independent draws do."""
+    """Pixels are missed independently of each other, so the counts of twenty seeds scatter as independent draws do."""
     size = 1000
     drawn = Mixture((1.0,), (5.0,)).phasors((1, 2), n_av=1e5, size=size, rng=np.random.default_rng(6))
     truth = closed_form_paths(drawn)

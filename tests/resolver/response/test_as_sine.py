@@ -1,3 +1,5 @@
+"""Phasors of known paths under a triangle, converted to those of a sine or of pixels without phases of their own."""
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -31,7 +33,10 @@ def test_a_triangle_s_phasors_of_known_paths_become_those_of_a_sine(own_phase: b
 
 
 def test_pixels_without_their_own_phases_are_those_of_one_response() -> None:
-    """Two paths of a triangle, seen by pixels that add up to a radian: what their higher terms make of that is gone."""
+    """Two paths of a triangle are recorded by pixels that add phases of up to a radian of their own.
+
+    Afterwards the phasors are those of pixels that add nothing, higher terms of the triangle included.
+    """
     responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
     rng = np.random.default_rng(1)
     own = rng.uniform(-1.0, 1.0, (2, 200))
@@ -46,7 +51,7 @@ def test_pixels_without_their_own_phases_are_those_of_one_response() -> None:
 
 
 def _light(paths: Paths, response: ResponseBlock) -> NDArray[np.complex128]:
-    """Phasors, (2, n), of paths, turned back by what the pixels add to phases."""
+    """Return the phasors of paths, (2, n), turned back by the phases that the pixels add."""
     phasors = np.zeros((2, paths.amplitude.shape[1]), np.complex128)
     for row in range(2):
         for a, x in zip(paths.amplitude, paths.phase_rad, strict=True):

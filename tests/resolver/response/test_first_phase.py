@@ -1,4 +1,4 @@
-"""The phase that the fundamental alone tells: that of the one path that would answer so."""
+"""The phase from the first harmonic alone: the phase of the single path that would give this phasor."""
 
 import numpy as np
 import pytest

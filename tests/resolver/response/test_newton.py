@@ -1,4 +1,4 @@
-"""One step of the search under a response: the solution of four linear equations, kept within bounds."""
+"""One step of the search under a response solves four linear equations and stays within its limits."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def fields(rng: np.random.Generator, size: float) -> Fields:
 
 
 def exact(sides: tuple[Fields, Fields], values: Float32) -> np.ndarray:
-    """Changes of a, x, b, y by LAPACK: columns f(x), a·f'(x), f(y), b·f'(y) in both harmonics."""
+    """Return the changes of a, x, b, y by LAPACK; the columns are f(x), a·f'(x), f(y), b·f'(y) of both harmonics."""
     a, _, b, _ = values
     rows, right = [], []
     for side in sides:

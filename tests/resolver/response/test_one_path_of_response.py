@@ -1,4 +1,4 @@
-"""One path under a triangle's response: against least squares on the exact series, by another minimiser."""
+"""One path under a triangle's response, compared with scipy's least squares on the exact series."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ RESPONSES: tuple[HarmonicResponse, ...] = tuple(ideal_response(METADATA))
 PIXELS = 60
 
 OWN = np.random.default_rng(9).normal(0.0, 0.3, (2, PIXELS))
-"""What each pixel adds to the phases of its paths."""
+"""Phase that each pixel adds to its paths, rad, (2, n)."""
 
 
 def noise_of(n_av: float) -> NoiseModel:
@@ -34,7 +34,7 @@ def answer(response: HarmonicResponse, phase: Float, own: Float | float) -> Comp
 
 
 def drawn(n_av: float, *, own: bool, misfit: float = 0.0, seed: int = 1) -> tuple[Float, Float, Complex]:
-    """Amplitudes and phases of paths, and their phasors with noise; `misfit` shortens the second ones."""
+    """Return amplitudes and phases of paths, and their noisy phasors; `misfit` shortens those of harmonic 2."""
     rng = np.random.default_rng(seed)
     amplitude, phase = rng.uniform(0.1, 0.4, PIXELS), rng.uniform(0.0, 2.0 * np.pi, PIXELS)
     clean = [amplitude * answer(one, phase, OWN[row] if own else 0.0) for row, one in enumerate(RESPONSES)]
@@ -90,7 +90,7 @@ def test_the_path_is_that_of_least_squares_along_and_across_each_phasor(own: boo
 
 @pytest.mark.parametrize("misfit", [-0.05, 0.05])
 def test_the_fall_off_is_the_chi_squared_of_the_second_harmonic_s_length(misfit: float) -> None:
-    """Positive where the second phasor is the shorter, negative where it is the longer."""
+    """It is positive if the second phasor is shorter than the path predicts, and negative if it is longer."""
     n_av = 1e5
     _, phase, p = drawn(1e12, own=False, misfit=misfit)
     found, noise = fitted(p, n_av, own=False), noise_of(n_av)
@@ -123,7 +123,7 @@ def test_nan_stays_nan_and_a_rotor_s_angle_is_within_half_a_turn() -> None:
 
 
 def test_a_step_turns_a_path_by_less_than_half_a_radian() -> None:
-    """From a start on the far side, one step goes .4 rad towards the path, or away from it, and no further."""
+    """From a start that is .9 rad off, one step turns the path by at most .4 rad, in either direction."""
     _, phase, p = drawn(1e12, own=False)
     model = response_block(RESPONSES, None)
     begin = phase + 0.9

@@ -1,4 +1,4 @@
-"""Standard deviations of two paths of a response: those of a sine where it is one, and what a triangle's paths scatter by."""
+"""Predicted standard deviations of two paths: for a sine those of the closed form, for a triangle the scatter."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,10 @@ def triangle(theta: Float) -> Float:
 
 
 def drawn(light: dict[float, float], asr: float, n_av: float, *, size: tuple[int, int], seed: int = 0) -> Float:
-    """Voltages (2, 2, Y, X) of photons by delay in ns, whose moments are sums over the times at which photons arrive."""
+    """Return voltages (2, 2, Y, X) of `light`, numbers of photons by delay in ns.
+
+    Mean and covariance of the samples are sums over the times at which photons arrive, not over a Fourier series.
+    """
     times = (np.arange(20_000) + 0.5) * T1_NS / 20_000
     chance = np.full(times.size, asr / times.size)
     for delay, photons in light.items():
@@ -58,7 +61,10 @@ def drawn(light: dict[float, float], asr: float, n_av: float, *, size: tuple[int
 def test_paths_of_a_triangle_scatter_by_their_sigma(
     delays_ns: tuple[float, float], ratio: float, asr: float, n_av: float
 ) -> None:
-    """By the sine's slopes, .46 to .94 of these pixels would lie within one of them, and .49 to .92 of the second paths."""
+    """A share of .683 of the paths lies within one sigma, and .954 within two.
+
+    With the slopes of a sine, .46 to .94 of the direct and .49 to .92 of the second paths would lie within one sigma.
+    """
     metadata = CaptureMetadata(modulation=TRIANGLE, pixel=Pixel(integration_length=n_av))
     settings = ResolverSettings(order="2", returns="strongest", mpi_model="discrete")
     frame = drawn(dict(zip(delays_ns, (1.0, ratio), strict=True)), asr, n_av, size=(64, 64))
@@ -71,7 +77,10 @@ def test_paths_of_a_triangle_scatter_by_their_sigma(
 
 @pytest.mark.parametrize(("apart_ns", "least", "most"), [(8.0, 0.0, 0.005), (6.0, 0.02, 0.1), (4.0, 0.2, 0.45)])
 def test_near_each_other_two_paths_of_a_triangle_may_be_other_two(apart_ns: float, least: float, most: float) -> None:
-    """No fault of the search: what is found fits as well (docs/calibration.md). With pulses of 1.7 ns; shorter ones hide more."""
+    """The search is not at fault: the other pair of paths fits equally well (docs/calibration.md).
+
+    The pulses are 1.7 ns wide; with shorter pulses more pixels are wrong.
+    """
     rng, size, n_av, shares = np.random.default_rng(0), (40, 50), 1e6, np.array([1.0, 0.3]) / 3.3
     delays = rng.uniform(0.0, T1_NS - apart_ns, size)
     pulse = np.linspace(-5.0, 5.0, 201)
@@ -91,7 +100,7 @@ def test_near_each_other_two_paths_of_a_triangle_may_be_other_two(apart_ns: floa
 
 
 def test_one_path_of_a_triangle_is_as_precise_with_the_order_test_where_two_would_split_it() -> None:
-    """What two paths cost there is the triangle's, not a sine's."""
+    """The order test weighs the scatter that a second path adds under a triangle, not under a sine."""
     metadata = CaptureMetadata(modulation=TRIANGLE, pixel=Pixel(integration_length=1e5))
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")))
     maps = resolve_frame(drawn({20.0: 1.0}, 2.0, 1e5, size=(128, 128), seed=3), plan=plan).maps
@@ -100,7 +109,7 @@ def test_one_path_of_a_triangle_is_as_precise_with_the_order_test_where_two_woul
 
 @pytest.mark.parametrize("own", [None, np.random.default_rng(2).uniform(-3.0, 3.0, (2, 200))])
 def test_of_a_sine_they_are_those_of_the_closed_form(own: Float | None) -> None:
-    """Whatever pixels add to the phases: noise is told for the light, not for the wave."""
+    """The phases that pixels add change nothing, because the noise is that of the light and not of the waveform."""
     rng = np.random.default_rng(1)
     amplitude = np.stack([rng.uniform(0.3, 0.5, 200), rng.uniform(0.05, 0.3, 200)])
     first = rng.uniform(0.0, 2.0 * np.pi, 200)

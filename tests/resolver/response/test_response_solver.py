@@ -1,4 +1,4 @@
-"""Triangle modulation and other responses: paths from voltages that come by sampling the wave, not by its series."""
+"""Triangle modulation and other responses. The voltages are samples of the waveform, not of its Fourier series."""
 
 from dataclasses import replace
 from typing import Any
@@ -70,7 +70,7 @@ def test_a_response_of_main_and_mirror_leaves_nothing_to_refine() -> None:
 
 @pytest.mark.parametrize("kernel", available_kernels())
 def test_two_paths_that_coincide_keep_the_answer_that_has_no_next_step(kernel: str) -> None:
-    """The step after, unseen, was not a number: two paths by the status, and none by the maps."""
+    """The next step would be NaN. It must not be taken: the status says two paths, so the maps must hold two."""
     metadata = CaptureMetadata(
         modulation=Modulation(waveform="triangle"),
         pixel=Pixel(integration_length=1e5),
@@ -101,7 +101,7 @@ def test_two_paths_that_are_beyond_all_numbers_are_no_answer() -> None:
 @pytest.mark.parametrize("order", ["1", "2", "auto"])
 @pytest.mark.parametrize("size", [1e-30, 1e-10, 1.0, 1e10])
 def test_a_pixel_has_one_number_of_paths_however_faint_it_is(size: float, order: str) -> None:
-    """Below 10⁻²³ squares of a float32 are 0, so that nothing is left of one path either."""
+    """Amplitudes below 10⁻²³ have squares of 0 in float32. The status and the paths must agree there too."""
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
     model = response_block(ideal_response(metadata), None)
     rng = np.random.default_rng(6)
@@ -162,7 +162,7 @@ def test_one_path_of_a_triangle_is_unbiased_and_one() -> None:
 
 
 def test_two_paths_of_a_triangle_converge_without_bias() -> None:
-    """At 6 ns subtracting the third harmonic again and again does not converge; the search does."""
+    """At a separation of 6 ns, to subtract the third harmonic again and again does not converge; the search does."""
     seen = camera(Defects(), waveform="triangle")
     frame = card(seen, count=1, seed=4, clean=0.0)[0]
     maps = resolve_frame(frame, plan=plan_for(seen)).maps
@@ -174,7 +174,10 @@ def test_two_paths_of_a_triangle_converge_without_bias() -> None:
 
 
 def test_close_and_strong_second_paths_of_a_triangle_are_led_to_their_answer() -> None:
-    """From 2 ns on, with up to 0.6 of the direct light: 12 in 100 of them do not end in the answer without being led to it."""
+    """Separations start at 2 ns, and the second path has up to .6 of the direct light.
+
+    Without the stages that lead the search from a sine to the triangle, 12 in 100 of these pixels miss the answer.
+    """
     seen = camera(Defects(), waveform="triangle", n_av=1e6)
     frame = card(seen, count=1, seed=5, separations_ns=(2.0, 30.0), clean=0.0)[0]
     maps = resolve_frame(frame, plan=plan_for(seen, order="2")).maps
@@ -195,7 +198,7 @@ def test_blocks_of_any_size_give_the_same_bits(block_pixels: int) -> None:
 
 
 def test_an_answer_that_does_not_meet_its_equations_says_so() -> None:
-    """Voltages that no two triangles make: the pixel keeps its best attempt, and the bit."""
+    """No two paths of a triangle give these voltages. The pixel keeps the best attempt, with the bit NOT_CONVERGED."""
     seen = camera(Defects(), waveform="triangle", n_av=1e8)
     frame = card(seen, count=1, seed=6, separations_ns=(0.2, 1.2), clean=0.0)[0]
     maps = resolve_frame(frame, plan=plan_for(seen)).maps
@@ -207,7 +210,7 @@ def test_an_answer_that_does_not_meet_its_equations_says_so() -> None:
 
 
 def test_paths_of_a_triangle_are_ill_conditioned_where_a_sigma_exceeds_a_quarter_of_their_separation() -> None:
-    """As for a sine: the sine of half the separation as a phase of the fundamental, halved; sigma as a phase too."""
+    """The rule is that of a sine: sigma, as a phase of the fundamental, exceeds half of |sin(separation/2)|."""
     seen = camera(Defects(), waveform="triangle", n_av=3e3)
     frame = card(seen, count=1, seed=5, separations_ns=(1.0, 12.0), clean=0.0)[0]
     maps = resolve_frame(frame, plan=plan_for(seen, order="2")).maps
@@ -233,7 +236,7 @@ def test_one_path_of_a_triangle_is_in_doubt_in_a_tenth_of_pixels_and_where_a_sec
 
 
 def test_where_two_paths_are_asked_for_of_one_there_is_the_one() -> None:
-    """Phasors that are those of one path to the bit."""
+    """The phasors are exactly those of one path."""
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
     model = response_block(ideal_response(metadata), None)
     phasors = np.asarray(0.3 * np.exp(1j * np.array([[1], [2]]) * np.linspace(0.1, 6.2, 50)), np.complex128)

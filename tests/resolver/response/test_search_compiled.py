@@ -1,6 +1,6 @@
-"""The compiled twin of the search under a response against numpy, bit for bit, by every instruction set; and hostile buffers.
+"""The compiled search under a response returns numpy's bits by every instruction set, and refuses unfit buffers.
 
-`scripts/sanitize` runs these with the address and undefined-behaviour sanitizers.
+`scripts/sanitize` runs these tests with the address and undefined-behaviour sanitizers.
 """
 
 from dataclasses import replace
@@ -43,14 +43,14 @@ def kernels() -> list[str]:
 
 
 def block(*, phases: bool) -> ResponseBlock:
-    """The response of a triangle, in pixels that turn phases or do not."""
+    """Return the response of a triangle; with `phases`, every pixel adds its own phases to its paths."""
     turned = np.random.default_rng(4).normal(0.0, 0.3, (2, COUNT)) if phases else None
     model = response_block(ideal_response(TRIANGLE), turned)
     return model.block(slice(0, COUNT))
 
 
 def paths(seed: int) -> Float32:
-    """a, x, b, y of COUNT pixels."""
+    """Return a, x, b, y of two paths in COUNT pixels, (4, n)."""
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(0.02, 1.0, (2, COUNT))
     x = rng.uniform(0.0, 2.0 * np.pi, COUNT)
@@ -58,7 +58,7 @@ def paths(seed: int) -> Float32:
 
 
 def recorded(values: Float32, response: ResponseBlock) -> NDArray[np.complex128]:
-    """What paths leave in both harmonics, with noise, (2, n)."""
+    """Return the noisy phasors of the paths in both harmonics, (2, n)."""
     a, x, b, y = values
     rng, rows = np.random.default_rng(9), []
     for row in range(2):

@@ -1,4 +1,4 @@
-"""Two paths under a triangle's response: phasors of the exact series, whose paths are known."""
+"""Two known paths under a triangle's response are found again from the phasors of the exact series."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ OWN = np.random.default_rng(5).normal(0.0, 0.2, (2, PIXELS))
 
 
 def light(seed: int = 1) -> tuple[Float, Float]:
-    """Amplitudes and phases of a stronger path, then a weaker one, a rad or more behind or before."""
+    """Return amplitudes and phases of two paths, (2, n), the stronger first; their phases differ by 1 rad or more."""
     rng = np.random.default_rng(seed)
     first = rng.uniform(0.2, 0.4, PIXELS)
     amplitude = np.stack([first, first * rng.uniform(0.2, 0.7, PIXELS)])
@@ -38,7 +38,7 @@ def light(seed: int = 1) -> tuple[Float, Float]:
 
 
 def seen(amplitude: Float, phase: Float, own: Float | None = None) -> Complex:
-    """Phasors that the series gives for these paths, (2, n)."""
+    """Return the phasors of the exact series for these paths, (2, n)."""
     rows = []
     for row, response in enumerate(RESPONSES):
         turned = np.zeros(phase.shape[1]) if own is None else own[row]
@@ -60,7 +60,7 @@ def resolved(p: Complex, response: ResponseBlock, chosen: Bool | None = None) ->
 
 
 def errors(found: TwoPaths, amplitude: Float, phase: Float) -> tuple[Float, Float]:
-    """Largest errors of phases and amplitudes per pixel, the found paths put in order of strength."""
+    """Return the largest error of the two phases and of the two amplitudes per pixel, with the stronger path first."""
     x, y = found.phases()
     swapped = found.a < found.b
     phases, sizes = np.where(swapped, [y, x], [x, y]), np.where(swapped, [found.b, found.a], [found.a, found.b])
@@ -70,7 +70,7 @@ def errors(found: TwoPaths, amplitude: Float, phase: Float) -> tuple[Float, Floa
 
 @pytest.mark.parametrize("own", [None, OWN])
 def test_two_paths_come_back_where_the_search_ends(own: Float | None) -> None:
-    """What is left is three tenths of the noise at the most; ordinary steps make it far less."""
+    """The residual of a pixel that has converged is at most .3 times the noise, and mostly much smaller."""
     amplitude, phase = light()
     p = seen(amplitude, phase, own)
     found, converged = resolved(p, block(own))
@@ -86,7 +86,7 @@ def test_two_paths_come_back_where_the_search_ends(own: Float | None) -> None:
 
 
 def test_of_pixels_that_are_not_chosen_the_sine_s_paths_stay() -> None:
-    """With the higher terms of the best single path taken away; all is as if converged."""
+    """Their phasors have lost the higher terms of the best single path, and these pixels count as converged."""
     amplitude, phase = light(2)
     p, chosen = seen(amplitude, phase), np.arange(PIXELS) % 3 == 0
     found, converged = resolved(p, block(), chosen)

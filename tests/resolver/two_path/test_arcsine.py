@@ -1,3 +1,5 @@
+"""Phases from rotors: an arcsine by a polynomial, compared with Euler's series in 50 decimal digits."""
+
 from decimal import Decimal, localcontext
 
 import numpy as np
@@ -11,7 +13,10 @@ ULP = np.spacing(2 * np.pi)
 
 
 def arcsine(s: Decimal) -> Decimal:
-    """The arctangent of s/√(1−s²) by Euler's series, Σ 2^(2k)·(k!)²/(2k+1)! · t^(2k+1)/(1+t²)^(k+1): nothing like ours."""
+    """Return arctan t, t = s/√(1−s²), by Euler's series Σ 2^(2k)·(k!)²/(2k+1)! · t^(2k+1)/(1+t²)^(k+1).
+
+    This method has nothing in common with the polynomial under test.
+    """
     t = s / (1 - s * s).sqrt()
     term = t / (1 + t * t)
     total, k = term, 0

@@ -1,3 +1,5 @@
+"""The closed form finds two paths exactly for any pair of phasors, degenerate pairs included."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -69,7 +71,7 @@ def test_the_sum_of_amplitudes_is_minus_the_least_eigenvalue_of_the_toeplitz_mat
 def test_the_cubic_is_solved_as_fast_as_it_says_for_every_direction_and_strength(
     steps: int, error: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Roots of f = H³ + 3uH² + (2u·Re d − |d|²)H − u|d|² are H of u and Re d, by bisection; d has the modulus 1."""
+    """H is the root of H³ + 3uH² + (2u·Re d − |d|²)·H − u|d|². Bisection finds it for every u and Re d, with |d| = 1."""
     along = np.linspace(-1.0, 1.0, 101)[:, np.newaxis].repeat(201, axis=1).ravel()
     u = np.tile(np.geomspace(1e-6, 1e6, 201), 101)
     monkeypatch.setattr(closed_form, "EXCESS_STEPS", steps)
@@ -200,7 +202,7 @@ def test_inputs_are_not_changed() -> None:
 
 
 def test_what_differs_from_one_path_by_rounding_alone_is_single() -> None:
-    """Up to 2⁻⁵⁰ of the first phasor, 4 units in its last place."""
+    """The limit is 2⁻⁵⁰ of the first phasor, 4 units in its last place."""
     p1 = np.full(6, 0.3 * np.exp(0.7j))
     p2 = 0.3 * np.exp(1.4j) * (1.0 + np.array([0.0, 2.0**-52, -(2.0**-51), 2.0**-48, 0.1, -2.0]))
     frame = fundamental_frame(p1, p2)

@@ -1,4 +1,4 @@
-"""The compiled kernel against numpy, bit for bit: every instruction set, over pixels on which arithmetic goes wrong first."""
+"""The compiled kernel gives numpy's maps, bit for bit, with every instruction set, even for numerically hard pixels."""
 
 import json
 import math
@@ -39,19 +39,19 @@ pytestmark = pytest.mark.usefixtures("compiled")
 
 
 def frame(planes: NDArray[Any], width: int = WIDTH) -> NDArray[Any]:
-    """Four planes of values, (4, n), as a frame (2, 2, Y, X)."""
+    """Return four planes of values, (4, n), as a frame (2, 2, Y, X)."""
     return planes.reshape(2, 2, -1, width)
 
 
 def hard_voltages(name: str, pixels: int, seed: int = 3) -> NDArray[np.float64]:
-    """SC1 and SC2 of both harmonics, (4, n) V."""
+    """Return SC1 and SC2 of both harmonics, in V, (4, n)."""
     p1, p2 = HARD[name](np.random.default_rng(seed), pixels)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.stack([p1.real, p1.imag, p2.real, p2.imag]) * FLOATS.modulation.amplitude_v
 
 
 def counts(dtype: str = "u2", pixels: int = 20 * WIDTH, seed: int = 4) -> NDArray[Any]:
-    """What a camera stores: two paths and noise, some pixels saturated, dark or at rest."""
+    """Return counts of a camera, (2, 2, Y, X): two paths with noise; some pixels are saturated or at zero counts."""
     rng = np.random.default_rng(seed)
     volts = np.concatenate([hard_voltages(name, pixels // 2, seed) for name in ("close_paths", "faint")], axis=1)
     stored = 8192.0 + 0.3 * volts / 6.0e-5 + rng.normal(scale=7.0, size=volts.shape)
@@ -61,7 +61,7 @@ def counts(dtype: str = "u2", pixels: int = 20 * WIDTH, seed: int = 4) -> NDArra
 
 
 def words(maps: DepthMaps) -> NDArray[np.uint32]:
-    """All layers and the status, as they lie in memory."""
+    """Return the bits of all layers and of the status as 32-bit words."""
     return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]])
 
 
@@ -94,7 +94,8 @@ def test_hard_pixels_have_the_same_bits(name: str, order: str, returns: Return) 
 @pytest.mark.parametrize("false_alarm", [0.5, 0.01, 1e-6])
 @pytest.mark.parametrize("integration_length", [1e3, 1e5])
 def test_pixels_that_one_path_may_do_for_have_the_same_bits(false_alarm: float, integration_length: float) -> None:
-    # sorted by how much, but for the one pixel in 32 that has two paths for certain
+    # Pixels are roughly sorted by their distance from light of one path, so that groups of 32 go from one path to two.
+    # But one pixel of each group has two paths for certain.
     rng, n = np.random.default_rng(5), 32 * 640
     a, x, apart = 10 ** rng.uniform(-1.0, -0.2, n), rng.uniform(0, 2 * np.pi, n), rng.uniform(-np.pi, np.pi, n)
     b = a * 10 ** rng.uniform(-2.5, 0, n)
@@ -225,7 +226,7 @@ def test_nothing_but_the_maps_is_written() -> None:
 
 
 def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, Any]]:
-    """40 pixels as the front takes them, what turns them into maps, and the other arguments, some of them replaced."""
+    """Return 40 stored pixels, the scales, and the other arguments of `fill`; those named in `other` are replaced."""
     plan = plan_of()
     noise = prepare_frame(frame(np.zeros((4, 40)), 40), plan=plan).noise
     parts: dict[str, Any] = {"phasor_map": None}

@@ -1,6 +1,6 @@
-"""What the extension does with buffers that do not fit: an error that names what is wrong, and never a crash.
+"""The extension module refuses buffers that do not fit: it raises an error that names the fault, and never crashes.
 
-`scripts/sanitize` runs these with the address and undefined-behaviour sanitizers.
+`scripts/sanitize` runs these tests with the address and undefined-behaviour sanitizers.
 """
 
 from importlib import import_module
@@ -53,7 +53,7 @@ def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleTy
 
 
 def voltages(compiled: ModuleType, sort: str) -> dict[str, Any]:
-    """Return buffers that fit: voltages of a camera whose pixels share everything, with paths in nearly all of them."""
+    """Return buffers that fit: voltages of a camera without values per pixel; nearly all of its pixels have paths."""
     usual = dict.fromkeys(compiled.constant_names(), 1.0)
     usual |= {f"gain{part}": 1e-4 for part in range(1, 5)} | {f"offset{part}": -1.0 for part in range(1, 5)}
     usual |= {"saturated_low": 0.0, "saturated_high": 16383.0}
@@ -214,7 +214,7 @@ def test_any_bits_in_buffers_of_any_length_are_an_answer_or_an_error(
     fits = not any(
         given[name] is not None and more
         for name, more in zip(PLANES, lengths, strict=True)
-        if pixels or more > 0  # nothing is one shorter than nothing
+        if pixels or more > 0  # a buffer of 0 values cannot be one value shorter
     )
     fits &= options["order"] in range(3) and options["returns"] in range(3) and stored != "u1"
     if fits:

@@ -1,3 +1,5 @@
+"""One path of a sine by maximum likelihood: its misfit, its scatter, and the pixels that it may fit."""
+
 import math
 from dataclasses import replace
 
@@ -59,13 +61,13 @@ def test_the_likelihood_is_that_of_the_best_of_all_phases() -> None:
     reached = (p1 * rotor).real + weight * (p2 * rotor**2).real
     grid = np.exp(-2j * np.pi * np.arange(4096) / 4096)[:, np.newaxis]
     best = ((p1 * grid).real + weight * (p2 * grid**2).real).max(axis=0)
-    assert np.max((best - reached) / (1 + strength)) < 2e-4  # near antipodal phasors two maxima are all but equal
+    assert np.max((best - reached) / (1 + strength)) < 2e-4  # antipodal phasors have two nearly equal maxima
     assert np.mean((best - reached) / (1 + strength) > 1e-5) < 2e-3
 
 
 @pytest.mark.parametrize("second_floor", [0.0, 1e-3])
 def test_no_pixel_that_one_path_fits_is_passed_over(second_floor: float) -> None:
-    """Even where one harmonic has much more noise than the other."""
+    """This holds even if one harmonic has much more noise than the other."""
     p = phasors_of(Light(5.0).voltages(np.random.default_rng(2), 1e5, 20_000))
     first, second = noise_of(1e5).each
     noise = replace(noise_of(1e5), each=(first, replace(second, floor=second_floor)))

@@ -1,3 +1,5 @@
+"""Inverse square roots, compared with roots in 40 decimal digits."""
+
 from decimal import Decimal, localcontext
 
 import numpy as np
@@ -7,7 +9,7 @@ from cadtof_cli.resolver.two_path.roots import LEAST, START, inverse_root, inver
 
 
 def numbers(seed: int, size: int) -> np.ndarray:
-    """Numbers of every size from the least normal one on."""
+    """Return normal numbers of every exponent."""
     rng = np.random.default_rng(seed)
     return rng.uniform(1.0, 2.0, size) * 2.0 ** rng.integers(-1022, 1023, size)
 

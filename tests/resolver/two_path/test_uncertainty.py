@@ -1,4 +1,4 @@
-"""Table 1 of the paper, and the predicted standard deviations against what is observed."""
+"""The scatter of Table 1 of the paper, and predicted standard deviations against the observed scatter."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,8 @@ from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
 from tests.support.forward import Light, ns_from_rad, phasors_of
 
-# ASR 5, MPI ratio 0.3, n_av 1e5: second path, then the Cramér–Rao bounds of docs/physics.md and the paper's figures, ns
+# ASR 5, MPI ratio 0.3, n_av 1e5. Each row, in ns: delay of the second path, then the standard deviations of direct and
+# second path: the Cramér–Rao bounds of docs/physics.md, and the values of the paper
 TABLE_1 = [
     (16.0, (0.049, 0.165), (0.05, 0.16)),
     (25.0, (0.032, 0.107), (0.03, 0.12)),
@@ -25,7 +26,7 @@ def solve(light: Light, n_av: float, size: int) -> tuple[TwoPaths, NDArray[np.fl
 
 
 def delays_ns(paths: TwoPaths, sigmas: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Delay of the stronger and the weaker path, then their predicted standard deviations."""
+    """Return the delays of the stronger and the weaker path, then their predicted standard deviations."""
     x, y = (
         ns_from_rad(np.arctan2(s, c) % (2 * np.pi)) for c, s in ((paths.cos_x, paths.sin_x), (paths.cos_y, paths.sin_y))
     )
