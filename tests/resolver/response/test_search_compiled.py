@@ -75,8 +75,8 @@ def assert_same_bits(
         equations = Equations.of(response, phasors, np.arange(start.shape[1]), NOISE)
         expected = searched(equations, start, steps=steps, stage=stage)
     for kernel in kernels():
-        there = replace(equations, response=replace(response, kernel=kernel))
-        found = searched(there, start, steps=steps, stage=stage)
+        of_kernel = replace(equations, response=replace(response, kernel=kernel))
+        found = searched(of_kernel, start, steps=steps, stage=stage)
         np.testing.assert_array_equal(found.done, expected.done, err_msg=kernel)
         for one, other in ((found.values, expected.values), (found.misfit, expected.misfit)):
             np.testing.assert_array_equal(one, other, err_msg=kernel)
@@ -102,13 +102,15 @@ def test_hard_pixels_end_at_the_same_bits(name: str) -> None:
     rng = np.random.default_rng(3)
     with np.errstate(all="ignore"):
         hard = np.stack(HARD[name](rng, COUNT))
-        strange = rng.choice(np.array([0.0, -0.0, 1.0, 1e-30, 1e30, np.nan, np.inf, -1.0, 4.0], np.float32), (4, COUNT))
+        odd_starts = rng.choice(
+            np.array([0.0, -0.0, 1.0, 1e-30, 1e30, np.nan, np.inf, -1.0, 4.0], np.float32), (4, COUNT)
+        )
         assert_same_bits(block(phases=False), hard, paths(5), steps=6)
-        assert_same_bits(block(phases=True), hard, strange, steps=6)
+        assert_same_bits(block(phases=True), hard, odd_starts, steps=6)
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 31, 32, 33])
-def test_a_pixel_ends_at_the_same_bits_whoever_goes_beside_it(count: int) -> None:
+def test_a_pixel_ends_at_the_same_bits_in_a_block_of_any_size(count: int) -> None:
     response = block(phases=False)
     true = paths(1)
     phasors = recorded(true, response)
@@ -188,7 +190,7 @@ def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, name: str) ->
         run(compiled, buffers() | {name: np.repeat(whole, 2)[::2]})
 
 
-def test_what_is_written_shares_no_memory_with_what_is_read(compiled: ModuleType) -> None:
+def test_outputs_that_overlap_inputs_or_are_read_only_are_refused(compiled: ModuleType) -> None:
     given = buffers()
     memory = np.ones(8 * PIXELS, np.float32)
     given["start"], given["values"] = memory[: 4 * PIXELS], memory[PIXELS : 5 * PIXELS]

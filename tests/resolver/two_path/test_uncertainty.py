@@ -48,7 +48,7 @@ def test_400_solves_reach_the_bound_and_table_1(
 
 
 @pytest.mark.parametrize("second_ns", [16.0, 25.0, 11.0])
-def test_predicted_sigma_is_what_is_observed_in_table_1(second_ns: float) -> None:
+def test_predicted_sigma_is_the_observed_scatter_in_table_1(second_ns: float) -> None:
     direct, second, sigma_direct, sigma_second = delays_ns(*solve(Light(5.0, 0.3, 5.0, second_ns), 1e5, 4000))
     assert 0.95 < np.median(sigma_direct) / direct.std() < 1.05
     assert 0.95 < np.median(sigma_second) / second.std() < 1.05
@@ -57,7 +57,7 @@ def test_predicted_sigma_is_what_is_observed_in_table_1(second_ns: float) -> Non
 @pytest.mark.parametrize(
     "light", [Light(0.0, 0.3), Light(0.3, 0.3), Light(0.5, 0.5, 5.0, 14.0), Light(2.0, 0.6, 30.0, 38.0)]
 )
-def test_predicted_sigma_holds_where_the_noise_is_far_from_white(light: Light) -> None:
+def test_predicted_sigma_is_the_observed_scatter_if_the_noise_is_far_from_white(light: Light) -> None:
     direct, second, sigma_direct, sigma_second = delays_ns(*solve(light, 1e5, 4000))
     assert 0.94 < np.median(sigma_direct) / direct.std() < 1.06
     assert 0.94 < np.median(sigma_second) / second.std() < 1.06
