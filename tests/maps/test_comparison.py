@@ -1,4 +1,4 @@
-"""What differs between maps, held against numpy over all values at once."""
+"""Differences between two maps, compared with numpy over all values at once."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_values_beyond_float32_do_not_count() -> None:
 
 @pytest.mark.parametrize("sizes", [(5, 5), (1, 9), (10,), (3, 0, 7)])
 def test_as_many_values_as_are_kept_have_exact_quantiles_and_one_more_has_not(sizes: tuple[int, ...]) -> None:
-    """Of values from 1 to 2 with bins as wide as a part in 4096: 1.3 lies in no bin's middle."""
+    """Between 1 and 2, a bin is 1/4096 of its value wide, and 1.3 is not the middle of a bin."""
     tally = MagnitudeTally(exact=10)
     for size in sizes:
         tally.add(np.full(size, -1.3))
@@ -42,7 +42,7 @@ def test_as_many_values_as_are_kept_have_exact_quantiles_and_one_more_has_not(si
     assert found.median_abs is not None
     assert 1e-6 < abs(found.median_abs - 1.3) < 1.3 / 4096
     assert found.max_abs == np.float32(1.3)
-    # once counted, always: values that come later are counted too
+    # from here on values are counted in bins, so later values are counted too
     for _ in range(3):
         tally.add(np.full(10, 2.6))
     assert tally.summary().median_abs == pytest.approx(2.6, rel=1 / 4096)

@@ -1,4 +1,4 @@
-"""Paths become metres and volts: a turn of the phase is twice the unambiguous range there and back."""
+"""Paths become metres and volts: a full turn of the phase is the unambiguous range, c·T/2."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def written(
     layers: tuple[Layer, ...] | None = None,
     samples: F | None = None,
 ) -> DepthMaps:
-    """Maps of 3 × 4 pixels, −1 and 99 where nothing was written."""
+    """Return maps of 3 × 4 pixels with a block of six written; other pixels keep layers of −1 and a status of 99."""
     layers = layers or wanted_layers()
     maps = DepthMaps.empty(tuple(layer.name for layer in layers), (3, 4))
     maps.pages[:] = -1.0
@@ -72,7 +72,7 @@ def test_what_the_lens_adds_is_taken_off_and_below_zero_is_the_end_of_the_range(
     before = paths.paths.phase_rad.copy()
     maps = written(paths, start=5, scale=DepthScale(METRES, VOLTS, range_offset_m=offset))
     np.testing.assert_allclose(maps.layer("direct.depth").ravel()[5:11], true, rtol=1e-5)
-    # an echo behind the range stays behind it
+    # a second path beyond the unambiguous range stays beyond it
     np.testing.assert_allclose(maps.layer("mpi.depth").ravel()[5:11], echo, rtol=1e-5)
     np.testing.assert_array_equal(paths.paths.phase_rad, before)
 
@@ -114,7 +114,7 @@ def test_pages_of_the_layers_and_one_for_the_status() -> None:
 
 
 def test_no_answer_is_written_with_the_same_bits_whatever_made_it() -> None:
-    """Processors disagree about the sign of a NaN."""
+    """The sign of a NaN depends on the processor, so maps hold one fixed NaN."""
     paths = drawn()
     paths.paths.phase_rad[0, 1], paths.paths.phase_rad[0, 3] = np.nan, np.copysign(np.nan, -1.0)
     depth = written(paths, start=0).layer(DIRECT_DEPTH).ravel()
@@ -122,7 +122,10 @@ def test_no_answer_is_written_with_the_same_bits_whatever_made_it() -> None:
 
 
 def test_depths_from_a_lamp_beside_the_camera_become_those_from_the_camera() -> None:
-    """The lamp .3 m ahead: light goes .3 m less than there and back; in the part of the frame that was asked for alone."""
+    """The lamp is .3 m ahead of the camera, so the light goes .3 m less than twice the range.
+
+    Only the part of the frame that was asked for changes.
+    """
     ahead = LampBeside(np.full(12, 0.15), 0.15)
     range_m, planar = np.linspace(1.0, 2.1, 12), np.linspace(0.8, 1.0, 12)
     half_way = range_m - 0.15

@@ -1,4 +1,4 @@
-"""Errors against truth, held against numpy on all of them at once."""
+"""Errors of maps against truth, compared with numpy over the errors of all frames at once."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""No light exceeds the modulation: what says otherwise has no answer, and what noise can do keeps it."""
+"""No light gives a phasor longer than the modulation amplitude. A pixel beyond this limit and noise has no answer."""
 
 from dataclasses import replace
 from typing import Any
@@ -24,7 +24,7 @@ WIDTH = 40
 def voltages(
     light: Mixture, *, harmonics: tuple[int, ...] = (1, 2), n_av: float = 1e5, rows: int = 5, seed: int = 0
 ) -> NDArray[np.float64]:
-    """What a camera would record, (H, 2, Y, X) V."""
+    """Return the voltages that a camera would record, in V, (H, 2, Y, X)."""
     rng = np.random.default_rng(seed)
     drawn = light.phasors(harmonics, n_av=n_av, size=rows * WIDTH, rng=rng)
     drawn *= np.array([[light.pulse(h)] for h in harmonics])
@@ -64,7 +64,7 @@ def test_values_that_overflow_a_map_have_no_answer() -> None:
 
 
 def test_a_pulse_longer_than_the_second_period_has_no_answer() -> None:
-    """It leaves 1.3e-6 of the second harmonic: what was recorded there would be 750,000 times the light."""
+    """Such a pulse leaves 1.3e-6 of the second harmonic. Divided by that, the voltages are 750,000 times too large."""
     metadata = replace(CaptureMetadata(), pixel=Pixel(integration_length=1e5), pulse=Pulse(fwhm_ns=39.0))
     assert_impossible(resolved(voltages(TWO), metadata=metadata))
 
@@ -102,7 +102,10 @@ def test_light_without_any_ambient_is_possible(light: Mixture, n_av: float, orde
 
 @pytest.mark.parametrize("order", ["auto", "1", "2"])
 def test_a_triangle_that_is_sampled_near_its_peaks_is_possible(order: str) -> None:
-    """All light comes at one instant, but for a tenth of ambient light: there the fundamental is 8/π² of what is recorded."""
+    """All laser light comes at one instant; ambient light is a tenth of it.
+
+    Near a peak of the triangle, the recorded voltage is larger than its fundamental, whose amplitude is 8/π².
+    """
     metadata = CaptureMetadata(
         modulation=Modulation(waveform="triangle"), pixel=Pixel(integration_length=1e5), pulse=Pulse(fwhm_ns=0.0)
     )
@@ -118,7 +121,7 @@ def test_a_triangle_that_is_sampled_near_its_peaks_is_possible(order: str) -> No
 
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
 def test_a_value_beyond_single_precision_costs_its_own_pixel_and_warns_of_nothing(waveform: Waveform) -> None:
-    """Where MPI may be diffuse, the frame is looked at before any pixel is resolved."""
+    """With the default MPI model, a first look at the whole frame meets this value before any pixel is resolved."""
     stored = voltages(TWO)
     stored[0, 1, 2, 3] = 1e300
     metadata = CaptureMetadata(modulation=Modulation(waveform=waveform), pixel=Pixel(integration_length=1e5))
@@ -127,7 +130,7 @@ def test_a_value_beyond_single_precision_costs_its_own_pixel_and_warns_of_nothin
 
 
 def test_means_may_exceed_the_modulation_by_less() -> None:
-    """5 % too much is what the noise of one short recording does, and not that of the mean of a thousand."""
+    """Noise explains an excess of 5 % in one short recording, but not in the mean of a thousand."""
     stored = 1.05 * voltages(Mixture((1.0,), (5.0,), asr=0.0))
     metadata = recorded((1, 2), n_av=1e3)
     assert not (resolved(stored, metadata=metadata).status & StatusBit.IMPOSSIBLE).any()
@@ -140,7 +143,7 @@ def test_means_may_exceed_the_modulation_by_less() -> None:
 @pytest.mark.parametrize("kernel", available_kernels())
 @pytest.mark.parametrize("options", [{}, {"order": "1"}, {"mpi_model": "discrete"}])
 def test_a_frame_whose_pixels_all_hold_the_same_is_not_of_a_camera(kernel: str, options: dict[str, Any]) -> None:
-    """Noise of 10⁻³ V never gives 200 pixels the same voltages."""
+    """With noise of 10⁻³ V, 200 pixels never have the same voltages."""
     constant = np.broadcast_to(voltages(TWO)[:, :, :1, :1], (2, 2, 5, WIDTH))
     assert_impossible(resolved(constant.copy(), kernel=kernel, **options))
     assert_impossible(resolved(constant.astype(np.float32), kernel=kernel, metadata=CaptureMetadata(), **options))
@@ -150,7 +153,7 @@ def test_a_frame_whose_pixels_all_hold_the_same_is_not_of_a_camera(kernel: str, 
 
 
 def test_whole_numbers_may_agree_where_a_step_is_larger_than_the_noise() -> None:
-    """At n_av 1e5 noise is .43 mV a channel: seven steps of 60 µV, and a fifth of one of 2 mV."""
+    """At n_av 1e5 the noise of a channel is .43 mV. That is seven steps of 60 µV, but a fifth of a step of 2 mV."""
     for volts_per_count, wrong in ((6e-5, True), (2e-3, False)):
         metadata = replace(
             CaptureMetadata(),
@@ -172,7 +175,7 @@ def test_pixels_of_a_frame_without_noise_keep_the_reason_why_they_have_no_answer
 @pytest.mark.parametrize("kernel", available_kernels())
 @pytest.mark.parametrize("options", [{}, {"order": "1"}, {"order": "2"}, {"mpi_model": "discrete"}])
 def test_no_pixel_is_without_an_answer_and_a_reason(options: dict[str, Any], kernel: str) -> None:
-    """Of phasors beyond 1e40 floating point makes no paths, whichever voltage it is that is wrong."""
+    """One voltage of each pixel is between 1e-10 V and 1e288 V. Beyond about 1e40 V, floating point finds no paths."""
     stored = voltages(TWO)
     exponents = np.arange(200)
     stored.reshape(4, -1)[exponents % 4, exponents] = 10.0 ** (1.5 * exponents - 10.0)

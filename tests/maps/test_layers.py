@@ -1,4 +1,4 @@
-"""The registry of layers: which there are, what they are called, and what they hold."""
+"""The registry of layers: their names, their order, their units and their values."""
 
 import numpy as np
 import pytest

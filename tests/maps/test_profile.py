@@ -1,4 +1,4 @@
-"""Where the pixels of a cross-section lie."""
+"""Distances of the pixels of a cross-section along its line."""
 
 import numpy as np
 import pytest

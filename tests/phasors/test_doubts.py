@@ -1,4 +1,4 @@
-"""Frames that may be recordings, and are likely not what was to be recorded or read: cut off, without light, or sheared."""
+"""Frames that may be recordings but likely have a fault: values cut off, a dark plane, height and width swapped."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ COUNTS = Voltage(zero_counts=ZERO, volts_per_count=STEP)
 
 
 def counts() -> NDArray[np.uint16]:
-    """Counts, (2, 2, 4000), of phasors of .11 V of any phase."""
+    """Return counts, (2, 2, 4000), of phasors with an amplitude of .11 V and random phases."""
     phase = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, (2, 4000))
     return np.rint(0.11 * np.stack([np.cos(phase), np.sin(phase)], axis=1) / STEP + ZERO).astype(np.uint16)
 
@@ -28,7 +28,7 @@ def told_of_cutting(stored: NDArray[np.generic], voltage: Voltage = COUNTS) -> s
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("spread", [0.0, 0.3, 3.0, 300.0])
 def test_values_that_nothing_cuts_off(dtype: type, spread: float) -> None:
-    """Whatever noise there is, over few steps or many; of light of one phase, and of all phases."""
+    """The noise spreads over few steps of the counts or over many; the light has one phase or all phases."""
     noise = np.random.default_rng(1).normal(0.0, spread, (2, 2, 4000))
     scale = 1 / 64 if dtype == np.uint8 else 1.0
     for light in (np.full((2, 2, 4000), 9000.0), counts().astype(np.float64)):
@@ -64,7 +64,7 @@ def test_a_few_pixels_at_one_value_say_nothing() -> None:
 
 
 def slanted_wall(noise_counts: float, *, nearest: float = 0.4, farthest: float = 2.1) -> NDArray[np.uint16]:
-    """Return a frame (2, 2, 40, 60) of a wall whose phase at the fundamental, in rad, grows across it, all of it lit."""
+    """Return a frame, (2, 2, 40, 60), of a wall whose fundamental phase grows from `nearest` to `farthest`, in rad."""
     phases = np.linspace(nearest, farthest, 60) * np.array([[[1.0]], [[2.0]]]) * np.ones((40, 1))
     volts = 0.15 * np.stack([np.cos(phases), np.sin(phases)], axis=1)
     noise = np.random.default_rng(4).normal(0.0, noise_counts, volts.shape)
@@ -127,7 +127,7 @@ def test_lines_of_which_nothing_can_be_said() -> None:
     square, noise, slender = hill(60, 60), np.random.default_rng(7).integers(8000, 8400, (2, 2, 60, 80)), hill(30, 90)
     assert told_of_lines(square) is told_of_lines(noise) is None
     assert told_of_lines(slender) is told_of_lines(slender.reshape(2, 2, 90, 30)) is None
-    # a floor that slants along lines alone, without noise
+    # a floor that slants only along lines, without noise
     floor = np.broadcast_to(np.arange(60.0)[:, np.newaxis], (2, 2, 60, 120))
     assert told_of_lines(floor) is told_of_lines(floor.swapaxes(2, 3).copy()) is None
     swapped = hill(60, 80).reshape(2, 2, 80, 60)

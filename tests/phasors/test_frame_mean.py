@@ -1,4 +1,4 @@
-"""Means of frames: of what was stored, or in volts with their scatter, whatever the number of frames."""
+"""Means of frames: of stored values, and of volts together with their scatter."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ SHAPE = (2, 2, 40, 50)
 
 
 def frames(*values: float, dtype: str = "uint16") -> list[np.ndarray]:
-    """Frames (2, 2, 1, 3) of one value each."""
+    """Return frames, (2, 2, 1, 3), that hold one value each."""
     return [np.full((2, 2, 1, 3), value, dtype) for value in values]
 
 
@@ -32,7 +32,7 @@ def test_a_saturated_frame_counts_in_no_plane_of_that_pixel_and_in_all_others() 
 
 
 def test_a_pixel_saturated_in_every_frame_stays_saturated() -> None:
-    """The mean of the two limits would lie between them."""
+    """One frame is at the lower limit, the other at the upper. Their mean would look like a valid value."""
     given = frames(0, 16383)
     mean = frame_mean(given, saturated_counts=(0, 16383))
     np.testing.assert_array_equal(mean.stored, 0.0)
@@ -58,7 +58,10 @@ def mean_of(given: np.ndarray, voltage: Voltage | None = None) -> FrameMean:
 
 @pytest.mark.parametrize("frames", [2, 3, 20])
 def test_the_typical_noise_is_that_of_one_frame(frames: int) -> None:
-    """Each harmonic's own; the median over pixels of sample variances, which are χ², lies below their mean."""
+    """Each harmonic has its own noise. Sample variances have a χ² distribution, whose median is below its mean.
+
+    So the median over the pixels must be corrected.
+    """
     sigma = np.array([3e-4, 5e-4])
     drawn = np.random.default_rng(1).normal(size=(frames, *SHAPE)) * sigma[:, np.newaxis, np.newaxis, np.newaxis]
     mean = mean_of(drawn)

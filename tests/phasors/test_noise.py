@@ -1,3 +1,5 @@
+"""The noise of phasors: known from the integration length and the waveform, or estimated from a frame."""
+
 import math
 
 import numpy as np
@@ -36,7 +38,7 @@ def test_ambient_light_alone_gives_one_over_two_root_n_av() -> None:
     ],
 )
 def test_the_noise_of_a_channel_in_ambient_light_is_that_of_its_waveform(waveform: Waveform, wave: np.ndarray) -> None:
-    """By Eq. (1): the variance of a sample at a random time, over 2 n_av − 1."""
+    """By Eq. (1) its variance is that of one sample at a random time, divided by 2 n_av − 1."""
     metadata = CaptureMetadata(modulation=Modulation(waveform=waveform, amplitude_v=0.3))
     found = ambient_noise_v(metadata, integration_length=50.0)
     assert found == pytest.approx(0.3 * wave.std() / math.sqrt(99.0), rel=1e-5)
@@ -52,9 +54,10 @@ def test_counting_adds_a_twelfth_of_a_count_squared() -> None:
 
 @pytest.mark.parametrize("direct_ns", [0.0, 4.0, 13.0, 31.0])
 def test_the_covariance_of_any_light_is_that_of_the_pixel_and_of_counting(direct_ns: float) -> None:
-    """Of two paths and ambient light, by the phasors at h and 2h; counts of 2 mV are rounded by √(1/12) of it, in each channel.
+    """The covariance of light of two paths and ambient light follows from its phasors at h and 2h.
 
-    A thousandth of what ambient light alone has comes on top, so that no variance falls to rounding.
+    Counts of 2 mV add rounding with a standard deviation of 2 mV·√(1/12) in each channel. A thousandth of the variance
+    in ambient light alone comes on top, so that no variance is as small as the rounding of floating point.
     """
     light, n_av = Light(0.8, mpi=0.4, direct_ns=direct_ns), 1e5
     metadata = CaptureMetadata(voltage=Voltage(volts_per_count=2e-3), pixel=Pixel(integration_length=n_av))
@@ -83,7 +86,7 @@ def test_the_integration_length_is_found_in_a_frame_with_an_edge_and_outliers(n_
 
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
 def test_of_the_longest_length_that_counts_show_the_noise_is_that_of_rounding(waveform: Waveform) -> None:
-    """Whatever a long pulse leaves of the harmonics."""
+    """This holds even for a pulse that is so long that it weakens the harmonics."""
     metadata = CaptureMetadata(
         modulation=Modulation(waveform=waveform),
         pulse=Pulse(fwhm_ns=6.3),
@@ -137,7 +140,10 @@ def test_counting_adds_to_the_variances_along_and_across_a_path_alike() -> None:
 
 
 def test_the_noise_of_a_triangle_is_that_of_its_square_and_of_what_turns_with_twice_the_phase() -> None:
-    """By the wave's own values: mean square, fundamental, and the second harmonic of w1² and of w1·w2 where a sine has 1/2."""
+    """The expected numbers come from the values w1, w2 of the wave in both channels.
+
+    They are the mean square, the fundamental, and the second harmonics of w1² and w1·w2, which are 1/2 for a sine.
+    """
     theta = 2.0 * np.pi * (np.arange(4096) + 0.5) / 4096
     first, second = (np.arcsin(np.cos(theta - shift)) * 2.0 / np.pi for shift in (0.0, np.pi / 2))
     square, main = np.mean(first**2), 2.0 * np.mean(first * np.cos(theta))
@@ -152,7 +158,7 @@ def test_the_noise_of_a_triangle_is_that_of_its_square_and_of_what_turns_with_tw
 
 
 def test_an_average_over_few_periods_is_known_to_be_one() -> None:
-    """n_av is half of 1 + 1/averaging, here of a frame that is noise alone: 2.9."""
+    """The frame is noise alone, so large that n_av = (1 + 1/averaging)/2 is only 2.9."""
     rng = np.random.default_rng(4)
     frame = np.asarray(0.3 * (rng.normal(size=(2, 250, 250)) + 1j * rng.normal(size=(2, 250, 250))), np.complex128)
     share = 1.0 - 2.0 * 0.3**2 * np.log(2.0)

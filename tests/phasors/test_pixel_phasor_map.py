@@ -1,4 +1,4 @@
-"""Every pixel's own offset, gain and phase are taken out, and the imbalance of the channels with them."""
+"""One affine map takes out the offset, gain and phase of each pixel and the imbalance of the channels."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ RESPONSES = (
 
 
 def recorded(q: NDArray[np.complex128], offset: NDArray[np.float64], gain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Counts, (2, 2, n), of a camera with these defects, before the pixel's own phase."""
+    """Return counts, (2, 2, n), of a camera with these offsets and gains; `q` already has the phases of the pixels."""
     planes = []
     for row, response in enumerate(RESPONSES):
         volts = AMPLITUDE_V * gain[row] * (response.main * q[row] + response.mirror * q[row].conj())

@@ -1,4 +1,4 @@
-"""Frames whose light is known, stored rightly and in the ways of programs that changed them."""
+"""Frames of known light, stored correctly or changed by a program; values that cannot be voltages get a likely cause."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ COUNTS = Voltage(zero_counts=ZERO, volts_per_count=STEP)
 
 
 def volts(share: float = 0.4, *, pixels: int = 4000, seed: int = 1) -> NDArray[np.float64]:
-    """Voltages of light whose phasors are `share` of the modulation amplitude, of any phase, (2, 2, n)."""
+    """Return voltages, (2, 2, n), of phasors with `share` of the modulation amplitude and random phases."""
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, (2, pixels))
     return share * AMPLITUDE_V * np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
@@ -52,7 +52,7 @@ def test_the_voltages_that_values_would_be_are_told_but_for_a_few() -> None:
 
 
 def test_short_averages_are_noisier_so_that_more_can_be() -> None:
-    """At n_av 50 a channel's standard deviation is .07 of the amplitude."""
+    """At n_av 50 the standard deviation of a channel is .07 of the modulation amplitude."""
     assert said(volts(1.65), n_av=50.0) is None
     assert said(volts(1.65), n_av=1e5) is not None
 
@@ -88,7 +88,7 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
             "mend --volts-per-count, --zero-counts or --amplitude-v",
         ),
         (
-            # in µV; the middle of a scene is not the zero
+            # the volts per count are in µV; and the middle of a scene is not 0 V
             counts(),
             Voltage(zero_counts=ZERO + 700.0, volts_per_count=60.0),
             "mend --volts-per-count, --zero-counts or --amplitude-v",
@@ -100,7 +100,7 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
             Voltage(zero_counts=32896.0, volts_per_count=STEP),
             "scaled to 8 bits",
         ),
-        # each picture by itself stretched over all of its range, as MATLAB's mat2gray does
+        # each picture stretched by itself over the whole range, as MATLAB's mat2gray does
         (
             np.rint(np.interp(counts(), (counts().min(), counts().max()), (0, 255))).astype(np.uint8),
             COUNTS,
@@ -128,7 +128,7 @@ def test_volts_below_zero_were_not_scaled_to_one() -> None:
 
 
 def test_floats_from_0_to_1_that_are_too_large_for_volts_are_only_scaled() -> None:
-    """Counts about 32768 of 65535 are about .5, beyond 1.35 × .2746 V."""
+    """Counts around 32768 of 65535 become values around .5, which are beyond 1.35 × .2746 V."""
     middle = Voltage(zero_counts=32768.0, volts_per_count=STEP)
     scaled = (np.rint(volts() / STEP + 32768.0) / 65535.0).astype(np.float32)
     with_zero = scaled.copy()
@@ -177,7 +177,7 @@ def test_voltages_may_fall_with_the_counts() -> None:
 
 
 def test_values_of_one_sign_are_as_large_as_their_largest() -> None:
-    """Millivolts from 0 up, and from 0 down: thousands of times what volts would be."""
+    """The values are in mV and only positive, or only negative: a thousand times too large for volts."""
     for sign in (1.0, -1.0):
         told = said(sign * np.abs(volts()) * 1000.0)
         assert told is not None
@@ -186,7 +186,7 @@ def test_values_of_one_sign_are_as_large_as_their_largest() -> None:
 
 @pytest.mark.parametrize("pixels", [8192, 12285])
 def test_large_frames_are_judged_by_every_second_pixel_and_more_seldom(pixels: int) -> None:
-    """By 4096 or more of them: what is broken between these is not looked at."""
+    """At least 4096 pixels, evenly spread, are looked at. Pixels between these are not."""
     stored = volts(pixels=pixels)
     stored[:, :, 1::2] = 1.0
     assert said(stored) is None
@@ -222,13 +222,13 @@ def test_one_value_that_differs_is_noise(place: tuple[int, int, int]) -> None:
 
 @pytest.mark.parametrize(("steps", "impossible"), [(0.55, True), (0.45, False)])
 def test_noise_below_half_a_step_may_leave_all_values_the_same(steps: float, impossible: bool) -> None:
-    """Light alone makes 1/(2·√n_av) of the amplitude in a channel, here so many steps of the stored values."""
+    """The noise of a channel is 1/(2·√n_av) of the modulation amplitude, here `steps` steps of the stored values."""
     sigma_v = AMPLITUDE_V / (2.0 * np.sqrt(1e5))
     assert without_noise(alike(100), step_v=sigma_v / steps) is impossible
 
 
 def test_bytes_that_reach_their_end_were_scaled_to_eight_bits_too() -> None:
-    """A part in twenty of them has had too much light, and is 255."""
+    """One pixel in twenty is saturated, and holds 255."""
     stored = (counts(1.0) / 16383.0 * 255).astype(np.uint8)
     stored[:, :, ::20] = 255
     told = said(stored, Voltage(zero_counts=32896.0, volts_per_count=STEP))

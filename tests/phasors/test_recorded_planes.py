@@ -1,4 +1,4 @@
-"""Frames whose light is known, with planes that were copied, left out, or written in another order or with another sign."""
+"""Frames of known light whose planes were copied, left out, or stored in another order or with another sign."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ Planes = NDArray[np.float64]
 def light(
     periods_ns: tuple[float, ...] = TWO, *, mpi: float = 0.2, delay_ns: float = 8.0, pixels: int = 2000, seed: int = 1
 ) -> Planes:
-    """Voltages, (H, 2, n), of surfaces between 1 and 5 m with a second path, by Eq. (5), with noise of .4 mV."""
+    """Return voltages, (H, 2, n), of surfaces between 1 and 5 m with a second path, by Eq. (5), with noise of .4 mV."""
     rng = np.random.default_rng(seed)
     first = rng.uniform(1.0, 5.0, pixels) * 2.0 / 0.299792458
     times = np.stack([first, first + delay_ns])[:, np.newaxis]
@@ -40,7 +40,7 @@ def counts(volts: Planes) -> NDArray[np.uint16]:
 def said(
     stored: NDArray[np.generic], periods_ns: tuple[float, ...] = TWO, voltage: Voltage | None = None
 ) -> str | None:
-    """What is said of pixels, (H, 2, n), in rows of 50."""
+    """Return the message about the order of the planes for pixels, (H, 2, n), in rows of 50."""
     modulation = Modulation(periods_ns=periods_ns, amplitude_v=AMPLITUDE_V)
     frame = stored.reshape(*stored.shape[:2], -1, 50)
     return mistaken_order(frame, CaptureMetadata(modulation=modulation, voltage=voltage or Voltage()))
@@ -78,7 +78,7 @@ def test_channels_and_harmonics_in_another_order(periods_ns: tuple[float, ...]) 
 
 @pytest.mark.parametrize("scene", ["card", "corner", "inter-reflection", "room", "wall"])
 def test_scenes_of_few_depths_in_another_order(scene: str) -> None:
-    """By chance, some of the pixels look like light of one path all the same."""
+    """With few depths in a scene, some pixels of planes in a wrong order look like light of one path by chance."""
     (frame,) = read_frames(SAMPLES / scene)
     stored, channel_first = frame.stored, frame.stored.swapaxes(0, 1).copy()
     assert mistaken_order(stored, frame.metadata) is None
@@ -157,7 +157,7 @@ def test_a_plane_that_is_one_value_while_others_scatter() -> None:
 
 
 def test_steps_that_are_wider_than_the_noise_may_hide_it() -> None:
-    """A wall at one distance, in counts of 8 bits."""
+    """The frame shows a wall at one distance, in counts of 8 bits whose step is larger than the noise."""
     rng = np.random.default_rng(3)
     stored = np.rint(rng.normal(128.0, 0.2, (2, 2, 500))).astype(np.uint8)
     stored[0, 0] = 128
@@ -165,7 +165,7 @@ def test_steps_that_are_wider_than_the_noise_may_hide_it() -> None:
 
 
 def test_planes_that_are_all_of_one_value_are_not_told_apart() -> None:
-    """That such a frame has no answer, its noise decides: see `is_without_noise`."""
+    """`is_without_noise` decides that such a frame has no answer."""
     assert no_recording(np.full((2, 2, 500), 8192, np.uint16), (1, 2)) is None
     assert no_recording(np.full((2, 2, 500), np.nan), (1, 2)) is None
 

@@ -1,4 +1,4 @@
-"""A channel pair's answer as a Fourier series: sums by hand, slopes by differences, and what waveform and pulse make."""
+"""The response of a channel pair as a Fourier series, compared with sums, finite differences, waveform and pulse."""
 
 import math
 
@@ -59,7 +59,7 @@ def test_a_sine_is_one_term_as_large_as_the_pulse_leaves_it() -> None:
 
 @pytest.mark.parametrize("fwhm_ns", [0.0, 1.7])
 def test_a_triangle_has_odd_terms_that_fall_with_the_square_and_turn_every_other_way(fwhm_ns: float) -> None:
-    """(8/π²)·(1, 1/9 at −3, 1/25 at 5, 1/49 at −7 …), each shrunk by the pulse."""
+    """The terms are 8/π² times 1, 1/9 at −3, 1/25 at 5, 1/49 at −7 and so on; the pulse makes each term smaller."""
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"), pulse=Pulse(fwhm_ns=fwhm_ns))
     for h, response in zip((1, 2), ideal_response(metadata), strict=True):
         terms = dict(response.terms)
@@ -68,7 +68,7 @@ def test_a_triangle_has_odd_terms_that_fall_with_the_square_and_turn_every_other
             pulse = math.exp(-((k * h * 2 * math.pi * fwhm_ns / 2.354820045 / 40.0) ** 2) / 2)
             assert g == pytest.approx(8 / math.pi**2 / k**2 * pulse, rel=1e-9)
             assert k % 4 == 1
-        # what is left out is below 1e-4 of the fundamental, term by term
+        # every term that is left out is below 1e-4 of the fundamental
         if fwhm_ns == 0.0:
             assert max(map(abs, terms)) == 99
             assert len(terms) == 50

@@ -1,3 +1,5 @@
+"""Stored values become volts and phasors by one affine map; saturated pixels are found."""
+
 import numpy as np
 import pytest
 from scipy import integrate

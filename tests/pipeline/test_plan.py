@@ -1,4 +1,4 @@
-"""What may be chosen about maps, and what a plan makes of it."""
+"""The settings of maps with their limits, and the plan of a frame that is made from them."""
 
 from typing import Any
 
