@@ -33,7 +33,9 @@ def test_the_sum_of_the_paths_and_the_first_phasor_are_at_most_the_modulation(
 
 
 @pytest.mark.parametrize(("amplitude", "beyond"), [(1.05, False), (1.15, True)])
-def test_a_mean_of_a_hundred_has_a_tenth_of_the_noise_on_top(amplitude: float, beyond: bool) -> None:
+def test_a_mean_of_a_hundred_samples_may_exceed_the_modulation_by_a_tenth_of_the_noise(
+    amplitude: float, beyond: bool
+) -> None:
     """At n_av 50, five standard deviations of both harmonics are .75 of the modulation amplitude.
 
     A mean of 100 samples has a tenth of that, .075. So an amplitude of 1.05 is possible, and 1.15 is not.

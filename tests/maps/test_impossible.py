@@ -70,7 +70,7 @@ def test_a_pulse_longer_than_the_second_period_has_no_answer() -> None:
 
 
 @pytest.mark.parametrize("kernel", available_kernels())
-def test_the_other_pixels_stay_as_they_are_whatever_resolves_them(kernel: str) -> None:
+def test_an_impossible_pixel_does_not_change_the_others(kernel: str) -> None:
     stored = voltages(TWO)
     sound = resolved(stored, kernel=kernel, mpi_model="discrete")
     spoilt = stored.copy()
@@ -101,7 +101,7 @@ def test_light_without_any_ambient_is_possible(light: Mixture, n_av: float, orde
 
 
 @pytest.mark.parametrize("order", ["auto", "1", "2"])
-def test_a_triangle_that_is_sampled_near_its_peaks_is_possible(order: str) -> None:
+def test_a_triangle_sampled_near_its_peaks_may_exceed_the_modulation_amplitude(order: str) -> None:
     """All laser light comes at one instant; ambient light is a tenth of it.
 
     Near a peak of the triangle, the recorded voltage is larger than its fundamental, whose amplitude is 8/π².
@@ -120,7 +120,7 @@ def test_a_triangle_that_is_sampled_near_its_peaks_is_possible(order: str) -> No
 
 
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
-def test_a_value_beyond_single_precision_costs_its_own_pixel_and_warns_of_nothing(waveform: Waveform) -> None:
+def test_a_value_beyond_single_precision_invalidates_only_its_own_pixel_without_a_warning(waveform: Waveform) -> None:
     """With the default MPI model, a first look at the whole frame meets this value before any pixel is resolved."""
     stored = voltages(TWO)
     stored[0, 1, 2, 3] = 1e300
@@ -129,7 +129,7 @@ def test_a_value_beyond_single_precision_costs_its_own_pixel_and_warns_of_nothin
     assert np.argwhere(np.isnan(maps.layer("direct.depth"))).tolist() == [[2, 3]]
 
 
-def test_means_may_exceed_the_modulation_by_less() -> None:
+def test_a_mean_may_exceed_the_modulation_by_less_than_one_recording() -> None:
     """Noise explains an excess of 5 % in one short recording, but not in the mean of a thousand."""
     stored = 1.05 * voltages(Mixture((1.0,), (5.0,), asr=0.0))
     metadata = recorded((1, 2), n_av=1e3)
@@ -142,7 +142,7 @@ def test_means_may_exceed_the_modulation_by_less() -> None:
 
 @pytest.mark.parametrize("kernel", available_kernels())
 @pytest.mark.parametrize("options", [{}, {"order": "1"}, {"mpi_model": "discrete"}])
-def test_a_frame_whose_pixels_all_hold_the_same_is_not_of_a_camera(kernel: str, options: dict[str, Any]) -> None:
+def test_a_frame_whose_pixels_all_hold_the_same_values_is_impossible(kernel: str, options: dict[str, Any]) -> None:
     """With noise of 10⁻³ V, 200 pixels never have the same voltages."""
     constant = np.broadcast_to(voltages(TWO)[:, :, :1, :1], (2, 2, 5, WIDTH))
     assert_impossible(resolved(constant.copy(), kernel=kernel, **options))
@@ -152,9 +152,9 @@ def test_a_frame_whose_pixels_all_hold_the_same_is_not_of_a_camera(kernel: str, 
     assert not (resolved(almost, kernel=kernel, **options).status & StatusBit.IMPOSSIBLE).any()
 
 
-def test_whole_numbers_may_agree_where_a_step_is_larger_than_the_noise() -> None:
+def test_counts_may_all_agree_if_a_step_is_larger_than_the_noise() -> None:
     """At n_av 1e5 the noise of a channel is .43 mV. That is seven steps of 60 µV, but a fifth of a step of 2 mV."""
-    for volts_per_count, wrong in ((6e-5, True), (2e-3, False)):
+    for volts_per_count, impossible in ((6e-5, True), (2e-3, False)):
         metadata = replace(
             CaptureMetadata(),
             pixel=Pixel(integration_length=1e5),
@@ -162,7 +162,7 @@ def test_whole_numbers_may_agree_where_a_step_is_larger_than_the_noise() -> None
         )
         counts = np.rint(voltages(TWO)[:, :, :1, :1] / volts_per_count).astype(np.int16)
         status = resolved(np.repeat(np.repeat(counts, 5, axis=2), WIDTH, axis=3), metadata=metadata).status
-        assert ((status & StatusBit.IMPOSSIBLE) > 0).all() == wrong
+        assert ((status & StatusBit.IMPOSSIBLE) > 0).all() == impossible
 
 
 def test_pixels_of_a_frame_without_noise_keep_the_reason_why_they_have_no_answer() -> None:
@@ -174,7 +174,7 @@ def test_pixels_of_a_frame_without_noise_keep_the_reason_why_they_have_no_answer
 
 @pytest.mark.parametrize("kernel", available_kernels())
 @pytest.mark.parametrize("options", [{}, {"order": "1"}, {"order": "2"}, {"mpi_model": "discrete"}])
-def test_no_pixel_is_without_an_answer_and_a_reason(options: dict[str, Any], kernel: str) -> None:
+def test_a_pixel_has_an_answer_or_a_reason_why_it_has_none(options: dict[str, Any], kernel: str) -> None:
     """One voltage of each pixel is between 1e-10 V and 1e288 V. Beyond about 1e40 V, floating point finds no paths."""
     stored = voltages(TWO)
     exponents = np.arange(200)

@@ -22,7 +22,7 @@ N_AV = 1e5
 HEIGHT, WIDTH = 30, 40
 M_PER_RAD = 0.299792458 * 40.0 / (4 * np.pi)
 
-FLOAT32 = 5e-7
+ROUNDING = 5e-7
 """Relative rounding error of sums of some float32 values."""
 
 
@@ -55,7 +55,7 @@ def resolve(pooled: PooledPhasors) -> ResolvedPaths:
 
 
 @pytest.mark.parametrize("window", [3, 5])
-def test_uniform_light_loses_noise_by_the_number_of_pixels(window: int) -> None:
+def test_pooling_uniform_light_reduces_its_noise_by_the_number_of_pixels(window: int) -> None:
     light = Mixture((1.0, 0.3), (5.0, 16.0), asr=2.0)
     phasors = frame(light)
     before = phasors.copy()
@@ -73,7 +73,7 @@ def test_uniform_light_loses_noise_by_the_number_of_pixels(window: int) -> None:
     assert ((found.status & StatusBit.POOLED) > 0).reshape(HEIGHT, WIDTH)[inside].all()
 
 
-def test_a_step_of_30_cm_stays_as_sharp_as_it_was() -> None:
+def test_a_step_of_30_cm_stays_sharp() -> None:
     near = Mixture((1.0, 0.3), (8.0, 16.0), asr=2.0)
     far = Mixture((1.0, 0.3), (8.0 + 2 * 0.3 / 0.299792458, 18.0), asr=2.0)
     depth = M_PER_RAD * resolve(pool(frame(near, far))).paths[0].phase_rad.reshape(HEIGHT, WIDTH)
@@ -82,7 +82,7 @@ def test_a_step_of_30_cm_stays_as_sharp_as_it_was() -> None:
     assert np.abs(depth - truth)[:, edge].max() < 0.03
 
 
-def test_bad_pixels_neither_leak_nor_heal() -> None:
+def test_unusable_pixels_neither_change_others_nor_are_changed() -> None:
     light = Mixture((1.0, 0.3), (5.0, 16.0), asr=2.0)
     phasors = frame(light)
     usable = np.random.default_rng(2).uniform(size=(HEIGHT, WIDTH)) > 0.2
@@ -102,17 +102,17 @@ def test_pixels_unlike_their_neighbours_stay_alone() -> None:
     phasors[:, 10, 10] = Mixture((1.0,), (15.0,), asr=2.0).exact(HARMONICS)[:, 0]
     pooled = pool(phasors)
     assert pooled.samples[10, 10] == 1.0
-    np.testing.assert_allclose(pooled.phasors[:, 10, 10], phasors[:, 10, 10], rtol=FLOAT32)
+    np.testing.assert_allclose(pooled.phasors[:, 10, 10], phasors[:, 10, 10], rtol=ROUNDING)
 
 
-def test_pixels_that_are_means_already_count_for_more() -> None:
+def test_pixels_that_are_means_already_count_with_their_number_of_samples() -> None:
     phasors = frame(Mixture((1.0, 0.3), (5.0, 16.0), asr=2.0))
     once, fourfold = pool(phasors), pool(phasors, samples=np.full((HEIGHT, WIDTH), 4.0))
     assert fourfold.samples.max() > 60.0
     assert fourfold.samples.mean() < 4.0 * once.samples.mean()  # half the noise is assumed, so fewer pixels are alike
 
 
-def threes(samples: list[float], *, count: int = 30_000, seed: int = 4) -> tuple[C, B, F]:
+def rows_of_three(samples: list[float], *, count: int = 30_000, seed: int = 4) -> tuple[C, B, F]:
     """Return many rows of three pixels with the same light: noisy phasors, (2, 2·count, 3), `usable` and `samples`.
 
     The three pixels are means of the given numbers of recorded pixels. Every second row is unusable, so that no pixel
@@ -135,7 +135,7 @@ def test_of_pairs_with_the_same_light_noise_keeps_out_a_thousandth(samples: list
 
     This noise depends on the number of recorded pixels that each is a mean of.
     """
-    phasors, usable, given = threes(samples)
+    phasors, usable, given = rows_of_three(samples)
     pooled = pool(phasors, window=3, usable=usable, samples=given)
     found = pooled.samples[::2]
     np.testing.assert_array_equal(found[:, [0, 2]], given[::2, [0, 2]])
@@ -145,7 +145,7 @@ def test_of_pairs_with_the_same_light_noise_keeps_out_a_thousandth(samples: list
     fewer = min(samples[0], samples[2])
     assert (found[~alone, 1] == samples[1] + 2 * fewer).all()
     expected = (phasors[:, ::2] * [fewer, samples[1], fewer]).sum(axis=2) / (samples[1] + 2 * fewer)
-    np.testing.assert_allclose(pooled.phasors[:, ::2, 1][:, ~alone], expected[:, ~alone], rtol=FLOAT32)
+    np.testing.assert_allclose(pooled.phasors[:, ::2, 1][:, ~alone], expected[:, ~alone], rtol=ROUNDING)
 
 
 def slanted(slope: float, *, seed: int) -> tuple[C, F, float]:
@@ -164,7 +164,7 @@ def slanted(slope: float, *, seed: int) -> tuple[C, F, float]:
 
 
 @pytest.mark.parametrize(("slope", "window"), [(0.5, 3), (0.5, 5), (0.5, 7), (0.8, 5), (1.0, 3), (1.5, 3)])
-def test_a_surface_that_slants_is_pooled_as_one_that_does_not(slope: float, window: int) -> None:
+def test_a_slanted_surface_is_pooled_like_one_that_faces_the_camera(slope: float, window: int) -> None:
     """Only noise is left, although neighbours differ by much more than their noise."""
     phasors, phase_rad, sigma_rad = slanted(slope, seed=window)
     pooled = pool(phasors, window=window)
@@ -175,7 +175,7 @@ def test_a_surface_that_slants_is_pooled_as_one_that_does_not(slope: float, wind
 
 
 @pytest.mark.parametrize("slope", [3.0, 6.0, 12.0, 16.0])
-def test_phasors_that_a_slope_turns_are_not_pooled_to_smaller_ones(slope: float) -> None:
+def test_pooling_a_steep_slope_does_not_shorten_its_phasors(slope: float) -> None:
     """Means of phasors with different phases are shorter, most at the second harmonic, which would look like MPI.
 
     Pooling may shorten them by at most a tenth of the noise.
@@ -184,21 +184,21 @@ def test_phasors_that_a_slope_turns_are_not_pooled_to_smaller_ones(slope: float)
     pooled = pool(phasors, window=7)
     inside = (slice(7, -7), slice(7, -7))
     assert 1.0 < pooled.samples[inside].mean() < 40.0
-    smaller = 1.0 - np.abs(pooled.phasors[:, *inside]).mean(axis=(1, 2)) / 0.2
-    assert (smaller < 0.11 * sigma_rad).all()
+    shortening = 1.0 - np.abs(pooled.phasors[:, *inside]).mean(axis=(1, 2)) / 0.2
+    assert (shortening < 0.11 * sigma_rad).all()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (3, 2)])
-def test_a_frame_smaller_than_the_window_is_pooled_as_far_as_it_goes(shape: tuple[int, int]) -> None:
+def test_a_frame_smaller_than_the_window_is_pooled_over_the_pixels_that_it_has(shape: tuple[int, int]) -> None:
     phasors = np.broadcast_to(Mixture((1.0,), (5.0,)).exact(HARMONICS)[:, :, np.newaxis], (2, *shape))
     pooled = pool(phasors)
-    np.testing.assert_allclose(pooled.phasors, phasors, rtol=FLOAT32)
+    np.testing.assert_allclose(pooled.phasors, phasors, rtol=ROUNDING)
     # only neighbours that have another neighbour on the opposite side count
     assert pooled.samples.max() == np.prod([min(extent - (extent + 1) % 2, 5) for extent in shape])
 
 
 @pytest.mark.parametrize(("window", "steps"), [(3, 8), (5, 24), (9, 80)])
-def test_the_time_that_pooling_takes_grows_with_the_neighbours(
+def test_the_expected_time_grows_with_the_number_of_neighbours(
     window: int, steps: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """There is a step per neighbour, over the pixels that have this neighbour. A 3 × 3 window has eight; they take 8 s."""
@@ -221,7 +221,7 @@ def test_no_time_is_needed_for_no_pixels_or_no_neighbours(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(("farther", "pooled"), [(0.57, True), (0.59, False)])
-def test_the_mean_of_three_is_held_against_another_pair_by_a_third_of_its_noise(farther: float, pooled: bool) -> None:
+def test_the_second_pass_compares_a_pair_with_the_mean_of_the_first_pass(farther: float, pooled: bool) -> None:
     """In a row of five pixels, the outer pair is too far from the middle pixel, but near the mean of the inner three.
 
     The squared distance of the pair's mean may be 1 + 1/2 units from the pixel, and 1/3 + 1/2 units from the mean of
@@ -236,7 +236,7 @@ def test_the_mean_of_three_is_held_against_another_pair_by_a_third_of_its_noise(
     assert found.phasors[0, 0, 2] == pytest.approx(row[0, 0].mean() if pooled else row[0, 0, 1:4].mean())
 
 
-def by_the_book(phasors: C, usable: B, samples: F, window: int) -> tuple[C, F]:
+def pooled_by_definition(phasors: C, usable: B, samples: F, window: int) -> tuple[C, F]:
     """Pool pixel by pixel, straight from the definition.
 
     A pair counts if its mean differs by no more than noise: first from the pixel, then from the mean of the first pass.
@@ -264,7 +264,7 @@ def by_the_book(phasors: C, usable: B, samples: F, window: int) -> tuple[C, F]:
 
 
 @pytest.mark.parametrize("window", [3, 5])
-def test_a_frame_is_pooled_as_by_the_book_however_many_rows_at_a_time(
+def test_a_frame_is_pooled_by_definition_in_blocks_of_any_number_of_rows(
     window: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The frame has edges, slopes, bad pixels and means. Blocks of one row up to all rows give the same bits."""
@@ -272,11 +272,11 @@ def test_a_frame_is_pooled_as_by_the_book_however_many_rows_at_a_time(
     phasors *= np.exp(2e-3j * np.arange(HEIGHT))[:, np.newaxis]
     rng = np.random.default_rng(9)
     usable, samples = rng.random((HEIGHT, WIDTH)) > 0.1, rng.choice([1.0, 2.0, 4.0], (HEIGHT, WIDTH))
-    mean, count = by_the_book(phasors, usable, samples, window)
+    mean, count = pooled_by_definition(phasors, usable, samples, window)
     assert 1.5 < np.median(count) < 2.0 * window**2
     whole = pool(phasors, window=window, usable=usable, samples=samples)
     np.testing.assert_array_equal(whole.samples, count)
-    np.testing.assert_allclose(whole.phasors, mean, rtol=FLOAT32)
+    np.testing.assert_allclose(whole.phasors, mean, rtol=ROUNDING)
     for pixels in (1, 100, 101, 700):
         monkeypatch.setattr("cadtof_cli.phasors.pooling.BLOCK_PIXELS", pixels)
         pooled = pool(phasors, window=window, usable=usable, samples=samples)
@@ -284,7 +284,9 @@ def test_a_frame_is_pooled_as_by_the_book_however_many_rows_at_a_time(
         np.testing.assert_array_equal(pooled.samples, whole.samples)
 
 
-def test_what_is_timed_is_the_pooling_of_the_frame_s_pixels_over_nine(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_expected_time_is_measured_on_some_pixels_of_the_size_and_harmonics_of_the_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The clock stands for a machine that takes 1 µs per pixel and neighbour."""
     clock = [100.0]
 
@@ -303,7 +305,9 @@ def test_what_is_timed_is_the_pooling_of_the_frame_s_pixels_over_nine(monkeypatc
 @pytest.mark.parametrize(
     ("window", "stride", "count"), [(3, 2, 8), (5, 2, 8), (9, 2, 8), (5, 1, 5), (5, 5, 8), (7, 4, 3)]
 )
-def test_what_noise_the_means_of_pooled_pixels_share(window: int, stride: int, count: int) -> None:
+def test_shared_noise_is_the_variance_and_correlation_of_means_over_pooled_white_noise(
+    window: int, stride: int, count: int
+) -> None:
     """White noise is averaged over windows, and these means over two squares side by side.
 
     Their variance and correlation are as predicted.
@@ -319,6 +323,6 @@ def test_what_noise_the_means_of_pooled_pixels_share(window: int, stride: int, c
     assert np.corrcoef(left, right)[0, 1] == pytest.approx(found.neighbours, abs=0.06)
 
 
-def test_pixels_that_are_no_means_share_no_noise() -> None:
+def test_pixels_that_are_not_pooled_share_no_noise() -> None:
     assert shared_noise(1, samples=1.0, stride=2, count=8) == SharedNoise(1.0, 0.0)
     assert shared_noise(5, samples=1.0, stride=2, count=8).pixels == 1.0

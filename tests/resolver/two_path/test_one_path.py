@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
@@ -89,7 +88,7 @@ def test_noiseless_phasors_are_fitted_exactly(amplitude: float) -> None:
     assert found.chi_squared.max() < 1e-20
 
 
-def test_nan_stays_nan_and_inputs_stay_as_they_were() -> None:
+def test_nan_stays_nan_and_inputs_are_not_changed() -> None:
     p1, p2 = np.array([np.nan, 0.3 + 0j]), np.array([0.3 + 0j, 0.3j])
     before = p1.copy(), p2.copy()
     found = one_path(fundamental_frame(p1, p2), noise=noise_of(1e5), steps=1)
@@ -97,12 +96,3 @@ def test_nan_stays_nan_and_inputs_stay_as_they_were() -> None:
     assert np.isfinite(found.chi_squared[1])
     np.testing.assert_array_equal(p1, before[0])
     np.testing.assert_array_equal(p2, before[1])
-
-
-@pytest.mark.parametrize("false_alarm", [0.3, 0.01, 1e-6])
-def test_thresholds_are_quantiles_of_chi_squared(false_alarm: float) -> None:
-    assert chi_squared_threshold(false_alarm, pairs=1) == pytest.approx(stats.chi2.isf(false_alarm, 2), rel=1e-12)
-    for harmonics in (1, 2, 4):
-        expected = stats.chi2.isf(false_alarm, 2 * harmonics)
-        assert chi_squared_threshold(false_alarm, pairs=harmonics) == pytest.approx(expected, rel=1e-9)
-    assert chi_squared_threshold(0.01, pairs=1) == pytest.approx(9.21, abs=0.005)
