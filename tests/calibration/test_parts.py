@@ -1,4 +1,4 @@
-"""Where a part comes from, the maps it is stored as, and what goes wrong with the parts of a folder."""
+"""Parts of a calibration: their origin, the maps that store them, and errors in a calibration folder."""
 
 import hashlib
 import json
@@ -126,7 +126,9 @@ def test_parts_that_were_measured_with_others_are_stale() -> None:
 
 
 def test_figures_stay_as_they_were_written_and_changed_ones_are_noticed(tmp_path: Path) -> None:
-    """The version that made them may have reckoned otherwise."""
+    """Figures are read from the file and not computed again, because the version that made them may have computed them
+    differently.
+    """
     part = replace(dark(), figures={"noise_v": 1.25e-3, "offset_mean_v": 0.01})
     save_part(tmp_path, part)
     found = load_calibration(tmp_path).dark
@@ -159,7 +161,10 @@ def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:
 
 
 def test_a_digest_can_be_reckoned_from_the_files(tmp_path: Path) -> None:
-    """So that one made by an earlier version holds: the TOML file as sorted JSON without it, then every plane by name."""
+    """The digest is over the TOML file as sorted JSON, without the digest itself, and then all planes sorted by name.
+
+    A digest that an earlier version made thus stays valid.
+    """
     save_part(tmp_path, dark())
     document = tomllib.loads((tmp_path / "dark.toml").read_text())
     recorded = document["part"].pop("digest")
@@ -205,7 +210,7 @@ def test_a_folder_without_a_calibration_says_what_was_expected(tmp_path: Path) -
 
 
 def test_a_calibration_of_another_camera_corrects_no_frames() -> None:
-    """Whoever asks for the correction."""
+    """`frame_correction` itself refuses it, so that no caller can forget to ask."""
     metadata = CaptureMetadata(voltage=Voltage(volts_per_count=1e-4, zero_counts=0.0))
     known = Calibration(dark=dark())
     assert frame_correction(known, metadata, np.dtype(np.uint16), SHAPE).phasor_map.own.shape == (2, 2, 24)

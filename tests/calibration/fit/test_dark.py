@@ -1,4 +1,4 @@
-"""Offsets, noise and bad pixels from frames whose truth is drawn here."""
+"""Offsets, noise and bad pixels from dark frames that are drawn here, so that their truth is known."""
 
 from typing import Any
 
@@ -74,7 +74,7 @@ def test_a_bad_pixel_is_found_and_no_other(what: str, defect: Defect) -> None:
 
 @pytest.mark.parametrize(("deviations", "hot"), [(0.0, 0), (7.0, 0), (-7.0, 0), (9.0, 1), (-9.0, 1)])
 def test_an_offset_is_an_outlier_from_eight_deviations_of_the_array_on(deviations: float, hot: int) -> None:
-    """Gaussian offsets of 4 × 1200 pixels reach 4 deviations, and no further; none of those is hot."""
+    """Gaussian offsets of 4 × 1200 pixels reach about 4 standard deviations; none of these is hot."""
     offsets = np.random.default_rng(5).normal(0.01, 0.002, SHAPE)
     offsets[1, 0, 12, 34] = np.median(offsets[1, 0]) + deviations * 0.002
     noise = np.random.default_rng(6).normal(0.0, NOISE_V, (20, *SHAPE))
@@ -86,7 +86,7 @@ def test_an_offset_is_an_outlier_from_eight_deviations_of_the_array_on(deviation
 
 @pytest.mark.parametrize(("ratio", "defect"), [(1.7, 0), (2.6, Defect.NOISE), (0.6, 0), (0.35, Defect.DEAD)])
 def test_noise_is_an_outlier_from_twice_or_half_that_of_the_array_on(ratio: float, defect: int) -> None:
-    """By 400 frames a standard deviation is known to a thirtieth, so that the ratio decides and not chance."""
+    """From 400 frames a standard deviation is known to 1/30, so that the ratio decides and not chance."""
     frames = np.random.default_rng(7).normal(0.0, NOISE_V, (400, 2, 2, 6, 8))
     frames[:, 1, 1, 2, 3] *= ratio
     origin = Origin(captures=("dark",), frames=400, pixels=(6, 8), periods_ns=(40.0, 20.0), waveform="sine")
@@ -98,7 +98,10 @@ def test_noise_is_an_outlier_from_twice_or_half_that_of_the_array_on(ratio: floa
 
 @pytest.mark.parametrize(("ratio", "defect"), [(20.5, 0), (21.0, Defect.NOISE), (1.1e-9, 0), (0.9e-9, Defect.DEAD)])
 def test_of_three_frames_a_variance_may_be_what_a_pixel_in_a_thousand_million_has(ratio: float, defect: int) -> None:
-    """It is exponential then, with ln 2 as its median: above −ln 1e-9 = 20.7 times it once in so many, or below 1e-9."""
+    """The variance from three frames has an exponential distribution whose median is ln 2 times its mean.
+
+    It exceeds −ln 1e-9 = 20.7 times its mean with the probability 1e-9, and is below 1e-9 of its mean with the same.
+    """
     variance = np.full((2, 2, 6, 8), np.log(2.0) * NOISE_V**2)
     variance[1, 0, 2, 3] = ratio * NOISE_V**2
     mean = FrameMean(np.zeros(variance.shape), None, np.dtype(np.float64), 3, variance)
@@ -107,7 +110,7 @@ def test_of_three_frames_a_variance_may_be_what_a_pixel_in_a_thousand_million_ha
 
 
 def test_chance_makes_no_outlier_of_few_frames() -> None:
-    """By three frames one in ten thousand pixels has a ninth of the variance or less: they are no outliers."""
+    """From three frames, one pixel in ten has a ninth of the true variance or less by chance: these are no outliers."""
     frames = np.random.default_rng(8).normal(0.0, NOISE_V, (3, 2, 2, 100, 100))
     origin = Origin(captures=("dark",), frames=3, pixels=(100, 100), periods_ns=(40.0, 20.0), waveform="sine")
     assert not fit_dark(mean_of(frames), origin=origin).hot.any()
@@ -129,7 +132,7 @@ def test_quality_is_that_of_the_sound_pixels() -> None:
 
 @pytest.mark.parametrize("frames", [2, 3, 5, 20])
 def test_the_noise_of_a_frame_is_unbiased_however_few_frames_it_is_known_from(frames: int) -> None:
-    """The median of standard deviations from two frames is .67 of the true one."""
+    """The median of the standard deviations from two frames is .67 of the true one, and must be corrected."""
     dark = dark_of(frames_v(frames, seed=frames))
     assert dark.quality()["noise_v"] == pytest.approx(NOISE_V, rel=0.04)
 
@@ -163,7 +166,7 @@ def test_whole_numbers_need_volts_a_count() -> None:
     [(0.0, 0.9e-12, False), (0.0, 1.1e-12, True), (0.5, 4e-7, False), (0.5, 6e-7, True)],
 )
 def test_rounding_is_no_outlier_where_there_is_no_noise(centre_v: float, off_v: float, outlier: bool) -> None:
-    """A millionth of a microvolt, or a part in a million of what all pixels show: eight steps of a float32."""
+    """Without noise, a pixel may differ by 10⁻¹² V, or by 10⁻⁶ of the common offset: eight steps of a float32."""
     frames = np.full((3, *SHAPE), centre_v)
     frames[:, 0, 0, 4, 5] += off_v
     assert dark_of(frames).hot.sum() == outlier
@@ -184,7 +187,7 @@ def test_frames_without_a_sound_pixel_are_refused(value: float) -> None:
 
 
 def counts_of(frames: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """Return voltages as counts of which NOISE_V are nine."""
+    """Return voltages as counts; NOISE_V is nine counts."""
     return np.rint(8192.0 + frames / (NOISE_V / 9.0)).astype(np.uint16)
 
 
@@ -202,7 +205,10 @@ def test_that_few_frames_hold_the_same_count_by_chance_makes_no_pixel_dead(count
 
 @pytest.mark.parametrize(("count", "told"), [(4, False), (5, True)])
 def test_a_count_that_never_changes_is_dead_from_where_chance_does_not_make_it_so(count: int, told: bool) -> None:
-    """Nine counts of noise: n frames agree by chance with (1/(9·√(2π)))^(n − 1)/√n, in .2 of 4800 channels at 4, in .008 at 5."""
+    """With a noise of nine counts, n frames agree by chance with a probability of (1/(9·√(2π)))^(n − 1)/√n.
+
+    Of 4800 channels, .2 are expected to agree in 4 frames, and .008 in 5.
+    """
     frames = frames_v(count)
     frames[:, 1, 0, 12, 34] = frames[0, 1, 0, 12, 34]
     mean = mean_of(counts_of(frames), VOLTAGE)

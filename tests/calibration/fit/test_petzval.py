@@ -1,4 +1,4 @@
-"""Field curvature from ranges that are known: walls by intersecting rays, curvature added by hand."""
+"""Field curvature from known ranges: rays are intersected with walls here, and curvature is added."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def measured_wall(
     focal_px: float = 70.0,
     sigma_m: float = SIGMA_M,
 ) -> WallRanges:
-    """Return the noisy ranges of the plane n·p = D with n = (nx, ny, 1), bent by the curvature."""
+    """Return noisy ranges of the plane n·p = D, n = (nx, ny, 1), with the field curvature added."""
     y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
     rays = np.stack([(x - 39.5) / focal_px, (y - 29.5) / focal_px, np.ones(PIXELS)])
     times = distance_m / np.tensordot(np.array([*normal, 1.0]), rays, axes=1)
@@ -84,7 +84,7 @@ def test_a_known_distance_stays_and_narrows_the_error() -> None:
 
 
 def spoilt(ranges: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
-    """Return ranges with what a real wall has beside noise."""
+    """Return ranges with one kind of error that a real wall has besides noise."""
     ranges = ranges.copy()
     rng = np.random.default_rng(9)
     if kind == "object in view":
@@ -112,7 +112,7 @@ def test_ranges_that_wrap_at_the_end_of_the_unambiguous_range() -> None:
     assert (wall.range_m < 2.0).any()
     found = fitted(wall, measured_wall(1.0, seed=6))
     assert max(deviations(found)) < 3.0
-    # of Gaussian residuals none to speak of is an outlier: what wraps is no outlier either
+    # hardly any Gaussian residual is an outlier, and ranges that wrap are no outliers either
     for fit in found.quality.walls:
         assert fit.pixels > 0.999 * PIXELS[0] * PIXELS[1]
     assert found.quality.walls[0].distance_m == pytest.approx(5.5, abs=2e-3)
@@ -120,7 +120,7 @@ def test_ranges_that_wrap_at_the_end_of_the_unambiguous_range() -> None:
 
 
 def test_without_a_principal_point_the_middle_of_the_array_is_taken_and_it_is_said() -> None:
-    """The walls here are seen about column 39.5 and row 29.5, the middle of 80 × 60."""
+    """The principal point of these walls is at column 39.5 and row 29.5, the middle of 80 × 60 pixels."""
     found = fitted(measured_wall(1.0, seed=1), measured_wall(3.0, seed=2), optics=Optics(focal_length_px=70.0))
     assert found.principal_point_px == (39.5, 29.5)
     assert max(deviations(found)) < 3.0
@@ -146,7 +146,7 @@ def test_without_optics_one_distance_is_refused(distances: tuple[float, ...]) ->
 
 
 def test_a_wall_in_a_narrow_part_of_the_view_warns_with_the_numbers() -> None:
-    """In the middle ± 8 px of 80, ρ² hardly changes: distance, tilt and curvature go together."""
+    """Within ± 8 px of the middle of 80, ρ² hardly changes: distance, tilt and curvature are hard to separate."""
     wall = measured_wall(1.0, seed=1)
     ranges = np.full(PIXELS, np.nan)
     ranges[22:38, 32:48] = wall.range_m[22:38, 32:48]
@@ -218,12 +218,12 @@ def test_more_left_than_noise_is_warned_of_from_half_as_much_again_on(factor: fl
     walls = [WallRanges(wall.range_m, wall.sigma_m / factor, None) for wall in two_walls()]
     quality = fitted(*walls).quality
     assert any(text.startswith("warning: what is left, 3.0") for text in quality.findings) == said
-    # what scatters more than thought is known less well, too
+    # the standard error follows the observed scatter, not the predicted noise
     assert quality.k2_stderr_m == pytest.approx(fitted(*two_walls()).quality.k2_stderr_m, rel=0.02)
 
 
 def test_noise_that_differs_weighs_less_where_it_is_larger() -> None:
-    """The lower half of both walls is worthless; what is left tells k2 nearly as if it were not there."""
+    """The lower half of both walls has much more noise. k2 is nearly the same as without that half."""
     walls, halves = [], []
     for index, wall in enumerate(two_walls()):
         ranges, sigma = wall.range_m.copy(), wall.sigma_m.copy()
@@ -247,7 +247,7 @@ def test_coefficients_known_to_less_than_a_centimetre_are_warned_of(sigma_m: flo
 
 
 def test_what_was_left_before_is_what_walls_without_curvature_leave() -> None:
-    """Against scipy's least squares of distance and tilts alone, in the pixels that counted."""
+    """The expected residual comes from scipy's least squares for distance and tilts alone."""
     quality = fitted(*two_walls()).quality
     y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
     u, v = (x - 39.5) / 70.0, (y - 29.5) / 70.0
@@ -267,8 +267,11 @@ def test_what_was_left_before_is_what_walls_without_curvature_leave() -> None:
 
 
 def ranges_of(parameters: NDArray[np.float64], focal_px: float | None) -> NDArray[np.float64]:
-    """Return the ranges of two walls, one after the other: k2 and k4, the focal length where it is not known, and of each wall
-    its distance and the slopes of its normal."""
+    """Return the ranges of two walls, one after the other.
+
+    The parameters are k2 and k4, the focal length if it is not known, and for each wall its distance and the slopes of
+    its normal.
+    """
     k2, k4, *rest = parameters
     focal = rest.pop(0) if focal_px is None else focal_px
     y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
@@ -283,7 +286,7 @@ def ranges_of(parameters: NDArray[np.float64], focal_px: float | None) -> NDArra
 
 @pytest.mark.parametrize("focal_px", [70.0, None])
 def test_errors_and_correlations_are_those_of_ranges_a_little_changed(focal_px: float | None) -> None:
-    """By scipy's differences of ranges: what is known of each parameter, and of two together."""
+    """The expected covariance comes from scipy's finite differences of the ranges by all parameters."""
     walls = measured_wall(1.0, seed=1, sigma_m=1e-5), measured_wall(3.0, seed=2, normal=(-0.04, 0.07), sigma_m=1e-5)
     quality = fitted(*walls, optics=replace(OPTICS, focal_length_px=focal_px)).quality
     truth = [K2_M, K4_M, *([70.0] if focal_px is None else []), 1.0, 0.05, -0.03, 3.0, -0.04, 0.07]
@@ -299,7 +302,7 @@ def test_errors_and_correlations_are_those_of_ranges_a_little_changed(focal_px: 
 
 
 def with_off(columns: int, off_m: float) -> tuple[WallRanges, WallRanges]:
-    """Two walls; of the second, so many of the 16 columns of blocks stand out by more and less than it."""
+    """Return two walls; in the second, so many of the 16 columns of blocks are nearer or farther by `off_m`."""
     first, second = measured_wall(1.0, seed=1), measured_wall(3.0, seed=2)
     ranges = second.range_m.copy()
     for number in range(columns):
@@ -323,7 +326,7 @@ def test_of_a_flat_wall_three_fifths_lie_on_it(columns: int, share: str | None) 
 
 @pytest.mark.parametrize(("off_m", "flat"), [(0.021, True), (0.025, False)])
 def test_a_wall_is_flat_to_two_centimetres_and_noise(off_m: float, flat: bool) -> None:
-    """Noise of 3 mm a pixel."""
+    """The noise of a pixel is 3 mm."""
     if flat:
         fitted(*with_off(8, off_m))
         return
@@ -332,12 +335,12 @@ def test_a_wall_is_flat_to_two_centimetres_and_noise(off_m: float, flat: bool) -
 
 
 def test_a_wall_of_scattered_pixels_is_held_against_nothing() -> None:
-    """Too few in every block for a median to count."""
+    """No block has enough pixels for a median, so that flatness is not tested."""
     assert max(deviations(fitted(*(every_fifth(wall) for wall in two_walls())))) < 3.5
 
 
 def every_fifth(wall: WallRanges, pixels: int = 192) -> WallRanges:
-    """Every fifth pixel of every fifth row, as far as these are so many."""
+    """Return every fifth pixel of every fifth row, at most `pixels` of them."""
     ranges = np.full(PIXELS, np.nan)
     ranges[::5, ::5] = wall.range_m[::5, ::5]
     chosen = np.random.default_rng(1).permutation(np.flatnonzero(np.isfinite(ranges)))
@@ -361,7 +364,7 @@ def test_fifty_pixels_are_the_fewest_of_a_wall(pixels: int) -> None:
 def test_a_wide_lens_sees_a_wall_from_one_end_of_the_unambiguous_range_to_the_other(
     focal_px: float, distance_m: float
 ) -> None:
-    """The corners are more than twice as far away as the middle."""
+    """The corners of the view are more than twice as far away as its middle."""
     walls = [measured_wall(d, seed=1, focal_px=focal_px) for d in (distance_m, 0.5)]
     assert np.max(walls[0].range_m) > 5.0
     found = fitted(*walls, optics=replace(OPTICS, focal_length_px=focal_px))
@@ -370,7 +373,7 @@ def test_a_wide_lens_sees_a_wall_from_one_end_of_the_unambiguous_range_to_the_ot
 
 
 def test_what_lies_half_the_unambiguous_range_behind_a_wall_is_not_wall() -> None:
-    """A tenth of the pixels; only whole unambiguous ranges are no difference."""
+    """A tenth of the pixels is farther by half the unambiguous range; a whole unambiguous range makes no difference."""
     wall = measured_wall(1.0, seed=1)
     ranges = wall.range_m.copy()
     behind = np.random.default_rng(11).random(PIXELS) < 0.1
@@ -389,7 +392,7 @@ def test_without_optics_a_wall_without_any_answer_is_refused_by_its_name() -> No
 
 @pytest.mark.parametrize("seed", range(4))
 def test_walls_that_do_not_tell_a_long_focal_length_are_refused_or_it_is_positive(seed: int) -> None:
-    """Through a lens of so narrow a view a wall's range hardly depends on the pixel: less than noise."""
+    """With such a narrow view, the range of a wall depends on the pixel by less than noise."""
     walls = [
         measured_wall(distance, seed=10 * seed + index, focal_px=5000.0) for index, distance in enumerate((1.0, 3.0))
     ]

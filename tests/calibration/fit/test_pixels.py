@@ -1,4 +1,4 @@
-"""What each pixel adds, from made-up targets without noise: phases, gains and amplitudes come back."""
+"""Phases, gains and amplitudes of pixels are found from made-up targets without noise."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_phases_gains_and_amplitudes_come_back(terms: tuple[dict[int, complex], 
 
 
 def test_the_misfit_is_chi_squared_over_all_targets_and_harmonics() -> None:
-    """4 × 2 complex values, of which phases (2), log gain (1) and log amplitudes (4) are fitted: 16 − 7."""
+    """Of 4 × 2 complex values, which are 16 numbers, 2 phases, 1 log gain and 4 log amplitudes are fitted: 16 − 7 = 9."""
     size = 4000
     phase = RNG.uniform(0.3, 3.0, (TARGETS, size))
     sigma = 1e-4

@@ -1,4 +1,4 @@
-"""What targets can tell of a response, and what they cannot: truth by sampling the waveform itself."""
+"""The response that targets determine, and its terms that they cannot determine; the truth samples the waveform itself."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ FRAMES = 10
 
 
 def target(seen: DefectiveCamera, distance_m: float, *, seed: int) -> TargetMean:
-    """Return the mean frame of a wall, by the camera's own counts."""
+    """Return the mean frame of a wall, from counts of the camera."""
     ranges = seen.wall_range_m(distance_m)[np.newaxis]
     frames = np.stack(seen.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=FRAMES, seed=seed))
     volts = (frames.astype(np.float64) - 8192.0) * 6.0e-5
@@ -65,7 +65,7 @@ def test_a_perfect_camera_needs_no_terms_but_one() -> None:
 
 @pytest.mark.parametrize("seed", [0, 100])
 def test_terms_that_noise_alone_makes_are_not_taken(seed: int) -> None:
-    """At n_av 300 they come to one to three standard errors of 2e-4, which would matter."""
+    """At n_av 300 noise makes terms of one to three standard errors, which are 2e-4. Such terms would matter."""
     found = response_of(Defects(), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=seed)
     assert orders(found) == {1}
     assert sum("left, not needed" in text for text in found.quality.findings) == 5
@@ -73,7 +73,7 @@ def test_terms_that_noise_alone_makes_are_not_taken(seed: int) -> None:
 
 @pytest.mark.parametrize(("sc2_gain", "taken"), [(1.0012, False), (1.0037, True)])
 def test_a_term_is_taken_from_six_standard_errors_on(sc2_gain: float, taken: bool) -> None:
-    """An imbalance of 0.6 and 1.85 thousandths, where the standard error is 0.2."""
+    """The imbalances are .6e-3 and 1.85e-3; the standard error is .2e-3."""
     found = response_of(Defects(sc2_gain=sc2_gain), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=300)
     assert (-1 in orders(found)) == taken
 
@@ -119,7 +119,7 @@ def test_without_optics_the_distance_stands_for_every_pixel_and_it_is_said() -> 
 
 @pytest.mark.parametrize(("offset_v", "warned"), [(0.0002, False), (0.0005, True), (0.004, True)])
 def test_offsets_that_nobody_took_out_are_warned_of(offset_v: float, warned: bool) -> None:
-    """They leave 1.3, 2.5 and 18 times the noise."""
+    """The residuals are 1.3, 2.5 and 18 times the noise."""
     found = response_of(Defects(offset_v=offset_v), (0.5, 1.0, 1.7, 2.4, 3.0))
     assert any(text.startswith("warning: what is left is") for text in found.quality.findings) == warned
 
@@ -150,9 +150,10 @@ def noiseless(
     term: tuple[int, complex] = (1, 0j),
     off_m: tuple[int, np.ndarray] | None = None,
 ) -> ResponseCalibration:
-    """Return the response of targets that fill 12 × 16 pixels, made by hand.
+    """Return the response fitted to targets without noise that fill 12 × 16 pixels.
 
-    `dim` of the pixels see nothing; `off_m` is which target is how much nearer or farther than thought, by pixel.
+    `own` is the phase that each pixel adds at the fundamental, and `term` a further order k with its value. `dim` of
+    the pixels see no light. `off_m` is a target and how much farther than stated each pixel sees it.
     """
     shape = (12, 16)
     metadata = CaptureMetadata(optics=Optics(focal_length_px=14.0))
@@ -206,7 +207,7 @@ def test_a_delay_of_each_pixel_goes_into_the_maps_and_their_mean_into_the_respon
 def test_curvature_of_either_sign_is_found_among_delays_of_the_pixels(
     curvature_m: tuple[float, float], lean_m: float
 ) -> None:
-    """And beside a wall that leans, from one side of the array to the other."""
+    """It is found even if the wall leans, so that one side of the array sees it nearer than the other."""
     y, x = np.mgrid[:12, :16]
     rho2 = ((x - 7.5) ** 2 + (y - 5.5) ** 2) / (8.0**2 + 6.0**2)
     own_m = np.random.default_rng(5).normal(0.0, 2e-4, (12, 16)) + lean_m * (x / 16.0 - y / 20.0)
@@ -218,7 +219,7 @@ def test_curvature_of_either_sign_is_found_among_delays_of_the_pixels(
 
 @pytest.mark.parametrize(("dim", "refused"), [(182, False), (183, True)])
 def test_a_twentieth_of_the_pixels_must_see_every_target(dim: int, refused: bool) -> None:
-    """192 pixels; those that see nothing get the mean phase and gain."""
+    """There are 192 pixels. Those without a signal get the mean phase and gain."""
     if refused:
         with pytest.raises(SettingsError, match="with a signal from every target, expected 5% or more"):
             noiseless(dim=dim)
@@ -248,10 +249,10 @@ def test_every_order_that_is_tried_is_found_where_it_is(k: int) -> None:
 RAD_PER_M = 2 * np.pi / 40.0 * 2 / 0.299792458
 
 ACROSS, DOWN = np.broadcast_arrays((np.arange(16) - 7.5) / 16, ((np.arange(12) - 5.5) / 16)[:, np.newaxis])
-"""Places in the array, in lengths of its longer side."""
+"""Positions in the array, in units of its longer side."""
 
 CHEQUERED = np.where((np.arange(16) // 2 + (np.arange(12) // 2)[:, np.newaxis]) % 2, 1.0, -1.0)
-"""Blocks of 2 × 2 pixels that turn about: the smallest shape that is looked for."""
+"""Blocks of 2 × 2 pixels with alternating signs: the smallest shape that the fit looks for."""
 
 
 @pytest.mark.parametrize(
@@ -260,7 +261,7 @@ CHEQUERED = np.where((np.arange(16) // 2 + (np.arange(12) // 2)[:, np.newaxis]) 
 def test_targets_that_lean_by_more_than_ten_centimetres_are_refused(
     right_m: float, down_m: float, refused: bool
 ) -> None:
-    """From one side of the array to the other, over its longer side: what all targets have in common."""
+    """The lean is the difference of range over the longer side of the array, which all targets have in common."""
     own = RAD_PER_M * (right_m * ACROSS + down_m * DOWN)
     if refused:
         lean = round(1000 * float(np.hypot(right_m, down_m)))
@@ -287,7 +288,10 @@ def test_targets_with_a_shape_of_more_than_three_centimetres_are_refused(size_m:
 def test_a_target_more_than_a_centimetre_unlike_the_others_is_refused(
     target: int, left_m: float, refused: bool
 ) -> None:
-    """The mean of the targets goes to the pixels, by their powers, here 1, 1/4 and 1/9; the rest is the target's own."""
+    """The mean over the targets, weighted by their powers 1, 1/4 and 1/9, counts as phases of the pixels.
+
+    The rest of the departure stays with the target.
+    """
     powers = np.array([1.0, 1 / 4, 1 / 9])
     mean = powers[target] / powers.sum()
     off_m = left_m / max(mean if target == 0 else 0.0, 1.0 - mean) * CHEQUERED

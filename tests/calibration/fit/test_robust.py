@@ -1,4 +1,4 @@
-"""Least squares that outliers have no say in, on curves whose truth is known."""
+"""Robust least squares, in which outliers have no weight, on curves whose truth is known."""
 
 from collections.abc import Callable
 
@@ -36,7 +36,7 @@ def test_gaussian_noise_is_fitted_nearly_as_by_least_squares() -> None:
     plain = np.array([np.linalg.lstsq(COLUMNS, y, rcond=None)[0] for y in runs]) - TRUTH
     efficiency = (plain.var(axis=0) / robust.var(axis=0)).mean()
     assert efficiency == pytest.approx(0.95, abs=0.05)
-    # what is predicted is what is seen
+    # the predicted variance is the observed one
     predicted = np.mean([np.diag(fitted(y).covariance) for y in runs[:20]], axis=0)
     np.testing.assert_allclose(robust.var(axis=0), predicted, rtol=0.3)
 
@@ -64,7 +64,7 @@ def test_a_third_of_wild_observations_has_no_say() -> None:
     assert (fit.weights[wild] == 0.0).all()
     assert (np.delete(fit.weights, wild) > 0.0).mean() > 0.99
     assert (np.abs(fit.parameters - TRUTH) < 4 * np.sqrt(np.diag(fit.covariance))).all()
-    # the weight of what is kept falls as Tukey's biweight does
+    # the weights of the kept observations are Tukey's biweight
     kept = fit.weights > 0.0
     ratio = fit.residual[kept] / fit.scale / 4.685
     np.testing.assert_allclose(fit.weights[kept], (1 - ratio**2) ** 2, rtol=1e-9)
@@ -103,7 +103,7 @@ def test_parameters_that_nothing_tells_are_refused() -> None:
 
 
 def test_weights_and_scale_are_tukey_s_biweight_of_the_residuals() -> None:
-    """Scale by the median of absolute residuals over .6745; no weight from 4.685 scales on."""
+    """The scale is the median of the absolute residuals over .6745. From 4.685 scales on, the weight is 0."""
     y = observed(3)
     y[::7] += np.linspace(-1.0, 1.0, y[::7].size)
     fit = fitted(y)
@@ -120,7 +120,7 @@ def test_weights_and_scale_are_tukey_s_biweight_of_the_residuals() -> None:
 
 
 def test_the_fit_ends_where_the_weighted_residuals_balance() -> None:
-    """Within a ten-thousandth of the standard errors, whatever the start."""
+    """The end is within a thousandth of the standard errors, from any start."""
     y = observed(4)
     y[100:160] += 0.6
     near, far = (robust_fit(parabola(y), start) for start in (np.array([0.7, -1.3, 0.4]), np.array([0.9, -1.0, 0.1])))
@@ -143,7 +143,7 @@ def test_the_unit_that_parameters_are_counted_in_does_not_matter(unit: float) ->
 
 
 def test_a_fit_ends_where_it_stands_still() -> None:
-    """Of what is linear, once the outliers are known: a dozen steps, of sixty that it may take."""
+    """A linear model needs about a dozen steps to find the outliers; sixty are allowed."""
     y, asked = observed(2), 0
     y[::10] += 3.0
     model = parabola(y)
@@ -158,7 +158,7 @@ def test_a_fit_ends_where_it_stands_still() -> None:
 
 
 def test_a_parameter_that_is_known_stays_and_the_others_are_fitted_without_it() -> None:
-    """As if what it makes of the observations had been taken off them."""
+    """The fit is as if the known parameter's part had been subtracted from the observations."""
     y, free = observed(6), np.array([True, False, True])
 
     def model(parameters: F) -> tuple[F, F]:

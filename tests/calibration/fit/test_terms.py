@@ -1,4 +1,4 @@
-"""Which terms a waveform has after changes to it."""
+"""The higher terms of a response that targets determine, and the terms of a waveform after a change."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ TRIANGLE = {-3: 1 / 9 + 0.01j, 5: 1 / 25 + 0j}
 
 
 def test_an_imbalance_mirrors_all_of_the_waveform() -> None:
-    """v + c·conj(v), for any waveform v: what is at k comes back at −k."""
+    """An imbalance turns any waveform v into v + c·conj(v), so that every term k also appears at −k."""
     c = 0.03 - 0.02j
     theta = np.linspace(-3.0, 3.0, 50)
     wave = np.exp(1j * theta) * series(TRIANGLE, theta)
@@ -40,7 +40,10 @@ def observed(
     truth: Terms = TRUTH,
     turn: float = 0.5,
 ) -> Observations:
-    """Targets at distances over a turn of the fundamental, seen by pixels with phases and gains of their own."""
+    """Return targets at distances over a turn of the fundamental, seen by pixels with different phases and gains.
+
+    In the first `spoilt` pixels, one phasor is turned by `turn` rad.
+    """
     rng = np.random.default_rng(seed)
     phase = np.linspace(0.4, 5.6, targets)[:, np.newaxis] + rng.normal(0.0, 0.05, (targets, pixels))
     own, gain = rng.normal(0.0, 0.2, (2, pixels)), rng.uniform(0.9, 1.1, (2, pixels))
@@ -59,7 +62,7 @@ def orders(found: TermFit) -> set[int]:
 
 
 def test_terms_that_are_there_are_taken_and_found() -> None:
-    """The offset of the second harmonic's third term is taken in both; nothing else is."""
+    """The term k = 3 exists in the second harmonic only, but is taken in both; no other term is taken."""
     found = fit_terms(observed(), ({}, {}), distances=6)
     assert orders(found) == {-1, 0, 3}
     for row, terms in enumerate(found.terms):
@@ -86,7 +89,10 @@ def test_standard_errors_are_those_of_repetitions() -> None:
 
 @pytest.mark.parametrize(("turn", "out"), [(0.5, True), (0.03, True), (0.02, True), (0.004, False)])
 def test_pixels_beside_all_others_are_left_out(turn: float, out: bool) -> None:
-    """Turned by so many rad in one of twelve phasors: noise is 1.7 mrad, its lengths over all phasors are 3.9 ± .7 of it."""
+    """In the first pixels, one of twelve phasors is turned by so many rad. The noise of a phasor is 1.7 mrad.
+
+    The root of the misfit of a pixel, over all phasors, is 3.9 ± .7 in units of the noise.
+    """
     found = fit_terms(observed(spoilt=10, turn=turn), ({}, {}), distances=6)
     assert (~found.kept[:10]).sum() == (10 if out else pytest.approx(0, abs=1))
     assert found.kept[10:].mean() > 0.97
@@ -94,14 +100,14 @@ def test_pixels_beside_all_others_are_left_out(turn: float, out: bool) -> None:
 
 
 def test_what_is_known_too_badly_is_not_taken() -> None:
-    """Noise of a fiftieth of the signal in few pixels: standard errors above two thousandths."""
+    """With noise of 1/50 of the signal and few pixels, the standard errors exceed 2e-3."""
     found = fit_terms(observed(noise_v=2e-3, pixels=60), ({}, {}), distances=6)
     assert not orders(found)
     assert all("cannot be told" in text for text in found.findings)
 
 
 def test_what_is_too_small_to_matter_is_not_taken_however_well_it_is_known() -> None:
-    """Below two ten-thousandths; and what matters is."""
+    """Terms below 2e-4 are left out, and larger terms are taken."""
     for size, taken in ((1.6e-4, False), (2.4e-4, True)):
         found = fit_terms(observed(noise_v=1e-6, truth=({3: size + 0j}, {})), ({}, {}), distances=6)
         assert (orders(found) == {3}) is taken
@@ -127,5 +133,5 @@ def test_terms_come_on_top_of_those_of_the_waveform() -> None:
 
 
 def test_among_thousands_of_pixels_noise_alone_leaves_none_out() -> None:
-    """Beyond five deviations of a length lies one in a million; beyond as many of a square would be one in a thousand."""
+    """One pixel in a million has a root of the misfit beyond five deviations; one in a thousand has such a misfit."""
     assert fit_terms(observed(pixels=6000, targets=4), ({}, {}), distances=4).kept.all()
