@@ -1,4 +1,4 @@
-"""One part of a calibration alone, by the route that `resolve` takes: what the camera adds is taken off again, no more."""
+"""One part of a calibration alone, applied as `resolve` does, removes what the camera adds and changes nothing else."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +33,7 @@ POINT_PX = (9.0, 4.0)
 
 
 def volts(*paths: tuple[F | float, F]) -> F:
-    """Voltages, (2, 2, Y, X), without noise, of paths given by amplitude and range in m, after the pulse of 1.7 ns."""
+    """Return noiseless voltages, (2, 2, Y, X), of paths given by amplitude and range in m, with a pulse of 1.7 ns."""
     planes = []
     for h in (1, 2):
         pulse = np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / T1_NS) ** 2) / 2)
@@ -60,7 +60,7 @@ def maps_of(
 
 
 def ranges_m(seed: int = 0) -> F:
-    """Ranges from one end to the other of what can be told apart."""
+    """Return ranges over nearly the whole unambiguous range, in random order, (Y, X)."""
     return (
         np.random.default_rng(seed).permutation(np.linspace(0.01, RANGE_M - 0.01, SHAPE[0] * SHAPE[1])).reshape(SHAPE)
     )
@@ -93,7 +93,7 @@ def test_offsets_of_the_dark_calibration_alone_are_taken_off(tmp_path: Path, ord
 
 
 def test_field_curvature_of_the_petzval_calibration_alone_is_taken_off(tmp_path: Path) -> None:
-    """Up to 6 cm: without it every pixel off the axis is wrong, and beyond the end of the range it wraps."""
+    """The curvature is up to 6 cm. Without the correction, pixels off the axis are wrong, and ranges at the end wrap."""
     true = ranges_m()
     recorded = true + curvature_m(POINT_PX)
     assert (recorded > RANGE_M).any()
@@ -124,7 +124,7 @@ def response(curvature: tuple[float, float], **maps: F) -> ResponseCalibration:
 def test_the_response_s_own_curvature_counts_where_there_is_no_petzval_part(
     tmp_path: Path, point_px: tuple[float, float] | None
 ) -> None:
-    """Counted from the principal point, or, where none is given, from the middle of the array."""
+    """ρ counts from the principal point, or from the middle of the array if no principal point is given."""
     middle = ((SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2)
     metadata = replace(METADATA, optics=Optics(focal_length_px=14.0, principal_point_px=point_px))
     true = ranges_m()

@@ -1,6 +1,6 @@
-"""What every calibration keeps: what a part describes is gone after resolving, truth comes back, files are exact.
+"""A contract for every calibration: resolving removes the defects, the truth is recovered, and files are exact.
 
-The captures have all defects at once; truth comes from `tests.support.defects`, which knows no series and no phasor.
+The captures have all defects at once. The truth comes from `tests.support.defects`, which knows no series and no phasor.
 """
 
 import re
@@ -30,7 +30,7 @@ WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
 
 @dataclass(frozen=True)
 class Measured:
-    """A camera whose defects are known, and what `cadtof calibrate` made of its captures."""
+    """A camera with known defects, and the calibration that `cadtof calibrate` made from its captures."""
 
     seen: DefectiveCamera
     folder: Path
@@ -53,13 +53,13 @@ def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def volts_without_defects(measured: Measured, distance_m: float) -> NDArray[np.float64]:
-    """One frame of a wall by a camera without any defect, in V."""
+    """Return one frame of a wall by a camera without defects, in V."""
     ideal = camera(Defects(), waveform=measured.seen.metadata.modulation.waveform)
     return (frames_of_wall(ideal, distance_m, count=1, seed=50)[0].astype(np.float64) - 8192.0) * 6.0e-5
 
 
 def field_curvature_m(measured: Measured) -> NDArray[np.float64]:
-    """Δ = k2 ρ² + k4 ρ⁴ with the coefficients that were measured, written down anew."""
+    """Return Δ = k2 ρ² + k4 ρ⁴ in m, (Y, X), with the measured coefficients, computed here apart from the package."""
     petzval = measured.calibration.petzval
     assert petzval is not None
     height, width = measured.seen.pixels
@@ -69,9 +69,10 @@ def field_curvature_m(measured: Measured) -> NDArray[np.float64]:
 
 
 def resolved(volts: NDArray[np.float64], measured: Measured, folder: Path | None, *, order: str = "auto") -> DepthMaps:
-    """The maps of voltages by the route of `cadtof resolve`, with the parts that a folder holds, or with none.
+    """Return the maps of voltages as `cadtof resolve` makes them, with the parts in a folder, or without a calibration.
 
-    Each pixel is resolved alone: a diffuse tail follows from the whole frame, so what a part does to one pixel would move others.
+    The MPI model is discrete, so that each pixel is resolved alone. A diffuse tail follows from the whole frame, so a
+    change of one pixel would move other pixels.
     """
     metadata = replace(measured.seen.metadata, voltage=CaptureMetadata().voltage)
     calibration = None if folder is None else load_calibration(folder)
@@ -82,7 +83,10 @@ def resolved(volts: NDArray[np.float64], measured: Measured, folder: Path | None
 
 
 def test_dark_offsets_are_gone_after_resolving(measured: Measured, tmp_path: Path) -> None:
-    """Voltages with the offsets added resolve to what they resolve to without them, but for what noise decides: there is more."""
+    """Voltages with the offsets added, and removed by the part, resolve to the same values as without offsets.
+
+    Only sigma, and the bits that depend on it, differ: the measured offsets have noise of their own.
+    """
     dark = measured.calibration.dark
     assert dark is not None
     save_part(tmp_path, dark)
@@ -113,7 +117,7 @@ def test_field_curvature_is_gone_after_resolving(measured: Measured, tmp_path: P
 def recorded_v(
     calibration: Calibration, amplitudes: NDArray[np.float64], ranges_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Voltages of paths, (P, Y, X), by what the parts say: offset + A·gain·Σ_paths a·Σ_k G[h,k]·exp(ik(h·x + phase))."""
+    """Return voltages of paths, (P, Y, X), by the parts: offset + A·gain·Σ_paths a·Σ_k G[h,k]·exp(ik(h·x + phase))."""
     dark, response = calibration.dark, calibration.response
     assert dark is not None
     assert response is not None
@@ -127,7 +131,7 @@ def recorded_v(
 
 
 def test_voltages_with_every_defect_resolve_to_their_paths(measured: Measured) -> None:
-    """Without noise, the paths come back that the voltages were made of: through series, maps, offsets and curvature."""
+    """Noiseless voltages, made from known paths with series, maps, offsets and curvature, resolve to these paths."""
     dark = measured.calibration.dark
     assert dark is not None
     rng = np.random.default_rng(2)
@@ -143,13 +147,13 @@ def test_voltages_with_every_defect_resolve_to_their_paths(measured: Measured) -
         if measured.seen.metadata.modulation.waveform == "sine":
             assert error.max() < 2e-5
         else:
-            # the search ends well below the noise, and a few pairs of paths have a second answer that fits as well
+            # the search ends well below the noise; for a few pairs of paths, another pair fits equally well
             assert np.mean(error < 0.1 * maps.layer(f"{name}.sigma")[sound]) >= 0.995
     assert np.isnan(maps.layer("direct.depth")[dark.hot]).all()
 
 
 def test_dark_truth_is_recovered(measured: Measured) -> None:
-    """Offsets of ± 20 mV: no pixel is off by more than chance allows, and on average they scatter as predicted."""
+    """Offsets of ± 20 mV are found: no pixel is off by more than chance allows, and errors scatter as predicted."""
     dark, drawn = measured.calibration.dark, measured.seen.drawn()
     assert dark is not None
     sound = ~(drawn.hot | drawn.noisy)
@@ -185,7 +189,7 @@ def test_response_truth_is_recovered(measured: Measured) -> None:
 
 
 def test_imbalance_is_recovered(measured: Measured) -> None:
-    """SC2 stronger by 5 % is G[h,−1]/conj(G[h,1]) = −0.05/2.05, whatever the waveform."""
+    """If SC2 is stronger by 5 %, G[h,−1]/conj(G[h,1]) = −.05/2.05 with any waveform."""
     response = measured.calibration.response
     assert response is not None
     for one, errors in zip(response.responses, response.quality.term_stderr, strict=True):
@@ -204,7 +208,7 @@ def test_petzval_truth_is_recovered(measured: Measured) -> None:
 
 
 def test_everything_together_removes_the_bias(measured: Measured) -> None:
-    """On the two-path card, all defects at once: direct depth within 0.2 cm on average, for triangles 0.5 cm."""
+    """On the two-path card with all defects, the median error of direct depth is below .2 cm, for triangles .5 cm."""
     seen = measured.seen
     frame = card(seen, count=1, seed=40)[0]
     use = CalibrationUse(measured.folder, measured.calibration.digest)

@@ -1,4 +1,4 @@
-"""Frames whose MPI is a tail, by the route of `cadtof resolve`: cut, split over processes, and by any kernel."""
+"""Frames whose MPI is a tail, resolved as `cadtof resolve` does: cropped, split over processes, and with any kernel."""
 
 import pickle
 from pathlib import Path
@@ -27,7 +27,7 @@ def corner() -> tuple[Stored, FramePlan]:
 
 @pytest.mark.parametrize("count", [2, 3, 7])
 def test_a_frame_in_parts_has_the_same_bits(corner: tuple[Stored, FramePlan], count: int) -> None:
-    """Its model goes with every part to another process."""
+    """The model of the tail goes with every part to another process, so it is pickled here."""
     stored, plan = corner
     pixels = prepare_frame(stored, plan=plan)
     assert pixels.tail is not None

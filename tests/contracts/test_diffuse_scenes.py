@@ -1,4 +1,4 @@
-"""What every model of MPI promises of every scene, at any light: scenes × models × integration lengths, truth simulated."""
+"""A contract for every MPI model on every simulated scene at every integration length; the truth is simulated too."""
 
 from dataclasses import replace
 from functools import cache
@@ -62,7 +62,7 @@ def traced(name: str) -> Band:
 
 @cache
 def recorded(name: str, length: float) -> tuple[F, F, CaptureMetadata]:
-    """Volts of one frame, the true range, and what is known of it."""
+    """Return the voltages of one frame, the true range, and the metadata."""
     usual, whole = exposure(name), traced(name)
     gain = averaging_gain(length) / averaging_gain(usual.integration_length)
     noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)
@@ -111,7 +111,8 @@ WITHOUT_TAIL = [
     ("weak ramp", LENGTHS[2]),
     ("by a reflector", LENGTHS[2]),
 ]
-"""At the least light, a second path of a fiftieth of the direct one is hardly seen."""
+"""Scenes whose MPI is no tail, with the integration lengths at which this can be seen. At the shortest length, a second
+path with a fiftieth of the direct light is hardly seen."""
 
 
 @pytest.mark.parametrize(("name", "length"), WITHOUT_TAIL)
@@ -127,7 +128,7 @@ def test_frames_without_a_tail_are_left_alone_to_the_bit(name: str, length: floa
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("name", ["one share", "one share and delay", "wall", *TAILS])
 def test_pooling_changes_no_frames_model(name: str, length: float, window: int) -> None:
-    """Pooled neighbours share their noise: that neither looks like MPI nor like a tail that noise hides in each patch."""
+    """Pooled neighbours share noise. This must look neither like MPI nor like a tail that noise hides in each patch."""
     volts, _, metadata = recorded(name, length)
     found = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=MapSettings(pool=window)))
     assert found.mpi is not None
@@ -139,7 +140,10 @@ def test_pooling_changes_no_frames_model(name: str, length: float, window: int) 
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("name", TAILS)
 def test_a_tail_is_taken_out_where_there_is_one(name: str, length: float) -> None:
-    """In rooms errors fall to half of those of two paths, whose own are small in a bare corner; sigma knows what is left."""
+    """In rooms the median error is at most half of that of two paths; in a bare corner two paths are good already.
+
+    Sigma accounts for the remaining errors.
+    """
     taken, truth_m = resolved(name, "auto", length), recorded(name, length)[1]
     assert taken.mpi is not None
     assert taken.mpi.taken == "diffuse"
@@ -183,7 +187,10 @@ def test_frames_of_any_size_are_answered(size: tuple[int, int], model: MpiModel)
 
 
 def test_a_megapixel_is_answered_as_its_quarter_million_is() -> None:
-    """Four pixels for each: the same patches, and the same depths but for the noise of the pixels that patches are sampled at."""
+    """Every pixel becomes 12 × 12 pixels. The patches stay the same, and so do the depths.
+
+    Only the noise of the pixels at which patches are sampled makes a difference.
+    """
     volts, truth_m, metadata = recorded("room", 1e5)
     large = np.repeat(np.repeat(volts, 12, axis=2), 12, axis=3)
     x, y = (12 * c + 5.5 for c in ((CAMERA.width - 1) / 2, (CAMERA.height - 1) / 2))
@@ -200,7 +207,7 @@ def test_a_megapixel_is_answered_as_its_quarter_million_is() -> None:
 
 
 def defects(volts: F) -> tuple[F, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
-    """A lost column, a hole, and single pixels without a value."""
+    """Return voltages with a lost column, a hole and single pixels of NaN, and where these are."""
     lost = np.zeros(volts.shape[2:], np.bool_)
     lost[:, 17] = lost[20:31, 40:55] = True
     lost[np.random.default_rng(1).random(lost.shape) < 0.02] = True
@@ -261,7 +268,7 @@ def cosines() -> F:
 
 
 def turned(volts: F, metadata: CaptureMetadata, further_m: float) -> F:
-    """The scene so much further away."""
+    """Return the voltages of the scene if it were so much farther away."""
     turn = 4 * np.pi * further_m / (0.299792458 * metadata.modulation.periods_ns[0])
     phasors = [(pair[0] + 1j * pair[1]) * np.exp(1j * h * turn) for h, pair in enumerate(volts, 1)]
     return np.stack([np.stack([p.real, p.imag]) for p in phasors])
@@ -272,7 +279,7 @@ def turned(volts: F, metadata: CaptureMetadata, further_m: float) -> F:
 def test_further_harmonics_take_no_corner_for_two_paths_whose_delays_noise_hides(
     periods_ns: tuple[float, ...], length: float
 ) -> None:
-    """With little light two paths foretell the further harmonics of its tail, too, but are far from the truth."""
+    """With little light, two paths also predict the further harmonics of the corner's tail, but with large errors."""
     metadata = CaptureMetadata(
         modulation=Modulation(periods_ns=periods_ns), pixel=Pixel(integration_length=length), optics=CAMERA.optics
     )
@@ -289,7 +296,7 @@ def test_further_harmonics_take_no_corner_for_two_paths_whose_delays_noise_hides
 
 @cache
 def of_triangles(name: str) -> tuple[F, F, CaptureMetadata]:
-    """Volts of one frame of triangle waves, the true range, and what is known of it."""
+    """Return the voltages of one frame with triangle modulation, the true range, and the metadata."""
     metadata = replace(recorded(name, 1e4)[2], modulation=Modulation(waveform="triangle"))
     shown = replace(exposure(name), metadata=metadata)
     whole = expose(shown)
@@ -298,7 +305,7 @@ def of_triangles(name: str) -> tuple[F, F, CaptureMetadata]:
 
 @pytest.mark.parametrize(("name", "more"), [("corner", 3.0), ("room", 1.2), ("cornell", 1.2)])
 def test_a_tail_is_known_nearly_as_well_with_triangle_waves_as_with_sines(name: str, more: float) -> None:
-    """Other terms see what is left of the tail at further harmonics, not paths that fit a pixel's noise."""
+    """The other terms of a triangle are those of the tail at further harmonics, not those of paths fitted to noise."""
     volts, truth_m, metadata = of_triangles(name)
     found = resolve_frame(volts, plan=FramePlan(metadata=metadata))
     assert found.mpi is not None

@@ -1,4 +1,4 @@
-"""Files that other software wrote on the spot are read right, or refused with the right reason: the matrix of docs/formats.md."""
+"""Files that other software writes here are read correctly or refused with the right reason (docs/formats.md)."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A program counts as a tool only when its version text says what it is."""
+"""A program on PATH counts as an outside tool only if its version text names its maker."""
 
 import os
 from pathlib import Path

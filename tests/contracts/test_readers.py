@@ -1,4 +1,4 @@
-"""What every reader owes, whatever the form of the file: the recorded values, bit for bit, in the order H C Y X."""
+"""A contract for every reader: it returns the recorded values, bit for bit, in the order H C Y X."""
 
 import pickle
 import tracemalloc

@@ -1,4 +1,4 @@
-"""Every resolver on every reference problem; what is true comes from the problem."""
+"""A contract for every resolver on every reference problem, which knows the truth."""
 
 from dataclasses import dataclass, replace
 
@@ -16,12 +16,12 @@ from tests.support.mixtures import C, F, Mixture, noise_of
 B = NDArray[np.bool_]
 
 N_AV = 1e10
-"""So long that noise decides nothing here: what it does to the answers is measured elsewhere."""
+"""Integration length so long that noise decides nothing here; other tests measure the effect of noise."""
 
 
 @dataclass(frozen=True)
 class Resolver:
-    """Settings, and the harmonics that they are to work on."""
+    """Settings of a resolver, and the harmonics that it gets."""
 
     name: str
     settings: ResolverSettings
@@ -37,7 +37,7 @@ class Resolver:
         hot: B | None = None,
         first: int = 0,
     ) -> ResolvedPaths:
-        """Resolve phasors, of which `spoilt` have a saturated value, `hot` are hot, and `first` says where they lie."""
+        """Resolve phasors; `spoilt` pixels are saturated, `hot` pixels are hot, `first` is the index of the first pixel."""
         status = np.zeros(phasors.shape[1], np.uint32)
         for pixels, bit in ((spoilt, StatusBit.SATURATED), (hot, StatusBit.HOT_PIXEL)):
             if pixels is not None:
@@ -87,7 +87,7 @@ TWO_PATHS = {
 }
 
 NO_FUNDAMENTAL = Mixture((1.0, 1.0), (3.0, 23.0))
-"""Equal paths half a turn apart cancel in the fundamental, and in every odd harmonic."""
+"""Two equal paths half a turn apart, which cancel in the fundamental and in every odd harmonic."""
 
 every_resolver = pytest.mark.parametrize("resolver", RESOLVERS, ids=lambda resolver: resolver.name)
 
@@ -115,7 +115,7 @@ def test_paths_that_cancel_in_the_fundamental_are_found_where_the_second_harmoni
     resolver: Resolver,
 ) -> None:
     exact = NO_FUNDAMENTAL.exact(resolver.harmonics)
-    exact[np.array(resolver.harmonics) % 2 == 1] = 0.0  # free of rounding
+    exact[np.array(resolver.harmonics) % 2 == 1] = 0.0  # without rounding
     resolved = resolver(exact)
     if resolver.settings.solver == "lm":  # Eq. (9) divides by the first phasor
         assert resolved.status[0] == StatusBit.NOT_CONVERGED
@@ -123,7 +123,7 @@ def test_paths_that_cancel_in_the_fundamental_are_found_where_the_second_harmoni
     elif 2 in resolver.harmonics:
         np.testing.assert_allclose(sorted(delays(resolved)[:2]), NO_FUNDAMENTAL.delays_ns, atol=2e-4)
         assert resolved.status[0] == StatusBit.TWO_PATHS
-    else:  # only the fourth is left: any two of four delays that are a quarter turn apart
+    else:  # only harmonic 4 is left, which cannot distinguish delays a quarter turn apart
         quarter = np.mod(delays(resolved)[:2], 10.0)
         np.testing.assert_allclose(quarter, 3.0, atol=2e-4)
 
@@ -136,7 +136,7 @@ def test_one_path_is_found(resolver: Resolver, delay: float) -> None:
     problem = Mixture((1.0,), (delay,))
     resolved = resolver(problem.exact(resolver.harmonics))
     away = np.angle(np.exp(1j * (resolved.paths[0].phase_rad - problem.phases)))
-    if resolver.settings.order == "2":  # asked for two, with noise for the second: the paths may share the light
+    if resolver.settings.order == "2":  # two paths are forced, so they may share the light of one
         strong = resolved.paths[0].amplitude > 0.5 * problem.shares
         assert not strong.any() or np.abs(away[strong]).max() < 0.01
         return
@@ -197,7 +197,7 @@ def test_three_paths_are_found_the_others_in_falling_amplitude(harmonics: tuple[
 
 @every_resolver
 def test_two_paths_are_ill_conditioned_where_a_sigma_exceeds_a_quarter_of_their_separation(resolver: Resolver) -> None:
-    """By the sine of half the separation; from it on, the predicted scatter is only a lower bound."""
+    """The separation counts as the sine of half of it. Beyond the limit, sigma is only a lower bound of the scatter."""
     rng = np.random.default_rng(12)
     lights = [Mixture((1.0, 0.4), (10.0, 10.0 + gap), asr=2.0) for gap in np.geomspace(0.7, 12.0, 60)]
     drawn = [light.phasors(resolver.harmonics, n_av=3e3, size=6, rng=rng) for light in lights]
@@ -223,7 +223,10 @@ SEVERAL_HARMONICS = [resolver for resolver in ONE_PATH if len(resolver.harmonics
 def test_one_path_is_in_doubt_in_a_tenth_of_pixels_and_where_a_second_one_is_close(
     resolver: Resolver, samples: float
 ) -> None:
-    """One of share r at D rad takes h²·D²·r/2(1+r)² of harmonic h: at 2 ns of 40 and ASR 6, two standard deviations of {1,2}."""
+    """A second path of share r at D rad shortens the phasor of harmonic h by the share h²·D²·r/2(1+r)².
+
+    At 2 ns of 40 ns and ASR 6, this is two standard deviations with the harmonics {1, 2}.
+    """
     rng = np.random.default_rng(14)
     n_av = 1e5 / samples
     clean, close = (
@@ -239,7 +242,7 @@ def test_one_path_is_in_doubt_in_a_tenth_of_pixels_and_where_a_second_one_is_clo
 
 @pytest.mark.parametrize("resolver", [*RESOLVERS, *ONE_PATH], ids=lambda r: f"{r.name} {r.harmonics}")
 def test_a_mean_of_frames_is_a_frame_of_as_many_times_the_length(resolver: Resolver) -> None:
-    """1/(2 n_av − 1) of one frame, over 9; in order test, screening and sigma alike."""
+    """A mean of 9 frames has the noise 1/(9·(2 n_av − 1)) in the order test, in the screening and in sigma."""
     rng = np.random.default_rng(13)
     longer = 0.5 * (9 * (2 * 1e4 - 1) + 1)
     lights = [
@@ -262,7 +265,7 @@ def test_a_mean_of_frames_is_a_frame_of_as_many_times_the_length(resolver: Resol
             assert apart.max(initial=0.0) < 1e-6
         elif np.isfinite(
             ratio
-        ).any():  # a search ends within a third of the standard deviation of one frame, which the mean's is
+        ).any():  # a search ends within a third of the standard deviation
             assert np.nanmedian(ratio) == pytest.approx(1.0, rel=1e-3)
             assert np.nanmedian(apart) < 0.3
     if np.isfinite(mean.chi_squared).any():
