@@ -87,7 +87,7 @@ def test_damage_is_an_error_or_does_not_matter(
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
-def test_every_truncation_is_an_error_unless_nothing_of_use_was_lost(form: Form, tmp_path: Path) -> None:
+def test_every_truncation_is_an_error_unless_all_values_are_still_there(form: Form, tmp_path: Path) -> None:
     recorded = known_frame(form.dtype, shape=(4, 6))
     source = form.write(tmp_path / "frame", recorded)
     path = source.paths[-1]

@@ -52,7 +52,7 @@ def test_blocks_of_any_size_have_the_same_bits(corner: tuple[Stored, FramePlan],
         np.testing.assert_array_equal(found.status, whole.status)
 
 
-def test_an_odd_cut_of_a_frame_is_answered_everywhere(corner: tuple[Stored, FramePlan]) -> None:
+def test_every_pixel_of_a_cropped_frame_has_an_answer(corner: tuple[Stored, FramePlan]) -> None:
     stored, plan = corner
     maps = resolve_frame(np.ascontiguousarray(stored[..., 3:200, 10:263]), plan=plan).maps
     assert np.isfinite(maps.layer("direct.depth")).all()

@@ -80,7 +80,7 @@ def resolved(folder: Path, parts: tuple[Part, ...], frames: int, metadata: Captu
 
 @pytest.mark.parametrize("frames", [1, 4, FRAMES])
 @pytest.mark.parametrize("parts", [(), (dark(),), (response(),), (dark(), response())], ids=len)
-def test_sigma_holds_what_a_calibration_leaves(tmp_path: Path, parts: tuple[Part, ...], frames: int) -> None:
+def test_sigma_includes_the_noise_of_the_calibration(tmp_path: Path, parts: tuple[Part, ...], frames: int) -> None:
     """This holds for any number of frames. Without the noise of the calibration, only .4 of the errors of a mean of
     sixteen frames were within one sigma.
     """
@@ -88,7 +88,9 @@ def test_sigma_holds_what_a_calibration_leaves(tmp_path: Path, parts: tuple[Part
 
 
 @pytest.mark.parametrize("parts", [(dark(),), (response(),)], ids=len)
-def test_an_estimated_noise_holds_it_already(tmp_path: Path, parts: tuple[Part, ...]) -> None:
+def test_an_estimated_noise_already_includes_the_noise_of_the_calibration(
+    tmp_path: Path, parts: tuple[Part, ...]
+) -> None:
     """The differences between pixels of a mean come from the noise of the frames and of the calibration together."""
     unknown = replace(METADATA, pixel=Pixel())
     assert unknown.pixel.integration_length is None
@@ -106,7 +108,9 @@ def assert_sigma_is_true(found: ResolvedFrame) -> None:
 
 
 @pytest.mark.parametrize("parts", [(dark(),), (response(),), (dark(), response())], ids=len)
-def test_two_paths_are_no_tail_because_the_calibration_is_noisy(tmp_path: Path, parts: tuple[Part, ...]) -> None:
+def test_two_paths_are_not_taken_for_a_tail_because_of_a_noisy_calibration(
+    tmp_path: Path, parts: tuple[Part, ...]
+) -> None:
     """The noise of the calibration was once taken for the residual of two paths fitted to a tail.
 
     The errors were then 2 cm instead of .5 mm.

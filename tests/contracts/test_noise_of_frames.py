@@ -26,7 +26,7 @@ def recorded_v(light: Light, *, n_av: float = 1e5, seed: int = 1) -> NDArray[np.
     return AMPLITUDE_V * light.voltages(rng, n_av, SHAPE[0] * SHAPE[1]).reshape(2, 2, *SHAPE)
 
 
-def test_whole_numbers_are_noisier_by_their_rounding_and_sigma_says_so() -> None:
+def test_sigma_of_counts_includes_their_rounding() -> None:
     metadata = replace(METADATA, voltage=Voltage(zero_counts=200.0, volts_per_count=COUNT_V))
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order="1")))
     # frames with different delays spread the rounding errors evenly
@@ -46,7 +46,7 @@ def test_whole_numbers_are_noisier_by_their_rounding_and_sigma_says_so() -> None
     assert np.median(sigmas) > 1.4 * np.median(exact.maps.layer("direct.sigma"))
 
 
-def test_where_rounding_hides_all_noise_and_nobody_gave_the_length_sigma_is_that_of_rounding() -> None:
+def test_if_rounding_hides_all_noise_and_the_length_is_unknown_sigma_is_that_of_rounding() -> None:
     """Neighbours hold the same counts. Estimated from their differences alone, sigma would be 10⁻⁴ of the error."""
     count_v = 0.01
     metadata = CaptureMetadata(voltage=Voltage(zero_counts=200.0, volts_per_count=count_v))
@@ -97,7 +97,7 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
     np.testing.assert_array_equal(mean.layer("effective_pixels"), 9.0)
 
 
-def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> None:
+def test_an_estimated_integration_length_is_that_of_one_frame_of_a_mean() -> None:
     """The estimate comes from the mean, which has the noise of a frame of 9 times the length."""
     volts = recorded_v(Light(2.0), n_av=9e4)
     plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1"), average=9))
@@ -108,7 +108,7 @@ def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> No
     assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)
 
 
-def test_frames_of_noise_alone_have_some_integration_length_however_many_are_averaged() -> None:
+def test_a_mean_of_noise_alone_still_has_an_integration_length() -> None:
     """Noise as large as the modulation means that nothing was averaged: n_av is 1 for the mean.
 
     A ninth of that would be no integration length.
@@ -119,7 +119,7 @@ def test_frames_of_noise_alone_have_some_integration_length_however_many_are_ave
     assert 0.5 < resolved.noise.integration_length < 1.0
 
 
-def test_the_one_path_of_a_frame_of_two_is_the_most_likely_one() -> None:
+def test_order_1_gives_the_most_likely_path_of_light_of_two() -> None:
     """It has the phase x with the largest w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), even if one path fits badly."""
     lights = [Light(0.5, 0.8, 5.0, second) for second in np.linspace(7.0, 18.0, 16)]
     means = np.array([[light.moment(h) for light in lights] for h in (1, 2)])
@@ -154,9 +154,7 @@ def test_two_paths_are_ill_conditioned_where_a_sigma_exceeds_half_their_separati
 
 
 @pytest.mark.parametrize(("mpi", "direct_ns"), [(0.45, 34.0), (0.55, 6.0)])
-def test_what_seems_more_than_half_a_turn_ahead_is_an_echo_below_half_the_strength(
-    mpi: float, direct_ns: float
-) -> None:
+def test_a_path_more_than_half_a_turn_ahead_is_an_echo_below_half_the_amplitude(mpi: float, direct_ns: float) -> None:
     """Light that comes 12 ns after 34 ns appears at 6 ns, 28 ns ahead of it."""
     plan = FramePlan(
         metadata=replace(METADATA, pixel=Pixel(integration_length=1e7)),
@@ -166,7 +164,7 @@ def test_what_seems_more_than_half_a_turn_ahead_is_an_echo_below_half_the_streng
     assert np.nanmedian(np.abs(depth - depth_m(direct_ns))) < 0.01
 
 
-def test_a_second_path_is_found_as_often_where_delays_begin_anew() -> None:
+def test_a_second_path_is_found_as_often_where_delays_wrap() -> None:
     """The second path comes 4 ns after the direct path, with a twentieth of its light.
 
     The direct path is in the middle, just before the end, or just after the beginning of the unambiguous range.

@@ -65,7 +65,7 @@ def resolved(folder: Path, *, metadata: CaptureMetadata = METADATA, pool: int = 
 
 
 @pytest.mark.parametrize("pool", [1, 3])
-def test_pooling_leaves_sigma_true(tmp_path: Path, pool: int) -> None:
+def test_sigma_is_true_with_and_without_pooling(tmp_path: Path, pool: int) -> None:
     """The phases of pixels also turn the higher terms of the triangle.
 
     If pixels are pooled with these differences, only .42 of the errors are within one sigma, and .71 within two.
@@ -85,7 +85,7 @@ def test_pooling_reduces_errors(tmp_path: Path) -> None:
     assert pooled < 0.45 * once
 
 
-def test_estimated_noise_is_that_of_recordings(tmp_path: Path) -> None:
+def test_the_estimated_integration_length_is_the_true_one(tmp_path: Path) -> None:
     """The noise is estimated from differences between pixels.
 
     With the pixels' own phases among the differences, the integration length was less than half of the true one.
