@@ -1,3 +1,5 @@
+"""A patch has separate paths if no decaying tail gives its q_2; phasors that are 0, NaN or too large are no light."""
+
 import numpy as np
 import pytest
 

@@ -1,4 +1,4 @@
-"""What patches hand to their pixels: means, variances within a patch, and what a patch cannot tell."""
+"""The planes that patches hand to their pixels: means, covariances within a patch, variances common to its pixels."""
 
 from dataclasses import replace
 
@@ -29,27 +29,25 @@ def fit(seed: int = 1, *, targets: tuple[float, float] = (0.3, -0.4), data: int 
 
 
 def error_of(variance: float, data: int = DATA) -> F:
-    """Errors of the data alone, alike and independent."""
+    """Return the covariance of independent errors of the data, all with this variance; the targets have no errors."""
     error = np.zeros((data + 2, data + 2, PATCHES))
     error[range(data), range(data)] = variance
     return error
 
 
 STRAIGHT = Leaning(0.0, 0.0)
-"""What two harmonics miss where nothing is missed."""
+"""No share of the lag is missed, and no standard deviation is added."""
 
 
 def kept(posterior: Conditioned) -> F:
-    """What patches leave to their pixels with two harmonics, over their posterior variance."""
+    """Return the variance that patches leave to their pixels with two harmonics, over their posterior variance."""
     variance = posterior.covariance[1, 1]
     share: F = 2.5 * float(np.mean(variance * np.minimum(posterior.chi_squared, 1.0))) / variance
     return share
 
 
 def beside(*lags_rad: float, open_share: float = 0.5, cosine: float = 0.7) -> LagParts:
-    """Lags by light that the view does not show: of its continued border, of what is unseen, and of guessed walls; and what they
-    depend on.
-    """
+    """Return lags by light that the view does not show: by its continued border, unseen light, and guessed walls."""
     lags = (0.0, *lags_rad, *[0.0] * (3 - len(lags_rad)))
     return LagParts(*(np.full(PATCHES, value) for value in (*lags, open_share, cosine)))
 
@@ -70,7 +68,7 @@ def test_valid_patches_keep_their_means_and_the_others_get_theirs() -> None:
 
 
 def test_a_turn_more_of_a_phase_is_the_same_phase() -> None:
-    """Pixels between two patches get what lies between their phases."""
+    """Pixels between two patches get a phase between those of the patches, so these must not differ by turns."""
     known = fit(data=4)
     turned = known.posterior.copy()
     turned[2, 1] += 2.0 * np.pi
@@ -84,7 +82,10 @@ def test_a_pixel_needs_all_of_its_data_and_what_ties_the_targets_to_them() -> No
 
 
 def test_what_patches_leave_is_what_their_data_do_not_tell_and_common_to_them() -> None:
-    """Against numpy's own conditioning of a Gaussian: the mean over the patches of the variance left times χ², times 2.5."""
+    """It is 2.5 times the mean, over the patches, of the posterior variance times χ².
+
+    The posterior is computed here by conditioning a Gaussian with numpy.
+    """
     known = fit()
     left = []
     for patch in range(PATCHES):
@@ -98,7 +99,7 @@ def test_what_patches_leave_is_what_their_data_do_not_tell_and_common_to_them() 
 
 
 def test_a_tail_that_may_not_be_there_counts_by_its_probability() -> None:
-    """Means and variances of what is drawn with the tail in one half of the cases, and else with none."""
+    """Mean and variance are those of draws in which one half has the tail and the other half has no lag."""
     certain = planes(fit(), beside())
     assert certain.weighted_by(1.0).planes.tobytes() == certain.planes.tobytes()
     halved = certain.weighted_by(0.5)
@@ -122,7 +123,7 @@ def test_a_misfit_of_one_and_more_says_the_same() -> None:
 
 
 def misses(chi_squared: F, leaning: Leaning | None = STRAIGHT) -> F:
-    """What patches of this misfit, (rows, columns), leave to their pixels, over a posterior variance of .01."""
+    """Return the variance that patches with this χ², (rows, columns), leave to their pixels, over the posterior variance."""
     count, data = chi_squared.size, 2 if leaning else 4
     values = np.full((data + 2, count), -0.1)
     square = (data + 2, data + 2, count)
@@ -145,7 +146,7 @@ def misses(chi_squared: F, leaning: Leaning | None = STRAIGHT) -> F:
 
 
 def test_patches_side_by_side_that_are_missed_by_far_more_than_the_others_are_less_sure() -> None:
-    """By twelve times what their χ² is over three."""
+    """The added variance is twelve times the excess of their mean χ² over three."""
     chi_squared = np.full((7, 8), 0.5)
     usual = misses(chi_squared)
     chi_squared[2:5, 2:5] = 10.0
@@ -200,7 +201,7 @@ def test_what_views_like_this_one_miss_is_added_in_proportion_to_the_lag() -> No
 def test_with_slow_modulation_less_is_added_and_more_harmonics_are_less_sure(
     data: int, light: LagParts, moved: float, variance: float
 ) -> None:
-    """At twice the period; over what it is at the usual one."""
+    """`moved` and `variance` are the lag and the variance at twice the period, over those at the usual period."""
     known = fit(data=data, targets=(0.3, -1e-6))
     nothing, usual, slow = (
         planes(known, one, slowness=slowness) for one, slowness in ((beside(), 2.0), (light, 1.0), (light, 2.0))
@@ -212,7 +213,7 @@ def test_with_slow_modulation_less_is_added_and_more_harmonics_are_less_sure(
 
 
 def test_with_slow_modulation_the_lag_s_own_error_grows_with_three_harmonics_alone() -> None:
-    """Its variance is √2 times as large where the period is twice as long."""
+    """If the period is twice as long, its variance is √2 times as large."""
     for data, further in ((DATA, 0.0), (4, (np.sqrt(2.0) - 1.0) * (0.05 * 1.2) ** 2)):
         known = fit(data=data, targets=(0.3, 1.2))
         usual, slow = (planes(known, beside(), slowness=slowness) for slowness in (1.0, 2.0))
@@ -233,8 +234,11 @@ def test_with_slow_modulation_the_lag_s_own_error_grows_with_three_harmonics_alo
 def test_with_two_harmonics_light_that_the_view_does_not_show_moves_arg_h(
     light: LagParts, moved: float, unsure: float
 ) -> None:
-    """By .3 of what the continued border sends, in proportion to what is unknown; by .14 of what is unseen at the most, where .8
-    of what a patch faces is unknown; and by .18 of what guessed walls would send, unsure by .35 of it.
+    """Three lags are added to arg H_1.
+
+    One is .3 of the lag by the continued border, in proportion to the unknown share of what a patch faces. One is at
+    most .14 of the lag by unseen light, if .8 of what a patch faces is unknown. One is .18 of the lag that guessed
+    walls would cause, with a standard deviation of .35 of it.
     """
     known = fit()
     without, found = planes(known, beside()), planes(known, light)
@@ -246,7 +250,7 @@ def test_with_two_harmonics_light_that_the_view_does_not_show_moves_arg_h(
 
 @pytest.mark.parametrize(("further", "of_room"), [(1, 1.1), (2, 0.8), (3, 0.8)])
 def test_pixels_differ_from_their_patch_by_less_where_more_harmonics_know_it(further: int, of_room: float) -> None:
-    """By so much of what patches of a room differ by: that of arg H_1, whatever is seen of it."""
+    """The standard deviation of arg H_1 within a patch is a share `of_room` of that between the patches of a room."""
     known = fit(data=2 * further)
     found = planes(known, beside())
     apart = of_room * np.array([0.15, 0.42, 0.35, 1.2, 0.42, 1.75])
@@ -284,7 +288,10 @@ def test_with_three_harmonics_a_late_start_of_unseen_light_takes_of_the_lag(furt
 
 @pytest.mark.parametrize("further", [2, 3])
 def test_more_harmonics_tell_light_from_beside_the_view_by_themselves(further: int) -> None:
-    """What is missing of the continued border's falls with their square, guessed walls move nothing; half of each is unsure."""
+    """The lag added for the continued border falls with the square of their number, and guessed walls add no lag.
+
+    The standard deviation is half of either lag.
+    """
     known = fit(data=2 * further)
     without = planes(known, beside())
     for light, moved, unsure in (
@@ -301,7 +308,10 @@ def test_more_harmonics_tell_light_from_beside_the_view_by_themselves(further: i
 
 @pytest.mark.parametrize("further", [2, 3])
 def test_with_more_harmonics_a_patch_leaves_a_tenth_and_a_twentieth_of_the_lag_is_shared(further: int) -> None:
-    """A tenth of its posterior variance, and a tenth of that again for each unit of χ²."""
+    """A patch leaves a tenth of its posterior variance, and another tenth for each unit of χ².
+
+    The error that all patches share has a standard deviation of a twentieth of the lag.
+    """
     known = fit(data=2 * further)
     found, data = planes(known, beside()), 2 * further
     posterior = patch_posterior(known.expected[:data] + 0.01, error_of(1e-3, data), known)
@@ -312,7 +322,10 @@ def test_with_more_harmonics_a_patch_leaves_a_tenth_and_a_twentieth_of_the_lag_i
 
 @pytest.mark.parametrize("targets", [(0.3, -0.4), (0.05, -0.2), (1.0, 0.5)])
 def test_the_phase_of_the_mpi_light_is_as_unsure_as_repetitions_show(targets: tuple[float, float]) -> None:
-    """MPI light is p_1·(1 − 1/H_1): its phase, for ln|H_1| and arg H_1 drawn from what is left and from the patch's spread."""
+    """MPI light is p_1·(1 − 1/H_1). Its phase is drawn here with ln|H_1| and arg H_1 from their covariances.
+
+    These are the covariance that a patch leaves to its pixels and the covariance within a patch.
+    """
     known = fit(targets=targets)
     small = PatchFit(
         known.room,

@@ -1,4 +1,4 @@
-"""The compiled twin of pixels answered through a tail against numpy, bit for bit, by every instruction set."""
+"""Pixels that are answered through a tail have the same bits in numpy and in every compiled kernel."""
 
 from dataclasses import fields, replace
 from typing import Any
@@ -36,7 +36,7 @@ def kernels() -> list[str]:
 
 
 def room(harmonics: tuple[int, ...] = (1, 2), *, separate: bool = False, **options: Any) -> tuple[Z, DiffuseModel]:
-    """A corner with a tail, (H, n), some of its patches with separate paths, and its model."""
+    """Return phasors of a corner with a tail, (H, n), and its model; with `separate`, some patches have two paths."""
     mpi = {h: np.full(SIZE, TAIL.phasor(h)) for h in harmonics}
     if separate:
         for h in harmonics:
@@ -131,7 +131,7 @@ METADATA = CaptureMetadata(pixel=Pixel(integration_length=1e5), optics=Optics(fo
 
 
 def recorded(harmonics: tuple[int, ...] = (1, 2)) -> Any:
-    """A corner with a tail, a place with separate paths and pixels that have none, (H, 2, Y, X) V."""
+    """Return voltages of a corner with a tail, separate paths and pixels without an answer, in V, (H, 2, Y, X)."""
     phasors, _ = room(harmonics, separate=True)
     hard = HARD["special_values"](np.random.default_rng(2), 60)
     volts = np.stack([phasors.real, phasors.imag], axis=1) * METADATA.modulation.amplitude_v
@@ -150,7 +150,7 @@ def plan_of(metadata: CaptureMetadata = METADATA, **options: Any) -> FramePlan:
 
 
 def words(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
-    """All layers and the status, as they lie in memory."""
+    """Return the bits of all layers and of the status as 32-bit words."""
     maps = resolve_pixels(pixels, plan=plan, kernel=kernel)
     return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]])
 
@@ -169,7 +169,7 @@ def assert_same_maps(stored: Any, plan: FramePlan) -> Any:
 def test_maps_of_a_room_have_the_same_bits(order: str, returns: Return) -> None:
     pixels = prepare_frame(recorded(), plan=plan_of())
     assert pixels.tail is not None
-    # what is forced has no separate patches: some are made up
+    # a frame that is forced to have a tail has no separate patches, so some are set here
     separate = np.zeros_like(pixels.tail.separate)
     separate[2:4, 3:6] = True
     plan = plan_of(order=order, returns=returns, mpi_model="auto")

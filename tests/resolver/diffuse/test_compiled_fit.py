@@ -1,4 +1,4 @@
-"""The compiled twin of what the fit works out patch by patch against numpy, bit for bit, and buffers that do not fit it."""
+"""The steps of the patch fit have the same bits in numpy and in every compiled kernel, which refuses unfit buffers."""
 
 from types import ModuleType
 from typing import Any
@@ -74,7 +74,7 @@ def test_a_fit_has_the_same_bits(harmonics: tuple[int, ...], patches: int) -> No
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32), large=st.sampled_from([1.0, 1e3, 1e150]), special=st.booleans())
 def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, special: bool) -> None:
-    """Of numbers that no room has, too: NaN stays what it is, or becomes one."""
+    """This holds even for numbers that no room has. NaN and infinity may become NaN."""
     rng, patches, count = np.random.default_rng(seed), 40, 4
 
     def numbers(*size: int) -> F:
@@ -246,7 +246,7 @@ def test_levels_steps_and_harmonics_that_there_are_not_are_refused(compiled: Mod
 
 
 def test_a_state_is_where_the_compiled_fit_starts() -> None:
-    """No patches at all are no reason to crash."""
+    """A fit without any patches returns empty arrays."""
     steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)), kernels()[0])
     white, linear = steps.evidence(np.empty((4, 0)), np.empty((6, 4, 0)), MEAN[:, None][:, :0])
     assert white.shape == (2, 7, 0)

@@ -1,4 +1,4 @@
-"""The compiled twin of the first look at a frame against numpy, bit for bit, and buffers that do not fit it."""
+"""The first look at a frame has the same bits in numpy and in every compiled kernel, which refuses unfit buffers."""
 
 from dataclasses import replace
 from types import ModuleType
@@ -39,7 +39,7 @@ def noise_of(harmonics: tuple[int, ...]) -> NoiseModel:
 
 
 def stored_of(size: tuple[int, int], harmonics: int, dtype: Any, seed: int = 1) -> Any:
-    """Counts about 8192, some of them saturated and some of no light; as floats, some are not finite or far too large."""
+    """Return counts around 8192; some are saturated, some without light. Floats include NaN, ∞ and very large values."""
     rng, pixels = np.random.default_rng(seed), size[0] * size[1]
     counts = 8192.0 + rng.normal(0.0, 1500.0, (harmonics, 2, pixels))
     counts[:, :, rng.random(pixels) < 0.1] = 8192.0
@@ -54,7 +54,7 @@ def stored_of(size: tuple[int, int], harmonics: int, dtype: Any, seed: int = 1) 
 
 
 def phasor_map(harmonics: int, pixels: int | None) -> PhasorMap:
-    """A map for all pixels, or one for each."""
+    """Return one affine map for all pixels, or a different one for each of `pixels` pixels."""
     rng, shape = np.random.default_rng(7), (harmonics, 2, pixels or 1)
     own = 6e-5 / 0.27 * rng.uniform(0.9, 1.1, shape)
     if pixels is None:
@@ -63,7 +63,7 @@ def phasor_map(harmonics: int, pixels: int | None) -> PhasorMap:
 
 
 def by_numpy(stored: Any, look: Look, noise: NoiseModel, settings: ResolverSettings, grid: PatchGrid) -> PatchLight:
-    """The stages of a frame, one after the other."""
+    """Return the light of the patches by the separate stages of numpy, one after the other."""
     phasors = phasors_from_stored(stored, look.phasor_map)
     status = saturated_pixels(stored, LIMITS).astype(np.uint32)
     if look.hot is not None:

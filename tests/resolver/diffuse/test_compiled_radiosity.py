@@ -1,4 +1,4 @@
-"""The compiled twin of radiosity, pair by pair, against numpy, bit for bit, and buffers that do not fit it."""
+"""Radiosity, pair by pair, has the same bits in numpy and in every compiled kernel, which refuses unfit buffers."""
 
 from types import ModuleType
 from typing import Any
@@ -16,7 +16,7 @@ KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
 
 
 def pieces(count: int, seed: int) -> Surfaces:
-    """Small pieces of surface that look about, some of them at one place."""
+    """Return small pieces of surface with random positions and normals; some are at the same position."""
     rng = np.random.default_rng(seed)
     ray, normal = rng.normal(size=(2, 3, count))
     ray[:, ::7] = ray[:, :1]
@@ -50,7 +50,7 @@ def test_light_between_pieces_has_the_same_bits(harmonics: tuple[int, ...], seen
 ONTO, SOURCES = 5, 37
 
 WRITTEN = 3
-"""The last buffers."""
+"""Number of buffers that the function writes: the last ones."""
 
 
 def buffers() -> list[Any]:

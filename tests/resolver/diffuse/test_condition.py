@@ -1,3 +1,5 @@
+"""Gaussian conditioning, one datum after the other, and the noise of a patch's data."""
+
 import numpy as np
 import pytest
 

@@ -1,4 +1,4 @@
-"""Second paths that change evenly over the view are told from tails, whose shares and delays never do, whatever hides them."""
+"""Second paths whose shares and delays change evenly over the view are told from tails, which never change evenly."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ PLACES = PatchPlaces(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), np
 
 
 def second(share: float | F, later_ns: float | F, sigma: float, *, harmonics: int = 2, seed: int = 0) -> PatchData:
-    """Patches of two paths."""
+    """Return patches with a second path of this share of the light and this delay."""
     turn: Complex = np.exp(1j * OMEGA * np.broadcast_to(later_ns, COUNT))
     return patch_data(*(share * turn**h for h in range(1, harmonics + 1)), sigma=sigma, seed=seed)
 
@@ -42,7 +42,7 @@ def even(data: PatchData) -> bool:
 
 
 def room(uneven: float, sigma: float, *, strength: float = 0.25, seed: int = 0) -> PatchData:
-    """A tail that is stronger and earlier where surfaces meet: in two edges of the view and in its middle."""
+    """Return patches with a tail that is stronger and earlier near two edges of the room, one upright and one level."""
     near = np.exp(-6.0 * np.abs(ACROSS + 0.1)) + np.exp(-5.0 * np.abs(DOWN - 0.25))
     tails = [Tail(strength * float(np.exp(uneven * x)), 4.0 - 2.0 * uneven * float(x), 8.0) for x in near]
     mpi = [np.array([tail.phasor(h) for tail in tails]) for h in (1, 2)]
@@ -74,7 +74,7 @@ def test_one_share_at_one_delay_is_two_paths(share: float, later_ns: float, sigm
 
 
 def test_weak_shares_that_grow_evenly_are_two_paths_at_delays_that_do() -> None:
-    """From .005 to .03 down, 3 to 20 ns late across: the card of `simulate` with weak MPI."""
+    """Shares grow from .005 to .03 downwards, and delays from 3 to 20 ns across: a weak card of `simulate`."""
     share, later = 0.0175 + 0.0125 * DOWN / 0.43, 11.5 + 8.5 * ACROSS / 0.57
     for seed in range(5):
         assert even(second(share, later, 1e-3, seed=seed))
@@ -82,7 +82,7 @@ def test_weak_shares_that_grow_evenly_are_two_paths_at_delays_that_do() -> None:
 
 @pytest.mark.parametrize("later_ns", [9.0 * SLANT, 9.0 + 4.0 * ACROSS, 6.0 + 3.0 * SLANT - 2.0 * DOWN])
 def test_delays_on_an_even_surface_are_two_paths_whatever_the_shares(later_ns: F) -> None:
-    """A pane before a wall with a pattern: delays are those of two planes, what the wall sends back is any."""
+    """A pane stands before a patterned wall. The delays are those of two planes, and the shares follow the pattern."""
     share = 0.15 * np.exp(0.5 * np.random.default_rng(7).normal(size=COUNT))
     assert even(second(share, later_ns, 5e-4))
     uneven = later_ns + 0.3 * np.random.default_rng(8).normal(size=COUNT)
@@ -97,14 +97,14 @@ def test_tails_that_follow_surfaces_are_not_even(uneven: float, sigma: float) ->
 
 
 def test_noise_that_hides_everything_is_no_second_path() -> None:
-    """A share that is as far from none as from any says nothing, and a tail that is hidden as well is not told from it."""
+    """If noise hides the shares, the frame is not taken for two paths, whether it has a tail or a second path."""
     for seed in range(5):
         assert not even(room(0.5, 0.2, seed=seed))
         assert not even(second(0.005, 9.0, 1e-2, seed=seed))
 
 
 def test_a_fifth_of_the_view_may_be_without_a_second_path_and_a_piece_have_another() -> None:
-    """The noise of shares is 11 % of them, too much for single patches to tell that they are the same."""
+    """The noise of a share is 11 % of it. So single patches do not tell that all shares are the same."""
     share = np.where(DOWN < -0.26, 0.0, 0.05)
     assert even(second(share, 8.0, 2e-3))
     share = np.where((DOWN < -0.2) & (ACROSS < -0.4), 0.2, 0.05)
@@ -113,7 +113,10 @@ def test_a_fifth_of_the_view_may_be_without_a_second_path_and_a_piece_have_anoth
 
 
 def test_what_is_left_alike_in_neighbours_is_a_tail_where_each_patch_hides_it() -> None:
-    """Shares that wave over the view by a seventh, under noise of the same size: χ² hardly tells, neighbours do."""
+    """Shares vary by a seventh over the view, under noise of the same size.
+
+    χ² hardly shows this, but the products of neighbouring residuals do.
+    """
     wave = 1.0 + 0.25 * np.sin(12.0 * ACROSS) * np.sin(12.0 * DOWN)
     for seed in range(5):
         assert even(second(0.05, 8.0, 5e-3, seed=seed))
@@ -139,7 +142,11 @@ def test_few_patches_and_light_without_mpi_or_noise_do_no_harm() -> None:
 def by_a_mirror(
     sigma: float, *, step_m: float = 0.3, most: float = 0.06, turns: float = 0.0
 ) -> tuple[PatchData, PatchPlaces]:
-    """A wall at 1.5 m, of which a part stands before the rest, and light by a surface at its right, stronger the nearer it is."""
+    """Return a wall at 1.5 m, of which a part stands before the rest, with light by way of a surface at its right.
+
+    `step_m` is how far the part stands before the rest. `most` is the share of this light at distance 0; it falls with
+    the distance. `turns`, in rad, is added to all delays.
+    """
     range_m = 1.5 * SLANT - step_m * (np.abs(DOWN) < 0.15)
     wall = range_m * np.stack([ACROSS, DOWN, np.ones(COUNT)]) / SLANT
     place = np.array([1.6, 0.1, 0.5])
@@ -157,7 +164,7 @@ def by_a_mirror(
 def test_delays_by_one_place_are_two_paths_though_they_are_not_even(
     most: float, turns: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where some come half a period late, and seem to be as much too early; and where they turn arg p_1 by much."""
+    """This holds even if some delays exceed half a period and so appear negative, and if MPI turns arg p_1 by much."""
     data, places = by_a_mirror(2e-5, most=most, turns=turns)
     with np.errstate(all="ignore"):
         found = SecondPaths.of(data)
@@ -185,7 +192,7 @@ def test_where_no_patch_is_surrounded_by_others_nothing_is_said_of_one_place() -
 
 
 def test_patches_at_the_edge_of_a_panel_do_not_hide_where_its_light_comes_from() -> None:
-    """They hold light of the wall behind it, too, and seem to have another delay."""
+    """Patches at the edge also hold light of the wall behind the panel, so that they seem to have another delay."""
     data, places = by_a_mirror(5e-6, step_m=0.0)
     panel: Bool = (np.abs(ACROSS) < 0.4) & (np.abs(DOWN) < 0.35)
     inner: Bool = (np.abs(ACROSS) < 0.36) & (np.abs(DOWN) < 0.3)

@@ -1,4 +1,4 @@
-"""How a frame is cut and sampled: sizes, which pixels stand for a patch, and where they look."""
+"""The patches that a frame is cut into: their sizes, the pixels that are sampled, and the rays of these pixels."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ OFF_CENTRE = View(100.0, (30.5, 17.25))
 
 
 def sampled_at(grid: PatchGrid, length: int, patches: int) -> list[list[int]]:
-    """The sampled rows (or columns) of every patch: the middle one of each stride."""
+    """Return the sampled rows, or columns, of every patch: the middle one of each stride."""
     everywhere = [[pixel for pixel in range(length) if pixel // grid.side == patch] for patch in range(patches)]
     return [[pixel for pixel in pixels if pixel % grid.stride == grid.stride // 2] for pixels in everywhere]
 
@@ -29,7 +29,7 @@ def sampled_at(grid: PatchGrid, length: int, patches: int) -> list[list[int]]:
 def test_a_frame_is_cut_into_about_three_hundred_squares_of_eight_samples_a_side(
     size: tuple[int, int], side: int, stride: int, patches: tuple[int, int]
 ) -> None:
-    """Where 300 patches would be smaller than a dozen pixels, all of their pixels are samples; four a side are the least."""
+    """If 300 patches would have sides below 12 pixels, every pixel is sampled. A patch has at least 4 pixels a side."""
     grid = patch_grid(*size, OFF_CENTRE)
     assert (grid.side, grid.stride, (grid.rows, grid.columns)) == (side, stride, patches)
     assert (grid.height, grid.width, grid.view) == (*size, OFF_CENTRE)
@@ -41,7 +41,7 @@ def test_a_frame_is_cut_into_about_three_hundred_squares_of_eight_samples_a_side
 def test_from_three_hundred_times_a_dozen_squared_pixels_on_every_second_one_is_sampled(
     size: tuple[int, int], side: int, stride: int
 ) -> None:
-    """43,200 pixels: 300 patches of 12 × 12."""
+    """The limit is 43,200 pixels: 300 patches of 12 × 12."""
     grid = patch_grid(*size, OFF_CENTRE)
     assert (grid.side, grid.stride) == (side, stride)
 

@@ -1,4 +1,4 @@
-"""Which patches count, and what a frame of them gets: each limit of `choice` from both sides."""
+"""The patches that count and the model that a frame gets: each limit of `choice`, tested on both sides."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ TAIL = 0.8 * np.exp(-0.2j)
 
 
 def frame(ratios: list[complex], *, third: complex = 0.7) -> PatchMeans:
-    """Patches in a row, all with 64 pixels of amplitude .2."""
+    """Return a row of patches with these q_2 and a common q_3, each with 64 pixels of amplitude .2."""
     second: Complex = np.array([ratios])
     ratio, one = np.stack([second, np.full_like(second, third)]), np.ones((1, len(ratios)))
     return PatchMeans(ratio, 0.2 * one, 64.0 * one, 0.0 * one, one)
@@ -84,7 +84,7 @@ def test_half_a_view_without_mpi_has_no_tail_in_the_rest(clean: int, reason: str
 
 @pytest.mark.parametrize(("times", "reason"), [(1.3, "no MPI to be seen"), (1.5, "tail")])
 def test_mpi_is_to_be_seen_from_twice_the_noise_s_square_on(times: float, reason: str) -> None:
-    """|q_2| off by so many times its own noise, arg q_2 alike, those of q_3 too: the mean square is the square of it."""
+    """|q_2|, arg q_2, |q_3| and arg q_3 deviate by `times` their noise, so the mean squared deviation is times²."""
     relative = np.sqrt(1.0 / (0.2**2 * 64.0))
     size = [times * np.sqrt(VARIANCES[0] + v) * relative for v in VARIANCES[1:]]
     phase = [times * np.sqrt(h * h * VARIANCES[0] + v) * relative for h, v in zip((2, 3), VARIANCES[1:], strict=True)]
@@ -105,7 +105,10 @@ def test_noise_alone_speaks_against_mpi_and_the_misfit_of_a_room_leaves_no_doubt
 
 
 def test_the_probability_of_mpi_is_that_of_a_free_variance_against_a_known_one() -> None:
-    """Integrated: n numbers of the mean square m, with the variance 1 or with one whose logarithm is even over a range of 2√π."""
+    """The odds are integrated here for n numbers with the mean square m.
+
+    Their variance is 1, or its logarithm has a uniform distribution over a range of 2√π.
+    """
     numbers, known = 400, 0.1
     count = 2.0 / (2.0 / numbers + known**2)
     logs = np.linspace(-3.0, 3.0, 60001)
@@ -148,7 +151,7 @@ def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_
     ],
 )
 def test_a_lead_of_a_tenth_and_a_ratio_of_six_fifths_are_the_most_of_a_tail(ratio: complex, separate: bool) -> None:
-    """Beyond seven times the noise of a mean of 64 pixels: 7 · .001/(.2 · 8) = .0044."""
+    """The limits have a margin of seven times the noise of a mean of 64 pixels: 7 · .001/(.2 · 8) = .0044."""
     means = PatchMeans(
         np.full((1, 1, 1), ratio), np.full((1, 1), 0.2), np.full((1, 1), 64.0), np.zeros((1, 1)), np.ones((1, 1))
     )
@@ -172,7 +175,10 @@ def test_no_tail_fits_where_too_many_patches_are_unexplained(data: int, limit: f
 
 
 def test_patches_that_two_paths_explain_no_better_speak_for_no_model() -> None:
-    """A tail leaves 50 a datum of a third of the patches; two paths may leave that of each datum that follows q_2."""
+    """In 30 of 100 patches the tail leaves χ² = 50 per datum.
+
+    These are no evidence against a tail if two paths leave as much in each datum that follows q_2.
+    """
     unexplained = np.array([200.0] * 30 + [0.1] * 70)
     assert not tail_fits(unexplained, np.array([100.0] * 30 + [1e6] * 70), 4)
     assert tail_fits(unexplained, np.array([100.1] * 30 + [0.0] * 70), 4)

@@ -1,4 +1,4 @@
-"""Which way two harmonics lean: the numbers of views whose surfaces are known, and what is made of them."""
+"""The bias of two harmonics: the numbers of a view with known surfaces, and the missed share that follows from them."""
 
 from dataclasses import fields, replace
 
@@ -22,13 +22,13 @@ ROOM = np.array([-0.3, 0.0, 0.0, -2.0, 2.5, 4.4])
 
 
 def surfaces(range_m: F, normal: F) -> Surfaces:
-    """Surfaces straight ahead at these ranges, (n,), with these normals, (3, n)."""
+    """Return surfaces straight ahead at these ranges, (n,), with these normals, (3, n)."""
     one = np.ones(range_m.size)
     return Surfaces(range_m, normal, np.array([[0.0], [0.0], [1.0]]) * one, one, one)
 
 
 def view(lag_rad: F, *, range_m: F | None = None, amplitude: F | None = None) -> ViewNumbers | None:
-    """The numbers of a view of eleven patches, six of which face the camera and five of which are the floor."""
+    """Return the numbers of a view of eleven patches; six face the camera, and five belong to the floor."""
     ranges = np.linspace(1.0, 2.0, 11) if range_m is None else range_m
     normal = np.zeros((3, 11))
     normal[2, :6], normal[1, 6:] = -1.0, -1.0
@@ -62,7 +62,7 @@ def test_views_that_do_not_lag_or_whose_patches_are_all_alike_have_no_numbers() 
 def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> None:
     assert missed_share(MIDDLE, slowness=1.0) == pytest.approx(0.038)
     assert [MIDDLE.near, MIDDLE.deep] == pytest.approx(np.log([1.5, 2.0]), abs=1e-3)
-    # light that scatters by a quarter
+    # amplitudes scatter by a quarter
     assert MIDDLE.contrast == pytest.approx(np.log(0.25), abs=1e-3)
 
 
@@ -80,7 +80,7 @@ def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> N
     ],
 )
 def test_the_share_changes_in_proportion_up_to_what_rooms_show(name: str, change: float, more: float) -> None:
-    """Less is missed of near rooms, of high albedo and where much of the light is seen; more where surfaces face one way."""
+    """Less is missed in near rooms, with a high albedo or many seen surfaces; more if surfaces face one way."""
     there = getattr(MIDDLE, name)
     assert missed_share(replace(MIDDLE, **{name: there + change}), slowness=1.0) - 0.038 == pytest.approx(more)
     for end, bound in ((LEAST, -0.15 if name == "excess" else -9.0), (MOST, 9.0)):
@@ -91,7 +91,7 @@ def test_the_share_changes_in_proportion_up_to_what_rooms_show(name: str, change
 
 
 def test_nothing_is_missed_where_two_paths_say_what_the_tail_says() -> None:
-    """As in a plain corner, where all light that counts is of the two surfaces that are seen."""
+    """A plain corner is an example: nearly all of its MPI comes from the two surfaces that are seen."""
     least = missed_share(replace(MIDDLE, excess=0.27), slowness=1.0)
     assert least > 0.05
     assert missed_share(replace(MIDDLE, excess=0.27 / 3), slowness=1.0) == pytest.approx(least / 3)
@@ -100,7 +100,7 @@ def test_nothing_is_missed_where_two_paths_say_what_the_tail_says() -> None:
 
 
 def test_what_is_left_of_the_lag_is_common_where_tail_and_two_paths_differ() -> None:
-    """.115 ns, 1.7 cm, where they differ by much; half of that where they do by .067 ns, 1 cm."""
+    """The standard deviation is .115 ns, 1.7 cm, if they differ by much, and half of it if by .067 ns, 1 cm."""
     two = np.linspace(0.1, 0.3, 7)
     per_ns = 2.0 * np.pi / 40.0
     assert remaining_sigma_rad(two, two, rad_per_ns=per_ns, slowness=1.0) == 0.0
@@ -114,7 +114,10 @@ def test_what_is_left_of_the_lag_is_common_where_tail_and_two_paths_differ() -> 
 
 
 def test_slow_modulation_misses_less_and_leaves_the_same_phase() -> None:
-    """At 100 ns, 2.5 times as slow as where the numbers were chosen; what is left is a phase, 2.5 times as long."""
+    """A period of 100 ns is 2.5 times as slow as the 40 ns at which the numbers were chosen.
+
+    The remaining error is a phase, so as a length it is 2.5 times as large.
+    """
     assert missed_share(MIDDLE, slowness=2.5) == pytest.approx(0.038 - 1.5 * 0.06)
     assert missed_share(replace(MIDDLE, excess=0.27 / 2), slowness=2.5) < 0.0
     two, per_ns = np.linspace(0.1, 0.3, 7), 2.0 * np.pi / 40.0

@@ -1,4 +1,4 @@
-"""The light of patches against sums over their pixels one by one."""
+"""The means of a patch's light, compared with sums over its pixels."""
 
 from functools import partial
 
@@ -13,7 +13,7 @@ HARMONICS = (1, 2, 4)
 
 
 def test_ratios_are_free_of_the_direct_phase_and_weighted_by_power() -> None:
-    """Of light A·e^(iφ)·H_1, A·e^(ihφ)·H_h: q_h is H_h·|H_1|/H_1^h·…, whatever A and φ of each pixel."""
+    """For phasors A·e^(ihφ)·H_h, the ratio q_h is H_h/|H_1|·exp(−ih·arg H_1) for any A and φ of the pixels."""
     rng = np.random.default_rng(1)
     strength, phase = rng.uniform(0.1, 0.5, (9, 2, 3)), rng.uniform(-np.pi, np.pi, (9, 2, 3))
     light = {1: 0.9 * np.exp(0.3j), 2: 0.6 * np.exp(0.1j), 4: 0.3 * np.exp(-0.7j)}
@@ -45,7 +45,10 @@ def test_pixels_of_different_light_count_by_their_power() -> None:
 
 @pytest.mark.parametrize(("amplitude", "sigma"), [(0.25, 0.02), (0.25, 0.04), (0.6, 0.08), (0.1, 0.016)])
 def test_noise_makes_ratios_neither_smaller_nor_larger(amplitude: float, sigma: float) -> None:
-    """Noise drawn as a pixel of one path has it: by 1 − A weaker across the phasor, by 1 − A² in both together."""
+    """The noise is that of a pixel with one path of amplitude A.
+
+    Its variance across the phasor is smaller by the factor 1 − A, and the mean of both variances by the factor 1 − A².
+    """
     rng = np.random.default_rng(3)
     across = sigma * np.sqrt(1.0 - amplitude)
     along = np.sqrt(2.0 * sigma**2 * (1.0 - amplitude**2) - across**2)

@@ -1,4 +1,4 @@
-"""The one place that light of second paths comes from is found by how late it is at surfaces of the view."""
+"""The place that sends the light of all second paths is found from the delays at the surfaces of the view."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ BESIDE = [(1.5, 0.2, 0.4), (-2.0, 0.0, 1.0), (0.3, -1.2, 0.2), (-0.2, 1.4, 0.8)]
 
 
 def surfaces(*, depth: float = 1.0, slope: float = 0.0, step: float = 0.0) -> Float:
-    """Positions on a wall, a part of which stands before the rest."""
+    """Return positions on a wall, (3, n); the middle part stands before the rest by `step`."""
     across = X / (1.0 + slope * X)
     shape = np.sqrt(1.0 + X**2 + Y**2)
     range_rad = depth * shape / (1.0 + slope * X) - step * (np.abs(across) < 0.2)
@@ -22,7 +22,10 @@ def surfaces(*, depth: float = 1.0, slope: float = 0.0, step: float = 0.0) -> Fl
 
 
 def delays(place: tuple[float, float, float], positions: Float, before: float | None = None) -> Float:
-    """How late light comes that is sent on by a surface there, or, told how far it went before, otherwise."""
+    """Return the delays of light by way of a place, (n,).
+
+    `before` is how far the light goes before it comes from the place; by default, it is the distance from the camera.
+    """
     straight = np.sqrt((positions**2).sum(axis=0))
     by_place = np.sqrt(((np.array(place)[:, None] - positions) ** 2).sum(axis=0))
     return np.asarray((np.sqrt(np.square(place).sum()) if before is None else before) + by_place - straight)

@@ -1,4 +1,4 @@
-"""What other terms of a response make of direct light and its tail, against sums over the terms written from the physics."""
+"""The other terms of a response, for direct light and its tail, compared with sums over the terms from the physics."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ Responses = tuple[HarmonicResponse, ...]
 
 
 def light() -> tuple[F, F]:
-    """Amplitudes and phases of direct light."""
+    """Return amplitudes and phases of direct light, (n,) each."""
     return np.linspace(0.05, 0.3, PIXELS), np.linspace(0, 4 * np.pi, PIXELS)
 
 
@@ -35,7 +35,7 @@ def own_phases() -> F:
 
 
 def recorded(responses: Responses, own: F, tail: Tail) -> tuple[Z, Z]:
-    """What a response records of direct light and its tail, and what a sine would have."""
+    """Return the phasors that the responses record of direct light and its tail, and those that sines would record."""
     amplitude, phase = light()
     seen, of_sine = np.zeros((2, PIXELS), complex), np.zeros((2, PIXELS), complex)
     for row, response in enumerate(responses):
@@ -51,7 +51,7 @@ def recorded(responses: Responses, own: F, tail: Tail) -> tuple[Z, Z]:
 
 
 def predicted(block: ResponseBlock, tail: Tail) -> PixelTails:
-    """The same tail in every pixel."""
+    """Return the prediction of the same tail for every pixel."""
 
     def everywhere(x: float) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
         return np.full(PIXELS, x, np.float32)
@@ -63,7 +63,7 @@ def predicted(block: ResponseBlock, tail: Tail) -> PixelTails:
 
 
 def freed(seen: Z, tails: PixelTails, block: ResponseBlock) -> tuple[Z, F]:
-    """What a sine would have recorded, and how much noisier its phase is."""
+    """Return the phasors that a sine would have recorded, and the factor by which the variance of the phase grows."""
     sine, more = freed_of_other_terms(seen, tails, response=block, alone_rad=first_phase(seen[0], response=block))
     return sine, more.astype(np.float64)
 
@@ -77,7 +77,7 @@ def test_direct_light_and_a_known_tail_become_those_of_a_sine(responses: Respons
     found, _ = freed(seen, predicted(block, tail), block)
     relative = np.abs(found - of_sine) / np.abs(of_sine)
     assert np.abs(seen - of_sine).max() > 0.02
-    # weak and high terms are taken to see direct light alone
+    # for weak and high terms, the tail is neglected
     assert relative.max() < (1e-5 if tail.strength == 0.0 else 0.03)
     phase = np.angle(found[0] / of_sine[0])
     assert np.abs(phase).max() < 0.01

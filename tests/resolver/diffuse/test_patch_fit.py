@@ -1,4 +1,4 @@
-"""The state of a room and of its patches: where the model is linear, what Gaussians that are conditioned all at once give."""
+"""The state of a room and its patches: for a linear model, it is that of Gaussians conditioned on all data at once."""
 
 from dataclasses import field
 
@@ -22,7 +22,7 @@ VALUES = DATA + 2
 
 @dataclass(frozen=True)
 class Straight(TailModel):
-    """A model whose values are straight lines, slope (values, 6, n) and constant (values, n)."""
+    """A model whose values are linear in the state, with `slope`, (values, 6, n), and `constant`, (values, n)."""
 
     slope: F = field(default_factory=lambda: np.empty(0))
     constant: F = field(default_factory=lambda: np.empty(0))
@@ -39,7 +39,10 @@ def straight(patches: int, *, seed: int = 1, strength: float = 0.1) -> Straight:
 
 
 def problem(patches: int, seed: int = 2) -> tuple[Straight, F, F, F]:
-    """A model, data that come from a room of its own, errors, the last value's tied to the data's, and a pattern."""
+    """Return a model, data from a room that is not the typical one, errors, and a pattern.
+
+    The error of the last value is correlated with those of the data.
+    """
     model, rng = straight(patches), np.random.default_rng(seed)
     pattern = 0.3 * rng.normal(size=(6, patches))
     state = MEAN[:, None] + pattern + 0.3 * rng.normal(size=(6, 1)) + 0.1 * rng.normal(size=(6, patches))
@@ -52,9 +55,9 @@ def problem(patches: int, seed: int = 2) -> tuple[Straight, F, F, F]:
 
 
 def room_by_conditioning(model: Straight, data: F, error: F, pattern: F, *, known: bool) -> tuple[F, F]:
-    """Mean and covariance of the room's state, from the covariance of all data of all patches with it and each other.
+    """Return mean and covariance of the room's state, conditioned on all data of all patches at once.
 
-    More than four patches weigh together as four: each has so much more scatter.
+    More than four patches together weigh as four: the variance of each is larger by that factor.
     """
     between, within = between_rooms(known_optics=known), within_room(known_optics=known)
     patches = data.shape[1]
@@ -93,7 +96,7 @@ def test_room_and_patches_are_those_of_conditioned_gaussians(patches: int, known
 
 
 def one_way(target: float) -> PatchFit:
-    """One patch whose data say without noise that the fourth component is so far from the mean."""
+    """Return the fit of one patch whose nearly noiseless data put the fourth component `target` away from the mean."""
     model = straight(1, strength=0.0)
     model.slope[0, 3, 0] = 1.0
     state = MEAN[:, None].copy()
@@ -109,7 +112,7 @@ def test_a_state_gets_as_far_as_four_steps_of_four_fifths(target: float, reached
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_room_is_never_further_from_the_usual_one_than_three_spreads(side: float) -> None:
-    """ln v varies by 1.8 between rooms, and by 1.2 within."""
+    """ln v has a standard deviation of 1.8 between rooms, and of 1.2 within a room."""
     found = one_way(side * 40.0)
     assert_allclose(found.room[3] - MEAN[3], side * 3.0 * 1.8)
     assert_allclose(one_way(side * 2.0).room[3] - MEAN[3], side * 2.0 / (1.0 + (1.2 / 1.8) ** 2), rtol=1e-5)

@@ -1,4 +1,4 @@
-"""A pixel's answer against the conditioning of Gaussians written out: mean, what is left, and the MPI light that follows."""
+"""The answer of a pixel, compared with Gaussian conditioning in whole matrices: mean, variance, and the MPI light."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ PATCH_VARIANCE, MPI_VARIANCE = 3e-4, 2e-3
 
 
 def spread(seed: int = 3) -> F:
-    """Covariance of data, ln|H_1| and arg H_1 between the pixels of a patch."""
+    """Return the covariance of data, ln|H_1| and arg H_1 between the pixels of a patch."""
     root = 0.05 * np.random.default_rng(seed).normal(size=(DATA + 2, DATA + 2))
     return np.asarray(root @ root.T + 1e-4 * np.eye(DATA + 2))
 
@@ -41,7 +41,7 @@ def means() -> F:
 def model(
     *, mean: F | None = None, mpi_variance: float = MPI_VARIANCE, range_m: F | float = 2.0, covariance: F | None = None
 ) -> DiffuseModel:
-    """A model that says the same at all patches, but for `mean` (values, rows, columns)."""
+    """Return a model that is the same for all patches, except for `mean`, (values, rows, columns)."""
     grid = patch_grid(*SHAPE, View(20.0, ((SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2)))
     between = spread() if covariance is None else covariance
     constant = [*(between[entry] for entry in needed_entries(DATA)), PATCH_VARIANCE, mpi_variance]
@@ -60,7 +60,7 @@ def model(
 
 
 def light(seed: int = 5, strength: float = 0.2) -> Z:
-    """Phasors (H, n) whose data scatter about the means as pixels of a patch do, any direct phase."""
+    """Return phasors, (H, n), with random direct phases; their data scatter about the means as pixels of a patch do."""
     rng = np.random.default_rng(seed)
     off = means() + rng.multivariate_normal(np.zeros(DATA + 2), spread(), PIXELS)
     first = strength * rng.uniform(0.5, 1.5, PIXELS) * np.exp(1j * rng.uniform(-np.pi, np.pi, PIXELS))
@@ -72,9 +72,9 @@ def light(seed: int = 5, strength: float = 0.2) -> Z:
 
 
 def by_hand(p: Z, variances: F, mpi_variance: float = MPI_VARIANCE) -> dict[str, float]:
-    """The answer of one pixel, p (H,), in double precision and whole matrices.
+    """Return the answer of one pixel with phasors (H,), computed in double precision with whole matrices.
 
-    What is wanted is ln(p_1/direct): its noise is that of ln p_1, which is in all data, too.
+    The unknown is ln(p_1/direct). Its noise is that of ln p_1, which is also in all data.
     """
     h, count = np.array(HARMONICS), len(HARMONICS) - 1
     least = np.array([0.1, 1.0, 1.0]) * np.sqrt(variances)
@@ -132,7 +132,7 @@ def test_means_of_more_samples_are_quieter() -> None:
 
 
 def test_what_is_fainter_than_its_noise_counts_as_its_noise() -> None:
-    """A harmonic is taken for its noise's size at least, the fundamental for a tenth of it."""
+    """|p_h| counts as at least the noise of the harmonic, and |p_1| as at least a tenth of its noise."""
     p = light()
     p[1, ::3] *= 0.3 * np.sqrt(VARIANCES[1]) / np.abs(p[1, ::3])
     p[2, 1::3] *= 0.2 * np.sqrt(VARIANCES[2]) / np.abs(p[2, 1::3])
@@ -167,9 +167,9 @@ def test_pixels_without_light_or_out_of_use_are_not_answered() -> None:
 
 @pytest.mark.parametrize("offset_m", [0.0, 0.3])
 def test_a_pixel_listens_to_patches_as_far_as_itself_by_the_lag_that_they_say(offset_m: float) -> None:
-    """The left half is at 1 m with a lag of .2, the right half at 3 m with one of .5; data say nothing more.
+    """The left half is at 1 m with a lag of .2 rad, the right half at 3 m with .5 rad; the data tell nothing more.
 
-    An offset is what lies between the range that a phase says and that of the pixel.
+    The range offset is the difference between the range of a pixel and the range of its phase.
     """
     grid = model().upsampler.grid
     near = np.arange(grid.columns) < grid.columns // 2
@@ -189,8 +189,10 @@ def test_a_pixel_listens_to_patches_as_far_as_itself_by_the_lag_that_they_say(of
 
 
 def test_a_pixel_is_as_far_as_its_phase_says_without_the_lag_of_its_patches() -> None:
-    """Patches at 1 m left and at 2.9 m right, all with a lag of 2 rad, which is 1.9 m of range; their shrinkage tells which
-    of them a pixel at 1 m took for its own."""
+    """Patches are at 1 m on the left and at 2.9 m on the right, all with a lag of 2 rad, which is 1.9 m of range.
+
+    ln|H_1| differs between the halves, so the amplitude shows whose patches a pixel used.
+    """
     grid = model().upsampler.grid
     near = np.arange(grid.columns) < grid.columns // 2
     every = np.ones((grid.rows, 1))

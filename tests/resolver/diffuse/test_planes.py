@@ -1,3 +1,5 @@
+"""The surfaces of patches, and surfaces outside the view: continued planes and guessed walls."""
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from tests.support.diffuse_frames import F, wall_range
 HEIGHT, WIDTH, FOCAL = 90, 130, 120.0
 TILT = (0.4, -0.25)
 NORMAL = -np.array([*TILT, 1.0]) / np.linalg.norm([*TILT, 1.0])
-"""z + αx + βy = D: towards the camera."""
+"""Normal of the wall z + αx + βy = D, towards the camera."""
 
 
 def grid() -> PatchGrid:
@@ -80,7 +82,7 @@ def test_pieces_beyond_the_view_lie_on_the_wall_that_goes_on_there() -> None:
 
 
 def test_walls_that_are_not_seen_are_guessed_before_the_one_that_is() -> None:
-    """At right angles to it, and outside the view."""
+    """Their pieces are at right angles to the wall, and outside the view."""
     found = planes_of(tilted())
     pieces = surfaces_guessed(found.surfaces, found.found, grid(), seen=found.surfaces[found.found])
     assert len(pieces.range_m) > 10
@@ -113,7 +115,7 @@ def test_any_frame_is_cut_into_patches_that_hold_every_pixel(size: tuple[int, in
 
 @pytest.mark.parametrize("distance_m", [1.0, 2.5])
 def test_a_wall_that_faces_the_camera_goes_on_beside_the_view_in_pieces_of_one_size(distance_m: float) -> None:
-    """Squares of the same angle at the array are squares of the same size on a wall parallel to it."""
+    """Pieces are squares of equal size on the array, and so they are on a wall parallel to the array."""
     grid = patch_grid(120, 160, View(140.0, (79.5, 59.5)))
     normal = np.zeros_like(grid.ray)
     normal[2] = -1.0
@@ -129,7 +131,7 @@ def test_a_wall_that_faces_the_camera_goes_on_beside_the_view_in_pieces_of_one_s
 
 
 def outside(extent: int, side: int) -> list[float]:
-    """Middles of pieces along one direction, from two pieces before the view on, for two beyond it."""
+    """Return the middles of pieces along one direction, from two pieces before the view to two pieces beyond it."""
     return [place for place in (-1.5 * side + side * n for n in range(1000)) if place < extent + 2 * side]
 
 
@@ -149,7 +151,7 @@ def test_pieces_are_two_rings_of_squares_of_three_patches_around_the_view() -> N
 
 @pytest.mark.parametrize(("distance_m", "some"), [(0.2, False), (0.3, True)])
 def test_pieces_right_before_the_camera_are_left_out(distance_m: float, some: bool) -> None:
-    """Of a wall parallel to the array, .25 m and more of range are kept: those at the sides of one .2 m away are further."""
+    """Pieces are kept from a range of .25 m on. In this narrow view, all pieces of a wall have nearly one range."""
     grid = patch_grid(120, 160, View(1400.0, (79.5, 59.5)))
     normal = np.zeros_like(grid.ray)
     normal[2] = -1.0
@@ -188,7 +190,7 @@ def test_samples_within_a_tenth_of_the_middle_one_in_inverse_depth_are_on_its_pl
 
 
 def test_grazing_surfaces_are_taken_for_less_so() -> None:
-    """A cosine of .08 at the least, so that areas and albedos have bounds."""
+    """The cosine of incidence is at least .08, so that areas and albedos have bounds."""
     cut = patch_grid(120, 160, View(400.0, (79.5, 59.5)))
     y, x = np.mgrid[:120, :160].astype(float)
     depth = 2.0 / (1.0 + 60.0 * ((x - 79.5) / 400.0 + 0.21))
@@ -198,7 +200,7 @@ def test_grazing_surfaces_are_taken_for_less_so() -> None:
 
 
 def test_pieces_whose_way_does_not_meet_the_plane_of_the_border_are_left_out() -> None:
-    """A wall that goes back to the right, z = 2 + 4·x: beyond x = z/4 nobody sees it, and a grazing ray counts as none."""
+    """The wall z = 2 + 4·x recedes to the right. Rays beyond x = z/4 miss it, and grazing rays count as missing it."""
     cut = patch_grid(120, 160, View(400.0, (79.5, 59.5)))
     normal = np.zeros_like(cut.ray)
     normal[0], normal[2] = 4.0 / np.sqrt(17.0), -1.0 / np.sqrt(17.0)

@@ -1,4 +1,4 @@
-"""What the prediction says of frames whose light is known: walls, tails, two paths, and every kind of bad pixel."""
+"""Predictions for frames of known light: walls, tails, two paths, and all kinds of bad pixels."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,10 @@ def test_a_tail_behind_a_wall_is_taken_out(tail: Tail, harmonics: tuple[int, ...
 def test_how_slow_the_modulation_is_counts(
     harmonics: tuple[int, ...], name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same phasors of periods 2.5 times as long: a room 2.5 times as large, of which less is known than of its likeness."""
+    """The same phasors at 2.5 times the period belong to a room 2.5 times as large.
+
+    The numbers of the prior and of the bias were chosen for rooms at 40 ns, so `slowness` must reach them.
+    """
     p = phasors_of(wall_range(), tail_of(DECAYS[1], harmonics), harmonics=harmonics)
     told = []
 
@@ -133,7 +136,7 @@ def test_a_weak_first_surface_is_left_to_two_paths_unless_told_otherwise() -> No
 def test_with_three_harmonics_strong_further_paths_are_told_from_a_tail(
     delay_ns: float, third: float, reason: str
 ) -> None:
-    """Two paths foretell the third harmonic; three do not, but no tail comes near them either."""
+    """Two paths predict the third harmonic. Three paths do not follow this prediction, but no tail fits them either."""
     mpi = {
         h: 0.6 * np.exp(1j * h * OMEGA * delay_ns) + third * np.exp(1j * h * OMEGA * (delay_ns + 3.0))
         for h in (1, 2, 3)
@@ -147,7 +150,10 @@ def test_with_three_harmonics_strong_further_paths_are_told_from_a_tail(
 def weak_paths(
     share: float, harmonics: tuple[int, ...], more: float, n_av: float, *, uneven_ns: float = 0.0
 ) -> DiffuseChoice | DiffuseModel:
-    """A frame whose second path has that share of the light, 3 to 20 ns late from left to right, and more of it down."""
+    """Return the model of a frame whose second path has this share of the light, 3 to 20 ns late from left to right.
+
+    The share grows downwards by the factor exp(more). `uneven_ns` makes the delays uneven.
+    """
     delay_ns, down = np.linspace(3.0, 20.0, 192), np.linspace(0.0, more, 144)[:, None]
     delay_ns = delay_ns + uneven_ns * np.sin(7.0 * down)
     second: dict[int, Z] = {h: np.asarray(share * np.exp(down + 1j * h * OMEGA * delay_ns)) for h in harmonics}
@@ -158,14 +164,14 @@ def weak_paths(
 @pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3)])
 @pytest.mark.parametrize(("share", "n_av"), [(0.01, 1e5), (0.02, 1e5), (0.02, 1e4), (0.1, 2e3), (0.1, 1e6), (0.3, 1e4)])
 def test_second_paths_of_one_share_are_no_tail(share: float, harmonics: tuple[int, ...], n_av: float) -> None:
-    """Each of them alone could be one: they lower |H_2|, and make it lag."""
+    """A single patch could be that of a tail: the second path lowers |H_2| and makes it lag."""
     found = weak_paths(share, harmonics, 0.0, n_av)
     assert isinstance(found, DiffuseChoice)
     assert (found.taken, found.reason) == ("discrete", "separate paths")
 
 
 def test_second_paths_of_all_shares_and_delays_are_no_tail(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By even delays, where they are even; else since two paths make a wall of it, and no tail comes near all of them."""
+    """Even delays show them; if delays are uneven, two paths smooth the surface; otherwise no tail fits all patches."""
     for uneven_ns, smooth, reason in (
         (0.0, False, "separate paths"),
         (1.5, True, "separate paths"),
@@ -313,7 +319,7 @@ def test_harmonics_must_begin_with_one_and_two() -> None:
 
 
 def rough(seed: int = 4) -> tuple[F, Z]:
-    """A corner with a tail of its own for every square of 8 × 8 pixels, hardly any noise."""
+    """Return ranges and phasors of a corner with hardly any noise and another strength of tail for every 8 × 8 pixels."""
     rng, wall = np.random.default_rng(seed), corner_range()
     scale = np.repeat(np.repeat(rng.uniform(0.7, 1.4, (6, 8)), 8, axis=0), 8, axis=1)
     return wall, phasors_of(wall, {h: np.asarray(scale * Tail(0.3, 3.0, 8.0).phasor(h)) for h in (1, 2)}, n_av=1e6)
@@ -334,7 +340,7 @@ def test_the_room_s_numbers_are_the_middle_and_half_the_spread_of_its_patches() 
 
 
 def test_pixels_left_to_two_paths_are_as_unsure_as_a_tail_and_two_paths_differ() -> None:
-    """For the whole of a wall with one tail the two lags differ by one number, whose square that is."""
+    """On a wall with one tail, the lags of the tail and of two paths differ by a number whose square is the variance."""
     tail = Tail(0.4, 3.0, 9.0)
     found = model_of(phasors_of(wall_range(), tail_of(tail), n_av=1e7), n_av=1e7)
     assert isinstance(found, DiffuseModel)
@@ -356,7 +362,7 @@ def test_a_frame_of_little_light_is_taken_for_no_room() -> None:
 
 
 def test_patches_whose_depths_disagree_are_no_surfaces() -> None:
-    """Light of random phases: every patch is lit and none is a plane, so there is no room, whatever is asked for."""
+    """With random phases, every patch is lit but none has a plane: there is no room, even if a tail is asked for."""
     rng = np.random.default_rng(3)
     wall = rng.uniform(0.3, 5.7, (48, 64))
     found = model_of(phasors_of(wall, tail_of(Tail(0.4))), model="diffuse")
@@ -365,7 +371,7 @@ def test_patches_whose_depths_disagree_are_no_surfaces() -> None:
 
 
 def test_what_lies_before_the_camera_is_taken_for_five_centimetres_away() -> None:
-    """A correction that brings a part of the view behind the camera: its patches are surfaces right before it."""
+    """A correction puts a part of the view behind the camera. Its patches count as surfaces 5 cm before the camera."""
     wall, off = wall_range(), np.zeros((48, 64))
     off[16:28, 24:36] = -4.0
     found = model_of(phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0))), range_offset_m=off)
@@ -379,7 +385,7 @@ def test_what_lies_before_the_camera_is_taken_for_five_centimetres_away() -> Non
 
 
 def test_where_a_harmonic_was_not_recorded_a_tail_that_is_asked_for_is_as_unsure_as_it_is_wrong() -> None:
-    """No tail has a second harmonic and nothing of the third."""
+    """No tail has light at the second harmonic and none at the third."""
     wall = wall_range()
     p = phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0), (1, 2, 3)), harmonics=(1, 2, 3))
     p[2] = 0.0
@@ -393,7 +399,7 @@ def test_where_a_harmonic_was_not_recorded_a_tail_that_is_asked_for_is_as_unsure
 
 @pytest.mark.parametrize(("lit", "patches"), [(6, 0), (7, 300)])
 def test_a_patch_counts_by_the_share_of_its_own_samples(lit: int, patches: int) -> None:
-    """Of 120 × 160 pixels it has 64; a tenth of them makes it count, whatever number of patches stands side by side."""
+    """In 120 × 160 pixels a patch has 64 samples. It counts from a tenth of these on."""
     usable = np.zeros((15, 8, 20, 8), bool)
     usable[:, 0, :, :lit] = True
     p = phasors_of(wall_range(120, 160, 150.0), tail_of(Tail(0.3, 3.0, 8.0)))

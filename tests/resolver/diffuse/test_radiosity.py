@@ -1,4 +1,4 @@
-"""Interreflections inside a sphere: form factors are the same between all points, and all is known in closed form."""
+"""Interreflections inside a sphere, where all form factors are equal and the light is known in closed form."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def nothing() -> Surfaces:
 
 
 def second_bounce(h: int) -> complex:
-    """Σ F·exp(ihω r/c) over distances r, whose density over a sphere seen from one of its points is r/(2R²)."""
+    """Return Σ F·exp(ihω r/c) over distances r; seen from a point of the sphere, their density is r/(2R²)."""
     r = np.linspace(0, 2 * RADIUS, 200_001)
     return complex(np.trapezoid(r / (2 * RADIUS**2) * np.exp(1j * h * OMEGA * r / C_M_PER_NS), r))
 
@@ -61,7 +61,10 @@ def test_surfaces_that_face_away_give_none() -> None:
 
 @pytest.mark.parametrize("distance_m", [0.5, 1.0, 2.0])
 def test_light_of_one_piece_is_that_of_two_pieces_that_face_each_other(distance_m: float) -> None:
-    """A small piece A at (0, 0, 2) m and one beside the axis that looks at it: E·F·exp(iω(d_s + r − d)/c) over E of A."""
+    """A small piece A is at (0, 0, 2) m, and another piece beside the axis faces it.
+
+    The light is E·F·exp(iω(d_s + r − d)/c), over the direct light E of A.
+    """
     wall = Surfaces(
         np.array([2.0]), np.array([[0.6], [0.0], [-0.8]]), np.array([[0.0], [0.0], [1.0]]), np.array([0.8]), np.ones(1)
     )
@@ -85,7 +88,7 @@ def test_a_closed_sphere_leaves_nothing_open() -> None:
 
 
 def pieces(count: int, seed: int) -> Surfaces:
-    """Small pieces of surface that look about, in no order."""
+    """Return small pieces of surface with random positions and normals."""
     rng = np.random.default_rng(seed)
     ray, normal = rng.normal(size=(2, 3, count))
     ray[2] = np.abs(ray[2]) + 0.5
@@ -96,7 +99,7 @@ def pieces(count: int, seed: int) -> Surfaces:
 
 
 def together(seen: Surfaces, beyond: Surfaces) -> tuple[F, F, F, F]:
-    """Points, normals, areas and direct light of all pieces."""
+    """Return points, normals, areas and direct light of all pieces."""
     point = np.concatenate([s.ray * s.range_m for s in (seen, beyond)], axis=1)
     normal = np.concatenate([seen.normal, beyond.normal], axis=1)
     area = np.concatenate([seen.area_m2, beyond.area_m2])

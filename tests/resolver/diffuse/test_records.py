@@ -1,4 +1,4 @@
-"""What the prediction gives: parts of it, ranges of phases, and pixels of separate patches."""
+"""Records of the prediction: parts of a model, ranges from phases, and the pixels of separate patches."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def settings(period_ns: float = 40.0) -> DiffuseSettings:
 
 
 def test_phases_become_metres_by_the_period() -> None:
-    """A turn of the fundamental is c·T1/2 of range, and c·T1 of way."""
+    """A full turn of the fundamental is c·T1/2 of range, and c·T1 of the way that the light goes."""
     asked = settings(period_ns=50.0)
     assert asked.m_per_rad * 2 * np.pi == pytest.approx(C_M_PER_NS * 25.0)
     assert 2 * np.pi / asked.rad_per_m == pytest.approx(C_M_PER_NS * 50.0)

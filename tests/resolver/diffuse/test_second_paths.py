@@ -1,4 +1,4 @@
-"""Frames of two true paths, by their physics, are told from those with a tail, and rooms' tails are not taken for them."""
+"""Frames of two true paths are recognised as such by their physics, and tails of rooms are not taken for two paths."""
 
 import math
 from dataclasses import replace
@@ -39,7 +39,7 @@ def second(share: float | F, later_ns: float | F, harmonics: int = 2) -> list[Co
 
 
 def tails(harmonics: int, scatter: float, seed: int = 1) -> list[Complex]:
-    """A tail for every patch, as strong and as late as drawn."""
+    """Return the MPI of a tail for every patch, with random strength and delay, by harmonic."""
     rng = np.random.default_rng(seed)
     strengths, starts = 0.2 * np.exp(rng.normal(size=COUNT) * scatter), 4.0 + rng.normal(size=COUNT) * 6.0 * scatter
     each = [Tail(strength, start) for strength, start in zip(strengths, starts, strict=True)]
@@ -91,7 +91,7 @@ def test_tails_are_not_of_one_share_and_foretell_no_third_harmonic(scatter: floa
 
 
 def test_shares_that_follow_the_delay_are_not_one() -> None:
-    """By a tenth for every ns, as a room has it at the least; a third of that may be one share that is measured."""
+    """In rooms, the logarithm of the share falls by at least .1 per ns. A third of that may still be one share."""
     for per_ns, same in ((0.1, False), (0.03, True)):
         patches = data(*second(0.2 * np.exp(-per_ns * LATER), LATER))
         assert one_share(patches) is same
@@ -104,7 +104,7 @@ def test_the_same_share_at_the_same_delay_may_be_a_tail() -> None:
 
 
 def test_noise_that_hides_how_shares_scatter_makes_no_two_paths() -> None:
-    """At a room's least scatter, with noise of shares from less to more than that."""
+    """The shares scatter as little as in any room, with noise from below to above this scatter."""
     rng = np.random.default_rng(2)
     scatter = rng.normal(size=COUNT)
     mpi = second(0.1 * np.exp(0.1 * scatter), 9.0 + 0.8 * scatter)
@@ -143,7 +143,7 @@ def test_a_third_path_is_not_foretold() -> None:
 
 
 def test_mpi_that_is_hardly_seen_is_not_foretold() -> None:
-    """|q_2 − 1| of a share of .01, 9 ns late, is .02; its noise is √(2.5 + 1) · σ/(.2 · 8)."""
+    """For a share of .01 at 9 ns, |q_2 − 1| is .02, with a noise of √(2.5 + 1)·σ/(.2·8)."""
     mpi = second(0.01, 9.0, 3)
     for sigma, seen in ((1.5e-3, True), (4e-3, False)):
         patches = data(*mpi, sigma=sigma)
@@ -154,7 +154,7 @@ def test_mpi_that_is_hardly_seen_is_not_foretold() -> None:
 def test_the_shorter_a_delay_the_less_noise_tells_two_paths_from_a_tail(
     later_ns: float, sigma: float, tells: bool
 ) -> None:
-    """|q_2 − 1| of a share of .3, 3.5 ns late, is .08: 28 times its noise even where it does not tell."""
+    """For a share of .3 at 3.5 ns, |q_2 − 1| is .08. That is 28 times its noise even in the case that does not tell."""
     patches = data(*second(0.3, later_ns, 3), sigma=sigma)
     paths = found(patches)
     assert predict_further_harmonics(paths, patches)
@@ -162,7 +162,7 @@ def test_the_shorter_a_delay_the_less_noise_tells_two_paths_from_a_tail(
 
 
 def test_misses_of_what_is_foretold_are_those_of_noise() -> None:
-    """What is missed by noise alone has the median of noise, for any share: their covariance is right."""
+    """If only noise is left, the median χ² is that of noise for any share, because the covariance is right."""
     shares: Float = np.array([0.02, 0.1, 0.4])
     for share in shares:
         patches = data(*second(share, 9.0, 3), sigma=5e-4)
@@ -172,7 +172,7 @@ def test_misses_of_what_is_foretold_are_those_of_noise() -> None:
 
 
 def test_errors_of_a_model_are_tolerated_besides_noise() -> None:
-    """.1 rad of the third harmonic is far more than noise; with a tolerance of .1 rad, no more than one of its two data."""
+    """An error of .1 rad at the third harmonic is much more than noise. With a tolerance of .1 rad, χ² is 1."""
     patches = data(*second(0.1, 9.0, 3), noisy=False)
     off = replace(patches, ratios=patches.ratios * np.array([[1.0], [np.exp(0.1j)]]))
     tolerated = np.zeros((2, *patches.ratios.shape))
@@ -183,7 +183,7 @@ def test_errors_of_a_model_are_tolerated_besides_noise() -> None:
 
 
 def of_delays(share: float, later_ns: F, kappa: float, harmonics: int) -> list[Complex]:
-    """MPI of two delays, half of its light each, whose variance is κ times the square of their mean."""
+    """Return MPI of two delays with half of the light each; their variance is κ times the square of their mean."""
     off = np.sqrt(kappa) * later_ns
     return [
         0.5 * share * (np.exp(1j * h * OMEGA * (later_ns - off)) + np.exp(1j * h * OMEGA * (later_ns + off)))
@@ -211,7 +211,7 @@ def test_the_spread_of_delays_is_as_sure_as_it_says(harmonics: int) -> None:
 
 
 def test_a_tail_that_is_short_for_its_noise_is_no_two_paths_though_they_foretell_it() -> None:
-    """χ² hardly differs from that of noise, patch by patch; all patches together leave no doubt."""
+    """Patch by patch, χ² hardly differs from that of noise, but all patches together show the tail."""
     short = np.linspace(4.0, 7.0, COUNT)
     for seed in range(5):
         patches = patch_data(*of_delays(0.1, short, 0.03, 3), sigma=4e-3, seed=seed)
@@ -223,7 +223,7 @@ def test_a_tail_that_is_short_for_its_noise_is_no_two_paths_though_they_foretell
 
 
 def test_patches_that_show_two_surfaces_say_little_of_the_spread_of_delays() -> None:
-    """One in twenty; all that each says would be .008, as much as a corner's."""
+    """One patch in twenty shows two surfaces. Without a limit on each patch, the mean would be .008, as in a corner."""
     mpi, edges = second(0.2, LATER, 3), np.arange(COUNT) % 20 == 0
     mpi[1] = np.where(edges, -mpi[1], mpi[1])
     patches = data(*mpi)
@@ -257,7 +257,7 @@ def test_light_without_mpi_has_no_second_paths() -> None:
 
 
 def two_paths_lag(ratio: float, delay_rad: float) -> tuple[complex, float]:
-    """q_2 of two paths, and by how much the second turns the sum against the stronger."""
+    """Return q_2 of two paths, and the phase of their sum minus that of the stronger path."""
     light = [1.0 + ratio * np.exp(1j * h * delay_rad) for h in (1, 2)]
     stronger = 0.0 if ratio <= 1.0 else delay_rad
     return light[1] * abs(light[0]) / light[0] ** 2, float(np.angle(light[0] * np.exp(-1j * stronger)))

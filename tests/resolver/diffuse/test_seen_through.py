@@ -1,4 +1,4 @@
-"""Patches with two paths, held against the limits one by one: what counts as something that lets light through."""
+"""Patches with two paths count as a surface that lets light through: each limit, tested on both sides."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def grid() -> PatchGrid:
 
 
 def wall_m() -> Float:
-    """A wall that faces the camera 3.5 m away, by patch."""
+    """Return the ranges of the patches of a wall that faces the camera 3.5 m away."""
     return np.asarray(3.5 / grid().ray[2])
 
 
@@ -44,10 +44,10 @@ def looked_at(
     light: Float | float = 1.0,
     valid: Bool | None = None,
 ) -> SeenThrough | None:
-    """Patches of the wall, and of a net so much before it.
+    """Return what `seen_through` finds in patches of the wall with a net `delay_ns` before it.
 
-    `off_m` is how far behind the wall the farther paths end, `light` how much more light there is than from the wall alone: one
-    number is that of the net.
+    `share` is the share of the net in the light of its patches. The farther paths end `off_m` behind the wall. `light`
+    is a factor on the light of all patches, or, if it is one number, on that of the net's patches.
     """
     far_m = wall_m() + off_m
     near, later = far_m / M_PER_RAD - delay_ns * OMEGA, delay_ns * OMEGA
@@ -111,7 +111,7 @@ def test_a_fifth_of_the_wall_s_light_are_left_behind_a_net(light: float, found: 
 
 
 def test_beside_a_net_less_of_what_is_farther_will_do() -> None:
-    """From 15 % on, where the nearer path goes on within six hundredths."""
+    """A farther path of 15 % is enough if the nearer path continues the net within 6 % of its range."""
     net = rectangle(4, 8)
     shares = np.full(net.shape, 0.5)
     shares[3, 5:] = 0.82
@@ -144,7 +144,10 @@ def test_patches_that_do_not_count_are_no_net() -> None:
 
 
 def test_ranges_go_one_patch_beyond_the_net_and_phases_are_as_unsure_as_walls_are_missed() -> None:
-    """Seven tenths of what they are missed by, and a fifth of the lag that the tail brings, squared and added."""
+    """The variance of the phase is the sum of two squares.
+
+    One standard deviation is .7 of the distance of the farther paths from the wall; the other is .2 of the tail's lag.
+    """
     net, off_m = rectangle(4, 6), 0.1
     seen = looked_at(net, off_m=off_m)
     assert seen is not None
@@ -167,7 +170,7 @@ def test_without_light_nothing_is_seen() -> None:
 
 
 def test_the_typical_tail_is_that_of_the_median_values() -> None:
-    """ln|H_h/H_1|, arg H_h − h·arg H_1, then ln|H_1| and arg H_1, of patches whose middle one has this tail."""
+    """The values are ln|H_h/H_1|, arg H_h − h·arg H_1, ln|H_1| and arg H_1; the middle one of three patches has TAIL."""
     bare = [np.log(abs(TAIL[1] / TAIL[0])), np.log(abs(TAIL[2] / TAIL[0]))]
     bare += [
         np.angle(TAIL[1] / TAIL[0] ** 2),
@@ -197,13 +200,13 @@ def test_paths_with_tails_of_their_own_are_freed_of_them(harmonics: tuple[int, .
 
 
 def test_a_net_before_all_that_is_seen_has_no_wall_behind_it() -> None:
-    """Every patch has two paths: no patch is left that walls could go through."""
+    """Every patch has two paths, so no patch is left to show the wall."""
     assert looked_at(np.ones(grid().ray.shape[1:], bool)) is None
 
 
 @pytest.mark.parametrize(("light", "found", "others"), [(0.38, False, 0.2), (0.42, True, 5.0)])
 def test_what_a_wall_gives_is_the_median_of_its_patches(light: float, found: bool, others: float) -> None:
-    """Some that are much darker or brighter than most of it, such as pictures, change nothing."""
+    """A few patches that are much darker or brighter, such as pictures on the wall, change nothing."""
     net, lit = rectangle(4, 6), np.ones(grid().ray.shape[1:])
     lit[:3] = others
     np.testing.assert_array_equal(found_by(net, light=np.where(net, light, lit)), net & found)

@@ -1,4 +1,4 @@
-"""Second paths that change from place to place bend surfaces, which two paths make smooth again; tails of rooms do not."""
+"""Second paths that change over the view bend surfaces, and two paths make them smooth again; tails of rooms do not."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ HEIGHT, WIDTH, FOCAL_PX = 96, 128, 110.0
 SETTINGS = DiffuseSettings(period_ns=T1_NS, harmonics=(1, 2))
 
 SIDE = 6
-"""Pixels along a patch of such a frame."""
+"""Side of a patch of such a frame, in pixels."""
 
 
 def wall(tilt: tuple[float, float] = (0.2, 0.1), distance_m: float = 2.0) -> F:
@@ -28,7 +28,7 @@ def wall(tilt: tuple[float, float] = (0.2, 0.1), distance_m: float = 2.0) -> F:
 
 
 def changing(block_px: int, *, share: float = 0.3, seed: int = 1) -> dict[int, Z]:
-    """Second paths 3 to 12 ns late, whose delays and shares are drawn for every block of pixels."""
+    """Return the MPI of second paths, 3 to 12 ns late, whose delays and shares are random for every block of pixels."""
     rng = np.random.default_rng(seed)
     rows, columns = (np.arange(side) // block_px * block_px for side in (HEIGHT, WIDTH))
     drawn = rng.uniform(size=(2, HEIGHT, WIDTH))[:, rows[:, None], columns]
@@ -39,7 +39,7 @@ def changing(block_px: int, *, share: float = 0.3, seed: int = 1) -> dict[int, Z
 def seen(
     range_m: F, mpi: dict[int, Z] | dict[int, complex] | None, *, n_av: float = 1e6
 ) -> tuple[PatchLight, PatchMeans, PatchGrid]:
-    """The light of a frame, its means, and how it is cut."""
+    """Return the light of a frame, its means, and its grid of patches."""
     phasors = phasors_of(range_m, mpi, n_av=n_av)
     grid = patch_grid(HEIGHT, WIDTH, View(FOCAL_PX, ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)))
     assert (grid.side, grid.stride) == (SIDE, 1)
@@ -64,7 +64,7 @@ def smoothed(frame: tuple[PatchLight, PatchMeans, PatchGrid], lit: Bool | None =
 @pytest.mark.parametrize("block_px", [1, 6, 12, 24])
 @pytest.mark.parametrize("seed", range(3))
 def test_second_paths_that_change_are_two_paths(block_px: int, seed: int) -> None:
-    """From pixel to pixel within patches, from patch to patch, and over a few of them."""
+    """They change from pixel to pixel within patches, from patch to patch, or over two or four patches."""
     assert smoothed(seen(wall(), changing(block_px, seed=seed)))
 
 
@@ -72,7 +72,7 @@ def test_second_paths_that_change_are_two_paths(block_px: int, seed: int) -> Non
 @pytest.mark.parametrize("tail", [Tail(0.15, 3.0, 6.0), Tail(0.3, 3.0, 10.0), Tail(0.5, 5.0, 8.0)])
 @pytest.mark.parametrize("n_av", [1e4, 1e6])
 def test_a_tail_is_smooth_itself(range_m: F, tail: Tail, n_av: float) -> None:
-    """Also one that is half as strong again in the middle of the view."""
+    """This includes a tail that is stronger by half in the middle of the view."""
     down, across = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
     bump = 1.0 + 0.5 * np.exp(-3.0 * (down**2 + across**2))
     for scale in (np.ones_like(bump), bump):
@@ -102,7 +102,7 @@ def test_a_flat_wall_is_even_in_one_over_its_depth_at_every_distance(distance_m:
     shown = smoothness._inverse_depth(means.phase_rad, grid, SETTINGS)
     everywhere = np.ones(shown.shape, np.bool_)
     bends = smoothness._bends(shown, everywhere, 2)
-    # patches that stick out of the view have their middle elsewhere
+    # for patches that extend beyond the frame, the mean is not that of the middle
     assert np.median(np.abs(bends)) < 0.01 * np.median(np.abs(smoothness._bends(means.phase_rad, everywhere, 2)))
     rows, columns = shown.shape
     assert bends.size == (rows - 4) * columns + rows * (columns - 4)
@@ -128,7 +128,7 @@ def test_a_share_of_the_median_square_must_be_left_of_enough_bends(left: float, 
 
 
 def test_each_distance_has_its_own_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of lit patches alone; the last is that of the pixels of their middle rows."""
+    """Only lit patches count. The last limit is for the pixels of their middle rows."""
     light, means, grid = seen(wall(), changing(6))
     asked = []
 
@@ -157,7 +157,7 @@ def test_what_is_at_the_camera_is_taken_for_five_centimetres() -> None:
 
 @pytest.mark.parametrize("row", range(SIDE))
 def test_the_middle_row_of_patches_tells(row: int) -> None:
-    """Also where phases change by a turn from pixel to pixel: those of the wall are just below π, half of what is seen beyond."""
+    """The wall's phase is just below π, and MPI turns half of the pixels beyond π, where phases jump by a full turn."""
     light, means, _ = seen(np.full((HEIGHT, WIDTH), 2.89), changing(1))
     assert 0.4 < np.mean(light.phase_rad[:, :, :-1] < 0.0) < 0.6
     hidden = (np.arange(len(light.seen)) // SIDE == row)[:, None, None]
@@ -170,7 +170,7 @@ def test_the_middle_row_of_patches_tells(row: int) -> None:
 
 
 def test_within_patches_only_pixels_that_are_seen_count() -> None:
-    """Those whose neighbours are hot or saturated have no bends; all others of the middle rows tell."""
+    """Pixels whose neighbours are hot or saturated give no bends; all other pixels of the middle rows do."""
     light, means, _ = seen(wall(), changing(1))
     column, every = np.arange(len(light.seen)) % SIDE, np.ones(means.amplitude.shape, np.bool_)
 

@@ -1,3 +1,5 @@
+"""The model of a tail: its values, its Jacobian, and data that do not depend on the direct light."""
+
 import numpy as np
 import pytest
 
@@ -69,8 +71,9 @@ def test_residuals_of_phases_go_the_short_way_round_and_those_of_moduli_do_not()
 
 
 def test_light_that_the_view_does_not_show_lags_by_its_share_across_the_whole() -> None:
-    """arg(1 + s·(…) + b + w) grows by Im(b/H) with ln b and by Im(w/H) with ln v; by what is seen, too, with ln s, where light
-    bounces no more.
+    """With H = 1 + seen + beside + w, arg H grows by Im(beside/H) per unit of ln b, and by Im(w/H) per unit of ln v.
+
+    Per unit of ln s it grows by Im((seen + beside)/H), because later bounces are switched off here.
     """
     tail, state = model(), states()
     state[2] = -80.0
@@ -84,7 +87,7 @@ def test_light_that_the_view_does_not_show_lags_by_its_share_across_the_whole() 
 
 
 def test_surfaces_in_the_view_beside_it_and_later_bounces_add_up() -> None:
-    """H = 1 + s·g + s·b·b_h + s²·u·m_h, with as good as no unseen light."""
+    """H = 1 + s·g_h + s·b·b_h + s²·u·m_h, with a negligible amount of unseen light."""
     tail = model(seed=7)
     s, b, u = 0.6, 1.7, 0.8
     state = np.tile(np.array([[np.log(s)], [np.log(b)], [np.log(u)], [-80.0], [2.0], [4.0]]), 40)

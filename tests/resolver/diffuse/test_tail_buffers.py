@@ -1,6 +1,6 @@
-"""What the extension does with a tail whose buffers do not fit: an error that names what is wrong, and never a crash.
+"""The extension module refuses a tail whose buffers do not fit: it raises an error that names the fault; it never crashes.
 
-`scripts/sanitize` runs these with the address and undefined-behaviour sanitizers.
+`scripts/sanitize` runs these tests with the address and undefined-behaviour sanitizers.
 """
 
 from types import ModuleType
@@ -41,7 +41,7 @@ SIZES = {
 }
 
 PLANES = {2: 14, 3: 27}
-"""Means, covariances and variances of the patches, by the number of harmonics."""
+"""Number of planes over the patches (means, covariances, variances), by the number of harmonics."""
 
 
 def sizes_of(compiled: ModuleType, **sizes: int) -> Any:
@@ -85,7 +85,7 @@ def answer(compiled: ModuleType, tail: Any, pixels: dict[str, Any], **options: A
 
 
 def resolve(compiled: ModuleType, tail: Any) -> None:
-    """Resolve a frame of voltages with that tail."""
+    """Resolve a frame of voltages with this tail."""
     layers, status = np.zeros((7, PIXELS), np.float32), np.zeros(PIXELS, np.uint32)
     stored, constants = np.full((4, PIXELS), 0.1), np.ones(len(compiled.constant_names()))
     given = tail.values() if isinstance(tail, dict) else tail
@@ -249,7 +249,7 @@ def test_a_level_that_there_is_not_is_refused(compiled: ModuleType) -> None:
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), seed=st.integers(0, 2**32 - 1))
 def test_any_bits_in_buffers_that_fit_are_an_answer(compiled: ModuleType, data: st.DataObject, seed: int) -> None:
-    """Sizes, the numbers of harmonics and the rows of patches aside, which must be what they are."""
+    """Sizes, the numbers of the harmonics and the rows of patches keep their valid values."""
     rng, harmonics = np.random.default_rng(seed), data.draw(st.sampled_from(list(PLANES)))
     tail, pixels = tail_of(compiled, harmonics), pixels_of(harmonics)
     for buffers, kept in ((tail, {"sizes", "harmonics", "above", "separate"}), (pixels, {"usable", "answered"})):

@@ -1,4 +1,4 @@
-"""Nets in rooms: two paths where the farther one ends on a wall that neighbours see, and nowhere else."""
+"""Nets in rooms: pixels get two paths only if the farther path ends on a wall that neighbouring patches see."""
 
 import numpy as np
 import pytest
@@ -26,11 +26,11 @@ FWHM_NS = 1.7
 TAIL = Tail(0.25, 3.0, 9.0)
 
 UNEVEN: F = 1.0 + 0.3 * np.sin(np.arange(WIDTH) / 9.0) * np.cos(np.arange(HEIGHT) / 11.0)[:, None]
-"""How much of it there is over the view: what is the same everywhere may be a second path."""
+"""Factor on the tail over the view, because a tail that is the same everywhere may be a second path."""
 
 
 def before_wall(delay_ns: float, share: float, *, harmonics: int = 2) -> tuple[Z, F, B]:
-    """Phasors of a wall with a tail and a net before its middle; their ranges; where the net is."""
+    """Return phasors of a wall with a tail and a net before its middle; the ranges; and where the net is."""
     numbers = tuple(range(1, harmonics + 1))
     frame = phasors_of(WALL, {h: TAIL.phasor(h) for h in numbers}, harmonics=numbers)
     net = WALL - delay_ns * OMEGA * M_PER_RAD
@@ -41,7 +41,7 @@ def before_wall(delay_ns: float, share: float, *, harmonics: int = 2) -> tuple[Z
 def resolved(
     phasors: Z, model: MpiModel = "auto", *, block_pixels: int | None = None, triangle: bool = False
 ) -> ResolvedFrame:
-    """The maps of phasors by the way of `cadtof resolve`."""
+    """Return the maps of phasors as `cadtof resolve` makes them."""
     metadata = CaptureMetadata(
         modulation=Modulation(
             periods_ns=tuple(40.0 / h for h in range(1, len(phasors) + 1)),
@@ -82,7 +82,7 @@ def test_a_net_before_a_wall_is_seen_as_a_net(delay_ns: float, share: float, har
 
 
 def test_a_net_that_is_not_seen_close_to_its_wall_is_less_sure() -> None:
-    """A tail does not fit it, whichever it is, and patch beside patch says so."""
+    """No tail fits this net. χ² is large in patches side by side, so their sigma grows."""
     phasors, range_m, covered = before_wall(5.0, 0.7)
     found = resolved(phasors)
     assert found.mpi is not None
@@ -94,7 +94,10 @@ def test_a_net_that_is_not_seen_close_to_its_wall_is_less_sure() -> None:
 
 
 def of_a_triangle(phasors: Z) -> Z:
-    """What triangle waves of two periods record of light with these phasors 1, 2, …: (8/π²)·Σ m_kh/k² over k = 1, −3, 5, −7."""
+    """Return what triangle waves of two periods record of light with the phasors m_1, m_2, ….
+
+    This is (8/π²)·Σ m_kh/k² over k = 1, −3, 5, −7.
+    """
 
     def term(k: int, h: int) -> Z:
         left = np.exp(-0.5 * (k * h * OMEGA * FWHM_NS / 2.354820045) ** 2)
@@ -130,7 +133,7 @@ def test_without_a_net_nothing_is_seen_through() -> None:
 
 @pytest.mark.parametrize("harmonics", [2, 3])
 def test_amplitudes_of_a_tail_are_those_of_the_wall_and_of_the_rest(harmonics: int) -> None:
-    """A quarter of the modulation is direct light; MPI is so much of it as the tail's phasor is long."""
+    """Direct light has a quarter of the modulation amplitude; MPI has |tail phasor| times as much."""
     numbers = tuple(range(1, harmonics + 1))
     found = resolved(
         phasors_of(WALL, {h: np.asarray(UNEVEN * TAIL.phasor(h), np.complex128) for h in numbers}, harmonics=numbers)
@@ -143,7 +146,7 @@ def test_amplitudes_of_a_tail_are_those_of_the_wall_and_of_the_rest(harmonics: i
 
 
 def test_a_surface_whose_second_path_ends_in_front_of_the_wall_is_no_net() -> None:
-    """Light by way of something beside the view, as strong as that of a net, but not from the wall behind."""
+    """The second path comes from something beside the view. It is as strong as behind a net, but ends before the wall."""
     _, range_m, covered = before_wall(9.0, 0.6)
     strong = {
         h: np.where(covered, (1 + TAIL.phasor(h)) * (1 + 0.6 * np.exp(1j * h * OMEGA * 6.0)) - 1, TAIL.phasor(h))
@@ -155,7 +158,7 @@ def test_a_surface_whose_second_path_ends_in_front_of_the_wall_is_no_net() -> No
 
 
 def test_what_is_left_of_the_wall_must_be_of_its_brightness() -> None:
-    """The second path ends on the wall, but with less than a tenth of the light that the wall sends beside it."""
+    """The second path ends on the wall, but has less than a tenth of the light that the wall sends where it is seen."""
     phasors, _, covered = before_wall(9.0, 0.6)
     found = resolved(np.where(covered, 0.15 * phasors, phasors))
     assert found.mpi is not None
@@ -201,7 +204,7 @@ def test_what_is_recorded_is_what_confidence_says() -> None:
 def test_two_paths_with_a_tail_each_are_found(
     near: float, delay_ns: float, share: float, strength: float, less: float
 ) -> None:
-    """What is nearer gets more direct light, so that its tail is the less."""
+    """The nearer surface gets more direct light, so that its tail is weaker in proportion."""
     later, numbers = delay_ns * OMEGA, (1, 2, 3)
     first, second = (np.array([1 + Tail(s, 3.0, 9.0).phasor(h) for h in numbers]) for s in (less * strength, strength))
     h = np.array(numbers)

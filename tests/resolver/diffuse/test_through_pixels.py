@@ -1,4 +1,4 @@
-"""Pixels before and behind a net: which are freed of tails, and what is left of their light."""
+"""Pixels that see through a net are freed of the tail; all other pixels keep their phasors."""
 
 from dataclasses import replace
 from functools import cache
@@ -24,7 +24,7 @@ NET_M = 2.0
 
 @cache
 def model() -> DiffuseModel:
-    """Of a wall with a net 2 m away in the patches of rows 3 and 4 and of columns 5 to 8, 4 × 4 pixels each."""
+    """Return the model of a wall with a net 2 m away in patches of rows 3 and 4 and columns 5 to 8, of 4 × 4 pixels."""
     mpi = {h: complex(t - 1.0) for h, t in zip(HARMONICS, TAIL, strict=True)}
     found = model_of(phasors_of(wall_range(*SIZE, 60.0, 3.5), mpi, harmonics=HARMONICS), harmonics=HARMONICS)
     assert isinstance(found, DiffuseModel)
@@ -39,7 +39,7 @@ NET[12:20, 20:36] = True
 
 
 def two_paths(share: Float | float, near_m: Float | float = NET_M, delay_ns: float = 8.0) -> Complex:
-    """Light of two paths with a tail, (H, pixels); so much of it from the nearer."""
+    """Return the phasors, (H, n), of two paths with a tail; `share` is the share of the nearer path."""
     ones, begin = np.ones(NET.size), np.asarray(near_m) / M_PER_RAD
     return np.stack(
         [

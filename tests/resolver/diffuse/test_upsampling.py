@@ -1,3 +1,5 @@
+"""From patches to pixels: a joint bilateral filter of the four nearest patches."""
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ SIZES = [(1, 1), (5, 3), (37, 53), (48, 64), (240, 320), (61, 600)]
 
 
 def ramp(grid: PatchGrid) -> Upsampler:
-    """Planes 1, y and x of the patches' middles in pixels; all at 2 m."""
+    """Return an upsampler of the planes 1, y and x of the patches' middles, in pixels; all patches are at 2 m."""
     y, x = np.mgrid[: grid.rows, : grid.columns] * grid.side + (grid.side - 1) / 2
     planes = np.stack([np.ones_like(y), y, x]).astype(np.float32)
     return upsampler(planes, np.full(y.shape, 2.0), np.ones(y.shape, bool), grid)
@@ -74,14 +76,20 @@ def test_patches_without_a_surface_are_not_listened_to() -> None:
 
 
 def patch_below(place: float, count: int) -> tuple[int, int, float]:
-    """The patches before and after a place in patches, and how far it lies on the way; those at the edge go on beyond it."""
+    """Return the patches before and after a position in units of patches, and how far it lies between them, 0 to 1.
+
+    Beyond the edge, both are the patch at the edge.
+    """
     before = int(np.floor(place))
     return max(before, 0), min(before + 1, count - 1), place - before
 
 
 @pytest.mark.parametrize("size", [(13, 21), (37, 53)])
 def test_a_pixel_takes_its_four_patches_by_place_and_depth_as_written_out(size: tuple[int, int]) -> None:
-    """Bilinear weights and a thousandth, over (1 + (difference/tenth of the range)²)²; and bilinear weights alone."""
+    """The weights are (bilinear weight + .001)/(1 + (difference of range/.1 range)²)².
+
+    `linear` uses the bilinear weights alone.
+    """
     grid, rng = patch_grid(*size, assumed_view(*size)), np.random.default_rng(8)
     shape = (grid.rows, grid.columns)
     planes, there = rng.normal(size=(3, *shape)), rng.uniform(1.0, 3.0, shape)

@@ -1,4 +1,4 @@
-"""Walls are found from the patches that see them, and continued behind those that do not."""
+"""Walls are found from the patches that lie on them, and continued behind patches that hide them."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def grid() -> PatchGrid:
 
 
 def plane_range(distance_m: float, tilt: float) -> F:
-    """Range of z + tilt·x = distance in the direction of every patch."""
+    """Return the range of the plane z + tilt·x = distance in the direction of every patch."""
     x, _, z = grid().ray
     return np.asarray(distance_m / (z + tilt * x))
 
@@ -43,7 +43,7 @@ def test_two_walls_of_a_corner_are_told_apart() -> None:
 
 
 def test_a_wall_that_turns_away_is_far_off() -> None:
-    """z = 2 + 2·x is not met by rays to the right of x = z/2; from 20 m of depth on it is taken to be there."""
+    """Rays to the right of x = z/2 do not meet the wall z = 2 + 2·x. Its depth counts as 20 m at most."""
     x, _, z = grid().ray
     seen = x / z < 0.3
     (wall,) = walls_behind(np.where(seen, plane_range(2.0, -2.0), 1.0), np.asarray(seen), grid())
@@ -56,7 +56,7 @@ def test_without_patches_there_is_no_wall() -> None:
 
 
 def squares(*places: tuple[int, int], rows: int = 3, columns: int = 3) -> Bool:
-    """Squares of patches with their corners at these places."""
+    """Return rectangles of patches with their upper left corners at these places."""
     chosen = np.zeros(hole().shape, bool)
     for row, column in places:
         chosen[row : row + rows, column : column + columns] = True
@@ -76,7 +76,7 @@ def test_eight_patches_see_a_wall(left_out: int, walls: int) -> None:
 
 @pytest.mark.parametrize(("columns", "walls"), [(2, 1), (1, 0)])
 def test_a_patch_with_five_neighbours_tells_a_plane(columns: int, walls: int) -> None:
-    """Strips three patches high, with a gap between them: of those two wide, a patch has six in its neighbourhood."""
+    """Strips of patches, three high, have gaps between them. If they are two wide, a neighbourhood has six patches."""
     seen = squares((4, 7), (4, 11), (4, 15), rows=3, columns=columns)
     assert count_of_walls(plane_range(3.0, 0.1), seen) == walls
 
@@ -90,7 +90,7 @@ def test_with_a_patch_less_no_neighbourhood_of_five_tells_a_plane() -> None:
 
 @pytest.mark.parametrize(("count", "walls"), [(3, 3), (8, 8), (10, 8)])
 def test_eight_walls_are_told_at_most(count: int, walls: int) -> None:
-    """Squares at depths a tenth apart."""
+    """Each square of patches is farther than the one before by a tenth."""
     places = [(row, column) for row in (0, 4, 8) for column in (0, 4, 8, 12, 16)][:count]
     range_m, seen = np.ones(hole().shape), squares(*places)
     for number, place in enumerate(places):
