@@ -52,8 +52,8 @@ def assert_same_answers(found: DiffusePixels, expected: DiffusePixels, what: str
         one, other = getattr(found, field.name), getattr(expected, field.name)
         np.testing.assert_array_equal(one, other, err_msg=f"{field.name} {what}")
         if one.dtype == np.float32:
-            there = ~np.isnan(other)
-            np.testing.assert_array_equal(one[there].view(np.uint32), other[there].view(np.uint32), err_msg=field.name)
+            known = ~np.isnan(other)
+            np.testing.assert_array_equal(one[known].view(np.uint32), other[known].view(np.uint32), err_msg=field.name)
 
 
 def assert_same_bits(
@@ -73,7 +73,7 @@ def assert_same_bits(
 
 @pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3), (1, 2, 4), (1, 2, 3, 5, 7)])
 @pytest.mark.parametrize("separate", [False, True])
-def test_a_room_has_the_same_bits(harmonics: tuple[int, ...], separate: bool) -> None:
+def test_answers_of_a_room_have_the_same_bits(harmonics: tuple[int, ...], separate: bool) -> None:
     phasors, model = room(harmonics, separate=separate)
     answers = assert_same_bits(phasors, model)
     assert answers.answered.mean() > 0.5
@@ -121,7 +121,7 @@ def test_frames_of_any_shape_have_the_same_bits(size: tuple[int, int]) -> None:
         assert size == (8, 8)
 
 
-def test_more_harmonics_than_there_is_room_for_are_left_to_numpy() -> None:
+def test_more_harmonics_than_the_kernel_takes_are_left_to_numpy() -> None:
     assert_same_bits(*room(tuple(range(1, MOST_HARMONICS + 2))))
 
 
@@ -149,7 +149,7 @@ def plan_of(metadata: CaptureMetadata = METADATA, **options: Any) -> FramePlan:
     return FramePlan(metadata=metadata, settings=MapSettings(resolver=resolver, **of_maps))
 
 
-def words(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
+def bits_of(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
     """Return the bits of all layers and of the status as 32-bit words."""
     maps = resolve_pixels(pixels, plan=plan, kernel=kernel)
     return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]])
@@ -158,9 +158,9 @@ def words(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
 def assert_same_maps(stored: Any, plan: FramePlan) -> Any:
     pixels = prepare_frame(stored, plan=plan)
     assert pixels.tail is not None
-    expected = words(pixels, plan, NUMPY)
+    expected = bits_of(pixels, plan, NUMPY)
     for kernel in kernels():
-        np.testing.assert_array_equal(words(pixels, plan, kernel), expected, err_msg=kernel)
+        np.testing.assert_array_equal(bits_of(pixels, plan, kernel), expected, err_msg=kernel)
     return expected
 
 
@@ -174,10 +174,10 @@ def test_maps_of_a_room_have_the_same_bits(order: str, returns: Return) -> None:
     separate[2:4, 3:6] = True
     plan = plan_of(order=order, returns=returns, mpi_model="auto")
     for model in (pixels.tail, replace(pixels.tail, separate=separate)):
-        held = replace(pixels, tail=model)
-        expected = words(held, plan, NUMPY)
+        marked_pixels = replace(pixels, tail=model)
+        expected = bits_of(marked_pixels, plan, NUMPY)
         for kernel in kernels():
-            np.testing.assert_array_equal(words(held, plan, kernel), expected, err_msg=kernel)
+            np.testing.assert_array_equal(bits_of(marked_pixels, plan, kernel), expected, err_msg=kernel)
         assert {0, 2048} <= set(np.unique(expected[-1] & 2048).tolist())
 
 
@@ -209,6 +209,6 @@ def test_parts_of_a_frame_have_the_same_bits(cut: int) -> None:
     plan = plan_of()
     pixels = prepare_frame(recorded(), plan=plan)
     for kernel in available_kernels():
-        whole = words(pixels, plan, kernel)
-        joined = [words(part, plan, kernel) for part in (pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :])]
+        whole = bits_of(pixels, plan, kernel)
+        joined = [bits_of(part, plan, kernel) for part in (pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :])]
         np.testing.assert_array_equal(np.concatenate(joined, axis=-1), whole)

@@ -98,7 +98,7 @@ def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, specia
                 np.testing.assert_array_equal(found, other)
 
 
-def test_more_harmonics_than_there_is_room_for_are_left_to_numpy() -> None:
+def test_more_harmonics_than_the_kernel_takes_are_left_to_numpy() -> None:
     assert is_compiled_for(MOST_HARMONICS, kernels()[0])
     assert not is_compiled_for(MOST_HARMONICS + 1, kernels()[0])
     assert not is_compiled_for(2, NUMPY)
@@ -204,7 +204,7 @@ def test_a_buffer_of_another_type_is_refused(compiled: ModuleType, step: int | N
 
 
 @pytest.mark.parametrize("step", CALLS)
-def test_what_is_no_buffer_or_cannot_be_written_or_lies_in_what_is_written_is_refused(
+def test_values_that_are_no_buffers_read_only_outputs_and_overlapping_inputs_are_refused(
     compiled: ModuleType, step: int | None
 ) -> None:
     written = ("total", "slopes") if step is None else tuple(ANSWERS[step])
@@ -225,7 +225,7 @@ def test_what_is_no_buffer_or_cannot_be_written_or_lies_in_what_is_written_is_re
 
 
 @pytest.mark.parametrize("step", ANSWERS)
-def test_what_a_step_needs_must_be_there(compiled: ModuleType, step: int) -> None:
+def test_a_missing_buffer_that_a_step_needs_is_refused(compiled: ModuleType, step: int) -> None:
     for name in NEEDED[step]:
         given = steps_given(step)
         given[name] = None
@@ -233,7 +233,7 @@ def test_what_a_step_needs_must_be_there(compiled: ModuleType, step: int) -> Non
             call(compiled, step, given)
 
 
-def test_levels_steps_and_harmonics_that_there_are_not_are_refused(compiled: ModuleType) -> None:
+def test_unknown_levels_steps_and_harmonics_are_refused(compiled: ModuleType) -> None:
     for step in CALLS:
         with pytest.raises(ValueError, match="level"):
             call(compiled, step, given_of(step), "mmx")
@@ -245,7 +245,7 @@ def test_levels_steps_and_harmonics_that_there_are_not_are_refused(compiled: Mod
         call(compiled, None, given)
 
 
-def test_a_state_is_where_the_compiled_fit_starts() -> None:
+def test_a_fit_of_no_patches_returns_empty_arrays() -> None:
     """A fit without any patches returns empty arrays."""
     steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)), kernels()[0])
     white, linear = steps.evidence(np.empty((4, 0)), np.empty((6, 4, 0)), MEAN[:, None][:, :0])

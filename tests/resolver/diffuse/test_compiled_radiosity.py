@@ -68,30 +68,30 @@ def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType) -> None:
     function(level, *buffers())
     with pytest.raises(ValueError, match="level"):
         function("mmx", *buffers())
-    for which, good in enumerate(buffers()):
-        for wrong in (
-            np.ones(good.size + 1, good.dtype),
-            np.ones(good.size - 1, good.dtype),
-            np.ones(good.shape),
+    for place, sound in enumerate(buffers()):
+        for unfit in (
+            np.ones(sound.size + 1, sound.dtype),
+            np.ones(sound.size - 1, sound.dtype),
+            np.ones(sound.shape),
             None,
             "text",
         ):
             given = buffers()
-            given[which] = wrong
+            given[place] = unfit
             with pytest.raises((TypeError, ValueError)):
                 function(level, *given)
-    for which in range(-WRITTEN, 0):
+    for place in range(-WRITTEN, 0):
         given = buffers()
-        given[which].setflags(write=False)
+        given[place].setflags(write=False)
         with pytest.raises((ValueError, BufferError)):
             function(level, *given)
         given = buffers()
-        given[0] = given[which].view(np.float32).ravel()[: ONTO * SOURCES]
+        given[0] = given[place].view(np.float32).ravel()[: ONTO * SOURCES]
         with pytest.raises(ValueError, match="lies in the memory"):
             function(level, *given)
 
 
-def test_no_pieces_at_all_are_no_reason_to_crash(compiled: ModuleType) -> None:
+def test_a_call_without_pieces_returns_none(compiled: ModuleType) -> None:
     none = np.empty((0, 0), np.float32)
     filled = (none.copy(), *(none.astype(np.complex64) for _ in range(2)))
     assert compiled.light_matrix(compiled.levels()[0], 0.5, none, none, none, none, *filled) is None

@@ -15,18 +15,18 @@ def test_the_typical_room_is_the_documented_one() -> None:
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_rooms_differ_by_the_documented_spreads_and_more_where_the_optics_are_assumed(known: bool) -> None:
+def test_rooms_differ_by_the_documented_spreads_and_more_if_the_optics_are_assumed(known: bool) -> None:
     """An error of 15 % of the focal length is 30 % of every area, and so of the albedo and of later bounces."""
     spreads = np.array([0.38, 0.3, 0.42, 1.8, 0.65, 1.5])
-    apart = np.array([0.15, 0.42, 0.35, 1.2, 0.42, 1.75])
+    within_spreads = np.array([0.15, 0.42, 0.35, 1.2, 0.42, 1.75])
     assumed = 0.0 if known else np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0])
     between, within = between_rooms(known_optics=known), within_room(known_optics=known)
     assert_allclose(np.diag(between), spreads**2 + assumed**2)
-    assert_allclose(np.diag(within), apart**2 + assumed**2)
-    assert_allclose(prior.WITHIN_PATCH, (1.1 * apart, 0.8 * apart))
+    assert_allclose(np.diag(within), within_spreads**2 + assumed**2)
+    assert_allclose(prior.WITHIN_PATCH, (1.1 * within_spreads, 0.8 * within_spreads))
 
 
-def test_bright_rooms_have_more_unseen_light_near_walls_give_it_earlier_and_large_rooms_keep_it() -> None:
+def test_the_prior_has_the_documented_correlations() -> None:
     between = between_rooms(known_optics=True)
     assert (np.linalg.eigvalsh(between) > 0.0).all()
     assert_allclose(between, between.T)
@@ -40,7 +40,7 @@ def test_bright_rooms_have_more_unseen_light_near_walls_give_it_earlier_and_larg
     assert_allclose(within, np.diag(np.diag(within)))
 
 
-def test_weakly_lit_surfaces_get_more_unseen_light_in_the_documented_power() -> None:
+def test_weakly_lit_surfaces_get_more_unseen_light_by_the_documented_power() -> None:
     """v is in proportion to E^−.7, with the factor 1 for the direct light E of a surface 3 m away."""
     distance_m = np.array([1.0, 3.0, 6.0])
     found = pattern(1.0 / distance_m**2)

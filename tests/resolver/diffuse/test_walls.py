@@ -26,13 +26,13 @@ def hole() -> Bool:
     return np.asarray((rows > 5) & (rows < 11) & (columns > 6) & (columns < 14))
 
 
-def test_a_wall_goes_on_behind_what_hides_it() -> None:
-    there = plane_range(3.0, 0.3)
-    (wall,) = walls_behind(np.where(hole(), 1.0, there), ~hole(), grid())
-    np.testing.assert_allclose(wall, there, rtol=1e-6)
+def test_a_wall_continues_behind_patches_that_hide_it() -> None:
+    range_m = plane_range(3.0, 0.3)
+    (wall,) = walls_behind(np.where(hole(), 1.0, range_m), ~hole(), grid())
+    np.testing.assert_allclose(wall, range_m, rtol=1e-6)
 
 
-def test_two_walls_of_a_corner_are_told_apart() -> None:
+def test_both_walls_of_a_corner_are_found() -> None:
     left, right = plane_range(3.0, -1.0), plane_range(3.0, 1.0)
     nearer = np.minimum(left, right)
     found = walls_behind(np.where(hole(), 1.0, nearer), ~hole(), grid())
@@ -42,7 +42,7 @@ def test_two_walls_of_a_corner_are_told_apart() -> None:
         assert min(float(np.abs(one - wall)[seen].max()) for one in found) < 0.02
 
 
-def test_a_wall_that_turns_away_is_far_off() -> None:
+def test_a_wall_that_rays_do_not_meet_counts_as_20_m_deep() -> None:
     """Rays to the right of x = z/2 do not meet the wall z = 2 + 2·x. Its depth counts as 20 m at most."""
     x, _, z = grid().ray
     seen = x / z < 0.3
@@ -68,20 +68,20 @@ def count_of_walls(range_m: F, among: Bool) -> int:
 
 
 @pytest.mark.parametrize(("left_out", "walls"), [(0, 1), (1, 1), (2, 0)])
-def test_eight_patches_see_a_wall(left_out: int, walls: int) -> None:
+def test_a_wall_needs_eight_patches(left_out: int, walls: int) -> None:
     seen = squares((4, 6))
     seen[4, 6 : 6 + left_out] = False
     assert count_of_walls(plane_range(3.0, 0.1), seen) == walls
 
 
 @pytest.mark.parametrize(("columns", "walls"), [(2, 1), (1, 0)])
-def test_a_patch_with_five_neighbours_tells_a_plane(columns: int, walls: int) -> None:
+def test_a_patch_with_five_neighbours_gives_a_plane(columns: int, walls: int) -> None:
     """Strips of patches, three high, have gaps between them. If they are two wide, a neighbourhood has six patches."""
     seen = squares((4, 7), (4, 11), (4, 15), rows=3, columns=columns)
     assert count_of_walls(plane_range(3.0, 0.1), seen) == walls
 
 
-def test_with_a_patch_less_no_neighbourhood_of_five_tells_a_plane() -> None:
+def test_patches_with_four_neighbours_give_no_plane() -> None:
     seen = squares((4, 7), (4, 11), (4, 15), rows=3, columns=2)
     seen[4, [8, 12, 16]] = False
     assert seen.sum() == 15
@@ -89,7 +89,7 @@ def test_with_a_patch_less_no_neighbourhood_of_five_tells_a_plane() -> None:
 
 
 @pytest.mark.parametrize(("count", "walls"), [(3, 3), (8, 8), (10, 8)])
-def test_eight_walls_are_told_at_most(count: int, walls: int) -> None:
+def test_at_most_eight_walls_are_found(count: int, walls: int) -> None:
     """Each square of patches is farther than the one before by a tenth."""
     places = [(row, column) for row in (0, 4, 8) for column in (0, 4, 8, 12, 16)][:count]
     range_m, seen = np.ones(hole().shape), squares(*places)
@@ -102,7 +102,7 @@ def test_eight_walls_are_told_at_most(count: int, walls: int) -> None:
 
 
 @pytest.mark.parametrize(("farther", "walls"), [(1.025, 1), (1.045, 2)])
-def test_patches_within_three_hundredths_of_the_depth_lie_on_one_wall(farther: float, walls: int) -> None:
+def test_patches_within_three_hundredths_of_its_depth_lie_on_a_wall(farther: float, walls: int) -> None:
     behind = squares((3, 13), rows=6, columns=5)
     range_m = plane_range(3.0, 0.0) * np.where(behind, farther, 1.0)
     assert count_of_walls(range_m, behind | squares((3, 3), rows=6, columns=7)) == walls
