@@ -15,6 +15,9 @@ from tests.support.defects import DefectiveCamera, Defects
 
 FRAMES = 10
 
+PULSE = {h: np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) for h in (1, 2)}
+"""What a pulse of 1.7 ns leaves of each harmonic."""
+
 
 def target(sensor: DefectiveCamera, distance_m: float, *, seed: int) -> TargetMean:
     """Return the mean frame of a wall, from counts of the camera."""
@@ -165,11 +168,10 @@ def noiseless(
         delay = 2 * np.pi / 40.0 * 2 / 0.299792458 * (d * stretch + wrong)
         planes = []
         for h in (1, 2):
-            pulse = np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
             added = 0.0 if pixel_phases is None else h * pixel_phases
             theta = h * delay + added
             wave = np.exp(1j * theta) + term[1] * np.exp(1j * term[0] * theta)
-            planes.append(0.09 / (1 + index) * gain ** (h - 1) * pulse * wave)
+            planes.append(0.09 / (1 + index) * gain ** (h - 1) * PULSE[h] * wave)
         volts = np.stack(planes)
         volts.reshape(2, -1)[:, pixels_without_light(dim)] = 1e-5
         targets.append(TargetMean(volts, np.full(2, 1e-5), d))
@@ -180,9 +182,8 @@ def noiseless(
 
 def test_targets_without_noise_give_gain_and_pulse_response_exactly() -> None:
     found = noiseless(gain=0.8)
-    pulse = [np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) for h in (1, 2)]
-    assert found.responses[0].main == pytest.approx(pulse[0], rel=1e-6)
-    assert found.responses[1].main == pytest.approx(0.8 * pulse[1], rel=1e-6)
+    assert found.responses[0].main == pytest.approx(PULSE[1], rel=1e-6)
+    assert found.responses[1].main == pytest.approx(0.8 * PULSE[2], rel=1e-6)
     np.testing.assert_allclose(found.gain, 1.0, rtol=1e-6)
     np.testing.assert_allclose(found.phase_rad, 0.0, atol=1e-6)
     assert found.quality.distances_m == (0.7, 1.4, 2.4)

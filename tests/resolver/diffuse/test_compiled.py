@@ -16,6 +16,7 @@ from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
+from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.diffuse_answers import model_of
 from tests.support.diffuse_frames import OMEGA, F, Tail, Z, corner_range, phasors_of
 from tests.support.hard_pixels import HARD
@@ -27,12 +28,6 @@ SIZE = (37, 97)
 COUNT = SIZE[0] * SIZE[1]
 
 TAIL = Tail(0.3, 3.0, 8.0)
-
-
-def kernels() -> list[str]:
-    found = [kernel for kernel in available_kernels() if kernel != NUMPY]
-    assert found
-    return found
 
 
 def room(harmonics: tuple[int, ...] = (1, 2), *, separate: bool = False, **options: Any) -> tuple[Z, DiffuseModel]:
@@ -64,7 +59,7 @@ def assert_same_bits(
     use = np.ones(phasors.shape[1], bool) if usable is None else usable
     with np.errstate(all="ignore"):
         expected = diffuse_pixels(phasors, tail=tail, usable=use, samples=samples)
-    for kernel in kernels():
+    for kernel in compiled_kernels():
         assert_same_answers(
             diffuse_pixels(phasors, tail=tail, usable=use, samples=samples, kernel=kernel), expected, kernel
         )
@@ -149,18 +144,16 @@ def plan_of(metadata: CaptureMetadata = METADATA, **options: Any) -> FramePlan:
     return FramePlan(metadata=metadata, settings=MapSettings(resolver=resolver, **of_maps))
 
 
-def bits_of(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
-    """Return the bits of all layers and of the status as 32-bit words."""
-    maps = resolve_pixels(pixels, plan=plan, kernel=kernel)
-    return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]])
+def resolved_bits(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
+    return bits_of(resolve_pixels(pixels, plan=plan, kernel=kernel))
 
 
 def assert_same_maps(stored: Any, plan: FramePlan) -> Any:
     pixels = prepare_frame(stored, plan=plan)
     assert pixels.tail is not None
-    expected = bits_of(pixels, plan, NUMPY)
-    for kernel in kernels():
-        np.testing.assert_array_equal(bits_of(pixels, plan, kernel), expected, err_msg=kernel)
+    expected = resolved_bits(pixels, plan, NUMPY)
+    for kernel in compiled_kernels():
+        np.testing.assert_array_equal(resolved_bits(pixels, plan, kernel), expected, err_msg=kernel)
     return expected
 
 
@@ -175,9 +168,9 @@ def test_maps_of_a_room_have_the_same_bits(order: str, returns: Return) -> None:
     plan = plan_of(order=order, returns=returns, mpi_model="auto")
     for model in (pixels.tail, replace(pixels.tail, separate=separate)):
         marked_pixels = replace(pixels, tail=model)
-        expected = bits_of(marked_pixels, plan, NUMPY)
-        for kernel in kernels():
-            np.testing.assert_array_equal(bits_of(marked_pixels, plan, kernel), expected, err_msg=kernel)
+        expected = resolved_bits(marked_pixels, plan, NUMPY)
+        for kernel in compiled_kernels():
+            np.testing.assert_array_equal(resolved_bits(marked_pixels, plan, kernel), expected, err_msg=kernel)
         assert {0, 2048} <= set(np.unique(expected[-1] & 2048).tolist())
 
 
@@ -209,6 +202,8 @@ def test_parts_of_a_frame_have_the_same_bits(cut: int) -> None:
     plan = plan_of()
     pixels = prepare_frame(recorded(), plan=plan)
     for kernel in available_kernels():
-        whole = bits_of(pixels, plan, kernel)
-        joined = [bits_of(part, plan, kernel) for part in (pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :])]
+        whole = resolved_bits(pixels, plan, kernel)
+        joined = [
+            resolved_bits(part, plan, kernel) for part in (pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :])
+        ]
         np.testing.assert_array_equal(np.concatenate(joined, axis=-1), whole)

@@ -14,18 +14,13 @@ from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.diffuse.tail import TailModel
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
+from tests.resolver.compiled import compiled_kernels
 from tests.support.diffuse_frames import OMEGA, F
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
 HARMONICS = [(1, 2), (1, 2, 3), (1, 2, 4), (1, 2, 3, 5, 7)]
-
-
-def kernels() -> list[str]:
-    found = [kernel for kernel in available_kernels() if kernel != NUMPY]
-    assert found
-    return found
 
 
 def light_of(harmonics: tuple[int, ...], patches: int, seed: int) -> Interreflections:
@@ -67,7 +62,7 @@ def test_a_fit_has_the_same_bits(harmonics: tuple[int, ...], patches: int) -> No
 
     expected = fit(NUMPY)
     assert all(np.isfinite(one).all() for one in expected)
-    for kernel in kernels():
+    for kernel in compiled_kernels():
         assert_same(fit(kernel), expected, kernel)
 
 
@@ -93,14 +88,14 @@ def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, specia
 
     with np.errstate(all="ignore"):
         expected = steps(PatchSteps(*fixed))
-        for kernel in kernels():
+        for kernel in compiled_kernels():
             for found, other in zip(steps(CompiledSteps(*fixed, kernel)), expected, strict=True):
                 np.testing.assert_array_equal(found, other)
 
 
 def test_more_harmonics_than_the_kernel_takes_are_left_to_numpy() -> None:
-    assert is_compiled_for(MOST_HARMONICS, kernels()[0])
-    assert not is_compiled_for(MOST_HARMONICS + 1, kernels()[0])
+    assert is_compiled_for(MOST_HARMONICS, compiled_kernels()[0])
+    assert not is_compiled_for(MOST_HARMONICS + 1, compiled_kernels()[0])
     assert not is_compiled_for(2, NUMPY)
 
 
@@ -247,7 +242,7 @@ def test_unknown_levels_steps_and_harmonics_are_refused(compiled: ModuleType) ->
 
 def test_a_fit_of_no_patches_returns_empty_arrays() -> None:
     """A fit without any patches returns empty arrays."""
-    steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)), kernels()[0])
+    steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)), compiled_kernels()[0])
     white, linear = steps.evidence(np.empty((4, 0)), np.empty((6, 4, 0)), MEAN[:, None][:, :0])
     assert white.shape == (2, 7, 0)
     assert linear.size == 0

@@ -19,13 +19,12 @@ from cadtof_cli.resolver.diffuse.light import (
     patch_means,
     sampled_light,
 )
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.resolve import screened
 from cadtof_cli.resolver.settings import ResolverSettings
+from tests.resolver.compiled import compiled_kernels
 
 pytestmark = pytest.mark.usefixtures("compiled")
-
-KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
 
 SIZES = [(1, 1), (72, 1), (3, 200), (5, 90), (37, 53), (120, 161), (250, 330)]
 
@@ -93,11 +92,11 @@ def test_the_first_look_has_the_same_bits(
         noise = replace(noise, samples=rng.integers(1, 9, pixels).astype(np.float64))
     hot = rng.random(pixels) < 0.1 if per_pixel else None
     each = phasor_map(len(harmonics), pixels if per_pixel else None)
-    look = Look.of(settings, noise, each, LIMITS, hot, stored=stored.dtype, kernel=KERNELS[0])
+    look = Look.of(settings, noise, each, LIMITS, hot, stored=stored.dtype, kernel=compiled_kernels()[0])
     assert look is not None
     expected = by_numpy(stored, look, noise, settings, grid)
     assert pixels == 1 or 0.1 < expected.seen.mean() < 0.95
-    for kernel in KERNELS:
+    for kernel in compiled_kernels():
         found = compiled_light(stored, look, grid, kernel=kernel)
         for name in ("seen", "phase_rad", "weighted"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
@@ -115,12 +114,12 @@ def test_phasors_and_more_harmonics_than_the_kernel_takes_are_left_to_numpy() ->
         look = Look.of(ResolverSettings(), noise, each, LIMITS, None, stored=np.dtype(dtype), kernel=kernel)
         return look is not None
 
-    assert looks(np.uint16, 2, KERNELS[0])
-    assert looks(float, MOST_HARMONICS, KERNELS[0])
+    assert looks(np.uint16, 2, compiled_kernels()[0])
+    assert looks(float, MOST_HARMONICS, compiled_kernels()[0])
     assert not looks(np.uint16, 2, NUMPY)
-    assert not looks(complex, 2, KERNELS[0])
-    assert not looks(np.uint8, 2, KERNELS[0])
-    assert not looks(float, MOST_HARMONICS + 1, KERNELS[0])
+    assert not looks(complex, 2, compiled_kernels()[0])
+    assert not looks(np.uint8, 2, compiled_kernels()[0])
+    assert not looks(float, MOST_HARMONICS + 1, compiled_kernels()[0])
 
 
 @pytest.mark.parametrize("harmonics", [MOST_HARMONICS, MOST_HARMONICS + 1])
@@ -130,7 +129,7 @@ def test_means_of_as_many_harmonics_as_the_kernel_takes_and_of_more_have_the_sam
     weighted = rng.uniform(0.1, 1.0, (1 + 2 * harmonics, *seen.shape)).astype(np.float32)
     light = PatchLight(seen, weighted[0], weighted)
     expected = patch_means(light, seen, variance=1e-4, harmonics=numbers)
-    for kernel in KERNELS:
+    for kernel in compiled_kernels():
         found = patch_means(light, seen, variance=1e-4, harmonics=numbers, kernel=kernel)
         for name in ("ratios", "amplitude", "pixels", "phase_rad"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))

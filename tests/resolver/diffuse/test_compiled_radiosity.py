@@ -8,11 +8,10 @@ import pytest
 
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
+from tests.resolver.compiled import compiled_kernels
 
 pytestmark = pytest.mark.usefixtures("compiled")
-
-KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
 
 
 def pieces(count: int, seed: int) -> Surfaces:
@@ -42,7 +41,7 @@ def test_light_between_pieces_has_the_same_bits(harmonics: tuple[int, ...], seen
 
     expected = light(NUMPY)
     assert all(np.isfinite(one).all() for one in expected)
-    for kernel in KERNELS:
+    for kernel in compiled_kernels():
         for one, other in zip(light(kernel), expected, strict=True):
             np.testing.assert_array_equal(one, other)
 

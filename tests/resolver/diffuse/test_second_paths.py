@@ -117,7 +117,7 @@ def test_noise_that_hides_the_scatter_of_shares_is_not_taken_for_one_share() -> 
 def test_fewer_than_64_patches_do_not_show_one_share() -> None:
     few = np.where(np.arange(COUNT) < 63, 1.0, 0.0)
     for more, same in ((0, False), (2, True)):
-        share = 0.1 * np.roll(few, 0) + 0.1 * (np.arange(COUNT) >= COUNT - more)
+        share = 0.1 * few + 0.1 * (np.arange(COUNT) >= COUNT - more)
         patches = data(*second(share, np.roll(LATER, 40)))
         assert have_one_share(patches) is same
 

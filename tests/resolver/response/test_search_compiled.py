@@ -20,10 +20,11 @@ from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.response.newton import Equations, searched
 from cadtof_cli.resolver.response.table import ENTRIES, STAGES, ResponseBlock, response_block
 from cadtof_cli.resolver.settings import ResolverSettings
+from tests.resolver.compiled import compiled_kernels
 from tests.support.calibrations import made_up_calibration
 from tests.support.hard_pixels import HARD
 
@@ -34,12 +35,6 @@ NOISE = noise_model(TRIANGLE, integration_length=1e5, quantised=False)
 COUNT = 777
 
 pytestmark = pytest.mark.usefixtures("compiled")
-
-
-def kernels() -> list[str]:
-    found = [kernel for kernel in available_kernels() if kernel != NUMPY]
-    assert found
-    return found
 
 
 def block(*, phases: bool) -> ResponseBlock:
@@ -74,7 +69,7 @@ def assert_same_bits(
     with np.errstate(all="ignore"):
         equations = Equations.of(response, phasors, np.arange(start.shape[1]), NOISE)
         expected = searched(equations, start, steps=steps, stage=stage)
-    for kernel in kernels():
+    for kernel in compiled_kernels():
         of_kernel = replace(equations, response=replace(response, kernel=kernel))
         found = searched(of_kernel, start, steps=steps, stage=stage)
         np.testing.assert_array_equal(found.done, expected.done, err_msg=kernel)
@@ -136,7 +131,7 @@ def test_maps_of_a_triangle_have_the_same_bits(name: str, calibrated: bool) -> N
         plan = replace(plan, calibration=CalibrationUse(Path("made up"), calibration.digest))
     pixels = prepare_frame(volts(name, size), plan=plan, calibration=calibration)
     expected = resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=NUMPY)
-    for kernel in kernels():
+    for kernel in compiled_kernels():
         for cut in (0, 33):
             parts = [pixels[:cut], pixels[cut:]] if cut else [pixels]
             found = [resolve_pixels(part, plan=plan, calibration=calibration, kernel=kernel) for part in parts]

@@ -6,14 +6,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
+from tests.resolver.compiled import compiled_kernels
 from tests.support.hard_pixels import HARD
 
 pytestmark = pytest.mark.usefixtures("compiled")
-
-KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -23,7 +22,7 @@ def test_hard_pixels_have_the_same_bits(name: str, count: int) -> None:
     expected = decomposed(p1, p2)
     with np.errstate(all="ignore"):
         phases = expected.phases()
-    for kernel in KERNELS:
+    for kernel in compiled_kernels():
         found = decomposed(p1, p2, kernel=kernel)
         for field in fields(TwoPaths):
             np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name), err_msg=field.name)
@@ -35,7 +34,7 @@ def test_two_known_paths_are_found() -> None:
     a, b, x = rng.uniform(0.6, 1.0, 500), rng.uniform(0.1, 0.5, 500), rng.uniform(0.5, 5.0, 500)
     y = x + rng.uniform(0.3, 1.2, 500)
     p1, p2 = (a * np.exp(1j * h * x) + b * np.exp(1j * h * y) for h in (1, 2))
-    for kernel in (NUMPY, *KERNELS):
+    for kernel in (NUMPY, *compiled_kernels()):
         paths = decomposed(p1, p2, kernel=kernel)
         first = paths.a > paths.b
         np.testing.assert_allclose(np.where(first, *paths.amplitude), a)

@@ -25,6 +25,7 @@ from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
 from cadtof_cli.resolver.status import count_status
 from cadtof_cli.resolver.two_path import kernel as front
+from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import record
 from tests.support.hard_pixels import HARD
@@ -60,17 +61,10 @@ def counts(dtype: str = "u2", pixels: int = 20 * WIDTH, seed: int = 4) -> NDArra
     return frame(np.clip(np.rint(stored), 0, 16383).astype(dtype))
 
 
-def bits_of(maps: DepthMaps) -> NDArray[np.uint32]:
-    """Return the bits of all layers and of the status as 32-bit words."""
-    return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]])
-
-
 def assert_same_bits(stored: Any, plan: FramePlan, calibration: Calibration | None = None) -> DepthMaps:
     """Resolve by numpy and by every compiled kernel, compare every bit, and return the maps."""
     maps = resolve_frame(stored, plan=plan, calibration=calibration, kernel=NUMPY).maps
-    compiled = [kernel for kernel in available_kernels() if kernel != NUMPY]
-    assert compiled
-    for kernel in compiled:
+    for kernel in compiled_kernels():
         found = resolve_frame(stored, plan=plan, calibration=calibration, kernel=kernel).maps
         np.testing.assert_array_equal(bits_of(found), bits_of(maps), err_msg=kernel)
     return maps
