@@ -31,7 +31,7 @@ ORIGIN = Origin(captures=("made up",), frames=10, pixels=SHAPE, periods_ns=(40.0
 K2_M, K4_M = 0.06, -0.02
 POINT_PX = (9.0, 4.0)
 PULSE = {h: np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / T1_NS) ** 2) / 2) for h in (1, 2)}
-"""What a pulse of 1.7 ns leaves of each harmonic."""
+"""Share of each harmonic that a pulse of 1.7 ns leaves."""
 
 
 def volts(*paths: tuple[F | float, F]) -> F:

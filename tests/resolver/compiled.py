@@ -1,4 +1,4 @@
-"""What tests of the compiled code share: the kernels to compare with numpy, the bits of maps, and refusals of buffers."""
+"""Shared by tests of the compiled code: the kernels to compare with numpy, the bits of maps, and refusals of buffers."""
 
 from collections.abc import Callable
 from typing import Any

@@ -16,7 +16,7 @@ from tests.support.defects import DefectiveCamera, Defects
 FRAMES = 10
 
 PULSE = {h: np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) for h in (1, 2)}
-"""What a pulse of 1.7 ns leaves of each harmonic."""
+"""Share of each harmonic that a pulse of 1.7 ns leaves."""
 
 
 def target(sensor: DefectiveCamera, distance_m: float, *, seed: int) -> TargetMean:

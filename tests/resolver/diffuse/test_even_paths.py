@@ -142,19 +142,19 @@ def test_light_without_mpi_or_noise_raises_no_error() -> None:
 
 
 def by_a_mirror(
-    sigma: float, *, step_m: float = 0.3, most: float = 0.06, turns: float = 0.0
+    sigma: float, *, step_m: float = 0.3, largest_share: float = 0.06, added_rad: float = 0.0
 ) -> tuple[PatchData, PatchPlaces]:
     """Return a wall at 1.5 m, of which a part stands before the rest, with light by way of a surface at its right.
 
-    `step_m` is how far the part stands before the rest. `most` is the share of this light at distance 0; it falls with
-    the distance. `turns`, in rad, is added to all delays.
+    `step_m` is how far the part stands before the rest. `largest_share` is the share of this light at distance 0; the
+    share falls with the distance. `added_rad` is added to all delays.
     """
     range_m = 1.5 * SLANT - step_m * (np.abs(DOWN) < 0.15)
     wall = range_m * np.stack([ACROSS, DOWN, np.ones(COUNT)]) / SLANT
     place = np.array([1.6, 0.1, 0.5])
     distance_m = np.sqrt(((place[:, np.newaxis] - wall) ** 2).sum(axis=0))
-    later = OMEGA * (np.sqrt(place @ place) + distance_m - range_m) / C_M_PER_NS + turns
-    share = most * np.exp(-2.0 * distance_m)
+    later = OMEGA * (np.sqrt(place @ place) + distance_m - range_m) / C_M_PER_NS + added_rad
+    share = largest_share * np.exp(-2.0 * distance_m)
     turn = np.exp(1j * later)
     straight = OMEGA * 2.0 * range_m / C_M_PER_NS
     phase = straight + np.angle(1.0 + share * turn)
@@ -162,12 +162,12 @@ def by_a_mirror(
     return data, replace(PLACES, phase_rad=np.asarray(np.angle(np.exp(1j * phase))))
 
 
-@pytest.mark.parametrize(("most", "turns"), [(0.06, 0.0), (0.06, 2.0), (1.0, 0.0)])
+@pytest.mark.parametrize(("largest_share", "added_rad"), [(0.06, 0.0), (0.06, 2.0), (1.0, 0.0)])
 def test_delays_by_way_of_one_place_are_two_paths_although_not_even(
-    most: float, turns: float, monkeypatch: pytest.MonkeyPatch
+    largest_share: float, added_rad: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """This holds even if some delays exceed half a period and so appear negative, and if MPI turns arg p_1 by much."""
-    data, places = by_a_mirror(2e-5, most=most, turns=turns)
+    data, places = by_a_mirror(2e-5, largest_share=largest_share, added_rad=added_rad)
     with np.errstate(all="ignore"):
         found = SecondPaths.of(data)
         assert are_even(found, data, places)

@@ -17,10 +17,10 @@ def settings(period_ns: float = 40.0) -> DiffuseSettings:
 
 def test_phases_become_metres_by_the_period() -> None:
     """A full turn of the fundamental is c·T1/2 of range, and c·T1 of the way that the light goes."""
-    asked = settings(period_ns=50.0)
-    assert asked.m_per_rad * 2 * np.pi == pytest.approx(C_M_PER_NS * 25.0)
-    assert 2 * np.pi / asked.rad_per_m == pytest.approx(C_M_PER_NS * 50.0)
-    assert 2 * np.pi / asked.rad_per_ns == pytest.approx(50.0)
+    chosen = settings(period_ns=50.0)
+    assert chosen.m_per_rad * 2 * np.pi == pytest.approx(C_M_PER_NS * 25.0)
+    assert 2 * np.pi / chosen.rad_per_m == pytest.approx(C_M_PER_NS * 50.0)
+    assert 2 * np.pi / chosen.rad_per_ns == pytest.approx(50.0)
 
 
 @pytest.mark.parametrize(("period_ns", "slowness"), [(20.0, 1.0), (40.0, 1.0), (60.0, 1.5), (100.0, 2.5)])

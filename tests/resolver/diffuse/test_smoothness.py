@@ -36,7 +36,7 @@ def changing_paths(block_px: int, *, share: float = 0.3, seed: int = 1) -> dict[
     return {h: np.asarray(shares * np.exp(1j * h * OMEGA * delay_ns)) for h in (1, 2)}
 
 
-def seen(
+def patches_of(
     range_m: F, mpi: dict[int, Z] | dict[int, complex] | None, *, n_av: float = 1e6
 ) -> tuple[PatchLight, PatchMeans, PatchGrid]:
     """Return the light of a frame, its means, and its grid of patches."""
@@ -65,7 +65,7 @@ def is_smoothed(frame: tuple[PatchLight, PatchMeans, PatchGrid], lit: Bool | Non
 @pytest.mark.parametrize("seed", range(3))
 def test_second_paths_that_change_over_the_view_are_taken_for_two_paths(block_px: int, seed: int) -> None:
     """They change from pixel to pixel within patches, from patch to patch, or over two or four patches."""
-    assert is_smoothed(seen(wall(), changing_paths(block_px, seed=seed)))
+    assert is_smoothed(patches_of(wall(), changing_paths(block_px, seed=seed)))
 
 
 @pytest.mark.parametrize("range_m", [wall(), corner_range(HEIGHT, WIDTH, FOCAL_PX)])
@@ -76,7 +76,7 @@ def test_a_smooth_tail_is_not_taken_for_two_paths(range_m: F, tail: Tail, n_av: 
     down, across = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
     bump = 1.0 + 0.5 * np.exp(-3.0 * (down**2 + across**2))
     for scale in (np.ones_like(bump), bump):
-        assert not is_smoothed(seen(range_m, {h: np.asarray(scale * tail.phasor(h)) for h in (1, 2)}, n_av=n_av))
+        assert not is_smoothed(patches_of(range_m, {h: np.asarray(scale * tail.phasor(h)) for h in (1, 2)}, n_av=n_av))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -84,21 +84,21 @@ def test_tails_that_change_from_patch_to_patch_are_not_taken_for_two_paths(seed:
     rng = np.random.default_rng(seed)
     rows, columns = (np.arange(side) // SIDE * SIDE for side in (HEIGHT, WIDTH))
     scale = rng.uniform(0.5, 1.5, (HEIGHT, WIDTH))[np.ix_(rows, columns)]
-    assert not is_smoothed(seen(wall(), {h: np.asarray(scale * Tail(0.3, 3.0, 10.0).phasor(h)) for h in (1, 2)}))
+    assert not is_smoothed(patches_of(wall(), {h: np.asarray(scale * Tail(0.3, 3.0, 10.0).phasor(h)) for h in (1, 2)}))
 
 
 def test_noise_and_no_light_are_not_taken_for_two_paths() -> None:
-    assert not is_smoothed(seen(wall(), None))
-    assert not is_smoothed(seen(wall(), None, n_av=2e3))
-    assert not is_smoothed(seen(wall(), changing_paths(1), n_av=100.0))
-    light, means, grid = seen(wall(), changing_paths(1))
+    assert not is_smoothed(patches_of(wall(), None))
+    assert not is_smoothed(patches_of(wall(), None, n_av=2e3))
+    assert not is_smoothed(patches_of(wall(), changing_paths(1), n_av=100.0))
+    light, means, grid = patches_of(wall(), changing_paths(1))
     nothing = PatchLight(np.zeros_like(light.seen), 0 * light.phase_rad, 0 * light.weighted)
     assert not is_smoothed((nothing, means, grid), np.zeros(means.amplitude.shape, np.bool_))
 
 
 @pytest.mark.parametrize("distance_m", [0.5, 2.9, 4.5])
 def test_the_inverse_depth_of_a_flat_wall_has_no_bends_at_any_distance(distance_m: float) -> None:
-    _, means, grid = seen(wall((0.4, -0.3), distance_m), None, n_av=1e12)
+    _, means, grid = patches_of(wall((0.4, -0.3), distance_m), None, n_av=1e12)
     inverse_depth = smoothness._inverse_depth(means.phase_rad, grid, SETTINGS)
     everywhere = np.ones(inverse_depth.shape, np.bool_)
     bends = smoothness._bends(inverse_depth, everywhere, 2)
@@ -108,16 +108,16 @@ def test_the_inverse_depth_of_a_flat_wall_has_no_bends_at_any_distance(distance_
     assert bends.size == (rows - 4) * columns + rows * (columns - 4)
 
 
-@pytest.mark.parametrize("apart", [1, 2])
-def test_bends_are_second_differences_where_all_three_values_are_seen(apart: int) -> None:
+@pytest.mark.parametrize("distance", [1, 2])
+def test_bends_are_second_differences_where_all_three_values_are_seen(distance: int) -> None:
     image = np.arange(8.0)[:, None] ** 2 + 10.0 * np.arange(5.0) ** 2
     seen_here = np.ones(image.shape, np.bool_)
-    assert set(smoothness._bends(image, seen_here, apart)) == {2.0 * apart**2, 20.0 * apart**2}
-    seen_here[2 * apart, 2] = False
-    got = smoothness._bends(image, seen_here, apart)
-    lost_down = sum(0 <= 2 * apart - k * apart <= 7 - 2 * apart for k in range(3))
-    lost_across = sum(0 <= 2 - k * apart <= 4 - 2 * apart for k in range(3))
-    assert got.size == (8 - 2 * apart) * 5 + 8 * (5 - 2 * apart) - lost_down - lost_across
+    assert set(smoothness._bends(image, seen_here, distance)) == {2.0 * distance**2, 20.0 * distance**2}
+    seen_here[2 * distance, 2] = False
+    bends = smoothness._bends(image, seen_here, distance)
+    lost_down = sum(0 <= 2 * distance - k * distance <= 7 - 2 * distance for k in range(3))
+    lost_across = sum(0 <= 2 - k * distance <= 4 - 2 * distance for k in range(3))
+    assert bends.size == (8 - 2 * distance) * 5 + 8 * (5 - 2 * distance) - lost_down - lost_across
 
 
 @pytest.mark.parametrize(("left_share", "expected"), [(0.99, True), (1.01, False)])
@@ -131,7 +131,7 @@ def test_at_most_a_share_of_the_median_square_is_left_of_at_least_64_bends(
 
 def test_each_distance_of_patches_has_its_own_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only lit patches count. The last limit is for the pixels of their middle rows."""
-    light, means, grid = seen(wall(), changing_paths(6))
+    light, means, grid = patches_of(wall(), changing_paths(6))
     limits = []
 
     def recording(direct: F, recorded: F, limit: float) -> bool:
@@ -147,12 +147,12 @@ def test_each_distance_of_patches_has_its_own_limit(monkeypatch: pytest.MonkeyPa
     assert not are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=SETTINGS)
     # a third of the last column of patches lies in the view
     pixels = int(light.seen[: SIDE - 2, lit].sum())
-    between = [(rows - 2 * apart) * columns + rows * (columns - 2 * apart) for apart in (1, 2)]
+    between = [(rows - 2 * distance) * columns + rows * (columns - 2 * distance) for distance in (1, 2)]
     assert limits == [(between[0], 0.08), (between[1], 0.04), (pixels, 0.1)]
 
 
 def test_surfaces_at_the_camera_count_as_five_centimetres_away() -> None:
-    _, means, grid = seen(wall(), None)
+    _, means, grid = patches_of(wall(), None)
     nothing = np.full(means.amplitude.shape, 1e-9)
     assert_allclose(smoothness._inverse_depth(nothing, grid, SETTINGS) * grid.ray[2], 20.0)
 
@@ -160,7 +160,7 @@ def test_surfaces_at_the_camera_count_as_five_centimetres_away() -> None:
 @pytest.mark.parametrize("row", range(SIDE))
 def test_the_middle_row_of_each_patch_is_used(row: int) -> None:
     """The wall's phase is just below π, and MPI turns half of the pixels beyond π, where phases jump by a full turn."""
-    light, means, _ = seen(np.full((HEIGHT, WIDTH), 2.89), changing_paths(1))
+    light, means, _ = patches_of(np.full((HEIGHT, WIDTH), 2.89), changing_paths(1))
     assert 0.4 < np.mean(light.phase_rad[:, :, :-1] < 0.0) < 0.6
     hidden = (np.arange(len(light.seen)) // SIDE == row)[:, None, None]
     every = np.ones(means.amplitude.shape, np.bool_)
@@ -173,7 +173,7 @@ def test_the_middle_row_of_each_patch_is_used(row: int) -> None:
 
 def test_within_patches_only_pixels_that_are_seen_count() -> None:
     """Pixels whose neighbours are hot or saturated give no bends; all other pixels of the middle rows do."""
-    light, means, _ = seen(wall(), changing_paths(1))
+    light, means, _ = patches_of(wall(), changing_paths(1))
     column, every = np.arange(len(light.seen)) % SIDE, np.ones(means.amplitude.shape, np.bool_)
 
     def is_smoothed_with(columns: Bool, lit: Bool) -> bool:

@@ -129,7 +129,7 @@ def test_a_fading_second_path_leaves_the_first_exact() -> None:
     np.testing.assert_allclose(weak, b, atol=1e-15)
 
 
-def test_phases_are_those_of_the_rotors_between_nothing_and_a_full_turn() -> None:
+def test_phases_are_those_of_the_rotors_between_0_and_a_full_turn() -> None:
     rng = np.random.default_rng(6)
     n = 20_000
     paths = solve(*phasors_of(rng.random(n), rng.uniform(0, 2 * np.pi, n), rng.random(n), rng.uniform(0, 2 * np.pi, n)))
