@@ -1,4 +1,4 @@
-"""Pixels before and behind a net: which are freed of tails, and what is left of their light."""
+"""Pixels that see through a net are freed of the tail; all other pixels keep their phasors."""
 
 from dataclasses import replace
 from functools import cache
@@ -24,7 +24,7 @@ NET_M = 2.0
 
 @cache
 def model() -> DiffuseModel:
-    """Of a wall with a net 2 m away in the patches of rows 3 and 4 and of columns 5 to 8, 4 × 4 pixels each."""
+    """Return the model of a wall with a net 2 m away in patches of rows 3 and 4 and columns 5 to 8, of 4 × 4 pixels."""
     mpi = {h: complex(t - 1.0) for h, t in zip(HARMONICS, TAIL, strict=True)}
     found = model_of(phasors_of(wall_range(*SIZE, 60.0, 3.5), mpi, harmonics=HARMONICS), harmonics=HARMONICS)
     assert isinstance(found, DiffuseModel)
@@ -39,7 +39,7 @@ NET[12:20, 20:36] = True
 
 
 def two_paths(share: Float | float, near_m: Float | float = NET_M, delay_ns: float = 8.0) -> Complex:
-    """Light of two paths with a tail, (H, pixels); so much of it from the nearer."""
+    """Return the phasors, (H, n), of two paths with a tail; `share` is the share of the nearer path."""
     ones, begin = np.ones(NET.size), np.asarray(near_m) / M_PER_RAD
     return np.stack(
         [
@@ -49,7 +49,7 @@ def two_paths(share: Float | float, near_m: Float | float = NET_M, delay_ns: flo
     )
 
 
-def test_pixels_of_a_net_are_freed_and_others_stay() -> None:
+def test_only_pixels_of_a_net_are_freed_of_the_tail() -> None:
     seen = two_paths(0.5)
     free, through = freed_pixels(seen, model().block(slice(0, NET.size)))
     assert through is not None
@@ -60,25 +60,25 @@ def test_pixels_of_a_net_are_freed_and_others_stay() -> None:
     assert_allclose(through.variance(0.01), np.where(NET.ravel(), 0.003, 0.01))
 
 
-@pytest.mark.parametrize("stretch", [slice(13 * 64 + 30, 15 * 64 + 25), slice(0, 64), slice(19 * 64, 48 * 64)])
-def test_a_stretch_of_pixels_is_freed_as_the_whole_is(stretch: slice) -> None:
+@pytest.mark.parametrize("part", [slice(13 * 64 + 30, 15 * 64 + 25), slice(0, 64), slice(19 * 64, 48 * 64)])
+def test_a_part_of_the_pixels_is_freed_as_in_the_whole_frame(part: slice) -> None:
     seen = two_paths(0.4)
     whole, _ = freed_pixels(seen, model().block(slice(0, NET.size)))
-    part, through = freed_pixels(seen[:, stretch], model().block(stretch))
-    np.testing.assert_array_equal(part, whole[:, stretch])
+    found, through = freed_pixels(seen[:, part], model().block(part))
+    np.testing.assert_array_equal(found, whole[:, part])
     assert through is not None
-    np.testing.assert_array_equal(through.where, NET.ravel()[stretch])
+    np.testing.assert_array_equal(through.where, NET.ravel()[part])
 
 
 @pytest.mark.parametrize(("share", "freed"), [(0.09, False), (0.11, True), (0.89, True), (0.91, False)])
-def test_either_path_has_a_tenth_of_a_pixel_s_light(share: float, freed: bool) -> None:
+def test_both_paths_have_at_least_a_tenth_of_the_light_of_a_pixel(share: float, freed: bool) -> None:
     _, through = freed_pixels(two_paths(share), model().block(slice(0, NET.size)))
     assert through is not None
     np.testing.assert_array_equal(through.where, NET.ravel() & freed)
 
 
 @pytest.mark.parametrize(("near_m", "freed"), [(1.81, True), (1.79, False), (2.19, True), (2.21, False)])
-def test_the_nearer_path_is_as_far_as_the_net_within_a_tenth(near_m: float, freed: bool) -> None:
+def test_the_nearer_path_is_within_a_tenth_of_the_range_of_the_net(near_m: float, freed: bool) -> None:
     seen = two_paths(0.5, near_m)
     free, through = freed_pixels(seen, model().block(slice(0, NET.size)))
     assert through is not None
@@ -86,7 +86,7 @@ def test_the_nearer_path_is_as_far_as_the_net_within_a_tenth(near_m: float, free
     assert freed or (free == seen).all()
 
 
-def test_without_anything_to_see_through_phasors_are_those_that_were_given() -> None:
+def test_without_a_net_the_phasors_are_returned_unchanged() -> None:
     seen = two_paths(0.5)
     free, through = freed_pixels(seen, replace(model(), through=None).block(slice(0, NET.size)))
     assert free is seen
