@@ -23,4 +23,4 @@ def compiled() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def search() -> ModuleType:
-    return _extension("likelihood._search")
+    return _extension("likelihood._likelihood")

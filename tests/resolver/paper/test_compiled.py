@@ -9,7 +9,7 @@ import pytest
 from cadtof_cli.arrays import Index
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
-from cadtof_cli.resolver.paper.search import Ends, MisfitDamped, best_ends, compiled_best_ends
+from cadtof_cli.resolver.paper.levenberg_marquardt import Ends, MisfitDamped, best_ends, compiled_best_ends
 from cadtof_cli.resolver.paper.starts import RandomStarts
 from tests.resolver.compiled import assert_refused
 

@@ -10,7 +10,7 @@ from scipy.optimize import leastsq
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath, rotors_of
-from cadtof_cli.resolver.paper.search import DAMPED
+from cadtof_cli.resolver.paper.levenberg_marquardt import DAMPED
 from cadtof_cli.resolver.paper.solver import TwoShares, steps_of_starts, two_shares
 from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths

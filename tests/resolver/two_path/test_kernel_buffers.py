@@ -186,7 +186,7 @@ def test_too_few_arguments_are_refused(compiled: ModuleType) -> None:
 def test_arguments_of_another_kind_are_refused_by_every_function(
     compiled: ModuleType, arguments: tuple[object, ...]
 ) -> None:
-    search = import_module("cadtof_cli.resolver.likelihood._search")
+    search = import_module("cadtof_cli.resolver.likelihood._likelihood")
     for module in (compiled, search):
         called = {name: one for name, one in vars(module).items() if callable(one) and not name.startswith("_")}
         for name in set(called) - {"levels", "constant_names", "tail_sizes", "tail_constants"}:

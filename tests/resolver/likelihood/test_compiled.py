@@ -14,7 +14,7 @@ from cadtof_cli.resolver.likelihood.compiled import WHITE, Minimum, Planes, comp
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Compilable, LevenbergMarquardt
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.starts import scanned
-from cadtof_cli.resolver.paper import search as search_of_shares
+from cadtof_cli.resolver.paper import levenberg_marquardt as search_of_shares
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
