@@ -154,7 +154,7 @@ def _row(volts: Float, metadata: CaptureMetadata, range_m: Float, covered: Bool)
     found = 0
     models: Sequence[tuple[MpiModel, AbstractContextManager[object]]] = (
         ("discrete", nullcontext()),
-        ("auto", patch.object(predict, "seen_through", lambda *_, **__: None)),
+        ("auto", patch.object(predict, "find_nets", lambda *_, **__: None)),
         ("auto", nullcontext()),
     )
     for model, search in models:
@@ -162,7 +162,7 @@ def _row(volts: Float, metadata: CaptureMetadata, range_m: Float, covered: Bool)
             frame = resolved(volts, metadata, model=model)
         errors.append(np.abs(frame.maps.layer(DIRECT_DEPTH) - range_m))
         sigma = frame.maps.layer(DIRECT_SIGMA)
-        found = frame.mpi.through_patches if frame.mpi else 0
+        found = frame.mpi.net_patches if frame.mpi else 0
     score = np.asarray(errors[-1] / sigma, np.float64)[covered]
     net, elsewhere = ([100 * float(np.nanmedian(error[where])) for error in errors] for where in (covered, ~covered))
     return Row(

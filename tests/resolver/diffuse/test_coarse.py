@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cadtof_cli.resolver.diffuse.bias import Bias
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, needed_entries, patch_posterior
 from cadtof_cli.resolver.diffuse.condition import Conditioned
-from cadtof_cli.resolver.diffuse.leaning import Leaning
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
 from tests.support.diffuse_frames import F
@@ -35,7 +35,7 @@ def error_of(variance: float, data: int = DATA) -> F:
     return error
 
 
-STRAIGHT = Leaning(0.0, 0.0)
+STRAIGHT = Bias(0.0, 0.0)
 """No share of the lag is missed, and no standard deviation is added."""
 
 
@@ -52,10 +52,10 @@ def lags(*lags_rad: float, open_share: float = 0.5, cosine: float = 0.7) -> LagP
     return LagParts(*(np.full(PATCHES, value) for value in (*lags, open_share, cosine)))
 
 
-def planes(known: PatchFit, light: LagParts, leaning: Leaning = STRAIGHT, *, slowness: float = 1.0) -> CoarsePlanes:
+def planes(known: PatchFit, light: LagParts, bias: Bias = STRAIGHT, *, slowness: float = 1.0) -> CoarsePlanes:
     data = known.expected[:-2] + 0.01
     posterior = patch_posterior(data, error_of(1e-3, len(data)), known)
-    return coarse_planes(known, posterior, light, VALID, leaning if len(data) < 4 else None, slowness=slowness)
+    return coarse_planes(known, posterior, light, VALID, bias if len(data) < 4 else None, slowness=slowness)
 
 
 def test_valid_patches_keep_their_values_and_the_others_get_the_mean() -> None:
@@ -122,9 +122,9 @@ def test_a_chi_squared_above_one_counts_as_one() -> None:
     assert_allclose(variances[1], variances[0], rtol=1e-6)
 
 
-def kept_variance(chi_squared: F, leaning: Leaning | None = STRAIGHT) -> F:
+def kept_variance(chi_squared: F, bias: Bias | None = STRAIGHT) -> F:
     """Return the variance that patches with this χ², (rows, columns), leave to their pixels, over the posterior variance."""
-    count, data = chi_squared.size, 2 if leaning else 4
+    count, data = chi_squared.size, 2 if bias else 4
     values = np.full((data + 2, count), -0.1)
     square = (data + 2, data + 2, count)
     known = PatchFit(
@@ -140,9 +140,7 @@ def kept_variance(chi_squared: F, leaning: Leaning | None = STRAIGHT) -> F:
     left = {(i, j): np.full(count, 0.01 if i == j else 0.0) for i in range(2) for j in range(i + 1)}
     posterior = Conditioned((np.zeros(count), np.zeros(count)), left, chi_squared.ravel())
     every = np.ones(chi_squared.shape, np.bool_)
-    return np.asarray(
-        coarse_planes(known, posterior, nothing, every, leaning, slowness=1.0).planes[-2] / 0.01, np.float64
-    )
+    return np.asarray(coarse_planes(known, posterior, nothing, every, bias, slowness=1.0).planes[-2] / 0.01, np.float64)
 
 
 def test_neighbouring_patches_with_a_much_larger_chi_squared_get_more_variance() -> None:
@@ -181,7 +179,7 @@ def test_with_three_harmonics_every_patch_has_its_own_chi_squared() -> None:
 
 def test_the_missed_share_is_added_in_proportion_to_the_lag() -> None:
     known = fit()
-    without, found = planes(known, lags()), planes(known, lags(), Leaning(0.07, 0.02))
+    without, found = planes(known, lags()), planes(known, lags(), Bias(0.07, 0.02))
     difference = found.planes[: DATA + 2] - without.planes[: DATA + 2]
     assert_allclose(difference[: DATA + 1], 0.0, atol=1e-7)
     assert_allclose(difference[-1], -0.4 * 0.07, rtol=1e-4)

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid
-from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails
+from cadtof_cli.resolver.diffuse.nets import find_nets, freed_paths, typical_tail
+from cadtof_cli.resolver.diffuse.records import Nets, Tails
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.diffuse.through import freed_paths, seen_through, typical_tail
 from tests.support.diffuse_frames import M_PER_RAD, OMEGA, Tail
 
 HARMONICS = (1, 2, 3)
@@ -45,8 +45,8 @@ def seen_in(
     off_m: Float | float = 0.0,
     light: Float | float = 1.0,
     valid: Bool | None = None,
-) -> SeenThrough | None:
-    """Return what `seen_through` finds in patches of the wall with a net `delay_ns` before it.
+) -> Nets | None:
+    """Return what `find_nets` finds in patches of the wall with a net `delay_ns` before it.
 
     `share` is the share of the net in the light of its patches. The farther paths end `off_m` behind the wall. `light`
     is a factor on the light of all patches, or, if it is one number, on that of the net's patches.
@@ -68,7 +68,7 @@ def seen_in(
     )
     every = np.ones(net.shape, bool) if valid is None else valid
     lag_rad = np.angle(phasors[0]) - np.where(net, 1.0, wall_m()) / M_PER_RAD
-    return seen_through(phasors, lag_rad[every], every, TAILS, grid=grid(), settings=SETTINGS)
+    return find_nets(phasors, lag_rad[every], every, TAILS, grid=grid(), settings=SETTINGS)
 
 
 def found_by(net: Bool, **options: Any) -> Bool:
@@ -160,7 +160,7 @@ def test_ranges_extend_one_patch_beyond_the_net_and_the_variance_follows_from_th
 def test_without_light_no_net_is_found() -> None:
     nothing = np.zeros((3, *grid().ray.shape[1:]), complex)
     none = np.zeros(grid().ray.shape[1:], bool)
-    assert seen_through(nothing, np.empty(0), none, TAILS, grid=grid(), settings=SETTINGS) is None
+    assert find_nets(nothing, np.empty(0), none, TAILS, grid=grid(), settings=SETTINGS) is None
 
 
 def test_the_typical_tail_is_that_of_the_median_values() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.leaning import (
+from cadtof_cli.resolver.diffuse.bias import (
     LEAST,
     MIDDLE,
     MOST,

@@ -9,8 +9,8 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pix
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.resolver.diffuse.nets import freed_paths
 from cadtof_cli.resolver.diffuse.records import Tails
-from cadtof_cli.resolver.diffuse.through import freed_paths
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from tests.support.diffuse_answers import B
 from tests.support.diffuse_frames import M_PER_RAD, OMEGA, F, Tail, Z, hung_before, phasors_of, wall_range
@@ -69,7 +69,7 @@ def test_a_net_before_a_wall_is_resolved_as_two_paths(delay_ns: float, share: fl
     found, discrete = resolved(phasors), resolved(phasors, "discrete")
     assert found.mpi is not None
     assert found.mpi.taken == "diffuse"
-    assert found.mpi.through_patches > 0
+    assert found.mpi.net_patches > 0
     error = error_cm(found, range_m)
     assert np.median(error[covered]) < 3.0
     assert np.median(error[covered]) < 0.8 * np.median(error_cm(discrete, range_m)[covered])
@@ -86,7 +86,7 @@ def test_a_net_close_to_its_wall_is_not_found_but_has_larger_sigmas() -> None:
     phasors, range_m, covered = net_before_wall(5.0, 0.7)
     found = resolved(phasors)
     assert found.mpi is not None
-    assert found.mpi.through_patches == 0
+    assert found.mpi.net_patches == 0
     error, sigma_cm = error_cm(found, range_m), 100 * found.maps.layer(DIRECT_SIGMA)
     assert np.median(error[covered]) > 4.0
     assert (error <= 2 * sigma_cm)[covered].mean() > 0.9
@@ -112,7 +112,7 @@ def test_a_net_is_found_with_triangle_modulation_too() -> None:
     recorded = recorded_by_a_triangle(phasors)
     found = resolved(recorded, triangle=True)
     assert found.mpi is not None
-    assert found.mpi.through_patches > 0
+    assert found.mpi.net_patches > 0
     error = error_cm(found, range_m)
     assert np.median(error[covered]) < 4.0
     discrete = resolved(recorded, "discrete", triangle=True)
@@ -127,7 +127,7 @@ def test_without_a_net_no_patch_is_seen_through() -> None:
     phasors = phasors_of(WALL, {h: np.asarray(UNEVEN * TAIL.phasor(h), np.complex128) for h in (1, 2)})
     found = resolved(phasors)
     assert found.mpi is not None
-    assert found.mpi.through_patches == 0
+    assert found.mpi.net_patches == 0
     assert ((found.maps.status & DIFFUSE) > 0).all()
 
 
@@ -154,7 +154,7 @@ def test_a_surface_whose_second_path_ends_before_the_wall_is_no_net() -> None:
     }
     found = resolved(phasors_of(range_m, strong))
     assert found.mpi is not None
-    assert found.mpi.through_patches == 0
+    assert found.mpi.net_patches == 0
 
 
 def test_behind_a_net_the_wall_must_keep_enough_of_its_light() -> None:
@@ -162,7 +162,7 @@ def test_behind_a_net_the_wall_must_keep_enough_of_its_light() -> None:
     phasors, _, covered = net_before_wall(9.0, 0.6)
     found = resolved(np.where(covered, 0.15 * phasors, phasors))
     assert found.mpi is not None
-    assert found.mpi.through_patches == 0
+    assert found.mpi.net_patches == 0
 
 
 def test_a_frame_that_is_forced_to_have_a_tail_has_no_net() -> None:
