@@ -83,6 +83,8 @@ def main() -> None:
     print(f"| net before the wall, ns | {HEADS} |\n|---|---|---|---|---|---|")
     for delay_ns in DELAYS_NS:
         hung = [row for capture in captures if (row := with_net(capture, delay_ns)) is not None]
+        if not hung:
+            raise SystemExit(f"none of the captures has room for a net {delay_ns:g} ns before its wall")
         print(f"| {delay_ns:g} | {_median(hung).line()} |", flush=True)
 
 
