@@ -56,8 +56,8 @@ def main() -> None:
     for share in SHARES:
         rows = np.array([row(capture, share) for capture in captures])
         two, taken, within = np.median(rows[:, :3], axis=0)
-        tails, through = (int(count) for count in rows[:, 3:].sum(axis=0))
-        print(f"| {share:g} | {two:.2f} | {taken:.2f}; {within:.2f} | {tails} of {len(rows)} | {through} |", flush=True)
+        tails, nets = (int(count) for count in rows[:, 3:].sum(axis=0))
+        print(f"| {share:g} | {two:.2f} | {taken:.2f}; {within:.2f} | {tails} of {len(rows)} | {nets} |", flush=True)
 
 
 def row(capture: Capture, share: float) -> tuple[float, float, float, float, float]:
@@ -85,7 +85,7 @@ def row(capture: Capture, share: float) -> tuple[float, float, float, float, flo
     score = np.asarray(errors[1] / frame.maps.layer(DIRECT_SIGMA), np.float64)
     two, taken = (100 * float(np.nanmedian(error)) for error in errors)
     mpi = frame.mpi
-    tail, net = (float(mpi.taken == "diffuse"), float(mpi.through_patches > 0)) if mpi else (0.0, 0.0)
+    tail, net = (float(mpi.taken == "diffuse"), float(mpi.net_patches > 0)) if mpi else (0.0, 0.0)
     return two, taken, float(np.mean(score[np.isfinite(score)] < 1.0)), tail, net
 
 

@@ -83,6 +83,8 @@ def main() -> None:
     print(f"| net before the wall, ns | {HEADS} |\n|---|---|---|---|---|---|")
     for delay_ns in DELAYS_NS:
         hung = [row for capture in captures if (row := with_net(capture, delay_ns)) is not None]
+        if not hung:
+            raise SystemExit(f"none of the captures has room for a net {delay_ns:g} ns before its wall")
         print(f"| {delay_ns:g} | {_median(hung).line()} |", flush=True)
 
 
@@ -154,7 +156,7 @@ def _row(volts: Float, metadata: CaptureMetadata, range_m: Float, covered: Bool)
     found = 0
     models: Sequence[tuple[MpiModel, AbstractContextManager[object]]] = (
         ("discrete", nullcontext()),
-        ("auto", patch.object(predict, "seen_through", lambda *_, **__: None)),
+        ("auto", patch.object(predict, "find_nets", lambda *_, **__: None)),
         ("auto", nullcontext()),
     )
     for model, search in models:
@@ -162,7 +164,7 @@ def _row(volts: Float, metadata: CaptureMetadata, range_m: Float, covered: Bool)
             frame = resolved(volts, metadata, model=model)
         errors.append(np.abs(frame.maps.layer(DIRECT_DEPTH) - range_m))
         sigma = frame.maps.layer(DIRECT_SIGMA)
-        found = frame.mpi.through_patches if frame.mpi else 0
+        found = frame.mpi.net_patches if frame.mpi else 0
     score = np.asarray(errors[-1] / sigma, np.float64)[covered]
     net, elsewhere = ([100 * float(np.nanmedian(error[where])) for error in errors] for where in (covered, ~covered))
     return Row(

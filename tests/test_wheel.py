@@ -60,7 +60,7 @@ def test_a_wheel_built_with_a_compiler_is_for_this_system_and_any_python(sources
 
 
 def test_a_wheel_holds_the_extensions_that_could_be_built(sources: Path) -> None:
-    (sources / "cadtof_cli" / "resolver" / "likelihood" / "_search.c").write_text("this is no C\n")
+    (sources / "cadtof_cli" / "resolver" / "likelihood" / "_likelihood.c").write_text("this is no C\n")
     name, compiled, _ = wheel(sources, needed_program("cc"))
     assert "-abi3-" in name
     assert [Path(one).name.partition(".")[0] for one in compiled] == ["_kernel"]

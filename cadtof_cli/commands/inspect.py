@@ -135,8 +135,8 @@ def _diffuse_lines(diffuse: Mapping[str, Any] | None) -> Iterator[str]:
     if diffuse is None:
         return
     share = f"{diffuse['patches']} patches with light, {diffuse['separate_share']:.1%} of them with separate paths"
-    if diffuse["through_patches"]:
-        share += f", {diffuse['through_patches']} with a net or pane before a wall"
+    if diffuse["net_patches"]:
+        share += f", {diffuse['net_patches']} with a net or pane before a wall"
     yield _row("MPI of the frame", f"{diffuse['model']} ({diffuse['reason']}); {share}")
     for name, (median, scatter) in (diffuse["room"] or {}).items():
         yield _row(f"  {name.removesuffix('_ns')}", f"{_number(median, 3)} ± {_number(scatter, 3)}{_ROOM[name]}")

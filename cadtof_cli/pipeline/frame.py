@@ -146,7 +146,7 @@ def resolve_pixels(
     kernel = kernel or chosen_kernel()
     maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
     in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
-    if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
+    if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, kernel)

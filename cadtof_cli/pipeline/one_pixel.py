@@ -13,8 +13,8 @@ from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import FrameStages, frame_stages
+from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
-from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
 from cadtof_cli.resolver.order import with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths, solver_for
@@ -97,13 +97,13 @@ def pixel_evidence(
         response=response.block(here) if response else None,
         tail=tail.block(here) if tail else None,
     )
-    free, through = (phasors, None) if tail is None or response else freed_pixels(phasors, tail.block(here))
+    free, nets = (phasors, None) if tail is None or response else freed_pixels(phasors, tail.block(here))
     fits = {count: _fit(free, count, pixel, here, plan, stages) for count in (1, 2)}
     one, two = fits[1], fits[2]
     answered_by_tail = bool(resolved.status[0] & StatusBit.DIFFUSE_MPI)
     extra = tail.separate_variance if tail and not answered_by_tail else 0.0
-    if through is not None:
-        extra = float(through.variance(extra)[0])
+    if nets is not None:
+        extra = float(nets.variance(extra)[0])
     numbers = {
         count: [_numbers(fit, row, resolved, stages, here, pixel, extra) for row in range(count)]
         for count, fit in fits.items()
@@ -118,9 +118,7 @@ def pixel_evidence(
         None if two is None else (numbers[2][0], numbers[2][1]),
         _order_test(one, two, plan, pixel.noise, stages.depth.metres(here)) if asked and one and two else None,
         resolved,
-        None
-        if tail is None
-        else _is_separate(tail, index, pixels.size) or (through is not None and bool(through.where[0])),
+        None if tail is None else _is_separate(tail, index, pixels.size) or (nets is not None and bool(nets.where[0])),
     )
 
 

@@ -16,8 +16,8 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 
 if TYPE_CHECKING:
+    from cadtof_cli.resolver.diffuse.net_pixels import NetPixels
     from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
-    from cadtof_cli.resolver.diffuse.through_pixels import ThroughPixels
     from cadtof_cli.resolver.response.table import ResponseBlock
 
 
@@ -50,21 +50,21 @@ def resolve_paths(
     make_solver = solver_for(settings, noise.harmonics, sine=response is None)
     # The tail answers first, because it leaves only few pixels to the solver. But a net is found in phasors of a pure
     # sine: with a response, these follow from the solver's paths, so there the solver runs first.
-    tail_first = tail is None or response is None or tail.model.through is None
+    tail_first = tail is None or response is None or tail.model.nets is None
     before, after = (tail, None) if tail_first else (None, tail)
     with np.errstate(all="ignore"):
-        free, through = _freed(phasors, before, kernel)
+        free, nets = _freed(phasors, before, kernel)
         start = partial(make_solver, free, noise=noise, settings=settings, response=response, first=first)
         solver: Solver | None = start() if before is None else None
         powers = list(free.real**2 + free.imag**2) if solver is None else solver.powers
         modulus = np.sqrt(powers[0]) if solver is None else solver.modulus
         status, confidence = screened(modulus, powers, status, settings=settings, noise=noise)
-        if through is not None:
-            confidence = np.where(through.where, confidence * through.size, confidence)
+        if nets is not None:
+            confidence = np.where(nets.where, confidence * nets.size, confidence)
         answered = status == 0
         predicted = None
         if before is not None:
-            usable = answered if through is None else answered & ~through.where
+            usable = answered if nets is None else answered & ~nets.where
             predicted = _predicted(phasors, before, usable, noise, response, kernel)
             answered &= ~predicted.answered
             if not answered.any():
@@ -75,8 +75,8 @@ def resolve_paths(
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            free, through = _freed(sine, after, kernel)
-            usable = answered if through is None else answered & ~through.where
+            free, nets = _freed(sine, after, kernel)
+            usable = answered if nets is None else answered & ~nets.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
             predicted = _predicted(phasors, after, usable, noise, response, kernel)
         bits = _bits(fit)
@@ -85,7 +85,7 @@ def resolve_paths(
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
         if predicted is not None:
-            _put_tail(fit, predicted, through)
+            _put_tail(fit, predicted, nets)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
     return _resolved(fit, confidence, bits, noise)
 
@@ -118,14 +118,14 @@ def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sin
     return made
 
 
-def _freed(phasors: Complex, tail: "DiffuseBlock | None", kernel: str) -> "tuple[Complex, ThroughPixels | None]":
+def _freed(phasors: Complex, tail: "DiffuseBlock | None", kernel: str) -> "tuple[Complex, NetPixels | None]":
     """Return the phasors with the tails subtracted in pixels that look through a net, and the record of these pixels.
 
     Without a tail, or without a net in the frame, return the given phasors and None.
     """
     if tail is None:
         return phasors, None
-    from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
+    from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 
     return freed_pixels(phasors, tail, kernel=kernel)
 
@@ -178,7 +178,7 @@ def _of_tail(predicted: "DiffusePixels") -> Fit:
     return Fit(Paths(amplitude, phase_rad, sigma_rad), chi_squared, np.ones(count, np.bool_), np.zeros(count))
 
 
-def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | None") -> None:
+def _put_tail(fit: Fit, predicted: "DiffusePixels", nets: "NetPixels | None") -> None:
     """Write the direct light and the MPI light into `fit` as two paths, in pixels with a predicted tail.
 
     The other pixels get the variance that the tail still adds to the phases of their separate paths: the room's tail,
@@ -186,7 +186,7 @@ def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | No
     """
     where, paths = predicted.answered, fit.paths
     left = predicted.separate_variance
-    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + (left if through is None else through.variance(left)))
+    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + (left if nets is None else nets.variance(left)))
     for row, (amplitude, phase, sigma) in enumerate((predicted.direct, predicted.mpi)):
         np.copyto(paths.amplitude[row], amplitude, where=where)
         np.copyto(paths.phase_rad[row], phase, where=where)

@@ -1,4 +1,4 @@
-"""Where a part comes from, the maps it is stored as, and what goes wrong with the parts of a folder."""
+"""Parts of a calibration: their origin, the maps that store them, and errors in a calibration folder."""
 
 import hashlib
 import json
@@ -54,19 +54,19 @@ def petzval(used: dict[str, str] | None = None) -> PetzvalCalibration:
         0.06,
         -0.02,
         (2.5, 1.5),
-        PetzvalQuality(0.1, 0.2, 1, 2, 3, 0.5, 70, True, walls, ("said",)),
+        PetzvalQuality(0.1, 0.2, 1, 2, 3, 0.5, 70, True, walls, ("a finding",)),
     )
 
 
 @pytest.mark.parametrize(
     "changes", [{"frames": 0}, {"pixels": (0, 6)}, {"waveform": "square"}, {"periods_ns": ()}, {"pixels": (1, 2, 3)}]
 )
-def test_an_origin_that_cannot_be_is_refused(changes: dict[str, object]) -> None:
+def test_an_impossible_origin_is_refused(changes: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="found"):
         origin(**changes)
 
 
-def test_an_origin_of_one_frame_of_one_pixel_can_be() -> None:
+def test_an_origin_of_one_frame_of_one_pixel_is_accepted() -> None:
     one = origin(frames=1, pixels=(1, 1), periods_ns=(40.0, 20.0, 10.0))
     assert one.harmonics == (1, 2, 4)
 
@@ -101,32 +101,34 @@ def test_maps_of_another_size_are_refused() -> None:
         PetzvalCalibration(origin(), float("nan"), 0.0, (1.0, 1.0), PETZVAL_QUALITY)
 
 
-@pytest.mark.parametrize("what", ["harmonics", "shape", "nan", "zero", "quality"])
-def test_a_response_that_cannot_be_is_refused(what: str) -> None:
-    responses = tuple(HarmonicResponse(h, ((1, 1.0 + 0j),)) for h in ((1, 2) if what != "harmonics" else (1, 3)))
+@pytest.mark.parametrize("wrong", ["harmonics", "shape", "nan", "zero", "quality"])
+def test_an_impossible_response_is_refused(wrong: str) -> None:
+    responses = tuple(HarmonicResponse(h, ((1, 1.0 + 0j),)) for h in ((1, 2) if wrong != "harmonics" else (1, 3)))
     phase, gain = np.zeros((2, *SHAPE), np.float32), np.ones((2, *SHAPE), np.float32)
-    if what == "shape":
+    if wrong == "shape":
         phase = phase[:1]
-    elif what == "nan":
+    elif wrong == "nan":
         phase[1, 2, 3] = np.nan
-    elif what == "zero":
+    elif wrong == "zero":
         gain[0, 0, 0] = 0.0
     with pytest.raises(ValueError, match=r"found|gain"):
-        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), response_quality(2 - (what == "quality")))
+        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), response_quality(2 - (wrong == "quality")))
 
 
-def test_parts_that_were_measured_with_others_are_stale() -> None:
+def test_a_part_measured_with_another_dark_part_is_stale() -> None:
     first, other = dark(), dark(offset=0.02)
     good = petzval({"dark": digest_of(first)})
     assert Calibration(dark=first, petzval=good).stale() == ()
-    (said,) = Calibration(dark=other, petzval=good).stale()
-    assert said.startswith("the petzval calibration was measured with another dark calibration: repeat")
+    (message,) = Calibration(dark=other, petzval=good).stale()
+    assert message.startswith("the petzval calibration was measured with another dark calibration: repeat")
     assert len(Calibration(petzval=good).stale()) == 1
     assert len(Calibration(dark=first, petzval=petzval()).stale()) == 1
 
 
-def test_figures_stay_as_they_were_written_and_changed_ones_are_noticed(tmp_path: Path) -> None:
-    """The version that made them may have reckoned otherwise."""
+def test_figures_are_read_as_written_and_a_change_of_the_file_is_refused(tmp_path: Path) -> None:
+    """Figures are read from the file and not computed again, because the version that made them may have computed them
+    differently.
+    """
     part = replace(dark(), figures={"noise_v": 1.25e-3, "offset_mean_v": 0.01})
     save_part(tmp_path, part)
     found = load_calibration(tmp_path).dark
@@ -138,7 +140,7 @@ def test_figures_stay_as_they_were_written_and_changed_ones_are_noticed(tmp_path
         load_calibration(tmp_path)
 
 
-def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:
+def test_the_digest_changes_with_every_change_of_a_part(tmp_path: Path) -> None:
     assert digest_of(dark()) == digest_of(dark())
     assert digest_of(dark()) != digest_of(dark(offset=0.0100001))
     assert digest_of(dark()) != digest_of(dark(used={"x": "y"}))
@@ -158,8 +160,11 @@ def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:
         cached_calibration(tmp_path, "0" * 16)
 
 
-def test_a_digest_can_be_reckoned_from_the_files(tmp_path: Path) -> None:
-    """So that one made by an earlier version holds: the TOML file as sorted JSON without it, then every plane by name."""
+def test_the_digest_can_be_computed_from_the_files(tmp_path: Path) -> None:
+    """The digest is over the TOML file as sorted JSON, without the digest itself, and then all planes sorted by name.
+
+    A digest that an earlier version made thus stays valid.
+    """
     save_part(tmp_path, dark())
     document = tomllib.loads((tmp_path / "dark.toml").read_text())
     recorded = document["part"].pop("digest")
@@ -170,19 +175,19 @@ def test_a_digest_can_be_reckoned_from_the_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "said"),
+    ("before", "after", "message"),
     [
         ("frames = 3", "frames = 0", "not a dark calibration: found 0 frames of"),
         ("frames = 3", "", "not a dark calibration: key 'frames' is missing"),
         ("pixels = [", "pixels = 7 # [", "a key is unknown, or its value is of another kind"),
     ],
 )
-def test_what_is_wrong_with_a_part_is_said(before: str, after: str, said: str, tmp_path: Path) -> None:
+def test_the_message_tells_what_is_wrong_with_a_part(before: str, after: str, message: str, tmp_path: Path) -> None:
     save_part(tmp_path, dark())
     text = (tmp_path / "dark.toml").read_text()
     assert before in text
     (tmp_path / "dark.toml").write_text(text.replace(before, after))
-    with pytest.raises(MetadataError, match=re.escape(said)):
+    with pytest.raises(MetadataError, match=re.escape(message)):
         load_calibration(tmp_path)
 
 
@@ -193,7 +198,7 @@ def test_maps_that_are_cut_off_cannot_be_read(tmp_path: Path) -> None:
         load_calibration(tmp_path)
 
 
-def test_a_folder_without_a_calibration_says_what_was_expected(tmp_path: Path) -> None:
+def test_the_message_about_a_folder_without_a_calibration_tells_what_was_expected(tmp_path: Path) -> None:
     with pytest.raises(MetadataError, match="nowhere: no such folder; expected one that `cadtof calibrate"):
         load_calibration(tmp_path / "nowhere")
     with pytest.raises(
@@ -205,7 +210,7 @@ def test_a_folder_without_a_calibration_says_what_was_expected(tmp_path: Path) -
 
 
 def test_a_calibration_of_another_camera_corrects_no_frames() -> None:
-    """Whoever asks for the correction."""
+    """`frame_correction` itself refuses it, so that no caller can forget to ask."""
     metadata = CaptureMetadata(voltage=Voltage(volts_per_count=1e-4, zero_counts=0.0))
     known = Calibration(dark=dark())
     assert frame_correction(known, metadata, np.dtype(np.uint16), SHAPE).phasor_map.own.shape == (2, 2, 24)
@@ -216,7 +221,7 @@ def test_a_calibration_of_another_camera_corrects_no_frames() -> None:
         frame_correction(known, triangle, np.dtype(np.uint16), SHAPE)
 
 
-def test_a_part_makes_its_folder_and_is_not_replaced_unless_that_is_asked_for(tmp_path: Path) -> None:
+def test_a_part_creates_its_folder_and_is_replaced_only_with_overwrite(tmp_path: Path) -> None:
     folder = tmp_path / "cameras" / "first"
     save_part(folder, petzval())
     other = replace(petzval(), k2_m=0.07)
@@ -244,7 +249,7 @@ def test_a_period_is_the_harmonic_that_it_rounds_to(periods_ns: tuple[float, ...
         part.require_match(metadata, SHAPE, kind="dark")
 
 
-def test_offsets_are_known_as_well_as_the_noise_of_their_harmonic_says() -> None:
+def test_the_standard_error_of_offsets_follows_from_the_noise_of_their_harmonic() -> None:
     frames = 9
     noise = np.ones((2, 2, *SHAPE), np.float32)
     noise[0], noise[1] = 3e-4, 1e-4
@@ -252,5 +257,5 @@ def test_offsets_are_known_as_well_as_the_noise_of_their_harmonic_says() -> None
     first, second = known.offset_stderr_v()
     assert first == pytest.approx(3.0 * second)
     assert np.sqrt(first * second) == pytest.approx(np.sqrt(3.0) * 1e-4 / 3.0, rel=0.3)
-    untold = DarkCalibration(origin(frames=1), noise, 0.0 * noise, np.zeros(SHAPE, np.uint32))
-    assert untold.offset_stderr_v() == (0.0, 0.0)
+    single = DarkCalibration(origin(frames=1), noise, 0.0 * noise, np.zeros(SHAPE, np.uint32))
+    assert single.offset_stderr_v() == (0.0, 0.0)

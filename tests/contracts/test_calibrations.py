@@ -1,6 +1,6 @@
-"""What every calibration keeps: what a part describes is gone after resolving, truth comes back, files are exact.
+"""A contract for every calibration: resolving removes the defects, the truth is recovered, and files are exact.
 
-The captures have all defects at once; truth comes from `tests.support.defects`, which knows no series and no phasor.
+The captures have all defects at once. The truth comes from `tests.support.defects`, which knows no series and no phasor.
 """
 
 import re
@@ -30,18 +30,18 @@ WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
 
 @dataclass(frozen=True)
 class Measured:
-    """A camera whose defects are known, and what `cadtof calibrate` made of its captures."""
+    """A camera with known defects, and the calibration that `cadtof calibrate` made from its captures."""
 
-    seen: DefectiveCamera
+    camera: DefectiveCamera
     folder: Path
     calibration: Calibration
 
 
 @pytest.fixture(scope="module", params=WAVEFORMS)
 def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Measured:
-    place = tmp_path_factory.mktemp(f"campaign_{request.param}")
-    campaign = record_campaign(place, camera(waveform=request.param))
-    out = place / "calibration"
+    folder = tmp_path_factory.mktemp(f"campaign_{request.param}")
+    campaign = record_campaign(folder, camera(waveform=request.param))
+    out = folder / "calibration"
     for step in (
         ("dark", campaign.dark),
         ("response", *campaign.targets),
@@ -53,27 +53,28 @@ def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def volts_without_defects(measured: Measured, distance_m: float) -> NDArray[np.float64]:
-    """One frame of a wall by a camera without any defect, in V."""
-    ideal = camera(Defects(), waveform=measured.seen.metadata.modulation.waveform)
+    """Return one frame of a wall by a camera without defects, in V."""
+    ideal = camera(Defects(), waveform=measured.camera.metadata.modulation.waveform)
     return (frames_of_wall(ideal, distance_m, count=1, seed=50)[0].astype(np.float64) - 8192.0) * 6.0e-5
 
 
 def field_curvature_m(measured: Measured) -> NDArray[np.float64]:
-    """Δ = k2 ρ² + k4 ρ⁴ with the coefficients that were measured, written down anew."""
+    """Return Δ = k2 ρ² + k4 ρ⁴ in m, (Y, X), with the measured coefficients, computed here apart from the package."""
     petzval = measured.calibration.petzval
     assert petzval is not None
-    height, width = measured.seen.pixels
+    height, width = measured.camera.pixels
     y, x = np.mgrid[:height, :width]
     rho2 = ((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / (0.25 * (height**2 + width**2))
     return np.asarray(petzval.k2_m * rho2 + petzval.k4_m * rho2**2)
 
 
 def resolved(volts: NDArray[np.float64], measured: Measured, folder: Path | None, *, order: str = "auto") -> DepthMaps:
-    """The maps of voltages by the route of `cadtof resolve`, with the parts that a folder holds, or with none.
+    """Return the maps of voltages as `cadtof resolve` makes them, with the parts in a folder, or without a calibration.
 
-    Each pixel is resolved alone: a diffuse tail follows from the whole frame, so what a part does to one pixel would move others.
+    The MPI model is discrete, so that each pixel is resolved alone. A diffuse tail follows from the whole frame, so a
+    change of one pixel would move other pixels.
     """
-    metadata = replace(measured.seen.metadata, voltage=CaptureMetadata().voltage)
+    metadata = replace(measured.camera.metadata, voltage=CaptureMetadata().voltage)
     calibration = None if folder is None else load_calibration(folder)
     use = CalibrationUse(folder, calibration.digest) if folder and calibration else None
     settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete", order=order))
@@ -81,8 +82,11 @@ def resolved(volts: NDArray[np.float64], measured: Measured, folder: Path | None
     return resolve_frame(volts, plan=plan, calibration=calibration).maps
 
 
-def test_dark_offsets_are_gone_after_resolving(measured: Measured, tmp_path: Path) -> None:
-    """Voltages with the offsets added resolve to what they resolve to without them, but for what noise decides: there is more."""
+def test_resolving_with_the_dark_part_removes_offsets(measured: Measured, tmp_path: Path) -> None:
+    """Voltages with the offsets added, and removed by the part, resolve to the same values as without offsets.
+
+    Only sigma, and the bits that depend on it, differ: the measured offsets have noise of their own.
+    """
     dark = measured.calibration.dark
     assert dark is not None
     save_part(tmp_path, dark)
@@ -97,7 +101,7 @@ def test_dark_offsets_are_gone_after_resolving(measured: Measured, tmp_path: Pat
     assert np.isnan(after.layer("direct.depth")[dark.hot]).all()
 
 
-def test_field_curvature_is_gone_after_resolving(measured: Measured, tmp_path: Path) -> None:
+def test_resolving_with_the_petzval_part_removes_field_curvature(measured: Measured, tmp_path: Path) -> None:
     """The Petzval part alone takes k2 ρ² + k4 ρ⁴ from every range, and changes nothing else."""
     petzval = measured.calibration.petzval
     assert petzval is not None
@@ -113,7 +117,7 @@ def test_field_curvature_is_gone_after_resolving(measured: Measured, tmp_path: P
 def recorded_v(
     calibration: Calibration, amplitudes: NDArray[np.float64], ranges_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Voltages of paths, (P, Y, X), by what the parts say: offset + A·gain·Σ_paths a·Σ_k G[h,k]·exp(ik(h·x + phase))."""
+    """Return voltages of paths, (P, Y, X), by the parts: offset + A·gain·Σ_paths a·Σ_k G[h,k]·exp(ik(h·x + phase))."""
     dark, response = calibration.dark, calibration.response
     assert dark is not None
     assert response is not None
@@ -127,11 +131,11 @@ def recorded_v(
 
 
 def test_voltages_with_every_defect_resolve_to_their_paths(measured: Measured) -> None:
-    """Without noise, the paths come back that the voltages were made of: through series, maps, offsets and curvature."""
+    """Noiseless voltages, made from known paths with series, maps, offsets and curvature, resolve to these paths."""
     dark = measured.calibration.dark
     assert dark is not None
     rng = np.random.default_rng(2)
-    shape = measured.seen.pixels
+    shape = measured.camera.pixels
     near = rng.uniform(0.3, 1.9, shape)
     ranges = np.stack([near, near + rng.uniform(1.2, 2.8, shape)])
     amplitudes = np.stack([rng.uniform(0.15, 0.3, shape), rng.uniform(0.05, 0.14, shape)])
@@ -140,17 +144,17 @@ def test_voltages_with_every_defect_resolve_to_their_paths(measured: Measured) -
     sound = ~dark.hot
     for name, path in (("direct", 0), ("mpi", 1)):
         error = np.abs(maps.layer(f"{name}.depth") - ranges[path])[sound]
-        if measured.seen.metadata.modulation.waveform == "sine":
+        if measured.camera.metadata.modulation.waveform == "sine":
             assert error.max() < 2e-5
         else:
-            # the search ends well below the noise, and a few pairs of paths have a second answer that fits as well
+            # the search ends well below the noise; for a few pairs of paths, another pair fits equally well
             assert np.mean(error < 0.1 * maps.layer(f"{name}.sigma")[sound]) >= 0.995
     assert np.isnan(maps.layer("direct.depth")[dark.hot]).all()
 
 
 def test_dark_truth_is_recovered(measured: Measured) -> None:
-    """Offsets of ± 20 mV: no pixel is off by more than chance allows, and on average they scatter as predicted."""
-    dark, drawn = measured.calibration.dark, measured.seen.drawn()
+    """Offsets of ± 20 mV are found: no pixel is off by more than chance allows, and errors scatter as predicted."""
+    dark, drawn = measured.calibration.dark, measured.camera.drawn()
     assert dark is not None
     sound = ~(drawn.hot | drawn.noisy)
     error = (dark.offset_v - drawn.offset_v)[:, :, sound]
@@ -162,11 +166,11 @@ def test_dark_truth_is_recovered(measured: Measured) -> None:
 
 
 def test_response_truth_is_recovered(measured: Measured) -> None:
-    response, seen, drawn = measured.calibration.response, measured.seen, measured.seen.drawn()
+    response, sensor, drawn = measured.calibration.response, measured.camera, measured.camera.drawn()
     assert response is not None
     sound = ~(drawn.hot | drawn.noisy)
-    curved = 2.0 * np.pi / 40.0 * 2.0 / 0.299792458 * seen.curvature_m()
-    height, width = seen.pixels
+    curved = 2.0 * np.pi / 40.0 * 2.0 / 0.299792458 * sensor.curvature_m()
+    height, width = sensor.pixels
     y, x = np.mgrid[:height, :width]
     rho2 = ((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / (0.25 * (height**2 + width**2))
     k2, k4 = response.field_curvature_m
@@ -185,7 +189,7 @@ def test_response_truth_is_recovered(measured: Measured) -> None:
 
 
 def test_imbalance_is_recovered(measured: Measured) -> None:
-    """SC2 stronger by 5 % is G[h,−1]/conj(G[h,1]) = −0.05/2.05, whatever the waveform."""
+    """If SC2 is stronger by 5 %, G[h,−1]/conj(G[h,1]) = −.05/2.05 with any waveform."""
     response = measured.calibration.response
     assert response is not None
     for one, errors in zip(response.responses, response.quality.term_stderr, strict=True):
@@ -203,17 +207,17 @@ def test_petzval_truth_is_recovered(measured: Measured) -> None:
     assert [wall.distance_m for wall in petzval.quality.walls] == pytest.approx([1.0, 3.0], abs=2e-3)
 
 
-def test_everything_together_removes_the_bias(measured: Measured) -> None:
-    """On the two-path card, all defects at once: direct depth within 0.2 cm on average, for triangles 0.5 cm."""
-    seen = measured.seen
-    frame = card(seen, count=1, seed=40)[0]
+def test_all_parts_together_remove_the_bias_of_depth(measured: Measured) -> None:
+    """On the two-path card with all defects, the median error of direct depth is below .2 cm, for triangles .5 cm."""
+    sensor = measured.camera
+    frame = card(sensor, count=1, seed=40)[0]
     use = CalibrationUse(measured.folder, measured.calibration.digest)
-    plan = FramePlan(metadata=seen.metadata, calibration=use)
+    plan = FramePlan(metadata=sensor.metadata, calibration=use)
     maps = resolve_frame(frame, plan=plan, calibration=measured.calibration).maps
     error = 100.0 * (maps.layer("direct.depth") - 0.75)
     two = (maps.status & 16) > 0
     assert two.mean() > 0.7
-    limit = 0.2 if seen.metadata.modulation.waveform == "sine" else 0.5
+    limit = 0.2 if sensor.metadata.modulation.waveform == "sine" else 0.5
     assert abs(np.median(error[two])) < limit
     assert abs(np.nanmedian(error[~two])) < limit
     assert ((maps.status & 64) > 0).all()
@@ -236,13 +240,13 @@ def test_save_and_load_is_exact(measured: Measured, kind: PartKind, tmp_path: Pa
 
 
 @pytest.mark.parametrize("kind", PART_KINDS)
-def test_strangers_are_refused(measured: Measured, kind: PartKind) -> None:
+def test_captures_of_another_camera_are_refused(measured: Measured, kind: PartKind) -> None:
     part = getattr(measured.calibration, kind)
-    alone = Calibration(**{kind: part})
-    metadata = measured.seen.metadata
+    calibration = Calibration(**{kind: part})
+    metadata = measured.camera.metadata
     other: Waveform = "sine" if metadata.modulation.waveform == "triangle" else "triangle"
-    alone.require_match(metadata, measured.seen.pixels)
-    for strange, pixels, what in (
+    calibration.require_match(metadata, measured.camera.pixels)
+    for other_metadata, pixels, difference in (
         (metadata, (24, 32), "size is 32 × 24 pixels in the capture and 80 × 60 pixels"),
         (replace(metadata, modulation=Modulation(waveform=other)), None, f"waveform is {other} in the capture"),
         (
@@ -251,12 +255,12 @@ def test_strangers_are_refused(measured: Measured, kind: PartKind) -> None:
             r"periods_ns is [60.0, 30.0] in the capture and [40.0, 20.0]",
         ),
     ):
-        with pytest.raises(SettingsError, match=rf"the {kind} calibration does not belong.*{re.escape(what)}"):
-            alone.require_match(strange, pixels)
+        with pytest.raises(SettingsError, match=rf"the {kind} calibration does not belong.*{re.escape(difference)}"):
+            calibration.require_match(other_metadata, pixels)
 
 
 @pytest.mark.parametrize("kind", PART_KINDS)
-def test_changes_by_hand_are_noticed(measured: Measured, kind: PartKind, tmp_path: Path) -> None:
+def test_a_part_changed_by_hand_is_refused(measured: Measured, kind: PartKind, tmp_path: Path) -> None:
     save_part(tmp_path, getattr(measured.calibration, kind))
     path = tmp_path / f"{kind}.toml"
     text = path.read_text()

@@ -1,7 +1,7 @@
-"""Damage has two outcomes: a FrameError that names the file, or the right values; and nothing on the terminal.
+"""Reading a damaged file raises a FrameError that names it, or returns the right values. It prints nothing.
 
-Where a file carries no checksum, changed bytes may also come back as changed values, or as another width or sample type
-where they describe one: nobody can tell. What is missing, though, is always told.
+If a file has no checksum, changed bytes may also be read as changed values, or as another width or sample type; this
+cannot be detected. But missing bytes are always detected.
 """
 
 import random
@@ -41,7 +41,7 @@ def _zeroed(content: bytes, rng: random.Random) -> bytes:
 
 
 def _header_damaged(content: bytes, rng: random.Random) -> bytes:
-    """Change a byte near the beginning or the end, where TIFF and EXR keep what describes the rest."""
+    """Change a byte near the beginning or the end, where TIFF and EXR keep their headers."""
     damaged = bytearray(content)
     place = rng.randrange(min(len(content), 420))
     damaged[place if rng.random() < 0.5 else -1 - place] = rng.randrange(256)
@@ -82,12 +82,12 @@ def test_damage_is_an_error_or_does_not_matter(
         if form.checked or damage is _truncated:
             assert outcome.tobytes() == recorded.tobytes()
     assert capfd.readouterr() == ("", "")
-    # a record that gets as far as pytest's handler would be printed where no handler is set up
+    # a log record that reaches pytest's handler would be printed in a program without a handler
     assert caplog.records == []
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
-def test_every_truncation_is_an_error_unless_nothing_of_use_was_lost(form: Form, tmp_path: Path) -> None:
+def test_every_truncation_is_an_error_unless_all_values_are_still_there(form: Form, tmp_path: Path) -> None:
     recorded = known_frame(form.dtype, shape=(4, 6))
     source = form.write(tmp_path / "frame", recorded)
     path = source.paths[-1]

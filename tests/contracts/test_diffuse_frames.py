@@ -1,4 +1,4 @@
-"""Frames whose MPI is a tail, by the route of `cadtof resolve`: cut, split over processes, and by any kernel."""
+"""Frames whose MPI is a tail, resolved as `cadtof resolve` does: cropped, split over processes, and with any kernel."""
 
 import pickle
 from pathlib import Path
@@ -27,7 +27,7 @@ def corner() -> tuple[Stored, FramePlan]:
 
 @pytest.mark.parametrize("count", [2, 3, 7])
 def test_a_frame_in_parts_has_the_same_bits(corner: tuple[Stored, FramePlan], count: int) -> None:
-    """Its model goes with every part to another process."""
+    """The model of the tail goes with every part to another process, so it is pickled here."""
     stored, plan = corner
     pixels = prepare_frame(stored, plan=plan)
     assert pixels.tail is not None
@@ -52,7 +52,7 @@ def test_blocks_of_any_size_have_the_same_bits(corner: tuple[Stored, FramePlan],
         np.testing.assert_array_equal(found.status, whole.status)
 
 
-def test_an_odd_cut_of_a_frame_is_answered_everywhere(corner: tuple[Stored, FramePlan]) -> None:
+def test_every_pixel_of_a_cropped_frame_has_an_answer(corner: tuple[Stored, FramePlan]) -> None:
     stored, plan = corner
     maps = resolve_frame(np.ascontiguousarray(stored[..., 3:200, 10:263]), plan=plan).maps
     assert np.isfinite(maps.layer("direct.depth")).all()

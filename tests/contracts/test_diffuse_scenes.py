@@ -1,4 +1,4 @@
-"""What every model of MPI promises of every scene, at any light: scenes × models × integration lengths, truth simulated."""
+"""A contract for every MPI model on every simulated scene at every integration length; the truth is simulated too."""
 
 from dataclasses import replace
 from functools import cache
@@ -62,7 +62,7 @@ def traced(name: str) -> Band:
 
 @cache
 def recorded(name: str, length: float) -> tuple[F, F, CaptureMetadata]:
-    """Volts of one frame, the true range, and what is known of it."""
+    """Return the voltages of one frame, the true range, and the metadata."""
     usual, whole = exposure(name), traced(name)
     gain = averaging_gain(length) / averaging_gain(usual.integration_length)
     noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)
@@ -111,11 +111,12 @@ WITHOUT_TAIL = [
     ("weak ramp", LENGTHS[2]),
     ("by a reflector", LENGTHS[2]),
 ]
-"""At the least light, a second path of a fiftieth of the direct one is hardly seen."""
+"""Scenes whose MPI is no tail, with the integration lengths at which this can be seen. At the shortest length, a second
+path with a fiftieth of the direct light is hardly seen."""
 
 
 @pytest.mark.parametrize(("name", "length"), WITHOUT_TAIL)
-def test_frames_without_a_tail_are_left_alone_to_the_bit(name: str, length: float) -> None:
+def test_frames_without_a_tail_have_the_bits_of_the_discrete_model(name: str, length: float) -> None:
     taken, discrete = resolved(name, "auto", length), resolved(name, "discrete", length)
     assert taken.mpi is not None
     assert taken.mpi.taken == "discrete"
@@ -126,8 +127,8 @@ def test_frames_without_a_tail_are_left_alone_to_the_bit(name: str, length: floa
 @pytest.mark.parametrize("window", [3, 5, 9])
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("name", ["one share", "one share and delay", "wall", *TAILS])
-def test_pooling_changes_no_frames_model(name: str, length: float, window: int) -> None:
-    """Pooled neighbours share their noise: that neither looks like MPI nor like a tail that noise hides in each patch."""
+def test_pooling_does_not_change_the_model_of_a_frame(name: str, length: float, window: int) -> None:
+    """Pooled neighbours share noise. This must look neither like MPI nor like a tail that noise hides in each patch."""
     volts, _, metadata = recorded(name, length)
     found = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=MapSettings(pool=window)))
     assert found.mpi is not None
@@ -138,8 +139,11 @@ def test_pooling_changes_no_frames_model(name: str, length: float, window: int) 
 
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("name", TAILS)
-def test_a_tail_is_taken_out_where_there_is_one(name: str, length: float) -> None:
-    """In rooms errors fall to half of those of two paths, whose own are small in a bare corner; sigma knows what is left."""
+def test_the_diffuse_model_reduces_the_errors_of_frames_with_a_tail(name: str, length: float) -> None:
+    """In rooms the median error is at most half of that of two paths; in a bare corner two paths are good already.
+
+    Sigma accounts for the remaining errors.
+    """
     taken, truth_m = resolved(name, "auto", length), recorded(name, length)[1]
     assert taken.mpi is not None
     assert taken.mpi.taken == "diffuse"
@@ -153,7 +157,9 @@ def test_a_tail_is_taken_out_where_there_is_one(name: str, length: float) -> Non
 @pytest.mark.parametrize("harmonics", [2, 3])
 @pytest.mark.parametrize("period_ns", [60.0, 100.0])
 @pytest.mark.parametrize("name", TAILS)
-def test_slower_modulation_tells_less_of_a_tail_and_says_so(name: str, period_ns: float, harmonics: int) -> None:
+def test_with_slower_modulation_the_error_is_still_halved_and_sigma_is_true(
+    name: str, period_ns: float, harmonics: int
+) -> None:
     periods = tuple(period_ns / h for h in range(1, harmonics + 1))
     usual = exposure(name)
     shown = replace(usual, metadata=replace(usual.metadata, modulation=Modulation(periods_ns=periods)))
@@ -173,7 +179,7 @@ def test_slower_modulation_tells_less_of_a_tail_and_says_so(name: str, period_ns
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 96), (72, 1), (3, 50), (31, 33), (72, 96)])
 @pytest.mark.parametrize("model", ["diffuse", "auto"])
-def test_frames_of_any_size_are_answered(size: tuple[int, int], model: MpiModel) -> None:
+def test_frames_of_any_size_have_answers(size: tuple[int, int], model: MpiModel) -> None:
     volts, truth_m, metadata = recorded("room", 1e4)
     cut = np.ascontiguousarray(volts[..., : size[0], : size[1]])
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=model)))
@@ -182,8 +188,11 @@ def test_frames_of_any_size_are_answered(size: tuple[int, int], model: MpiModel)
     assert np.isfinite(depth[np.isfinite(truth_m[: size[0], : size[1]])]).mean() > 0.97
 
 
-def test_a_megapixel_is_answered_as_its_quarter_million_is() -> None:
-    """Four pixels for each: the same patches, and the same depths but for the noise of the pixels that patches are sampled at."""
+def test_a_frame_enlarged_to_a_megapixel_has_the_same_depths() -> None:
+    """Every pixel becomes 12 × 12 pixels. The patches stay the same, and so do the depths.
+
+    Only the noise of the pixels at which patches are sampled makes a difference.
+    """
     volts, truth_m, metadata = recorded("room", 1e5)
     large = np.repeat(np.repeat(volts, 12, axis=2), 12, axis=3)
     x, y = (12 * c + 5.5 for c in ((CAMERA.width - 1) / 2, (CAMERA.height - 1) / 2))
@@ -192,15 +201,15 @@ def test_a_megapixel_is_answered_as_its_quarter_million_is() -> None:
     assert large[0, 0].size > 9e5
     found = resolve_frame(large, plan=FramePlan(metadata=wide))
     usual = resolved("room", "auto", 1e5)
-    off, direct = np.median(error_m(usual, truth_m)), "direct.depth"
+    median_error, direct = np.median(error_m(usual, truth_m)), "direct.depth"
     enlarged = np.repeat(np.repeat(usual.maps.layer(direct), 12, axis=0), 12, axis=1)
-    assert np.median(np.abs(found.maps.layer(direct) - enlarged)) < 0.5 * off
+    assert np.median(np.abs(found.maps.layer(direct) - enlarged)) < 0.5 * median_error
     truth = np.repeat(np.repeat(truth_m, 12, axis=0), 12, axis=1)
-    assert np.median(error_m(found, truth)) < 1.2 * off
+    assert np.median(error_m(found, truth)) < 1.2 * median_error
 
 
-def defects(volts: F) -> tuple[F, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
-    """A lost column, a hole, and single pixels without a value."""
+def with_lost_pixels(volts: F) -> tuple[F, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+    """Return voltages with a lost column, a hole and single pixels of NaN, and where these are."""
     lost = np.zeros(volts.shape[2:], np.bool_)
     lost[:, 17] = lost[20:31, 40:55] = True
     lost[np.random.default_rng(1).random(lost.shape) < 0.02] = True
@@ -209,9 +218,9 @@ def defects(volts: F) -> tuple[F, np.ndarray[tuple[int, ...], np.dtype[np.bool_]
 
 @pytest.mark.parametrize("model", ["diffuse", "auto"])
 @pytest.mark.parametrize("name", ["room", "corner"])
-def test_no_value_in_is_no_answer_out_and_harms_no_other(name: str, model: MpiModel) -> None:
+def test_pixels_of_nan_have_no_answer_and_do_not_harm_the_others(name: str, model: MpiModel) -> None:
     volts, truth_m, metadata = recorded(name, 1e4)
-    broken, lost = defects(volts)
+    broken, lost = with_lost_pixels(volts)
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=model)))
     found = resolve_frame(broken, plan=plan)
     depth = found.maps.layer(DIRECT_DEPTH)
@@ -225,31 +234,31 @@ def averaged(volts: F) -> FrameMean:
     return FrameMean(volts, np.full(volts.shape[2:], 4.0), volts.dtype, frames=4)
 
 
-@pytest.mark.parametrize("what", ["pool 3", "average 4", "z", "unknown optics", "estimated noise", "beyond 6 m"])
-def test_the_ways_around_it_lead_to_a_tail_too(what: str) -> None:
+@pytest.mark.parametrize("variant", ["pool 3", "average 4", "z", "unknown optics", "estimated noise", "beyond 6 m"])
+def test_the_tail_is_found_with_other_settings_metadata_and_ranges(variant: str) -> None:
     volts, truth_m, metadata = recorded("room", 1e4)
     settings = MapSettings()
     frame: F | FrameMean = volts
-    if what == "pool 3":
+    if variant == "pool 3":
         settings = MapSettings(pool=3)
-    if what == "average 4":
+    if variant == "average 4":
         frame = averaged(volts)
-    if what == "z":
+    if variant == "z":
         settings = MapSettings(depth="z")
-    if what == "unknown optics":
+    if variant == "unknown optics":
         metadata = replace(metadata, optics=Optics())
-    if what == "estimated noise":
+    if variant == "estimated noise":
         metadata = replace(metadata, pixel=Pixel(integration_length=None))
-    if what == "beyond 6 m":
-        frame = turned(volts, metadata, 4.5)
+    if variant == "beyond 6 m":
+        frame = moved_away(volts, metadata, 4.5)
     found = resolve_frame(frame, plan=FramePlan(metadata=metadata, settings=settings))
     assert found.mpi is not None
     depth = found.maps.layer(DIRECT_DEPTH)
-    if what == "beyond 6 m":
+    if variant == "beyond 6 m":
         assert np.isfinite(depth).mean() > 0.97
         return
     assert found.mpi.taken == "diffuse"
-    if what == "z":
+    if variant == "z":
         truth_m = truth_m * cosines()
     two = np.median(error_m(resolved("room", "discrete", 1e4), truth_m))
     assert np.nanmedian(np.abs(depth - truth_m)) < 0.75 * two
@@ -260,8 +269,8 @@ def cosines() -> F:
     return np.asarray(1.0 / np.linalg.norm(rays, axis=0))
 
 
-def turned(volts: F, metadata: CaptureMetadata, further_m: float) -> F:
-    """The scene so much further away."""
+def moved_away(volts: F, metadata: CaptureMetadata, further_m: float) -> F:
+    """Return the voltages of the scene if it were so much farther away."""
     turn = 4 * np.pi * further_m / (0.299792458 * metadata.modulation.periods_ns[0])
     phasors = [(pair[0] + 1j * pair[1]) * np.exp(1j * h * turn) for h, pair in enumerate(volts, 1)]
     return np.stack([np.stack([p.real, p.imag]) for p in phasors])
@@ -269,10 +278,10 @@ def turned(volts: F, metadata: CaptureMetadata, further_m: float) -> F:
 
 @pytest.mark.parametrize("periods_ns", [(40.0, 20.0, 40 / 3), (40.0, 20.0, 10.0), (40.0, 20.0, 40 / 3, 10.0)])
 @pytest.mark.parametrize("length", [2e3, 1e4])
-def test_further_harmonics_take_no_corner_for_two_paths_whose_delays_noise_hides(
+def test_with_further_harmonics_and_little_light_a_corner_is_not_taken_for_two_paths(
     periods_ns: tuple[float, ...], length: float
 ) -> None:
-    """With little light two paths foretell the further harmonics of its tail, too, but are far from the truth."""
+    """With little light, two paths also predict the further harmonics of the corner's tail, but with large errors."""
     metadata = CaptureMetadata(
         modulation=Modulation(periods_ns=periods_ns), pixel=Pixel(integration_length=length), optics=CAMERA.optics
     )
@@ -289,7 +298,7 @@ def test_further_harmonics_take_no_corner_for_two_paths_whose_delays_noise_hides
 
 @cache
 def of_triangles(name: str) -> tuple[F, F, CaptureMetadata]:
-    """Volts of one frame of triangle waves, the true range, and what is known of it."""
+    """Return the voltages of one frame with triangle modulation, the true range, and the metadata."""
     metadata = replace(recorded(name, 1e4)[2], modulation=Modulation(waveform="triangle"))
     shown = replace(exposure(name), metadata=metadata)
     whole = expose(shown)
@@ -297,8 +306,8 @@ def of_triangles(name: str) -> tuple[F, F, CaptureMetadata]:
 
 
 @pytest.mark.parametrize(("name", "more"), [("corner", 3.0), ("room", 1.2), ("cornell", 1.2)])
-def test_a_tail_is_known_nearly_as_well_with_triangle_waves_as_with_sines(name: str, more: float) -> None:
-    """Other terms see what is left of the tail at further harmonics, not paths that fit a pixel's noise."""
+def test_errors_with_triangle_modulation_are_nearly_those_with_sines(name: str, more: float) -> None:
+    """The other terms of a triangle are those of the tail at further harmonics, not those of paths fitted to noise."""
     volts, truth_m, metadata = of_triangles(name)
     found = resolve_frame(volts, plan=FramePlan(metadata=metadata))
     assert found.mpi is not None
@@ -311,7 +320,7 @@ def test_a_tail_is_known_nearly_as_well_with_triangle_waves_as_with_sines(name: 
     assert np.mean(error[seen] < 2 * sigma[seen]) > 0.9
 
 
-def test_tails_of_triangle_waves_are_the_same_to_the_bit_however_they_are_worked_out() -> None:
+def test_tails_with_triangle_modulation_have_the_same_bits_in_all_kernels_blocks_and_parts() -> None:
     volts, _, metadata = of_triangles("room")
     whole = resolve_frame(volts, plan=FramePlan(metadata=metadata))
     for kernel in available_kernels():

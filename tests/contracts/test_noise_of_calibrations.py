@@ -1,4 +1,4 @@
-"""What the noise of a calibration's own frames leaves is in sigma, and in what is asked of noise: one array, truth simulated."""
+"""The noise of a calibration's own frames is part of sigma, and of the noise that tests of the MPI model assume."""
 
 from dataclasses import replace
 from functools import cache
@@ -42,14 +42,14 @@ ORIGIN = Origin(
 
 @cache
 def recorded() -> tuple[list[Float], Float]:
-    """Volts of some frames, and the true range."""
+    """Return the voltages of FRAMES frames, and the true range."""
     shown = Exposure(scene=SCENE, camera=CAMERA, metadata=METADATA, seed=61310)
     band = expose(shown)
     return [np.asarray(frame_voltages(shown, band, index)) for index in range(FRAMES)], band.truth["direct.depth"]
 
 
 def dark() -> DarkCalibration:
-    """Of a camera without offsets, from twenty frames that show the noise of this light."""
+    """Return the dark part of a camera without offsets, measured from twenty frames with the noise of ambient light."""
     shape = (len(PERIODS_NS), 2, *ORIGIN.pixels)
     noise_v = METADATA.modulation.amplitude_v * np.sqrt(0.5 / (2e5 - 1.0))
     offset = np.random.default_rng(61311).normal(0.0, noise_v / np.sqrt(20), shape)
@@ -58,7 +58,7 @@ def dark() -> DarkCalibration:
 
 
 def response() -> ResponseCalibration:
-    """Of a camera whose pixels have no phase of their own, each known to 1.5 mrad."""
+    """Return the response of a camera whose pixels have no phases; each phase is known to 1.5 mrad."""
     shape = (len(PERIODS_NS), *ORIGIN.pixels)
     phase = np.random.default_rng(61312).normal(0.0, 0.0015, shape).astype(np.float32)
     quality = response_quality(3, phase_stderr_rad=0.0015)
@@ -66,7 +66,7 @@ def response() -> ResponseCalibration:
 
 
 def resolved(folder: Path, parts: tuple[Part, ...], frames: int, metadata: CaptureMetadata = METADATA) -> ResolvedFrame:
-    """Resolve the mean of some frames with the parts of a calibration."""
+    """Resolve the mean of the first `frames` frames with the parts of a calibration."""
     for part in parts:
         save_part(folder, part)
     calibration: Calibration | None = load_calibration(folder) if parts else None
@@ -80,14 +80,18 @@ def resolved(folder: Path, parts: tuple[Part, ...], frames: int, metadata: Captu
 
 @pytest.mark.parametrize("frames", [1, 4, FRAMES])
 @pytest.mark.parametrize("parts", [(), (dark(),), (response(),), (dark(), response())], ids=len)
-def test_sigma_holds_what_a_calibration_leaves(tmp_path: Path, parts: tuple[Part, ...], frames: int) -> None:
-    """However many frames are averaged: without it, .4 of the errors were within one sigma of the mean of sixteen."""
+def test_sigma_includes_the_noise_of_the_calibration(tmp_path: Path, parts: tuple[Part, ...], frames: int) -> None:
+    """This holds for any number of frames. Without the noise of the calibration, only .4 of the errors of a mean of
+    sixteen frames were within one sigma.
+    """
     assert_sigma_is_true(resolved(tmp_path, parts, frames))
 
 
 @pytest.mark.parametrize("parts", [(dark(),), (response(),)], ids=len)
-def test_an_estimated_noise_holds_it_already(tmp_path: Path, parts: tuple[Part, ...]) -> None:
-    """What pixels of a mean differ by is what the frames and the calibration leave, together."""
+def test_an_estimated_noise_already_includes_the_noise_of_the_calibration(
+    tmp_path: Path, parts: tuple[Part, ...]
+) -> None:
+    """The differences between pixels of a mean come from the noise of the frames and of the calibration together."""
     unknown = replace(METADATA, pixel=Pixel())
     assert unknown.pixel.integration_length is None
     assert_sigma_is_true(resolved(tmp_path, parts, FRAMES, unknown))
@@ -104,8 +108,13 @@ def assert_sigma_is_true(found: ResolvedFrame) -> None:
 
 
 @pytest.mark.parametrize("parts", [(dark(),), (response(),), (dark(), response())], ids=len)
-def test_two_paths_are_no_tail_because_the_calibration_is_noisy(tmp_path: Path, parts: tuple[Part, ...]) -> None:
-    """What is left of its noise was taken for what two paths leave of a tail: errors of 2 cm instead of half a millimetre."""
+def test_two_paths_are_not_taken_for_a_tail_because_of_a_noisy_calibration(
+    tmp_path: Path, parts: tuple[Part, ...]
+) -> None:
+    """The noise of the calibration was once taken for the residual of two paths fitted to a tail.
+
+    The errors were then 2 cm instead of .5 mm.
+    """
     found = resolved(tmp_path, parts, FRAMES)
     assert found.mpi is not None
     assert found.mpi.taken == "discrete"

@@ -1,4 +1,4 @@
-"""What a frame's maps say of its noise: how it was stored, and of how many frames it is the mean."""
+"""The noise of maps follows from the way a frame is stored, and from the number of frames in a mean."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from tests.support.forward import AMPLITUDE_V, Light, depth_m
 
 SHAPE = (40, 50)
 COUNT_V = 0.002
-"""Coarse: its rounding error, a √12th, is larger than the noise at n_av 1e5, 0.43 mV."""
+"""A coarse step: its rounding error, 1/√12 of it or .58 mV, is larger than the noise at n_av 1e5, .43 mV."""
 
 METADATA = CaptureMetadata(pixel=Pixel(integration_length=1e5))
 
@@ -26,10 +26,10 @@ def recorded_v(light: Light, *, n_av: float = 1e5, seed: int = 1) -> NDArray[np.
     return AMPLITUDE_V * light.voltages(rng, n_av, SHAPE[0] * SHAPE[1]).reshape(2, 2, *SHAPE)
 
 
-def test_whole_numbers_are_noisier_by_their_rounding_and_sigma_says_so() -> None:
+def test_sigma_of_counts_includes_their_rounding() -> None:
     metadata = replace(METADATA, voltage=Voltage(zero_counts=200.0, volts_per_count=COUNT_V))
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order="1")))
-    # every pixel has a delay of its own, so that rounding errors are spread evenly
+    # frames with different delays spread the rounding errors evenly
     delays = np.linspace(4.0, 16.0, 400)
     errors, sigmas = [], []
     for index, delay in enumerate(delays[::20]):
@@ -46,8 +46,8 @@ def test_whole_numbers_are_noisier_by_their_rounding_and_sigma_says_so() -> None
     assert np.median(sigmas) > 1.4 * np.median(exact.maps.layer("direct.sigma"))
 
 
-def test_where_rounding_hides_all_noise_and_nobody_gave_the_length_sigma_is_that_of_rounding() -> None:
-    """Neighbours hold the same counts and differ by nothing, which would make it a ten thousandth of the error."""
+def test_if_rounding_hides_all_noise_and_the_length_is_unknown_sigma_is_that_of_rounding() -> None:
+    """Neighbours hold the same counts. Estimated from their differences alone, sigma would be 10⁻⁴ of the error."""
     count_v = 0.01
     metadata = CaptureMetadata(voltage=Voltage(zero_counts=200.0, volts_per_count=count_v))
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order="1")))
@@ -64,13 +64,13 @@ def test_where_rounding_hides_all_noise_and_nobody_gave_the_length_sigma_is_that
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
 @pytest.mark.parametrize("order", ["auto", "1", "2"])
 def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(waveform: Waveform, order: str) -> None:
-    """1/(2 n_av − 1), over 9 frames: in order test, screening and sigma."""
+    """A mean of 9 frames has the noise 1/(9·(2 n_av − 1)) in the order test, in the screening and in sigma."""
     longer = 0.5 * (9 * (2 * 1e4 - 1) + 1)
     left, right = recorded_v(Light(2.0), n_av=longer), recorded_v(Light(2.0, 0.1), n_av=longer, seed=2)
-    # MPI that the order test finds in a part of the pixels
+    # in the middle, MPI so weak that the order test finds it in a part of the pixels
     between = recorded_v(Light(2.0, 0.035), n_av=longer, seed=3)
     volts = np.concatenate([left[..., :15], between[..., 15:25], right[..., 25:]], axis=3)
-    # no signal, and one that the noise of one frame would hide
+    # at the top, no signal; then a signal that the noise of one frame would hide
     volts[:, :, :3] *= 0.01
     volts[:, :, 3:6] *= 0.025
     maps = {}
@@ -97,8 +97,8 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
     np.testing.assert_array_equal(mean.layer("effective_pixels"), 9.0)
 
 
-def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> None:
-    """The estimate comes from the mean, whose noise is that of 9 times the length."""
+def test_an_estimated_integration_length_is_that_of_one_frame_of_a_mean() -> None:
+    """The estimate comes from the mean, which has the noise of a frame of 9 times the length."""
     volts = recorded_v(Light(2.0), n_av=9e4)
     plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1"), average=9))
     resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype), plan=plan)
@@ -108,16 +108,19 @@ def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> No
     assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)
 
 
-def test_frames_of_noise_alone_have_some_integration_length_however_many_are_averaged() -> None:
-    """Nothing is averaged in what no pixel recorded: an n_av of 1, whose ninth is none."""
+def test_a_mean_of_noise_alone_still_has_an_integration_length() -> None:
+    """Noise as large as the modulation means that nothing was averaged: n_av is 1 for the mean.
+
+    A ninth of that would be no integration length.
+    """
     volts = np.random.default_rng(1).normal(0.0, AMPLITUDE_V, (2, 2, *SHAPE))
     plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(average=9))
     resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype), plan=plan)
     assert 0.5 < resolved.noise.integration_length < 1.0
 
 
-def test_the_one_path_of_a_frame_of_two_is_the_most_likely_one() -> None:
-    """Of all phases, that with the largest w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), however badly one path fits."""
+def test_order_1_gives_the_most_likely_path_of_light_of_two() -> None:
+    """It has the phase x with the largest w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), even if one path fits badly."""
     lights = [Light(0.5, 0.8, 5.0, second) for second in np.linspace(7.0, 18.0, 16)]
     means = np.array([[light.moment(h) for light in lights] for h in (1, 2)])
     volts = AMPLITUDE_V * np.stack([means.real, means.imag], axis=1).reshape(2, 2, 4, 4)
@@ -135,7 +138,7 @@ def test_the_one_path_of_a_frame_of_two_is_the_most_likely_one() -> None:
 
 @pytest.mark.parametrize("separation_ns", [1.8, 2.1, 2.4])
 def test_two_paths_are_ill_conditioned_where_a_sigma_exceeds_half_their_separation(separation_ns: float) -> None:
-    """By the sine of half of it, as the maps themselves tell."""
+    """The separation counts as the sine of half of it, as a phase. All numbers come from the maps themselves."""
     plan = FramePlan(
         metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(order="2", mpi_model="discrete"))
     )
@@ -151,10 +154,8 @@ def test_two_paths_are_ill_conditioned_where_a_sigma_exceeds_half_their_separati
 
 
 @pytest.mark.parametrize(("mpi", "direct_ns"), [(0.45, 34.0), (0.55, 6.0)])
-def test_what_seems_more_than_half_a_turn_ahead_is_an_echo_below_half_the_strength(
-    mpi: float, direct_ns: float
-) -> None:
-    """Light 12 ns after 34 ns shows up at 6 ns, 28 ns ahead."""
+def test_a_path_more_than_half_a_turn_ahead_is_an_echo_below_half_the_amplitude(mpi: float, direct_ns: float) -> None:
+    """Light that comes 12 ns after 34 ns appears at 6 ns, 28 ns ahead of it."""
     plan = FramePlan(
         metadata=replace(METADATA, pixel=Pixel(integration_length=1e7)),
         settings=MapSettings(resolver=ResolverSettings(order="2", mpi_model="discrete")),
@@ -163,8 +164,11 @@ def test_what_seems_more_than_half_a_turn_ahead_is_an_echo_below_half_the_streng
     assert np.nanmedian(np.abs(depth - depth_m(direct_ns))) < 0.01
 
 
-def test_a_second_path_is_found_as_often_where_delays_begin_anew() -> None:
-    """Light 4 ns behind the direct one, a twentieth as strong, whose direct path is just before the end of the range."""
+def test_a_second_path_is_found_as_often_where_delays_wrap() -> None:
+    """The second path comes 4 ns after the direct path, with a twentieth of its light.
+
+    The direct path is in the middle, just before the end, or just after the beginning of the unambiguous range.
+    """
     plan = FramePlan(metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")))
     shares = []
     for direct_ns in (5.0, 39.9, 0.05):

@@ -1,4 +1,4 @@
-"""Files that other software wrote on the spot are read right, or refused with the right reason: the matrix of docs/formats.md."""
+"""Files that other software writes here are read correctly or refused with the right reason (docs/formats.md)."""
 
 from pathlib import Path
 
@@ -21,18 +21,18 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.writer}: {case.form}")
-def test_read_right_or_refused_with_the_reason(case: Case, tmp_path: Path) -> None:
+def test_a_file_is_read_correctly_or_refused_with_the_reason(case: Case, tmp_path: Path) -> None:
     try:
-        told = tried(case, tmp_path)
+        message = tried(case, tmp_path)
     except MissingWriterError as missing:
         miss(str(missing))
     if case.refused is None:
-        assert told is None
+        assert message is None
     else:
-        assert told is not None
-        assert str(tmp_path) in told
-        assert case.refused in told
-        assert "damaged" not in told
+        assert message is not None
+        assert str(tmp_path) in message
+        assert case.refused in message
+        assert "damaged" not in message
 
 
 def test_the_table_in_the_docs_names_every_case() -> None:
@@ -57,7 +57,7 @@ def _write_exr(path: Path, channels: dict[str, Stored]) -> Path:
 
 
 @pytest.mark.parametrize("names", [("h1", "h2"), ("H1", "H2"), ("first", "second")])
-def test_exrmultipart_combines_a_file_a_harmonic(names: tuple[str, str], tmp_path: Path, tool: Tool) -> None:
+def test_exrmultipart_combines_one_file_per_harmonic(names: tuple[str, str], tmp_path: Path, tool: Tool) -> None:
     recorded = known_frame("f4")
     files = [
         _write_exr(tmp_path / f"{name}.exr", {"SC1": pair[0].copy(), "SC2": pair[1].copy()})

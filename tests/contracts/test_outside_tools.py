@@ -1,4 +1,4 @@
-"""A program counts as a tool only when its version text says what it is."""
+"""A program on PATH counts as an outside tool only if its version text names its maker."""
 
 import os
 from pathlib import Path
@@ -11,13 +11,13 @@ from tests.support.outside_tools import outside_tool
 
 def program(folder: Path, name: str, script: str) -> Path:
     folder.mkdir()
-    made = folder / name
-    made.write_text(f"#!/bin/sh\n{script}\n")
-    made.chmod(0o755)
-    return made
+    path = folder / name
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    return path
 
 
-def test_a_stand_in_of_the_same_name_is_no_tool(tmp_path: Path) -> None:
+def test_another_program_of_the_same_name_is_no_tool(tmp_path: Path) -> None:
     program(tmp_path / "silent", "convert", "exit 0")
     program(tmp_path / "other", "convert", "echo 'convert: ImageMagick is not installed here'; exit 1")
     program(tmp_path / "binary", "convert", "printf '\\377\\376'")
@@ -25,21 +25,21 @@ def test_a_stand_in_of_the_same_name_is_no_tool(tmp_path: Path) -> None:
     assert outside_tool("convert", os.pathsep.join(folders)) is None
 
 
-def test_no_file_is_asked_of_a_stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_program_of_the_same_name_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stand_in = program(tmp_path / "other", "convert", "echo 'convert: ImageMagick is not installed here' >&2; exit 1")
     monkeypatch.setenv("PATH", str(stand_in.parent))
     with pytest.raises(MissingWriterError, match="ImageMagick is not installed"):
         run("convert", "in.tif", "out.tif")
 
 
-def test_the_tool_behind_a_stand_in_is_found(tmp_path: Path) -> None:
+def test_the_tool_is_found_behind_another_program_of_its_name(tmp_path: Path) -> None:
     program(tmp_path / "other", "convert", "echo 'a converter of units'")
     true = program(tmp_path / "true", "convert", "echo 'Version: ImageMagick 6.9.11-60 Q16 x86_64'")
     assert outside_tool("convert", os.pathsep.join([str(tmp_path / "other"), str(true.parent)])) == str(true)
 
 
-def test_each_maker_is_known_by_its_text(tmp_path: Path) -> None:
-    said = {
+def test_each_maker_is_recognised_by_its_version_text(tmp_path: Path) -> None:
+    scripts = {
         "tiffcp": "echo 'LIBTIFF, Version 4.5.0' >&2; exit 1",
         "tiffsplit": "echo 'LIBTIFF, Version 4.5.0'; echo 'usage: tiffsplit input.tif [prefix]'",
         "java": "echo 'openjdk version \"17.0.9\" 2023-10-17' >&2",
@@ -48,6 +48,6 @@ def test_each_maker_is_known_by_its_text(tmp_path: Path) -> None:
         "exrmaketiled": 'echo "Usage: $0 [options] infile outfile"',
         "exrmultipart": "echo 'Usage: exrmultipart -combine -i input.exr[:partnum] -o outfile.exr [options]'; exit 1",
     }
-    for name, script in said.items():
-        made = program(tmp_path / name, name, script)
-        assert outside_tool(name, str(made.parent)) == str(made)
+    for name, script in scripts.items():
+        path = program(tmp_path / name, name, script)
+        assert outside_tool(name, str(path.parent)) == str(path)

@@ -1,4 +1,4 @@
-"""Pixels whose phases differ, under a response that is no sine: neighbours are alike once a calibration says how they differ."""
+"""Pixels with different phases under a triangle response: a calibration of the phases makes neighbours comparable."""
 
 from dataclasses import replace
 from functools import cache
@@ -33,14 +33,14 @@ METADATA = CaptureMetadata(
 
 @cache
 def recorded() -> tuple[Float, Float]:
-    """Volts of a card with two paths by such a camera, and the true range."""
+    """Return the voltages of a card with two paths by a camera whose pixels have delays, and the true range."""
     shown = Exposure(scene=Card(separations_ns=(8.0, 20.0)), camera=CAMERA, metadata=METADATA, seed=SEED)
     band = expose(shown)
     return np.asarray(frame_voltages(shown, band, 0)), band.truth[DIRECT_DEPTH]
 
 
 def response() -> ResponseCalibration:
-    """The true one."""
+    """Return the true response of this camera."""
     origin = Origin(
         captures=("made up",),
         frames=1,
@@ -65,8 +65,11 @@ def resolved(folder: Path, *, metadata: CaptureMetadata = METADATA, pool: int = 
 
 
 @pytest.mark.parametrize("pool", [1, 3])
-def test_pooling_leaves_sigma_true(tmp_path: Path, pool: int) -> None:
-    """As they are, with what phases make of the higher terms, .42 of the errors were within one sigma, .71 within two."""
+def test_sigma_is_true_with_and_without_pooling(tmp_path: Path, pool: int) -> None:
+    """The phases of pixels also turn the higher terms of the triangle.
+
+    If pixels are pooled with these differences, only .42 of the errors are within one sigma, and .71 within two.
+    """
     maps = resolved(tmp_path, pool=pool).maps
     error = np.abs(maps.layer(DIRECT_DEPTH) - recorded()[1])
     sigma = maps.layer(DIRECT_SIGMA)
@@ -82,7 +85,10 @@ def test_pooling_reduces_errors(tmp_path: Path) -> None:
     assert pooled < 0.45 * once
 
 
-def test_estimated_noise_is_that_of_recordings(tmp_path: Path) -> None:
-    """By how pixels differ; their own phases made less than half of the true integration length of it."""
+def test_the_estimated_integration_length_is_the_true_one(tmp_path: Path) -> None:
+    """The noise is estimated from differences between pixels.
+
+    With the pixels' own phases among the differences, the integration length was less than half of the true one.
+    """
     metadata = replace(METADATA, pixel=Pixel(integration_length=None))
     assert resolved(tmp_path, metadata=metadata).noise.integration_length == pytest.approx(N_AV, rel=0.15)

@@ -1,4 +1,4 @@
-"""What every reader owes, whatever the form of the file: the recorded values, bit for bit, in the order H C Y X."""
+"""A contract for every reader: it returns the recorded values, bit for bit, in the order H C Y X."""
 
 import pickle
 import tracemalloc
@@ -41,7 +41,7 @@ def _assert_same(frame: Stored, recorded: Stored) -> None:
 
 @pytest.mark.parametrize("byteorder", ["<", ">"])
 @pytest.mark.parametrize("dtype", SAMPLE_TYPES)
-def test_every_sample_type_of_either_byte_order(dtype: str, byteorder: Any, tmp_path: Path) -> None:
+def test_every_sample_type_of_either_byte_order_is_read(dtype: str, byteorder: Any, tmp_path: Path) -> None:
     recorded = known_frame(dtype)
     source = tiff(byteorder=byteorder, metadata={"axes": "HCYX"})(tmp_path / "frame", recorded)
     with open_frames(source, LAYOUT) as frames:
@@ -49,7 +49,7 @@ def test_every_sample_type_of_either_byte_order(dtype: str, byteorder: Any, tmp_
 
 
 @pytest.mark.parametrize(("write", "dtype"), [(tiff(), "f4"), (exr(), "f4"), (exr(), "f2")])
-def test_what_is_not_a_number_stays_as_it_is(write: Callable[..., FrameSource], dtype: str, tmp_path: Path) -> None:
+def test_nan_and_infinities_stay_as_they_are(write: Callable[..., FrameSource], dtype: str, tmp_path: Path) -> None:
     recorded = known_frame(dtype)
     recorded[0, 0, 0, :3] = np.nan, np.inf, -np.inf
     with open_frames(write(tmp_path / "frame", recorded), LAYOUT) as frames:
@@ -57,7 +57,7 @@ def test_what_is_not_a_number_stays_as_it_is(write: Callable[..., FrameSource], 
 
 
 @pytest.mark.parametrize("harmonics", [(1,), (1, 2, 3)])
-def test_any_number_of_harmonics(harmonics: tuple[int, ...], tmp_path: Path) -> None:
+def test_frames_of_any_number_of_harmonics_are_read(harmonics: tuple[int, ...], tmp_path: Path) -> None:
     recorded = np.arange(len(harmonics) * 2 * 5 * 7, dtype="u2").reshape(-1, 2, 5, 7)
     source = tiff(metadata=None)(tmp_path / "frame", recorded.reshape(-1, 5, 7))
     with open_frames(source, FrameLayout(harmonics)) as frames:
@@ -83,7 +83,7 @@ def test_harmonics_in_exr_are_called_by_number_or_place(names: tuple[str, str], 
         _assert_same(frames.read(), recorded)
 
 
-def test_the_content_says_what_a_file_is_not_its_name(tmp_path: Path) -> None:
+def test_the_format_follows_from_the_content_of_a_file_not_from_its_name(tmp_path: Path) -> None:
     recorded = known_frame("f4")
     source = exr()(tmp_path / "frame", recorded)
     disguised = source.paths[0].rename(tmp_path / "frame.tif")

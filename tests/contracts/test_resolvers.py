@@ -1,4 +1,4 @@
-"""Every resolver on every reference problem; what is true comes from the problem."""
+"""A contract for every resolver on every reference problem, which knows the truth."""
 
 from dataclasses import dataclass, replace
 
@@ -16,12 +16,12 @@ from tests.support.mixtures import C, F, Mixture, noise_of
 B = NDArray[np.bool_]
 
 N_AV = 1e10
-"""So long that noise decides nothing here: what it does to the answers is measured elsewhere."""
+"""Integration length so long that noise decides nothing here; other tests measure the effect of noise."""
 
 
 @dataclass(frozen=True)
 class Resolver:
-    """Settings, and the harmonics that they are to work on."""
+    """Settings of a resolver, and the harmonics that it gets."""
 
     name: str
     settings: ResolverSettings
@@ -33,13 +33,13 @@ class Resolver:
         *,
         n_av: float = N_AV,
         samples: F | None = None,
-        spoilt: B | None = None,
+        saturated: B | None = None,
         hot: B | None = None,
         first: int = 0,
     ) -> ResolvedPaths:
-        """Resolve phasors, of which `spoilt` have a saturated value, `hot` are hot, and `first` says where they lie."""
+        """Resolve phasors with status bits for `saturated` and `hot` pixels; `first` is the index of the first pixel."""
         status = np.zeros(phasors.shape[1], np.uint32)
-        for pixels, bit in ((spoilt, StatusBit.SATURATED), (hot, StatusBit.HOT_PIXEL)):
+        for pixels, bit in ((saturated, StatusBit.SATURATED), (hot, StatusBit.HOT_PIXEL)):
             if pixels is not None:
                 status[pixels] |= np.uint32(bit)
         return resolve_paths(
@@ -87,7 +87,7 @@ TWO_PATHS = {
 }
 
 NO_FUNDAMENTAL = Mixture((1.0, 1.0), (3.0, 23.0))
-"""Equal paths half a turn apart cancel in the fundamental, and in every odd harmonic."""
+"""Two equal paths half a turn apart, which cancel in the fundamental and in every odd harmonic."""
 
 every_resolver = pytest.mark.parametrize("resolver", RESOLVERS, ids=lambda resolver: resolver.name)
 
@@ -111,11 +111,11 @@ def test_two_paths_are_found(resolver: Resolver, problem: Mixture) -> None:
 
 
 @every_resolver
-def test_paths_that_cancel_in_the_fundamental_are_found_where_the_second_harmonic_tells_them(
+def test_paths_that_cancel_in_the_fundamental_are_found_with_the_second_harmonic(
     resolver: Resolver,
 ) -> None:
     exact = NO_FUNDAMENTAL.exact(resolver.harmonics)
-    exact[np.array(resolver.harmonics) % 2 == 1] = 0.0  # free of rounding
+    exact[np.array(resolver.harmonics) % 2 == 1] = 0.0  # without rounding
     resolved = resolver(exact)
     if resolver.settings.solver == "lm":  # Eq. (9) divides by the first phasor
         assert resolved.status[0] == StatusBit.NOT_CONVERGED
@@ -123,7 +123,7 @@ def test_paths_that_cancel_in_the_fundamental_are_found_where_the_second_harmoni
     elif 2 in resolver.harmonics:
         np.testing.assert_allclose(sorted(delays(resolved)[:2]), NO_FUNDAMENTAL.delays_ns, atol=2e-4)
         assert resolved.status[0] == StatusBit.TWO_PATHS
-    else:  # only the fourth is left: any two of four delays that are a quarter turn apart
+    else:  # only harmonic 4 is left, which cannot distinguish delays a quarter turn apart
         quarter = np.mod(delays(resolved)[:2], 10.0)
         np.testing.assert_allclose(quarter, 3.0, atol=2e-4)
 
@@ -135,19 +135,19 @@ def test_paths_that_cancel_in_the_fundamental_are_found_where_the_second_harmoni
 def test_one_path_is_found(resolver: Resolver, delay: float) -> None:
     problem = Mixture((1.0,), (delay,))
     resolved = resolver(problem.exact(resolver.harmonics))
-    away = np.angle(np.exp(1j * (resolved.paths[0].phase_rad - problem.phases)))
-    if resolver.settings.order == "2":  # asked for two, with noise for the second: the paths may share the light
+    error_rad = np.angle(np.exp(1j * (resolved.paths[0].phase_rad - problem.phases)))
+    if resolver.settings.order == "2":  # two paths are forced, so they may share the light of one
         strong = resolved.paths[0].amplitude > 0.5 * problem.shares
-        assert not strong.any() or np.abs(away[strong]).max() < 0.01
+        assert not strong.any() or np.abs(error_rad[strong]).max() < 0.01
         return
-    assert np.abs(away).max() < 1e-6
+    assert np.abs(error_rad).max() < 1e-6
     np.testing.assert_allclose(resolved.paths[0].amplitude, problem.shares, rtol=1e-5)
     assert np.isnan(resolved.paths[1].phase_rad[0])
     assert resolved.status[0] == StatusBit.ONE_PATH
 
 
 @every_resolver
-def test_no_signal_and_no_number_give_no_answer(resolver: Resolver) -> None:
+def test_phasors_of_0_nan_and_infinity_give_no_answer(resolver: Resolver) -> None:
     phasors = np.zeros((len(resolver.harmonics), 4), np.complex128)
     phasors[0, 1], phasors[-1, 2], phasors[:, 3] = np.nan, 1j * np.inf, np.nan
     resolved = resolver(phasors)
@@ -186,7 +186,9 @@ def test_inputs_are_not_changed_and_neighbours_do_not_matter(resolver: Resolver)
         Mixture((1.0, 0.3, 0.2), (5.0, 9.0, 30.0)),
     ],
 )
-def test_three_paths_are_found_the_others_in_falling_amplitude(harmonics: tuple[int, ...], problem: Mixture) -> None:
+def test_three_paths_are_found_the_first_return_first_then_by_falling_amplitude(
+    harmonics: tuple[int, ...], problem: Mixture
+) -> None:
     resolved = Resolver("", ResolverSettings(paths=3), harmonics)(problem.exact(harmonics))
     first, *later = zip(problem.delays_ns, problem.shares, strict=True)
     expected = [first, *sorted(later, key=lambda path: -path[1])]
@@ -197,7 +199,7 @@ def test_three_paths_are_found_the_others_in_falling_amplitude(harmonics: tuple[
 
 @every_resolver
 def test_two_paths_are_ill_conditioned_where_a_sigma_exceeds_a_quarter_of_their_separation(resolver: Resolver) -> None:
-    """By the sine of half the separation; from it on, the predicted scatter is only a lower bound."""
+    """The separation counts as the sine of half of it. Beyond the limit, sigma is only a lower bound of the scatter."""
     rng = np.random.default_rng(12)
     lights = [Mixture((1.0, 0.4), (10.0, 10.0 + gap), asr=2.0) for gap in np.geomspace(0.7, 12.0, 60)]
     drawn = [light.phasors(resolver.harmonics, n_av=3e3, size=6, rng=rng) for light in lights]
@@ -220,10 +222,13 @@ SEVERAL_HARMONICS = [resolver for resolver in ONE_PATH if len(resolver.harmonics
 
 @pytest.mark.parametrize("resolver", ORDER_TESTED + SEVERAL_HARMONICS, ids=lambda r: f"{r.name} {r.harmonics}")
 @pytest.mark.parametrize("samples", [1.0, 16.0])
-def test_one_path_is_in_doubt_in_a_tenth_of_pixels_and_where_a_second_one_is_close(
+def test_one_path_is_ill_conditioned_in_a_tenth_of_pixels_and_near_a_second_path(
     resolver: Resolver, samples: float
 ) -> None:
-    """One of share r at D rad takes h²·D²·r/2(1+r)² of harmonic h: at 2 ns of 40 and ASR 6, two standard deviations of {1,2}."""
+    """A second path of share r at D rad shortens the phasor of harmonic h by the share h²·D²·r/2(1+r)².
+
+    At 2 ns of 40 ns and ASR 6, this is two standard deviations with the harmonics {1, 2}.
+    """
     rng = np.random.default_rng(14)
     n_av = 1e5 / samples
     clean, close = (
@@ -238,8 +243,8 @@ def test_one_path_is_in_doubt_in_a_tenth_of_pixels_and_where_a_second_one_is_clo
 
 
 @pytest.mark.parametrize("resolver", [*RESOLVERS, *ONE_PATH], ids=lambda r: f"{r.name} {r.harmonics}")
-def test_a_mean_of_frames_is_a_frame_of_as_many_times_the_length(resolver: Resolver) -> None:
-    """1/(2 n_av − 1) of one frame, over 9; in order test, screening and sigma alike."""
+def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(resolver: Resolver) -> None:
+    """A mean of 9 frames has the noise 1/(9·(2 n_av − 1)) in the order test, in the screening and in sigma."""
     rng = np.random.default_rng(13)
     longer = 0.5 * (9 * (2 * 1e4 - 1) + 1)
     lights = [
@@ -256,29 +261,27 @@ def test_a_mean_of_frames_is_a_frame_of_as_many_times_the_length(resolver: Resol
     exact = resolver.settings.room(resolver.harmonics, sine=True) == "two_path"
     for one, other in zip(mean.paths[:2], long.paths[:2], strict=True):
         ratio = (one.sigma_rad / other.sigma_rad)[np.isfinite(other.sigma_rad)]
-        apart = (np.abs(one.phase_rad - other.phase_rad) / other.sigma_rad)[np.isfinite(other.sigma_rad)]
+        difference = (np.abs(one.phase_rad - other.phase_rad) / other.sigma_rad)[np.isfinite(other.sigma_rad)]
         if exact:
             np.testing.assert_allclose(ratio, 1.0, rtol=1e-5)
-            assert apart.max(initial=0.0) < 1e-6
-        elif np.isfinite(
-            ratio
-        ).any():  # a search ends within a third of the standard deviation of one frame, which the mean's is
+            assert difference.max(initial=0.0) < 1e-6
+        elif np.isfinite(ratio).any():  # a search ends within a third of the standard deviation
             assert np.nanmedian(ratio) == pytest.approx(1.0, rel=1e-3)
-            assert np.nanmedian(apart) < 0.3
+            assert np.nanmedian(difference) < 0.3
     if np.isfinite(mean.chi_squared).any():
         assert np.nanmedian(np.abs(mean.chi_squared - long.chi_squared)) < 0.1
 
 
 @pytest.mark.parametrize("resolver", [*RESOLVERS, *ONE_PATH], ids=lambda r: f"{r.name} {r.harmonics}")
-def test_bad_pixels_have_their_reason_and_leave_the_others_as_they_are(resolver: Resolver) -> None:
+def test_bad_pixels_have_their_reason_and_do_not_change_the_others(resolver: Resolver) -> None:
     rng = np.random.default_rng(14)
     good = [one.phasors(resolver.harmonics, n_av=1e5, size=1, rng=rng) for one in TWO_PATHS.values()]
-    given = np.concatenate(good * 2, axis=1)
-    given[0, 1], given[-1, 4] = np.nan, 1j * np.inf
-    given[:, 7] = 1e-9
-    spoilt, hot = np.zeros((2, given.shape[1]), np.bool_)
-    spoilt[[0, 9]], hot[[9, 12]] = True, True
-    found = resolver(given, n_av=1e5, spoilt=spoilt, hot=hot)
+    phasors = np.concatenate(good * 2, axis=1)
+    phasors[0, 1], phasors[-1, 4] = np.nan, 1j * np.inf
+    phasors[:, 7] = 1e-9
+    saturated, hot = np.zeros((2, phasors.shape[1]), np.bool_)
+    saturated[[0, 9]], hot[[9, 12]] = True, True
+    found = resolver(phasors, n_av=1e5, saturated=saturated, hot=hot)
     reasons = {
         0: StatusBit.SATURATED,
         1: StatusBit.NOT_FINITE,
@@ -291,8 +294,8 @@ def test_bad_pixels_have_their_reason_and_leave_the_others_as_they_are(resolver:
     for path in found.paths:
         for values in (path.amplitude, path.phase_rad, path.sigma_rad):
             assert np.isnan(values[list(reasons)]).all()
-    for index in set(range(given.shape[1])) - set(reasons):
-        alone = resolver(given[:, [index]], n_av=1e5, first=index)
+    for index in set(range(phasors.shape[1])) - set(reasons):
+        alone = resolver(phasors[:, [index]], n_av=1e5, first=index)
         assert found.status[index] == alone.status[0]
         assert found.confidence[index] == alone.confidence[0]
         for one, other in zip(found.paths, alone.paths, strict=True):

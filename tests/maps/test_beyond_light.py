@@ -1,4 +1,4 @@
-"""Paths are shares of all light: together they are at most all of it."""
+"""The paths of a pixel are shares of all its photons: the sum of their amplitudes is at most the modulation amplitude."""
 
 from dataclasses import replace
 
@@ -33,8 +33,13 @@ def test_the_sum_of_the_paths_and_the_first_phasor_are_at_most_the_modulation(
 
 
 @pytest.mark.parametrize(("amplitude", "beyond"), [(1.05, False), (1.15, True)])
-def test_a_mean_of_a_hundred_has_a_tenth_of_the_noise_on_top(amplitude: float, beyond: bool) -> None:
-    """At n_av 50 five standard deviations of both harmonics are .75 of the modulation, a tenth of it .075."""
+def test_a_mean_of_a_hundred_samples_may_exceed_the_modulation_by_a_tenth_of_the_noise(
+    amplitude: float, beyond: bool
+) -> None:
+    """At n_av 50, five standard deviations of both harmonics are .75 of the modulation amplitude.
+
+    A mean of 100 samples has a tenth of that, .075. So an amplitude of 1.05 is possible, and 1.15 is not.
+    """
     noise = replace(noise_of((1, 2), n_av=50.0), samples=np.array([100.0]))
     assert beyond_light([np.array([amplitude])], np.array([0.5]), noise=noise).tolist() == [beyond]
     assert not beyond_light([np.array([amplitude])], np.array([0.5]), noise=noise_of((1, 2), n_av=50.0)).any()

@@ -1,4 +1,4 @@
-"""What differs between maps, held against numpy over all values at once."""
+"""Differences between two maps, compared with numpy over all values at once."""
 
 import numpy as np
 import pytest
@@ -31,8 +31,8 @@ def test_values_beyond_float32_do_not_count() -> None:
 
 
 @pytest.mark.parametrize("sizes", [(5, 5), (1, 9), (10,), (3, 0, 7)])
-def test_as_many_values_as_are_kept_have_exact_quantiles_and_one_more_has_not(sizes: tuple[int, ...]) -> None:
-    """Of values from 1 to 2 with bins as wide as a part in 4096: 1.3 lies in no bin's middle."""
+def test_quantiles_are_exact_until_there_are_more_values_than_are_kept(sizes: tuple[int, ...]) -> None:
+    """Between 1 and 2, a bin is 1/4096 of its value wide, and 1.3 is not the middle of a bin."""
     tally = MagnitudeTally(exact=10)
     for size in sizes:
         tally.add(np.full(size, -1.3))
@@ -42,14 +42,14 @@ def test_as_many_values_as_are_kept_have_exact_quantiles_and_one_more_has_not(si
     assert found.median_abs is not None
     assert 1e-6 < abs(found.median_abs - 1.3) < 1.3 / 4096
     assert found.max_abs == np.float32(1.3)
-    # once counted, always: values that come later are counted too
+    # from here on values are counted in bins, so later values are counted too
     for _ in range(3):
         tally.add(np.full(10, 2.6))
     assert tally.summary().median_abs == pytest.approx(2.6, rel=1 / 4096)
 
 
 @pytest.mark.parametrize("exact", [10**6, 10])
-def test_what_is_the_same_differs_by_nothing(exact: int) -> None:
+def test_equal_maps_differ_by_0(exact: int) -> None:
     tally = MagnitudeTally(exact=exact)
     plane = np.full((5, 6), 2.5, np.float32)
     tally.add(difference(plane, plane))
@@ -57,7 +57,7 @@ def test_what_is_the_same_differs_by_nothing(exact: int) -> None:
     assert vars(MagnitudeTally().summary()) == {"median_abs": None, "p90_abs": None, "max_abs": None}
 
 
-def test_bits_that_are_gained_and_lost() -> None:
+def test_gained_and_lost_status_bits_are_counted() -> None:
     before = np.array([[8, 16, 8], [1, 16, 0]], np.uint32)
     after = np.array([[8, 8, 24], [1, 2048, 0]], np.uint32)
     assert changed_pixels(before, after) == 3
@@ -69,7 +69,7 @@ def test_bits_that_are_gained_and_lost() -> None:
     }
 
 
-def test_mean_and_scatter_over_time() -> None:
+def test_mean_scatter_and_sigma_over_time_are_those_of_numpy() -> None:
     rng = np.random.default_rng(2)
     depths = 3.0 + rng.normal(scale=1e-3, size=(7, 4, 5))
     depths[rng.random(depths.shape) < 0.4] = np.nan

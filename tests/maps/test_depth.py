@@ -1,4 +1,4 @@
-"""Paths become metres and volts: a turn of the phase is twice the unambiguous range there and back."""
+"""Paths become metres and volts: a full turn of the phase is the unambiguous range, c·T/2."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def written(
     layers: tuple[Layer, ...] | None = None,
     samples: F | None = None,
 ) -> DepthMaps:
-    """Maps of 3 × 4 pixels, −1 and 99 where nothing was written."""
+    """Return maps of 3 × 4 pixels with a block of six written; other pixels keep layers of −1 and a status of 99."""
     layers = layers or wanted_layers()
     maps = DepthMaps.empty(tuple(layer.name for layer in layers), (3, 4))
     maps.pages[:] = -1.0
@@ -46,7 +46,7 @@ def written(
     return maps
 
 
-def test_depth_amplitude_and_sigma_in_metres_and_volts_in_the_block_alone() -> None:
+def test_a_block_is_written_in_metres_and_volts_and_nothing_else_changes() -> None:
     paths = drawn()
     maps = written(paths, start=5)
     for name, one in (("direct", paths.paths[0]), ("mpi", paths.paths[1])):
@@ -62,7 +62,7 @@ def test_depth_amplitude_and_sigma_in_metres_and_volts_in_the_block_alone() -> N
     assert maps.status.ravel().tolist() == [99] * 5 + [1, 2, 3, 4, 5, 6] + [99]
 
 
-def test_what_the_lens_adds_is_taken_off_and_below_zero_is_the_end_of_the_range() -> None:
+def test_field_curvature_is_subtracted_and_a_range_below_0_wraps_to_the_end() -> None:
     offset = np.linspace(0.0, 0.11, 12)
     true = np.array([0.001, 1.0, 3.0, 4.0, 5.9, 5.94])
     recorded = (true + offset[5:11]) % 5.99584916
@@ -72,12 +72,12 @@ def test_what_the_lens_adds_is_taken_off_and_below_zero_is_the_end_of_the_range(
     before = paths.paths.phase_rad.copy()
     maps = written(paths, start=5, scale=DepthScale(METRES, VOLTS, range_offset_m=offset))
     np.testing.assert_allclose(maps.layer("direct.depth").ravel()[5:11], true, rtol=1e-5)
-    # an echo behind the range stays behind it
+    # a second path beyond the unambiguous range stays beyond it
     np.testing.assert_allclose(maps.layer("mpi.depth").ravel()[5:11], echo, rtol=1e-5)
     np.testing.assert_array_equal(paths.paths.phase_rad, before)
 
 
-def test_planar_depth_shrinks_depths_and_sigmas_alone_after_the_lens() -> None:
+def test_planar_depth_scales_depths_and_sigmas_after_field_curvature_is_subtracted() -> None:
     planar, offset = np.linspace(0.5, 1.0, 12), np.full(12, 0.1)
     paths = drawn(3)
     maps = written(paths, start=2, scale=DepthScale(METRES, VOLTS, planar, offset), layers=wanted_layers(paths=3))
@@ -100,7 +100,7 @@ def test_further_layers_are_numbered_from_the_third_path_on() -> None:
     assert (written(paths, start=0, layers=layers).layer("effective_pixels").ravel()[:6] == 1.0).all()
 
 
-def test_pages_of_the_layers_and_one_for_the_status() -> None:
+def test_maps_have_a_page_for_every_layer_and_one_for_the_status() -> None:
     layers = wanted_layers(paths=3, searched=True, averaged=True)
     units = ["m", "m", "V", "V", "m", "m", "V", "m", "V", "m", "", ""]
     assert [layer.unit for layer in layers] == units
@@ -113,8 +113,8 @@ def test_pages_of_the_layers_and_one_for_the_status() -> None:
     assert (maps.pages.dtype.name, maps.status.dtype.name) == ("float32", "uint32")
 
 
-def test_no_answer_is_written_with_the_same_bits_whatever_made_it() -> None:
-    """Processors disagree about the sign of a NaN."""
+def test_no_answer_is_written_as_one_fixed_nan() -> None:
+    """The sign of a NaN depends on the processor, so maps hold one fixed NaN."""
     paths = drawn()
     paths.paths.phase_rad[0, 1], paths.paths.phase_rad[0, 3] = np.nan, np.copysign(np.nan, -1.0)
     depth = written(paths, start=0).layer(DIRECT_DEPTH).ravel()
@@ -122,7 +122,10 @@ def test_no_answer_is_written_with_the_same_bits_whatever_made_it() -> None:
 
 
 def test_depths_from_a_lamp_beside_the_camera_become_those_from_the_camera() -> None:
-    """The lamp .3 m ahead: light goes .3 m less than there and back; in the part of the frame that was asked for alone."""
+    """The lamp is .3 m ahead of the camera, so the light goes .3 m less than twice the range.
+
+    Only the part of the frame that was asked for changes.
+    """
     ahead = LampBeside(np.full(12, 0.15), 0.15)
     range_m, planar = np.linspace(1.0, 2.1, 12), np.linspace(0.8, 1.0, 12)
     half_way = range_m - 0.15
@@ -137,7 +140,7 @@ def test_depths_from_a_lamp_beside_the_camera_become_those_from_the_camera() -> 
         assert (maps.layer("mpi.depth") == -1.0).all()
 
 
-def test_where_the_lamp_is_beside_the_camera_each_pixel_has_its_own_way() -> None:
+def test_with_a_lamp_beside_the_camera_each_pixel_has_its_own_correction() -> None:
     rng = np.random.default_rng(4)
     ray = rng.normal(size=(3, 12)) + np.array([[0.0], [0.0], [3.0]])
     ray /= np.linalg.norm(ray, axis=0)

@@ -1,4 +1,4 @@
-"""Errors against truth, held against numpy on all of them at once."""
+"""Errors of maps against truth, compared with numpy over the errors of all frames at once."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, EvaluationTally, SequenceTally
 
 
-def test_the_figures_are_those_of_all_errors_of_all_frames() -> None:
+def test_error_figures_are_those_of_the_errors_of_all_frames() -> None:
     rng = np.random.default_rng(1)
     truth = rng.uniform(0.5, 5.0, (3, 20, 30))
     depth = truth + rng.normal(0.004, 0.01, truth.shape)
@@ -34,7 +34,7 @@ def test_quantiles_are_of_magnitudes_and_the_bias_has_a_sign(error_m: float) -> 
     assert tally.summary().bias_cm == pytest.approx(100 * error_m, abs=1e-9)
 
 
-def test_without_an_answer_or_without_truth_there_are_no_figures() -> None:
+def test_pixels_without_an_answer_or_without_truth_give_no_figures() -> None:
     tally = ErrorTally()
     assert tally.summary() == DepthErrors(None, None, None, None, 0.0)
     tally.add(np.full((2, 2), np.nan), np.ones((2, 2)))
@@ -63,13 +63,13 @@ def test_no_shares_without_a_standard_deviation() -> None:
     assert (tally.summary().within_1_sigma, tally.summary().within_2_sigma) == (None, None)
 
 
-def test_the_first_phasor_is_judged_where_every_map_has_it() -> None:
+def test_the_first_phasor_is_evaluated_only_if_every_map_has_it() -> None:
     rng = np.random.default_rng(3)
     truth, sigma = rng.uniform(1.0, 2.0, (5, 7)), np.full((5, 7), 0.01)
-    depth, alone = truth + 0.01 * rng.normal(size=truth.shape) + 0.003, truth + 0.5
+    depth, first_phasor = truth + 0.01 * rng.normal(size=truth.shape) + 0.003, truth + 0.5
     tally, direct = EvaluationTally(), ErrorTally()
     for frames in (1, 2):
-        tally.add(depth, truth, sigma_m=sigma, first_phasor_m=alone)
+        tally.add(depth, truth, sigma_m=sigma, first_phasor_m=first_phasor)
         direct.add(depth, truth, sigma_m=sigma)
         found = tally.summary()
         assert (found.frames, found.direct) == (frames, direct.summary())
@@ -80,7 +80,7 @@ def test_the_first_phasor_is_judged_where_every_map_has_it() -> None:
     assert (tally.summary().frames, tally.summary().first_phasor) == (3, None)
 
 
-def test_what_is_not_finite_counts_for_nothing() -> None:
+def test_depths_that_are_not_finite_do_not_count() -> None:
     tally = ErrorTally()
     tally.add(np.array([np.inf, np.inf, 1.0]), np.array([np.inf, 1.0, 1.0]))
     assert tally.summary() == DepthErrors(0.0, 0.0, 0.0, 0.0, 0.5)
@@ -88,7 +88,7 @@ def test_what_is_not_finite_counts_for_nothing() -> None:
 
 @pytest.mark.parametrize("far", [1e300, -1e300, np.inf])
 def test_a_depth_beyond_float32_counts_as_missing(far: float) -> None:
-    """float64 files can hold it; its square is no number."""
+    """A float64 file can hold such a depth; its square overflows."""
     truth, depth = np.full((2, 3), 2.0), np.full((2, 3), 2.01)
     truth[0, 0], depth[0, 1] = far, far
     tally = ErrorTally()
@@ -99,11 +99,11 @@ def test_a_depth_beyond_float32_counts_as_missing(far: float) -> None:
 
 
 @pytest.mark.parametrize("far", [np.inf, 1e300])
-def test_over_time_what_is_not_finite_or_beyond_float32_is_no_answer(far: float) -> None:
+def test_depths_not_finite_or_beyond_float32_do_not_count_in_a_sequence(far: float) -> None:
     tally = SequenceTally((3,))
     for frame in ([far, 1.0, np.nan], [far, 3.0, np.nan], [2.0, np.nan, np.nan]):
         tally.add(np.array(frame), np.array(frame))
-    over = tally.summary()
-    np.testing.assert_array_equal(over.frames, [1.0, 2.0, 0.0])
-    np.testing.assert_array_equal(over.mean, np.array([2.0, 2.0, np.nan], np.float32))
-    np.testing.assert_array_equal(over.std, np.array([np.nan, np.sqrt(2.0), np.nan], np.float32))
+    found = tally.summary()
+    np.testing.assert_array_equal(found.frames, [1.0, 2.0, 0.0])
+    np.testing.assert_array_equal(found.mean, np.array([2.0, 2.0, np.nan], np.float32))
+    np.testing.assert_array_equal(found.std, np.array([np.nan, np.sqrt(2.0), np.nan], np.float32))

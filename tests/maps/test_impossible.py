@@ -1,4 +1,4 @@
-"""No light exceeds the modulation: what says otherwise has no answer, and what noise can do keeps it."""
+"""No light gives a phasor longer than the modulation amplitude. A pixel beyond this limit and noise has no answer."""
 
 from dataclasses import replace
 from typing import Any
@@ -24,7 +24,7 @@ WIDTH = 40
 def voltages(
     light: Mixture, *, harmonics: tuple[int, ...] = (1, 2), n_av: float = 1e5, rows: int = 5, seed: int = 0
 ) -> NDArray[np.float64]:
-    """What a camera would record, (H, 2, Y, X) V."""
+    """Return the voltages that a camera would record, in V, (H, 2, Y, X)."""
     rng = np.random.default_rng(seed)
     drawn = light.phasors(harmonics, n_av=n_av, size=rows * WIDTH, rng=rng)
     drawn *= np.array([[light.pulse(h)] for h in harmonics])
@@ -64,13 +64,13 @@ def test_values_that_overflow_a_map_have_no_answer() -> None:
 
 
 def test_a_pulse_longer_than_the_second_period_has_no_answer() -> None:
-    """It leaves 1.3e-6 of the second harmonic: what was recorded there would be 750,000 times the light."""
+    """Such a pulse leaves 1.3e-6 of the second harmonic. Divided by that, the voltages are 750,000 times too large."""
     metadata = replace(CaptureMetadata(), pixel=Pixel(integration_length=1e5), pulse=Pulse(fwhm_ns=39.0))
     assert_impossible(resolved(voltages(TWO), metadata=metadata))
 
 
 @pytest.mark.parametrize("kernel", available_kernels())
-def test_the_other_pixels_stay_as_they_are_whatever_resolves_them(kernel: str) -> None:
+def test_an_impossible_pixel_does_not_change_the_others(kernel: str) -> None:
     stored = voltages(TWO)
     sound = resolved(stored, kernel=kernel, mpi_model="discrete")
     spoilt = stored.copy()
@@ -101,8 +101,11 @@ def test_light_without_any_ambient_is_possible(light: Mixture, n_av: float, orde
 
 
 @pytest.mark.parametrize("order", ["auto", "1", "2"])
-def test_a_triangle_that_is_sampled_near_its_peaks_is_possible(order: str) -> None:
-    """All light comes at one instant, but for a tenth of ambient light: there the fundamental is 8/π² of what is recorded."""
+def test_a_triangle_sampled_near_its_peaks_may_exceed_the_modulation_amplitude(order: str) -> None:
+    """All laser light comes at one instant; ambient light is a tenth of it.
+
+    Near a peak of the triangle, the recorded voltage is larger than its fundamental, whose amplitude is 8/π².
+    """
     metadata = CaptureMetadata(
         modulation=Modulation(waveform="triangle"), pixel=Pixel(integration_length=1e5), pulse=Pulse(fwhm_ns=0.0)
     )
@@ -117,8 +120,8 @@ def test_a_triangle_that_is_sampled_near_its_peaks_is_possible(order: str) -> No
 
 
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
-def test_a_value_beyond_single_precision_costs_its_own_pixel_and_warns_of_nothing(waveform: Waveform) -> None:
-    """Where MPI may be diffuse, the frame is looked at before any pixel is resolved."""
+def test_a_value_beyond_single_precision_invalidates_only_its_own_pixel_without_a_warning(waveform: Waveform) -> None:
+    """With the default MPI model, a first look at the whole frame meets this value before any pixel is resolved."""
     stored = voltages(TWO)
     stored[0, 1, 2, 3] = 1e300
     metadata = CaptureMetadata(modulation=Modulation(waveform=waveform), pixel=Pixel(integration_length=1e5))
@@ -126,8 +129,8 @@ def test_a_value_beyond_single_precision_costs_its_own_pixel_and_warns_of_nothin
     assert np.argwhere(np.isnan(maps.layer("direct.depth"))).tolist() == [[2, 3]]
 
 
-def test_means_may_exceed_the_modulation_by_less() -> None:
-    """5 % too much is what the noise of one short recording does, and not that of the mean of a thousand."""
+def test_a_mean_may_exceed_the_modulation_by_less_than_one_recording() -> None:
+    """Noise explains an excess of 5 % in one short recording, but not in the mean of a thousand."""
     stored = 1.05 * voltages(Mixture((1.0,), (5.0,), asr=0.0))
     metadata = recorded((1, 2), n_av=1e3)
     assert not (resolved(stored, metadata=metadata).status & StatusBit.IMPOSSIBLE).any()
@@ -139,8 +142,8 @@ def test_means_may_exceed_the_modulation_by_less() -> None:
 
 @pytest.mark.parametrize("kernel", available_kernels())
 @pytest.mark.parametrize("options", [{}, {"order": "1"}, {"mpi_model": "discrete"}])
-def test_a_frame_whose_pixels_all_hold_the_same_is_not_of_a_camera(kernel: str, options: dict[str, Any]) -> None:
-    """Noise of 10⁻³ V never gives 200 pixels the same voltages."""
+def test_a_frame_whose_pixels_all_hold_the_same_values_is_impossible(kernel: str, options: dict[str, Any]) -> None:
+    """With noise of 10⁻³ V, 200 pixels never have the same voltages."""
     constant = np.broadcast_to(voltages(TWO)[:, :, :1, :1], (2, 2, 5, WIDTH))
     assert_impossible(resolved(constant.copy(), kernel=kernel, **options))
     assert_impossible(resolved(constant.astype(np.float32), kernel=kernel, metadata=CaptureMetadata(), **options))
@@ -149,9 +152,9 @@ def test_a_frame_whose_pixels_all_hold_the_same_is_not_of_a_camera(kernel: str, 
     assert not (resolved(almost, kernel=kernel, **options).status & StatusBit.IMPOSSIBLE).any()
 
 
-def test_whole_numbers_may_agree_where_a_step_is_larger_than_the_noise() -> None:
-    """At n_av 1e5 noise is .43 mV a channel: seven steps of 60 µV, and a fifth of one of 2 mV."""
-    for volts_per_count, wrong in ((6e-5, True), (2e-3, False)):
+def test_counts_may_all_agree_if_a_step_is_larger_than_the_noise() -> None:
+    """At n_av 1e5 the noise of a channel is .43 mV. That is seven steps of 60 µV, but a fifth of a step of 2 mV."""
+    for volts_per_count, impossible in ((6e-5, True), (2e-3, False)):
         metadata = replace(
             CaptureMetadata(),
             pixel=Pixel(integration_length=1e5),
@@ -159,7 +162,7 @@ def test_whole_numbers_may_agree_where_a_step_is_larger_than_the_noise() -> None
         )
         counts = np.rint(voltages(TWO)[:, :, :1, :1] / volts_per_count).astype(np.int16)
         status = resolved(np.repeat(np.repeat(counts, 5, axis=2), WIDTH, axis=3), metadata=metadata).status
-        assert ((status & StatusBit.IMPOSSIBLE) > 0).all() == wrong
+        assert ((status & StatusBit.IMPOSSIBLE) > 0).all() == impossible
 
 
 def test_pixels_of_a_frame_without_noise_keep_the_reason_why_they_have_no_answer() -> None:
@@ -171,8 +174,8 @@ def test_pixels_of_a_frame_without_noise_keep_the_reason_why_they_have_no_answer
 
 @pytest.mark.parametrize("kernel", available_kernels())
 @pytest.mark.parametrize("options", [{}, {"order": "1"}, {"order": "2"}, {"mpi_model": "discrete"}])
-def test_no_pixel_is_without_an_answer_and_a_reason(options: dict[str, Any], kernel: str) -> None:
-    """Of phasors beyond 1e40 floating point makes no paths, whichever voltage it is that is wrong."""
+def test_a_pixel_has_an_answer_or_a_reason_why_it_has_none(options: dict[str, Any], kernel: str) -> None:
+    """One voltage of each pixel is between 1e-10 V and 1e288 V. Beyond about 1e40 V, floating point finds no paths."""
     stored = voltages(TWO)
     exponents = np.arange(200)
     stored.reshape(4, -1)[exponents % 4, exponents] = 10.0 ** (1.5 * exponents - 10.0)

@@ -1,4 +1,4 @@
-"""The registry of layers: which there are, what they are called, and what they hold."""
+"""The registry of layers: their names, their order, their units and their values."""
 
 import numpy as np
 import pytest
@@ -14,10 +14,10 @@ ALWAYS = (
 )
 
 
-def test_layers_come_in_the_order_of_the_contract() -> None:
+def test_layers_come_in_the_documented_order() -> None:
     assert tuple(layer.name for layer in wanted_layers()) == ALWAYS
     most = [layer.name for layer in wanted_layers(paths=4, searched=True, averaged=True)]
-    later = [f"path{number}.{what}" for number in (3, 4) for what in ("depth", "amplitude", "sigma")]
+    later = [f"path{number}.{quantity}" for number in (3, 4) for quantity in ("depth", "amplitude", "sigma")]
     assert most == [*ALWAYS, *later, "chi_squared", "effective_pixels"]
 
 
@@ -32,7 +32,7 @@ def test_layers_come_in_the_order_of_the_contract() -> None:
         ("x", ""),
     ],
 )
-def test_units_go_by_name(name: str, unit: str) -> None:
+def test_the_unit_of_a_layer_follows_from_its_name(name: str, unit: str) -> None:
     assert layer_unit(name) == unit
     assert {layer.name: layer.unit for layer in wanted_layers(paths=3, searched=True)}.get(name, unit) == unit
 

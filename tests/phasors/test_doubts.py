@@ -1,4 +1,4 @@
-"""Frames that may be recordings, and are likely not what was to be recorded or read: cut off, without light, or sheared."""
+"""Frames that may be recordings but likely have a fault: values cut off, a dark plane, height and width swapped."""
 
 from dataclasses import replace
 
@@ -15,56 +15,56 @@ COUNTS = Voltage(zero_counts=ZERO, volts_per_count=STEP)
 
 
 def counts() -> NDArray[np.uint16]:
-    """Counts, (2, 2, 4000), of phasors of .11 V of any phase."""
+    """Return counts, (2, 2, 4000), of phasors with an amplitude of .11 V and random phases."""
     phase = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, (2, 4000))
     return np.rint(0.11 * np.stack([np.cos(phase), np.sin(phase)], axis=1) / STEP + ZERO).astype(np.uint16)
 
 
-def told_of_cutting(stored: NDArray[np.generic], voltage: Voltage = COUNTS) -> str | None:
+def doubt_of_cutting(stored: NDArray[np.generic], voltage: Voltage = COUNTS) -> str | None:
     frame = stored.reshape(*stored.shape[:2], -1, 50)
     return cut_off(frame, CaptureMetadata(voltage=voltage))
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("spread", [0.0, 0.3, 3.0, 300.0])
-def test_values_that_nothing_cuts_off(dtype: type, spread: float) -> None:
-    """Whatever noise there is, over few steps or many; of light of one phase, and of all phases."""
+def test_values_that_are_not_cut_off_are_not_doubted(dtype: type, spread: float) -> None:
+    """The noise spreads over few steps of the counts or over many; the light has one phase or all phases."""
     noise = np.random.default_rng(1).normal(0.0, spread, (2, 2, 4000))
     scale = 1 / 64 if dtype == np.uint8 else 1.0
     for light in (np.full((2, 2, 4000), 9000.0), counts().astype(np.float64)):
-        assert told_of_cutting(np.rint((light + noise) * scale).astype(dtype)) is None
+        assert doubt_of_cutting(np.rint((light + noise) * scale).astype(dtype)) is None
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
-def test_values_that_are_cut_off(dtype: type) -> None:
+def test_values_that_are_cut_off_are_doubted(dtype: type) -> None:
     stored: NDArray[np.generic] = (counts() + np.random.default_rng(1).normal(0.0, 7.0, (2, 2, 4000))).astype(dtype)
     high, low = np.minimum(stored, dtype(9500)), np.maximum(stored, dtype(7000))
-    assert str(told_of_cutting(high)).endswith(
+    assert str(doubt_of_cutting(high)).endswith(
         "saturated_counts under [voltage] in capture.toml, or --saturated-counts"
     )
     share = (high == 9500).any(axis=(0, 1)).mean()
-    assert str(told_of_cutting(high)).startswith(f"{share:.1%} of the pixels hold 9500, the largest stored value; ")
-    assert " of the pixels hold 7000, the smallest stored value; " in str(told_of_cutting(low))
+    assert str(doubt_of_cutting(high)).startswith(f"{share:.1%} of the pixels hold 9500, the largest stored value; ")
+    assert " of the pixels hold 7000, the smallest stored value; " in str(doubt_of_cutting(low))
     known = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 9500.0))
-    assert told_of_cutting(high, known) is None
-    assert told_of_cutting(low, known) is not None
+    assert doubt_of_cutting(high, known) is None
+    assert doubt_of_cutting(low, known) is not None
 
 
-def test_a_few_pixels_at_one_value_say_nothing() -> None:
+def test_a_few_pixels_at_the_largest_value_are_not_doubted() -> None:
     stored = (counts() + np.random.default_rng(1).normal(0.0, 7.0, (2, 2, 4000))).astype(np.uint16)
     stored[0, 0, : FEWEST - 1] = 12000
-    assert told_of_cutting(stored) is None
+    assert doubt_of_cutting(stored) is None
     stored[1, 1, FEWEST - 1] = 12000
-    assert "hold 12000, the largest" in str(told_of_cutting(stored))
+    assert "hold 12000, the largest" in str(doubt_of_cutting(stored))
     stored[:, :, FEWEST - 2 :] = 65535
     assert (
-        told_of_cutting(stored, Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 65535.0)))
+        doubt_of_cutting(stored, Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 65535.0)))
         is None
     )
 
 
 def slanted_wall(noise_counts: float, *, nearest: float = 0.4, farthest: float = 2.1) -> NDArray[np.uint16]:
-    """Return a frame (2, 2, 40, 60) of a wall whose phase at the fundamental, in rad, grows across it, all of it lit."""
+    """Return a frame, (2, 2, 40, 60), of a wall whose fundamental phase grows from `nearest` to `farthest`, in rad."""
     phases = np.linspace(nearest, farthest, 60) * np.array([[[1.0]], [[2.0]]]) * np.ones((40, 1))
     volts = 0.15 * np.stack([np.cos(phases), np.sin(phases)], axis=1)
     noise = np.random.default_rng(4).normal(0.0, noise_counts, volts.shape)
@@ -75,19 +75,21 @@ def slanted_wall(noise_counts: float, *, nearest: float = 0.4, farthest: float =
 @pytest.mark.parametrize(
     ("planes", "named"), [([(1, 1)], "H2.SC2"), ([(0, 0)], "H1.SC1"), ([(1, 0), (1, 1)], "H2.SC1, H2.SC2")]
 )
-def test_planes_that_hold_noise_alone(planes: list[tuple[int, int]], named: str, noise_counts: float) -> None:
+def test_planes_that_hold_only_noise_are_doubted(
+    planes: list[tuple[int, int]], named: str, noise_counts: float
+) -> None:
     stored = slanted_wall(noise_counts)
     assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
     for place in planes:
         stored[place] = np.random.default_rng(5).normal(ZERO + 30.0, max(noise_counts, 1.0), stored.shape[2:])
-    told = without_light(stored, CaptureMetadata(voltage=COUNTS))
+    doubt = without_light(stored, CaptureMetadata(voltage=COUNTS))
     assert (
-        told
+        doubt
         == f"{named}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
     )
 
 
-def test_frames_of_noise_of_few_pixels_or_of_bad_ones_say_nothing_of_a_dark_plane() -> None:
+def test_a_dark_plane_is_not_doubted_in_a_frame_of_noise_few_pixels_or_bad_pixels() -> None:
     noise = np.random.default_rng(5).normal(ZERO, 7.0, (2, 2, 40, 60)).astype(np.uint16)
     assert without_light(noise, CaptureMetadata(voltage=COUNTS)) is None
     stored = slanted_wall(7.0).astype(np.float32)
@@ -98,7 +100,7 @@ def test_frames_of_noise_of_few_pixels_or_of_bad_ones_say_nothing_of_a_dark_plan
 
 
 @pytest.mark.parametrize("middle", [0.0, np.pi / 2.0, np.pi, 3.0 * np.pi / 2.0])
-def test_channels_that_hardly_change_with_the_few_depths_of_a_scene_have_light(middle: float) -> None:
+def test_channels_that_hardly_change_over_a_scene_of_few_depths_are_not_doubted(middle: float) -> None:
     stored = slanted_wall(30.0, nearest=middle - 0.15, farthest=middle + 0.15)
     assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
 
@@ -113,32 +115,32 @@ def hill(height: int, width: int, *, noise_counts: float = 7.0) -> NDArray[np.ui
     )
 
 
-def told_of_lines(stored: NDArray[np.generic]) -> str | None:
+def doubt_of_lines(stored: NDArray[np.generic]) -> str | None:
     return sheared(stored, CaptureMetadata(voltage=replace(COUNTS, saturated_counts=(0.0, 16383.0))))
 
 
 @pytest.mark.parametrize("noise_counts", [0.0, 7.0, 50.0])
 @pytest.mark.parametrize(("height", "width"), [(60, 80), (80, 60), (45, 90)])
-def test_height_and_width_that_were_taken_for_each_other(height: int, width: int, noise_counts: float) -> None:
+def test_swapped_height_and_width_are_doubted(height: int, width: int, noise_counts: float) -> None:
     stored = hill(height, width, noise_counts=noise_counts)
-    assert told_of_lines(stored) is None
-    said = str(told_of_lines(stored.reshape(2, 2, width, height)))
-    assert f"if each row had {width} pixels instead of {height}: are height and width swapped" in said
+    assert doubt_of_lines(stored) is None
+    doubt = str(doubt_of_lines(stored.reshape(2, 2, width, height)))
+    assert f"if each row had {width} pixels instead of {height}: are height and width swapped" in doubt
 
 
-def test_lines_of_which_nothing_can_be_said() -> None:
+def test_lines_of_squares_noise_slender_frames_and_bad_pixels_are_not_doubted() -> None:
     square, noise, slender = hill(60, 60), np.random.default_rng(7).integers(8000, 8400, (2, 2, 60, 80)), hill(30, 90)
-    assert told_of_lines(square) is told_of_lines(noise) is None
-    assert told_of_lines(slender) is told_of_lines(slender.reshape(2, 2, 90, 30)) is None
-    # a floor that slants along lines alone, without noise
+    assert doubt_of_lines(square) is doubt_of_lines(noise) is None
+    assert doubt_of_lines(slender) is doubt_of_lines(slender.reshape(2, 2, 90, 30)) is None
+    # a floor that slants only along lines, without noise
     floor = np.broadcast_to(np.arange(60.0)[:, np.newaxis], (2, 2, 60, 120))
-    assert told_of_lines(floor) is told_of_lines(floor.swapaxes(2, 3).copy()) is None
+    assert doubt_of_lines(floor) is doubt_of_lines(floor.swapaxes(2, 3).copy()) is None
     swapped = hill(60, 80).reshape(2, 2, 80, 60)
     swapped[0, 0, 1:] = 16383
-    assert told_of_lines(swapped) is None
+    assert doubt_of_lines(swapped) is None
 
 
-def test_all_that_is_likely_wrong_is_told_and_without_light_only_what_needs_none() -> None:
+def test_doubts_lists_all_faults_and_without_light_only_those_that_need_no_light() -> None:
     swapped = hill(60, 80).reshape(2, 2, 80, 60)
     swapped = np.minimum(swapped, np.uint16(np.quantile(swapped, 0.9)))
     metadata = CaptureMetadata(voltage=COUNTS)

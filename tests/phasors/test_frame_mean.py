@@ -1,4 +1,4 @@
-"""Means of frames: of what was stored, or in volts with their scatter, whatever the number of frames."""
+"""Means of frames: of stored values, and of volts together with their scatter."""
 
 import numpy as np
 import pytest
@@ -12,18 +12,18 @@ SHAPE = (2, 2, 40, 50)
 
 
 def frames(*values: float, dtype: str = "uint16") -> list[np.ndarray]:
-    """Frames (2, 2, 1, 3) of one value each."""
+    """Return frames, (2, 2, 1, 3), that hold one value each."""
     return [np.full((2, 2, 1, 3), value, dtype) for value in values]
 
 
-def test_the_mean_is_that_of_what_was_stored() -> None:
+def test_the_mean_is_that_of_the_stored_values() -> None:
     mean = frame_mean(frames(100, 101, 105), saturated_counts=None)
     np.testing.assert_array_equal(mean.stored, 102.0)
     np.testing.assert_array_equal(mean.samples, 3.0)
     assert mean.dtype == np.uint16
 
 
-def test_a_saturated_frame_counts_in_no_plane_of_that_pixel_and_in_all_others() -> None:
+def test_a_frame_in_which_a_pixel_is_saturated_counts_for_the_other_pixels_only() -> None:
     given = frames(100, 200)
     given[0][1, 0, 0, 2] = 16383
     mean = frame_mean(given, saturated_counts=(0, 16383))
@@ -32,14 +32,14 @@ def test_a_saturated_frame_counts_in_no_plane_of_that_pixel_and_in_all_others() 
 
 
 def test_a_pixel_saturated_in_every_frame_stays_saturated() -> None:
-    """The mean of the two limits would lie between them."""
+    """One frame is at the lower limit, the other at the upper. Their mean would look like a valid value."""
     given = frames(0, 16383)
     mean = frame_mean(given, saturated_counts=(0, 16383))
     np.testing.assert_array_equal(mean.stored, 0.0)
     np.testing.assert_array_equal(mean.samples, 1.0)
 
 
-def test_not_a_number_counts_for_nothing() -> None:
+def test_a_frame_in_which_a_pixel_is_nan_does_not_count_for_this_pixel() -> None:
     given = frames(1.0, 3.0, dtype="float32")
     given[1][0, 0, 0, 0] = np.nan
     mean = frame_mean(given, saturated_counts=None)
@@ -56,30 +56,34 @@ def mean_of(given: np.ndarray, voltage: Voltage | None = None) -> FrameMean:
     return mean_volts(given, voltage=voltage or Voltage())
 
 
-@pytest.mark.parametrize("frames", [2, 3, 20])
-def test_the_typical_noise_is_that_of_one_frame(frames: int) -> None:
-    """Each harmonic's own; the median over pixels of sample variances, which are χ², lies below their mean."""
+@pytest.mark.parametrize("count", [2, 3, 20])
+def test_the_noise_of_one_frame_is_estimated_from_the_scatter(count: int) -> None:
+    """Each harmonic has its own noise. Sample variances have a χ² distribution, whose median is below its mean.
+
+    So the median over the pixels must be corrected.
+    """
     sigma = np.array([3e-4, 5e-4])
-    drawn = np.random.default_rng(1).normal(size=(frames, *SHAPE)) * sigma[:, np.newaxis, np.newaxis, np.newaxis]
+    drawn = np.random.default_rng(1).normal(size=(count, *SHAPE)) * sigma[:, np.newaxis, np.newaxis, np.newaxis]
     mean = mean_of(drawn)
     np.testing.assert_allclose(mean.frame_noise(), sigma, rtol=0.06)
-    assert mean.frames == frames
+    assert mean.frames == count
     assert mean.pixels == (40, 50)
 
 
-def test_one_frame_has_no_noise_to_tell() -> None:
+def test_one_frame_has_no_scatter_and_an_estimated_noise_of_0() -> None:
     mean = mean_of(np.ones((1, 3, *SHAPE[1:])))
     np.testing.assert_array_equal(mean.frame_noise(), [0.0, 0.0, 0.0])
     np.testing.assert_array_equal(mean.variance, 0.0)
+    assert mean.frames == 1
 
 
-@pytest.mark.parametrize("frames", [2, 3, 20])
-def test_the_median_of_a_sample_variance_over_the_true_one(frames: int) -> None:
-    drawn = stats.chi2(frames - 1).rvs(200_000, random_state=1) / (frames - 1)
-    assert median_variance_ratio(frames) == pytest.approx(np.median(drawn), rel=0.02)
+@pytest.mark.parametrize("count", [2, 3, 20])
+def test_the_median_of_sample_variances_has_the_expected_ratio_to_the_true_variance(count: int) -> None:
+    drawn = stats.chi2(count - 1).rvs(200_000, random_state=1) / (count - 1)
+    assert median_variance_ratio(count) == pytest.approx(np.median(drawn), rel=0.02)
 
 
-def test_counts_become_volts_before_they_are_mean_of() -> None:
+def test_counts_become_volts_before_the_mean_is_taken() -> None:
     counts = np.random.default_rng(2).integers(1000, 9000, (5, *SHAPE)).astype(np.uint16)
     mean = mean_of(counts, Voltage(zero_counts=8192.0, volts_per_count=6e-5))
     volts = (counts.astype(np.float64) - 8192.0) * 6e-5
@@ -92,7 +96,7 @@ def test_counts_become_volts_before_they_are_mean_of() -> None:
 @pytest.mark.parametrize(
     ("value", "sound"), [(0, False), (1, True), (16382, True), (16383, False), (20000, False), (8192, True)]
 )
-def test_a_value_at_or_beyond_the_limits_in_any_frame_spoils_its_pixel_alone(value: int, sound: bool) -> None:
+def test_a_saturated_value_in_any_frame_invalidates_only_its_own_pixel(value: int, sound: bool) -> None:
     counts = np.full((3, *SHAPE), 8000, np.uint16)
     counts[1, 1, 0, 3, 4] = value
     voltage = Voltage(zero_counts=8192.0, volts_per_count=6e-5, saturated_counts=(0.0, 16383.0))
@@ -106,20 +110,6 @@ def test_a_value_at_or_beyond_the_limits_in_any_frame_spoils_its_pixel_alone(val
 def test_the_mean_volts_of_no_frames_are_refused() -> None:
     with pytest.raises(ValueError, match="no frames"):
         mean_volts([], voltage=Voltage())
-
-
-def test_one_frame_does_not_scatter_about_itself() -> None:
-    (given,) = frames(1)
-    mean = mean_volts([given.astype(np.float64)], voltage=Voltage())
-    assert mean.variance is not None
-    assert not mean.variance.any()
-    assert mean.frames == 1
-
-
-def test_a_mean_of_one_frame_does_not_know_a_frame_s_noise() -> None:
-    (given,) = frames(1)
-    mean = mean_volts([given.astype(np.float64)], voltage=Voltage())
-    assert mean.frame_noise().tolist() == [0.0] * len(given)
 
 
 def test_frames_of_different_sizes_have_no_mean() -> None:

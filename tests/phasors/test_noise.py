@@ -1,3 +1,5 @@
+"""The noise of phasors: known from the integration length and the waveform, or estimated from a frame."""
+
 import math
 
 import numpy as np
@@ -36,7 +38,7 @@ def test_ambient_light_alone_gives_one_over_two_root_n_av() -> None:
     ],
 )
 def test_the_noise_of_a_channel_in_ambient_light_is_that_of_its_waveform(waveform: Waveform, wave: np.ndarray) -> None:
-    """By Eq. (1): the variance of a sample at a random time, over 2 n_av − 1."""
+    """By Eq. (1) its variance is that of one sample at a random time, divided by 2 n_av − 1."""
     metadata = CaptureMetadata(modulation=Modulation(waveform=waveform, amplitude_v=0.3))
     found = ambient_noise_v(metadata, integration_length=50.0)
     assert found == pytest.approx(0.3 * wave.std() / math.sqrt(99.0), rel=1e-5)
@@ -51,18 +53,19 @@ def test_counting_adds_a_twelfth_of_a_count_squared() -> None:
 
 
 @pytest.mark.parametrize("direct_ns", [0.0, 4.0, 13.0, 31.0])
-def test_the_covariance_of_any_light_is_that_of_the_pixel_and_of_counting(direct_ns: float) -> None:
-    """Of two paths and ambient light, by the phasors at h and 2h; counts of 2 mV are rounded by √(1/12) of it, in each channel.
+def test_the_covariance_of_any_light_is_that_of_the_pixel_plus_that_of_counting(direct_ns: float) -> None:
+    """The covariance of light of two paths and ambient light follows from its phasors at h and 2h.
 
-    A thousandth of what ambient light alone has comes on top, so that no variance falls to rounding.
+    Counts of 2 mV add rounding with a standard deviation of 2 mV·√(1/12) in each channel. A thousandth of the variance
+    in ambient light alone comes on top, so that no variance is as small as the rounding of floating point.
     """
     light, n_av = Light(0.8, mpi=0.4, direct_ns=direct_ns), 1e5
     metadata = CaptureMetadata(voltage=Voltage(volts_per_count=2e-3), pixel=Pixel(integration_length=n_av))
     model = noise_model(metadata, integration_length=n_av, quantised=True)
     pulse = {k: abs(Light(0.0, direct_ns=0.0).moment(k)) for k in (1, 2, 4)}
     for h, harmonic in zip((1, 2), model.each, strict=True):
-        one, two = light.moment(h) / pulse[h], light.moment(2 * h) / pulse[2 * h]
-        rotors = [(np.array([z.real]), np.array([z.imag])) for z in (one, two)]
+        single, double = light.moment(h) / pulse[h], light.moment(2 * h) / pulse[2 * h]
+        rotors = [(np.array([z.real]), np.array([z.imag])) for z in (single, double)]
         xx, xy, yy = (float(part[0]) for part in harmonic.covariance(*rotors))
         least = 1e-3 * 0.5 / (2 * n_av - 1)
         counting = (2e-3 / 0.2746) ** 2 / 12
@@ -82,8 +85,8 @@ def test_the_integration_length_is_found_in_a_frame_with_an_edge_and_outliers(n_
 
 
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
-def test_of_the_longest_length_that_counts_show_the_noise_is_that_of_rounding(waveform: Waveform) -> None:
-    """Whatever a long pulse leaves of the harmonics."""
+def test_at_the_longest_integration_length_that_counts_resolve_noise_equals_rounding(waveform: Waveform) -> None:
+    """This holds even for a pulse that is so long that it weakens the harmonics."""
     metadata = CaptureMetadata(
         modulation=Modulation(waveform=waveform),
         pulse=Pulse(fwhm_ns=6.3),
@@ -105,13 +108,13 @@ def test_a_slope_is_not_noise() -> None:
     assert estimated_integration_length(p) == pytest.approx(expected, rel=0.1)
 
 
-def test_no_noise_is_infinite_and_no_pixels_are_nothing() -> None:
+def test_without_noise_the_integration_length_is_infinite_and_without_pixels_nan() -> None:
     assert estimated_integration_length(np.full((2, 8, 8), 0.3 + 0.1j)) == math.inf
     assert math.isnan(estimated_integration_length(np.full((2, 8, 8), np.nan + 0j)))
 
 
 @pytest.mark.parametrize(("broken", "known"), [(0, True), (1, False)])
-def test_sixteen_differences_are_the_least_that_noise_is_told_from(broken: int, known: bool) -> None:
+def test_noise_is_estimated_from_sixteen_differences_or_more(broken: int, known: bool) -> None:
     """5 × 5 pixels have 16 second differences, 15 without a corner."""
     rng = np.random.default_rng(1)
     frame = np.asarray(0.1 + 1e-3 * (rng.normal(size=(2, 5, 5)) + 1j * rng.normal(size=(2, 5, 5))), np.complex128)
@@ -120,14 +123,16 @@ def test_sixteen_differences_are_the_least_that_noise_is_told_from(broken: int, 
 
 
 @pytest.mark.parametrize(("signal", "share"), [(0.5, 0.75), (0.96, 1.0 - 0.96**2), (0.99, 0.05)])
-def test_of_light_that_is_nearly_all_signal_a_twentieth_counts_as_noisy_at_least(signal: float, share: float) -> None:
+def test_at_least_a_twentieth_of_the_light_counts_as_noisy_even_if_nearly_all_is_signal(
+    signal: float, share: float
+) -> None:
     rng = np.random.default_rng(3)
     noise = 1e-3 * (rng.normal(size=(2, 200, 200)) + 1j * rng.normal(size=(2, 200, 200)))
     expected = 0.5 * (1.0 + share / 2e-6)
     assert estimated_integration_length(np.asarray(signal + noise, np.complex128)) == pytest.approx(expected, rel=0.03)
 
 
-def test_counting_adds_to_the_variances_along_and_across_a_path_alike() -> None:
+def test_counting_adds_the_same_variance_along_and_across_a_path() -> None:
     metadata = CaptureMetadata(voltage=Voltage(volts_per_count=2e-3), pixel=Pixel(integration_length=1e5))
     fine, coarse = (noise_model(metadata, integration_length=1e5, quantised=quantised) for quantised in (False, True))
     amplitude = np.array([0.0, 0.3, 0.7])
@@ -136,8 +141,11 @@ def test_counting_adds_to_the_variances_along_and_across_a_path_alike() -> None:
             np.testing.assert_allclose(after - before, (2e-3 / 0.2746) ** 2 / 12 / one.pulse**2, rtol=1e-6)
 
 
-def test_the_noise_of_a_triangle_is_that_of_its_square_and_of_what_turns_with_twice_the_phase() -> None:
-    """By the wave's own values: mean square, fundamental, and the second harmonic of w1² and of w1·w2 where a sine has 1/2."""
+def test_the_noise_of_a_triangle_follows_from_its_mean_square_and_its_second_harmonics() -> None:
+    """The expected numbers come from the values w1, w2 of the wave in both channels.
+
+    They are the mean square, the fundamental, and the second harmonics of w1² and w1·w2, which are 1/2 for a sine.
+    """
     theta = 2.0 * np.pi * (np.arange(4096) + 0.5) / 4096
     first, second = (np.arcsin(np.cos(theta - shift)) * 2.0 / np.pi for shift in (0.0, np.pi / 2))
     square, main = np.mean(first**2), 2.0 * np.mean(first * np.cos(theta))
@@ -151,8 +159,8 @@ def test_the_noise_of_a_triangle_is_that_of_its_square_and_of_what_turns_with_tw
         assert other.pulse_double / one.pulse_double == pytest.approx(np.mean(twice) / square, rel=1e-5)
 
 
-def test_an_average_over_few_periods_is_known_to_be_one() -> None:
-    """n_av is half of 1 + 1/averaging, here of a frame that is noise alone: 2.9."""
+def test_a_very_short_integration_length_is_estimated_correctly() -> None:
+    """The frame is noise alone, so large that n_av = (1 + 1/averaging)/2 is only 2.9."""
     rng = np.random.default_rng(4)
     frame = np.asarray(0.3 * (rng.normal(size=(2, 250, 250)) + 1j * rng.normal(size=(2, 250, 250))), np.complex128)
     share = 1.0 - 2.0 * 0.3**2 * np.log(2.0)

@@ -1,4 +1,4 @@
-"""Every pixel's own offset, gain and phase are taken out, and the imbalance of the channels with them."""
+"""One affine map takes out the offset, gain and phase of each pixel and the imbalance of the channels."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ RESPONSES = (
 
 
 def recorded(q: NDArray[np.complex128], offset: NDArray[np.float64], gain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Counts, (2, 2, n), of a camera with these defects, before the pixel's own phase."""
+    """Return counts, (2, 2, n), of a camera with these offsets and gains; `q` already has the phases of the pixels."""
     planes = []
     for row, response in enumerate(RESPONSES):
         volts = AMPLITUDE_V * gain[row] * (response.main * q[row] + response.mirror * q[row].conj())
@@ -27,13 +27,13 @@ def recorded(q: NDArray[np.complex128], offset: NDArray[np.float64], gain: NDArr
 
 
 @pytest.mark.parametrize("block", [slice(0, N), slice(2, 5)])
-@pytest.mark.parametrize("what", ["all", "offset", "phase", "gain", "nothing"])
-def test_what_each_pixel_adds_is_taken_off_in_any_block(block: slice, what: str) -> None:
+@pytest.mark.parametrize("defects", ["all", "offset", "phase", "gain", "nothing"])
+def test_offset_gain_and_phase_of_each_pixel_are_removed_in_any_block(block: slice, defects: str) -> None:
     rng = np.random.default_rng(1)
     p = rng.normal(size=(2, N)) + 1j * rng.normal(size=(2, N))
-    offset = rng.normal(0.0, 0.02, (2, 2, N)) if what in {"all", "offset"} else np.zeros((2, 2, N))
-    phase = rng.normal(0.0, 0.5, (2, N)) if what in {"all", "phase"} else np.zeros((2, N))
-    gain = rng.uniform(0.5, 2.0, (2, N)) if what in {"all", "gain"} else np.ones((2, N))
+    offset = rng.normal(0.0, 0.02, (2, 2, N)) if defects in {"all", "offset"} else np.zeros((2, 2, N))
+    phase = rng.normal(0.0, 0.5, (2, N)) if defects in {"all", "phase"} else np.zeros((2, N))
+    gain = rng.uniform(0.5, 2.0, (2, N)) if defects in {"all", "gain"} else np.ones((2, N))
     counts = recorded(p * np.exp(1j * phase), offset, gain)
     metadata = CaptureMetadata(
         modulation=Modulation(amplitude_v=AMPLITUDE_V), voltage=Voltage(zero_counts=ZERO, volts_per_count=PER_COUNT)
@@ -42,9 +42,9 @@ def test_what_each_pixel_adds_is_taken_off_in_any_block(block: slice, what: str)
         RESPONSES,
         metadata,
         counts.dtype,
-        offset_v=offset if what in {"all", "offset"} else None,
-        phase_rad=phase if what in {"all", "phase"} else None,
-        gain=gain if what in {"all", "gain"} else None,
+        offset_v=offset if defects in {"all", "offset"} else None,
+        phase_rad=phase if defects in {"all", "phase"} else None,
+        gain=gain if defects in {"all", "gain"} else None,
         pixels=N,
     )
     before = counts.copy()
@@ -55,7 +55,7 @@ def test_what_each_pixel_adds_is_taken_off_in_any_block(block: slice, what: str)
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
-def test_values_that_nothing_is_said_of_are_volts_or_refused(dtype: type) -> None:
+def test_without_a_voltage_scale_floats_are_volts_and_counts_are_refused(dtype: type) -> None:
     volts = np.array([[[0.25, 0.5], [0.125, 0.75]], [[0.375, 0.0], [1.0, 0.5]]])
     metadata = CaptureMetadata(modulation=Modulation(amplitude_v=1.0))
     if dtype is np.uint16:
@@ -71,7 +71,7 @@ def test_values_that_nothing_is_said_of_are_volts_or_refused(dtype: type) -> Non
         np.testing.assert_allclose(answer, volts[row, 0] + 1j * volts[row, 1], atol=1e-14)
 
 
-def test_half_and_whole_numbers_are_no_less_exact_and_nan_stays() -> None:
+def test_half_precision_values_give_the_same_phasors_and_nan_stays_nan() -> None:
     metadata = CaptureMetadata(modulation=Modulation(amplitude_v=1.0), voltage=Voltage(volts_per_count=1.0))
     phasor_map = pixel_phasor_map(
         RESPONSES, metadata, np.dtype(np.float64), offset_v=None, phase_rad=None, gain=None, pixels=3

@@ -1,4 +1,4 @@
-"""Frames whose light is known, stored rightly and in the ways of programs that changed them."""
+"""Frames of known light, stored correctly or changed by a program; values that cannot be voltages get a likely cause."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ COUNTS = Voltage(zero_counts=ZERO, volts_per_count=STEP)
 
 
 def volts(share: float = 0.4, *, pixels: int = 4000, seed: int = 1) -> NDArray[np.float64]:
-    """Voltages of light whose phasors are `share` of the modulation amplitude, of any phase, (2, 2, n)."""
+    """Return voltages, (2, 2, n), of phasors with `share` of the modulation amplitude and random phases."""
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, (2, pixels))
     return share * AMPLITUDE_V * np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
@@ -24,7 +24,7 @@ def counts(share: float = 0.4) -> NDArray[np.uint16]:
     return np.rint(volts(share) / STEP + ZERO).astype(np.uint16)
 
 
-def said(stored: NDArray[np.generic], voltage: Voltage | None = None, n_av: float | None = None) -> str | None:
+def refusal(stored: NDArray[np.generic], voltage: Voltage | None = None, n_av: float | None = None) -> str | None:
     modulation = Modulation(amplitude_v=AMPLITUDE_V)
     return implausible(
         stored,
@@ -32,29 +32,34 @@ def said(stored: NDArray[np.generic], voltage: Voltage | None = None, n_av: floa
     )
 
 
+def refused(stored: NDArray[np.generic], voltage: Voltage | None = None, n_av: float | None = None) -> str:
+    message = refusal(stored, voltage, n_av)
+    assert message is not None
+    return message
+
+
 @pytest.mark.parametrize("share", [0.01, 0.4, 1.0, 1.3])
-def test_light_can_be_as_long_as_the_modulation_and_offsets(share: float) -> None:
-    assert said(volts(share)) is None
-    assert said(counts(share), COUNTS) is None
+def test_phasors_up_to_the_modulation_amplitude_and_offsets_are_accepted(share: float) -> None:
+    assert refusal(volts(share)) is None
+    assert refusal(counts(share), COUNTS) is None
 
 
 @pytest.mark.parametrize(("n_av", "share"), [(None, 1.4), (1e5, 1.4), (50.0, 1.75)])
-def test_a_phasor_that_is_longer_than_offsets_and_noise_make_it_is_no_light(n_av: float | None, share: float) -> None:
-    told = said(volts(share), n_av=n_av)
-    assert told is not None
-    assert f"beyond modulation.amplitude_v = {AMPLITUDE_V:g} V" in told
+def test_phasors_longer_than_offsets_and_noise_allow_are_refused(n_av: float | None, share: float) -> None:
+    message = refused(volts(share), n_av=n_av)
+    assert f"beyond modulation.amplitude_v = {AMPLITUDE_V:g} V" in message
 
 
-def test_the_voltages_that_values_would_be_are_told_but_for_a_few() -> None:
+def test_the_message_tells_the_voltages_without_a_few_outliers() -> None:
     stored = volts(3.0)
     stored[0, 0, :10] = 1e3
-    assert "which would be voltages up to 0.8237 V, beyond modulation.amplitude_v = 0.2746 V" in str(said(stored))
+    assert "which would be voltages up to 0.8237 V, beyond modulation.amplitude_v = 0.2746 V" in refused(stored)
 
 
-def test_short_averages_are_noisier_so_that_more_can_be() -> None:
-    """At n_av 50 a channel's standard deviation is .07 of the amplitude."""
-    assert said(volts(1.65), n_av=50.0) is None
-    assert said(volts(1.65), n_av=1e5) is not None
+def test_short_averages_are_noisier_and_may_exceed_the_amplitude_by_more() -> None:
+    """At n_av 50 the standard deviation of a channel is .07 of the modulation amplitude."""
+    assert refusal(volts(1.65), n_av=50.0) is None
+    assert refusal(volts(1.65), n_av=1e5) is not None
 
 
 @pytest.mark.parametrize(("bad", "refused"), [(0.2, False), (0.3, True)])
@@ -62,7 +67,7 @@ def test_short_averages_are_noisier_so_that_more_can_be() -> None:
 def test_a_quarter_of_the_pixels_may_be_broken(harmonic: int, bad: float, refused: bool) -> None:
     stored = volts()
     stored[harmonic, :, : int(bad * stored.shape[2])] = 1.0
-    assert (said(stored) is not None) == refused
+    assert (refusal(stored) is not None) == refused
 
 
 def test_saturated_and_nan_pixels_are_left_out() -> None:
@@ -70,8 +75,8 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
     stored[0, 0, :2000] = 16383.0
     stored[1, 1, 2000:2500] = np.nan
     limits = (0.0, 16383.0)
-    assert said(stored, Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=limits)) is None
-    assert said(stored, COUNTS) is not None
+    assert refusal(stored, Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=limits)) is None
+    assert refusal(stored, COUNTS) is not None
 
 
 @pytest.mark.parametrize(
@@ -88,7 +93,7 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
             "correct --volts-per-count, --zero-counts or --amplitude-v",
         ),
         (
-            # in µV; the middle of a scene is not the zero
+            # the volts per count are in µV; and the middle of a scene is not 0 V
             counts(),
             Voltage(zero_counts=ZERO + 700.0, volts_per_count=60.0),
             "correct --volts-per-count, --zero-counts or --amplitude-v",
@@ -100,7 +105,7 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
             Voltage(zero_counts=32896.0, volts_per_count=STEP),
             "scaled to 8 bits",
         ),
-        # each picture by itself stretched over all of its range, as MATLAB's mat2gray does
+        # each picture stretched by itself over the whole range, as MATLAB's mat2gray does
         (
             np.rint(np.interp(counts(), (counts().min(), counts().max()), (0, 255))).astype(np.uint8),
             COUNTS,
@@ -123,87 +128,79 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
         ),
     ],
 )
-def test_what_has_likely_been_done_is_said(stored: NDArray[np.generic], voltage: Voltage, cause: str) -> None:
-    told = said(stored, voltage)
-    assert told is not None
-    assert cause in told
+def test_the_message_tells_the_likely_cause(stored: NDArray[np.generic], voltage: Voltage, cause: str) -> None:
+    message = refused(stored, voltage)
+    assert cause in message
 
 
-def test_volts_below_zero_were_not_scaled_to_one() -> None:
-    told = said(volts().astype(np.float32), COUNTS)
-    assert told is not None
-    assert "ImageMagick" not in told
+def test_volts_with_negative_values_are_not_called_scaled_to_1() -> None:
+    message = refused(volts().astype(np.float32), COUNTS)
+    assert "ImageMagick" not in message
 
 
-def test_floats_from_0_to_1_that_are_too_large_for_volts_are_only_scaled() -> None:
-    """Counts about 32768 of 65535 are about .5, beyond 1.35 × .2746 V."""
+def test_floats_from_0_to_1_that_are_too_large_for_volts_are_called_scaled() -> None:
+    """Counts around 32768 of 65535 become values around .5, which are beyond 1.35 × .2746 V."""
     middle = Voltage(zero_counts=32768.0, volts_per_count=STEP)
     scaled = (np.rint(volts() / STEP + 32768.0) / 65535.0).astype(np.float32)
     with_zero = scaled.copy()
     with_zero.ravel()[::40] = 0.0
     for stored in (scaled, with_zero):
-        told = said(stored, middle)
-        assert told is not None
-        assert "they look scaled to 0 … 1, as ImageMagick writes floats" in told
-        assert "volts already" not in told
+        message = refused(stored, middle)
+        assert "they look scaled to 0 … 1, as ImageMagick writes floats" in message
+        assert "volts already" not in message
 
 
-def test_a_frame_that_is_saturated_everywhere_says_why() -> None:
+def test_a_frame_that_is_saturated_everywhere_is_refused_with_the_cause() -> None:
     limits = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(4000.0, 12000.0))
-    told = said(np.full((2, 2, 50), 12000, np.uint16), limits)
-    assert told == (
+    message = refusal(np.full((2, 2, 50), 12000, np.uint16), limits)
+    assert message == (
         "every pixel is saturated: stored values (uint16) lie between 12000 and 12000, "
         "expected values inside saturated_counts = [4000, 12000]"
     )
-    volts_of_counts = said(volts().astype(np.float32), limits)
-    assert volts_of_counts is not None
+    volts_of_counts = refused(volts().astype(np.float32), limits)
     assert volts_of_counts.startswith("every pixel is saturated")
     assert "look like volts already" in volts_of_counts
 
 
-def test_the_range_is_that_of_all_but_the_outermost_percent() -> None:
+def test_the_range_in_the_message_leaves_out_the_outermost_percent() -> None:
     values = np.linspace(1.0, 3.0, 2001)
-    told = said(np.stack([np.roll(values, shift) for shift in range(4)]).reshape(2, 2, -1))
-    assert told is not None
-    assert "stored values (float64) lie between 1.02 and 2.98" in told
+    message = refused(np.stack([np.roll(values, shift) for shift in range(4)]).reshape(2, 2, -1))
+    assert "stored values (float64) lie between 1.02 and 2.98" in message
 
 
-def test_volts_about_an_offset_were_not_scaled_to_one_where_some_are_below_zero() -> None:
+def test_volts_about_an_offset_with_negative_values_are_not_called_scaled_to_1() -> None:
     stored = (0.125 + 0.13 / 0.11 * volts()).astype(np.float32)
     assert stored.min() < 0.0
-    told = said(stored, COUNTS)
-    assert told is not None
-    assert "look like volts already" in told
-    assert "ImageMagick" not in told
+    message = refused(stored, COUNTS)
+    assert "look like volts already" in message
+    assert "ImageMagick" not in message
 
 
 def test_voltages_may_fall_with_the_counts() -> None:
     falling = Voltage(zero_counts=ZERO, volts_per_count=-STEP)
-    assert said(counts(), falling) is None
-    told = said((counts() + 20000).astype(np.uint16), falling)
-    assert told is not None
-    assert "zero_counts = 8192 is far from these values" in told
+    assert refusal(counts(), falling) is None
+    message = refused((counts() + 20000).astype(np.uint16), falling)
+    assert "zero_counts = 8192 is far from these values" in message
 
 
-def test_values_of_one_sign_are_as_large_as_their_largest() -> None:
-    """Millivolts from 0 up, and from 0 down: thousands of times what volts would be."""
+def test_values_of_one_sign_are_judged_by_their_magnitude() -> None:
+    """The values are in mV and only positive, or only negative: a thousand times too large for volts."""
     for sign in (1.0, -1.0):
-        told = said(sign * np.abs(volts()) * 1000.0)
-        assert told is not None
-        assert "they look like millivolts: give --volts-per-count 0.001" in told
+        message = refused(sign * np.abs(volts()) * 1000.0)
+        assert "they look like millivolts: give --volts-per-count 0.001" in message
 
 
 @pytest.mark.parametrize("pixels", [8192, 12285])
-def test_large_frames_are_judged_by_every_second_pixel_and_more_seldom(pixels: int) -> None:
-    """By 4096 or more of them: what is broken between these is not looked at."""
+def test_large_frames_are_judged_by_some_of_their_pixels(pixels: int) -> None:
+    """At least 4096 pixels, evenly spread, are looked at. Pixels between these are not."""
     stored = volts(pixels=pixels)
     stored[:, :, 1::2] = 1.0
-    assert said(stored) is None
+    assert refusal(stored) is None
     stored[:, :, ::4] = 1.0
-    assert said(stored) is not None
+    assert refusal(stored) is not None
 
 
-def alike(pixels: int) -> NDArray[np.float64]:
+def equal_pixels(pixels: int) -> NDArray[np.float64]:
     return np.asarray(np.ones((2, 2, pixels)) * np.array([0.1, -0.05])[:, np.newaxis])
 
 
@@ -216,38 +213,37 @@ def without_noise(stored: NDArray[np.generic], *, step_v: float = 0.0, n_av: flo
     return is_without_noise(stored, noise_model(metadata, integration_length=n_av, quantised=step_v > 0.0))
 
 
-def test_sixteen_pixels_that_hold_the_same_are_without_noise_and_fewer_may_be() -> None:
-    assert without_noise(alike(16))
-    assert not without_noise(alike(15))
-    assert without_noise(alike(500))
+def test_sixteen_equal_pixels_are_without_noise_but_fewer_may_be_equal_by_chance() -> None:
+    assert without_noise(equal_pixels(16))
+    assert not without_noise(equal_pixels(15))
+    assert without_noise(equal_pixels(500))
 
 
 @pytest.mark.parametrize("place", [(0, 0, 0), (1, 1, 15), (0, 1, 16), (1, 0, 499)])
 def test_one_value_that_differs_is_noise(place: tuple[int, int, int]) -> None:
-    stored = alike(500)
+    stored = equal_pixels(500)
     stored[place] += 1e-9
     assert not without_noise(stored)
 
 
 @pytest.mark.parametrize(("steps", "impossible"), [(0.55, True), (0.45, False)])
-def test_noise_below_half_a_step_may_leave_all_values_the_same(steps: float, impossible: bool) -> None:
-    """Light alone makes 1/(2·√n_av) of the amplitude in a channel, here so many steps of the stored values."""
+def test_noise_below_half_a_step_may_leave_all_values_equal(steps: float, impossible: bool) -> None:
+    """The noise of a channel is 1/(2·√n_av) of the modulation amplitude, here `steps` steps of the stored values."""
     sigma_v = AMPLITUDE_V / (2.0 * np.sqrt(1e5))
-    assert without_noise(alike(100), step_v=sigma_v / steps) is impossible
+    assert without_noise(equal_pixels(100), step_v=sigma_v / steps) is impossible
 
 
-def test_bytes_that_reach_their_end_were_scaled_to_eight_bits_too() -> None:
-    """A part in twenty of them has had too much light, and is 255."""
+def test_bytes_with_saturated_pixels_are_called_scaled_to_8_bits_too() -> None:
+    """One pixel in twenty is saturated, and holds 255."""
     stored = (counts(1.0) / 16383.0 * 255).astype(np.uint8)
     stored[:, :, ::20] = 255
-    told = said(stored, Voltage(zero_counts=32896.0, volts_per_count=STEP))
-    assert told is not None
-    assert "scaled to 8 bits" in told
+    message = refused(stored, Voltage(zero_counts=32896.0, volts_per_count=STEP))
+    assert "scaled to 8 bits" in message
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [(np.arange(51.0), "int16) lie between 0 and 50"), (np.arange(51.0) / 4, "int16) lie between 0.125 and 12.375")],
 )
-def test_whole_numbers_are_told_as_such(values: NDArray[np.float64], told: str) -> None:
-    assert str(range_of(values, np.dtype(np.int16))).endswith(told)
+def test_the_range_of_whole_numbers_is_printed_without_decimals(values: NDArray[np.float64], message: str) -> None:
+    assert str(range_of(values, np.dtype(np.int16))).endswith(message)

@@ -1,4 +1,4 @@
-"""Pooling on made-up frames whose light is known: less noise, no smeared edges, no leaks."""
+"""Pooling of frames of known light reduces noise, keeps edges sharp, and never uses unusable pixels."""
 
 from dataclasses import replace
 
@@ -22,12 +22,12 @@ N_AV = 1e5
 HEIGHT, WIDTH = 30, 40
 M_PER_RAD = 0.299792458 * 40.0 / (4 * np.pi)
 
-FLOAT32 = 5e-7
-"""What is left of sums of some values of that type, relative."""
+ROUNDING = 5e-7
+"""Relative rounding error of sums of some float32 values."""
 
 
 def frame(*bands: Mixture, seed: int = 1) -> C:
-    """Noisy phasors (2, Y, X) of equally wide upright bands, one of each mixture."""
+    """Return noisy phasors, (2, Y, X), of upright bands of equal width, one for each mixture."""
     rng = np.random.default_rng(seed)
     width = WIDTH // len(bands)
     parts = [band.phasors(HARMONICS, n_av=N_AV, size=HEIGHT * width, rng=rng) for band in bands]
@@ -55,7 +55,7 @@ def resolve(pooled: PooledPhasors) -> ResolvedPaths:
 
 
 @pytest.mark.parametrize("window", [3, 5])
-def test_uniform_light_loses_noise_by_the_number_of_pixels(window: int) -> None:
+def test_pooling_uniform_light_reduces_its_noise_by_the_number_of_pixels(window: int) -> None:
     light = Mixture((1.0, 0.3), (5.0, 16.0), asr=2.0)
     phasors = frame(light)
     before = phasors.copy()
@@ -73,7 +73,7 @@ def test_uniform_light_loses_noise_by_the_number_of_pixels(window: int) -> None:
     assert ((found.status & StatusBit.POOLED) > 0).reshape(HEIGHT, WIDTH)[inside].all()
 
 
-def test_a_step_of_30_cm_stays_as_sharp_as_it_was() -> None:
+def test_a_step_of_30_cm_stays_sharp() -> None:
     near = Mixture((1.0, 0.3), (8.0, 16.0), asr=2.0)
     far = Mixture((1.0, 0.3), (8.0 + 2 * 0.3 / 0.299792458, 18.0), asr=2.0)
     depth = M_PER_RAD * resolve(pool(frame(near, far))).paths[0].phase_rad.reshape(HEIGHT, WIDTH)
@@ -82,7 +82,7 @@ def test_a_step_of_30_cm_stays_as_sharp_as_it_was() -> None:
     assert np.abs(depth - truth)[:, edge].max() < 0.03
 
 
-def test_bad_pixels_neither_leak_nor_heal() -> None:
+def test_unusable_pixels_neither_change_others_nor_are_changed() -> None:
     light = Mixture((1.0, 0.3), (5.0, 16.0), asr=2.0)
     phasors = frame(light)
     usable = np.random.default_rng(2).uniform(size=(HEIGHT, WIDTH)) > 0.2
@@ -102,19 +102,22 @@ def test_pixels_unlike_their_neighbours_stay_alone() -> None:
     phasors[:, 10, 10] = Mixture((1.0,), (15.0,), asr=2.0).exact(HARMONICS)[:, 0]
     pooled = pool(phasors)
     assert pooled.samples[10, 10] == 1.0
-    np.testing.assert_allclose(pooled.phasors[:, 10, 10], phasors[:, 10, 10], rtol=FLOAT32)
+    np.testing.assert_allclose(pooled.phasors[:, 10, 10], phasors[:, 10, 10], rtol=ROUNDING)
 
 
-def test_pixels_that_are_means_already_count_for_more() -> None:
+def test_pixels_that_are_means_already_count_with_their_number_of_samples() -> None:
     phasors = frame(Mixture((1.0, 0.3), (5.0, 16.0), asr=2.0))
     once, fourfold = pool(phasors), pool(phasors, samples=np.full((HEIGHT, WIDTH), 4.0))
     assert fourfold.samples.max() > 60.0
-    assert fourfold.samples.mean() < 4.0 * once.samples.mean()  # their noise is held to be half, so fewer are alike
+    assert fourfold.samples.mean() < 4.0 * once.samples.mean()  # half the noise is assumed, so fewer pixels are alike
 
 
-def threes(samples: list[float], *, count: int = 30_000, seed: int = 4) -> tuple[C, B, F]:
-    """Phasors of the same light, three in a row that stand for so many pixels each, with noise as it is then, and none above or
-    below: phasors (2, 2·count, 3), which are usable, and for how many each stands."""
+def rows_of_three(samples: list[float], *, count: int = 30_000, seed: int = 4) -> tuple[C, B, F]:
+    """Return many rows of three pixels with the same light: noisy phasors, (2, 2·count, 3), `usable` and `samples`.
+
+    The three pixels are means of the given numbers of recorded pixels. Every second row is unusable, so that no pixel
+    has neighbours above or below.
+    """
     rng = np.random.default_rng(seed)
     given = np.tile([samples, [1.0, 1.0, 1.0]], (count, 1))
     spread = np.sqrt([harmonic.dark_variance for harmonic in noise_of(HARMONICS, n_av=N_AV).each])
@@ -128,22 +131,28 @@ def threes(samples: list[float], *, count: int = 30_000, seed: int = 4) -> tuple
     "samples", [[1.0, 1.0, 1.0], [4.0, 4.0, 4.0], [1.0, 100.0, 1.0], [1.0, 100.0, 4.0], [2.0, 1.0, 50.0]]
 )
 def test_of_pairs_with_the_same_light_noise_keeps_out_a_thousandth(samples: list[float]) -> None:
-    """The mean of both is compared with what lies between them by the noise of all three, whatever they are means of already."""
-    phasors, usable, given = threes(samples)
+    """The mean of the pair is compared with the pixel between them by the noise of all three.
+
+    This noise depends on the number of recorded pixels that each is a mean of.
+    """
+    phasors, usable, given = rows_of_three(samples)
     pooled = pool(phasors, window=3, usable=usable, samples=given)
     found = pooled.samples[::2]
     np.testing.assert_array_equal(found[:, [0, 2]], given[::2, [0, 2]])
     alone = found[:, 1] == samples[1]
     assert alone.mean() == pytest.approx(1e-3, abs=4 * np.sqrt(1e-3 / len(found)))
-    # both count as the one that stands for fewer pixels, so that a slope has no weight
+    # both of a pair count with the smaller number of pixels, so that a slope cancels
     fewer = min(samples[0], samples[2])
     assert (found[~alone, 1] == samples[1] + 2 * fewer).all()
     expected = (phasors[:, ::2] * [fewer, samples[1], fewer]).sum(axis=2) / (samples[1] + 2 * fewer)
-    np.testing.assert_allclose(pooled.phasors[:, ::2, 1][:, ~alone], expected[:, ~alone], rtol=FLOAT32)
+    np.testing.assert_allclose(pooled.phasors[:, ::2, 1][:, ~alone], expected[:, ~alone], rtol=ROUNDING)
 
 
 def slanted(slope: float, *, seed: int) -> tuple[C, F, float]:
-    """Noisy phasors (2, Y, X) of one path whose phase turns by so many times its noise per pixel; that phase, rad, its noise."""
+    """Return noisy phasors, (2, Y, X), of one path whose phase grows across the frame; that phase, and its noise, in rad.
+
+    `slope` is the change of the phase per pixel, over its noise.
+    """
     noise, rng = noise_of(HARMONICS, n_av=N_AV), np.random.default_rng(seed)
     sigma_rad = float(np.sqrt(noise.each[0].dark_variance)) / 0.2
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -155,8 +164,8 @@ def slanted(slope: float, *, seed: int) -> tuple[C, F, float]:
 
 
 @pytest.mark.parametrize(("slope", "window"), [(0.5, 3), (0.5, 5), (0.5, 7), (0.8, 5), (1.0, 3), (1.5, 3)])
-def test_a_surface_that_slants_is_pooled_as_one_that_does_not(slope: float, window: int) -> None:
-    """No error but noise is left, though neighbours differ by far more than theirs."""
+def test_a_slanted_surface_is_pooled_like_one_that_faces_the_camera(slope: float, window: int) -> None:
+    """Only noise is left, although neighbours differ by much more than their noise."""
     phasors, phase_rad, sigma_rad = slanted(slope, seed=window)
     pooled = pool(phasors, window=window)
     inside = (slice(window, -window), slice(window, -window))
@@ -166,30 +175,33 @@ def test_a_surface_that_slants_is_pooled_as_one_that_does_not(slope: float, wind
 
 
 @pytest.mark.parametrize("slope", [3.0, 6.0, 12.0, 16.0])
-def test_phasors_that_a_slope_turns_are_not_pooled_to_smaller_ones(slope: float) -> None:
-    """Means of turned phasors are smaller, most at the second harmonic, as if there were MPI: by a tenth of the noise at most."""
+def test_pooling_a_steep_slope_does_not_shorten_its_phasors(slope: float) -> None:
+    """Means of phasors with different phases are shorter, most at the second harmonic, which would look like MPI.
+
+    Pooling may shorten them by at most a tenth of the noise.
+    """
     phasors, _, sigma_rad = slanted(slope, seed=2)
     pooled = pool(phasors, window=7)
     inside = (slice(7, -7), slice(7, -7))
     assert 1.0 < pooled.samples[inside].mean() < 40.0
-    smaller = 1.0 - np.abs(pooled.phasors[:, *inside]).mean(axis=(1, 2)) / 0.2
-    assert (smaller < 0.11 * sigma_rad).all()
+    shortening = 1.0 - np.abs(pooled.phasors[:, *inside]).mean(axis=(1, 2)) / 0.2
+    assert (shortening < 0.11 * sigma_rad).all()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (3, 2)])
-def test_a_frame_smaller_than_the_window_is_pooled_as_far_as_it_goes(shape: tuple[int, int]) -> None:
+def test_a_frame_smaller_than_the_window_is_pooled_over_the_pixels_that_it_has(shape: tuple[int, int]) -> None:
     phasors = np.broadcast_to(Mixture((1.0,), (5.0,)).exact(HARMONICS)[:, :, np.newaxis], (2, *shape))
     pooled = pool(phasors)
-    np.testing.assert_allclose(pooled.phasors, phasors, rtol=FLOAT32)
-    # every neighbour has one on the other side
+    np.testing.assert_allclose(pooled.phasors, phasors, rtol=ROUNDING)
+    # only neighbours that have another neighbour on the opposite side count
     assert pooled.samples.max() == np.prod([min(extent - (extent + 1) % 2, 5) for extent in shape])
 
 
 @pytest.mark.parametrize(("window", "steps"), [(3, 8), (5, 24), (9, 80)])
-def test_the_time_that_pooling_takes_grows_with_the_neighbours(
+def test_the_expected_time_grows_with_the_number_of_neighbours(
     window: int, steps: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A step a neighbour, over the pixels that have it; the eight of a 3 × 3 window take 8 s here."""
+    """There is a step per neighbour, over the pixels that have this neighbour. A 3 × 3 window has eight; they take 8 s."""
     clock = iter([100.0, 108.0])
     monkeypatch.setattr("cadtof_cli.phasors.pooling.time.perf_counter", lambda: next(clock))
     found = pooling_seconds((200, 400), noise_of((1, 2), n_av=1e5), window=window)
@@ -201,7 +213,7 @@ def test_the_time_that_pooling_takes_grows_with_the_neighbours(
 
 
 def test_no_time_is_needed_for_no_pixels_or_no_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nor for finding that out."""
+    """This is known without pooling any pixel."""
     noise = noise_of((1, 2), n_av=1e5)
     monkeypatch.setattr("cadtof_cli.phasors.pooling.pooled_phasors", None)
     assert pooling_seconds((200, 400), noise, window=1) == 0.0
@@ -209,9 +221,12 @@ def test_no_time_is_needed_for_no_pixels_or_no_neighbours(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(("farther", "pooled"), [(0.57, True), (0.59, False)])
-def test_the_mean_of_three_is_held_against_another_pair_by_a_third_of_its_noise(farther: float, pooled: bool) -> None:
-    """Five in a row, in units of the longest misfit that noise explains: the outer pair is too far from the pixel, but not from
-    the mean of the pixel and its neighbours: its square may be 1/3 + 1/2 times that unit's, as the pixel's own may be 1 + 1/2."""
+def test_the_second_pass_compares_a_pair_with_the_mean_of_the_first_pass(farther: float, pooled: bool) -> None:
+    """In a row of five pixels, the outer pair is too far from the middle pixel, but near the mean of the inner three.
+
+    The squared distance of the pair's mean may be 1 + 1/2 units from the pixel, and 1/3 + 1/2 units from the mean of
+    three. The unit is the largest misfit that noise explains.
+    """
     noise = noise_of(HARMONICS, n_av=N_AV)
     sigma = np.sqrt(noise.each[0].dark_variance) * np.sqrt(stats.chi2.isf(1e-3, 4))
     row: C = np.full((2, 1, 5), 0.2 + 0.1j)
@@ -221,8 +236,11 @@ def test_the_mean_of_three_is_held_against_another_pair_by_a_third_of_its_noise(
     assert found.phasors[0, 0, 2] == pytest.approx(row[0, 0].mean() if pooled else row[0, 0, 1:4].mean())
 
 
-def by_the_book(phasors: C, usable: B, samples: F, window: int) -> tuple[C, F]:
-    """Every pixel alone: its mean with the pairs whose mean differs from it, and then from that mean, by no more than noise."""
+def pooled_by_definition(phasors: C, usable: B, samples: F, window: int) -> tuple[C, F]:
+    """Pool pixel by pixel, straight from the definition.
+
+    A pair counts if its mean differs by no more than noise: first from the pixel, then from the mean of the first pass.
+    """
     variance = np.array([harmonic.dark_variance for harmonic in noise_of(HARMONICS, n_av=N_AV).each])
     most, reach = stats.chi2.isf(1e-3, 4), range(-(window // 2), window // 2 + 1)
     mean, count = phasors.copy(), samples.copy()
@@ -246,19 +264,19 @@ def by_the_book(phasors: C, usable: B, samples: F, window: int) -> tuple[C, F]:
 
 
 @pytest.mark.parametrize("window", [3, 5])
-def test_a_frame_is_pooled_as_by_the_book_however_many_rows_at_a_time(
+def test_a_frame_is_pooled_by_definition_in_blocks_of_any_number_of_rows(
     window: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Edges, slopes, bad pixels and means; from a row at a time to all of them, which have the same bits."""
+    """The frame has edges, slopes, bad pixels and means. Blocks of one row up to all rows give the same bits."""
     phasors = frame(Mixture((1.0, 0.3), (5.0, 16.0), asr=2.0), Mixture((1.0,), (5.3,), asr=3.0), seed=8)
     phasors *= np.exp(2e-3j * np.arange(HEIGHT))[:, np.newaxis]
     rng = np.random.default_rng(9)
     usable, samples = rng.random((HEIGHT, WIDTH)) > 0.1, rng.choice([1.0, 2.0, 4.0], (HEIGHT, WIDTH))
-    mean, count = by_the_book(phasors, usable, samples, window)
+    mean, count = pooled_by_definition(phasors, usable, samples, window)
     assert 1.5 < np.median(count) < 2.0 * window**2
     whole = pool(phasors, window=window, usable=usable, samples=samples)
     np.testing.assert_array_equal(whole.samples, count)
-    np.testing.assert_allclose(whole.phasors, mean, rtol=FLOAT32)
+    np.testing.assert_allclose(whole.phasors, mean, rtol=ROUNDING)
     for pixels in (1, 100, 101, 700):
         monkeypatch.setattr("cadtof_cli.phasors.pooling.BLOCK_PIXELS", pixels)
         pooled = pool(phasors, window=window, usable=usable, samples=samples)
@@ -266,8 +284,10 @@ def test_a_frame_is_pooled_as_by_the_book_however_many_rows_at_a_time(
         np.testing.assert_array_equal(pooled.samples, whole.samples)
 
 
-def test_what_is_timed_is_the_pooling_of_the_frame_s_pixels_over_nine(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a machine that takes a microsecond a pixel and neighbour."""
+def test_the_expected_time_is_measured_on_some_pixels_of_the_size_and_harmonics_of_the_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The clock stands for a machine that takes 1 µs per pixel and neighbour."""
     clock = [100.0]
 
     def pooling(phasors: C, *, usable: B, samples: F, noise: NoiseModel, window: int) -> PooledPhasors:
@@ -285,8 +305,13 @@ def test_what_is_timed_is_the_pooling_of_the_frame_s_pixels_over_nine(monkeypatc
 @pytest.mark.parametrize(
     ("window", "stride", "count"), [(3, 2, 8), (5, 2, 8), (9, 2, 8), (5, 1, 5), (5, 5, 8), (7, 4, 3)]
 )
-def test_what_noise_the_means_of_pooled_pixels_share(window: int, stride: int, count: int) -> None:
-    """White noise, averaged over windows and these over two squares side by side: variance and correlation as foretold."""
+def test_shared_noise_is_the_variance_and_correlation_of_means_over_pooled_white_noise(
+    window: int, stride: int, count: int
+) -> None:
+    """White noise is averaged over windows, and these means over two squares side by side.
+
+    Their variance and correlation are as predicted.
+    """
     rng = np.random.default_rng(window)
     size = ((count - 1) * stride + window, (2 * count - 1) * stride + window)
     recorded = rng.standard_normal((4000, *size))
@@ -298,6 +323,6 @@ def test_what_noise_the_means_of_pooled_pixels_share(window: int, stride: int, c
     assert np.corrcoef(left, right)[0, 1] == pytest.approx(found.neighbours, abs=0.06)
 
 
-def test_pixels_that_are_no_means_share_no_noise() -> None:
+def test_pixels_that_are_not_pooled_share_no_noise() -> None:
     assert shared_noise(1, samples=1.0, stride=2, count=8) == SharedNoise(1.0, 0.0)
     assert shared_noise(5, samples=1.0, stride=2, count=8).pixels == 1.0

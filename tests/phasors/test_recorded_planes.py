@@ -1,4 +1,4 @@
-"""Frames whose light is known, with planes that were copied, left out, or written in another order or with another sign."""
+"""Frames of known light whose planes were copied, left out, or stored in another order or with another sign."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ Planes = NDArray[np.float64]
 def light(
     periods_ns: tuple[float, ...] = TWO, *, mpi: float = 0.2, delay_ns: float = 8.0, pixels: int = 2000, seed: int = 1
 ) -> Planes:
-    """Voltages, (H, 2, n), of surfaces between 1 and 5 m with a second path, by Eq. (5), with noise of .4 mV."""
+    """Return voltages, (H, 2, n), of surfaces between 1 and 5 m with a second path, by Eq. (5), with noise of .4 mV."""
     rng = np.random.default_rng(seed)
     first = rng.uniform(1.0, 5.0, pixels) * 2.0 / 0.299792458
     times = np.stack([first, first + delay_ns])[:, np.newaxis]
@@ -37,48 +37,48 @@ def counts(volts: Planes) -> NDArray[np.uint16]:
     return np.rint(volts / 6e-5 + 8192.0).astype(np.uint16)
 
 
-def said(
+def doubt_of_order(
     stored: NDArray[np.generic], periods_ns: tuple[float, ...] = TWO, voltage: Voltage | None = None
 ) -> str | None:
-    """What is said of pixels, (H, 2, n), in rows of 50."""
+    """Return the message about the order of the planes for pixels, (H, 2, n), in rows of 50."""
     modulation = Modulation(periods_ns=periods_ns, amplitude_v=AMPLITUDE_V)
     frame = stored.reshape(*stored.shape[:2], -1, 50)
     return mistaken_order(frame, CaptureMetadata(modulation=modulation, voltage=voltage or Voltage()))
 
 
 @pytest.mark.parametrize("periods_ns", [TWO, THREE])
-def test_light_as_it_is_recorded(periods_ns: tuple[float, ...]) -> None:
+def test_light_in_the_right_order_is_not_doubted(periods_ns: tuple[float, ...]) -> None:
     volts = light(periods_ns)
-    assert said(volts, periods_ns) is None
+    assert doubt_of_order(volts, periods_ns) is None
     assert no_recording(volts, (1, 2, 3)) is None
 
 
 @pytest.mark.parametrize("mpi", [0.0, 0.5, 0.8, 1.0, 2.0])
 @pytest.mark.parametrize("delay_ns", [2.0, 5.0, 10.0, 16.0])
-def test_however_strong_the_second_path_is(mpi: float, delay_ns: float) -> None:
-    assert said(light(mpi=mpi, delay_ns=delay_ns)) is None
+def test_the_right_order_is_not_doubted_however_strong_the_second_path_is(mpi: float, delay_ns: float) -> None:
+    assert doubt_of_order(light(mpi=mpi, delay_ns=delay_ns)) is None
 
 
-def test_two_paths_alike_in_every_pixel_a_third_of_a_period_apart_are_the_one_light_that_misleads() -> None:
-    assert "with the opposite sign" in str(said(light(mpi=1.0, delay_ns=40.0 / 3.0)))
+def test_two_equal_paths_a_third_of_a_period_apart_in_every_pixel_are_doubted_wrongly() -> None:
+    assert "with the opposite sign" in str(doubt_of_order(light(mpi=1.0, delay_ns=40.0 / 3.0)))
 
 
 def test_noise_alone_has_no_order() -> None:
-    assert said(np.random.default_rng(2).normal(0.0, 4e-4, (2, 2, 4000))) is None
+    assert doubt_of_order(np.random.default_rng(2).normal(0.0, 4e-4, (2, 2, 4000))) is None
 
 
 @pytest.mark.parametrize("periods_ns", [TWO, THREE])
-def test_channels_and_harmonics_in_another_order(periods_ns: tuple[float, ...]) -> None:
+def test_channels_and_harmonics_in_another_order_are_doubted(periods_ns: tuple[float, ...]) -> None:
     volts = light(periods_ns)
-    assert "; with SC1 and SC2 swapped, they would in " in str(said(volts[:, ::-1], periods_ns))
-    assert "with the harmonics in the opposite order" in str(said(volts[::-1], periods_ns))
+    assert "; with SC1 and SC2 swapped, they would in " in str(doubt_of_order(volts[:, ::-1], periods_ns))
+    assert "with the harmonics in the opposite order" in str(doubt_of_order(volts[::-1], periods_ns))
     channel_first = volts.swapaxes(0, 1).reshape(volts.shape)
-    assert "with SC1 of all harmonics before SC2" in str(said(channel_first, periods_ns))
+    assert "with SC1 of all harmonics before SC2" in str(doubt_of_order(channel_first, periods_ns))
 
 
 @pytest.mark.parametrize("scene", ["card", "corner", "inter-reflection", "room", "wall"])
-def test_scenes_of_few_depths_in_another_order(scene: str) -> None:
-    """By chance, some of the pixels look like light of one path all the same."""
+def test_scenes_of_few_depths_in_another_order_are_doubted(scene: str) -> None:
+    """With few depths in a scene, some pixels of planes in a wrong order look like light of one path by chance."""
     (frame,) = read_frames(SAMPLES / scene)
     stored, channel_first = frame.stored, frame.stored.swapaxes(0, 1).copy()
     assert mistaken_order(stored, frame.metadata) is None
@@ -88,42 +88,42 @@ def test_scenes_of_few_depths_in_another_order(scene: str) -> None:
 
 
 @pytest.mark.parametrize("periods_ns", [TWO, THREE])
-def test_planes_that_are_interleaved(periods_ns: tuple[float, ...]) -> None:
+def test_planes_that_are_interleaved_are_doubted(periods_ns: tuple[float, ...]) -> None:
     volts = light(periods_ns)
     planes = volts.reshape(2 * len(periods_ns), -1, 50)
     by_line, by_pixel = (np.moveaxis(planes, 0, axis).reshape(volts.shape) for axis in (1, 2))
-    assert "; interleaved line by line, they would in " in str(said(by_line, periods_ns))
-    assert "; interleaved pixel by pixel, they would in " in str(said(by_pixel, periods_ns))
+    assert "; interleaved line by line, they would in " in str(doubt_of_order(by_line, periods_ns))
+    assert "; interleaved pixel by pixel, they would in " in str(doubt_of_order(by_pixel, periods_ns))
 
 
 @pytest.mark.parametrize("signs", [((-1, -1), (-1, -1)), ((-1, 1), (-1, 1)), ((1, 1), (-1, -1))])
-def test_channels_of_the_opposite_sign_are_told(signs: tuple[tuple[int, int], ...]) -> None:
-    assert "with the opposite sign" in str(said(light() * np.array(signs)[..., np.newaxis]))
+def test_channels_of_the_opposite_sign_are_doubted(signs: tuple[tuple[int, int], ...]) -> None:
+    assert "with the opposite sign" in str(doubt_of_order(light() * np.array(signs)[..., np.newaxis]))
 
 
-def test_counts_and_pixels_that_say_nothing() -> None:
+def test_saturated_and_nan_pixels_say_nothing_of_the_order() -> None:
     stored = counts(light()[:, ::-1])
-    told = said(stored, voltage=COUNTS)
-    assert told is not None
-    assert told.startswith(
+    message = doubt_of_order(stored, voltage=COUNTS)
+    assert message is not None
+    assert message.startswith(
         "the phases of the harmonics fit each other in only 0% of the pixels; with SC1 and SC2 swapped, they would in 100%"
     )
     stored[0, 0, FEWEST - 1 :] = 16383
-    assert said(stored, voltage=COUNTS) is None
+    assert doubt_of_order(stored, voltage=COUNTS) is None
     volts = light()[:, ::-1].copy()
     volts[1, 1, ::2] = np.nan
-    assert said(volts) == told
+    assert doubt_of_order(volts) == message
 
 
 def test_one_harmonic_says_nothing_of_an_order() -> None:
-    assert said(light((40.0,))[:, ::-1], (40.0,)) is None
+    assert doubt_of_order(light((40.0,))[:, ::-1], (40.0,)) is None
 
 
 @pytest.mark.parametrize(
     ("copied", "onto", "names"),
     [(0, 1, "H1.SC2 holds the same values as H1.SC1"), (1, 5, "H3.SC2 holds the same values as H1.SC2")],
 )
-def test_a_plane_that_is_there_twice(copied: int, onto: int, names: str) -> None:
+def test_a_plane_that_is_stored_twice_is_refused(copied: int, onto: int, names: str) -> None:
     stored = counts(light(THREE))
     planes = stored.reshape(6, -1)
     planes[onto] = planes[copied]
@@ -132,7 +132,7 @@ def test_a_plane_that_is_there_twice(copied: int, onto: int, names: str) -> None
     assert no_recording(stored, (1, 2, 3)) is None
 
 
-def test_planes_that_are_saturated_in_all_pixels_but_a_few_may_agree() -> None:
+def test_planes_may_agree_if_all_but_a_few_pixels_are_saturated() -> None:
     stored = np.full((2, 2, 500), 16383, np.uint16)
     stored[..., :7] = np.arange(8000, 8007)
     assert no_recording(stored, (1, 2)) is None
@@ -140,7 +140,7 @@ def test_planes_that_are_saturated_in_all_pixels_but_a_few_may_agree() -> None:
     assert no_recording(stored, (1, 2)) is not None
 
 
-def test_a_plane_that_is_one_value_while_others_scatter() -> None:
+def test_a_plane_of_one_value_is_refused_if_other_planes_scatter() -> None:
     stored = counts(light())
     stored[1, 0] = 8192
     assert (
@@ -156,21 +156,21 @@ def test_a_plane_that_is_one_value_while_others_scatter() -> None:
     assert "H1.SC2 holds 0 in every pixel" in str(no_recording(volts, (1, 2)))
 
 
-def test_steps_that_are_wider_than_the_noise_may_hide_it() -> None:
-    """A wall at one distance, in counts of 8 bits."""
+def test_a_plane_of_one_value_is_accepted_if_a_step_is_wider_than_the_noise() -> None:
+    """The frame shows a wall at one distance, in counts of 8 bits whose step is larger than the noise."""
     rng = np.random.default_rng(3)
     stored = np.rint(rng.normal(128.0, 0.2, (2, 2, 500))).astype(np.uint8)
     stored[0, 0] = 128
     assert no_recording(stored, (1, 2)) is None
 
 
-def test_planes_that_are_all_of_one_value_are_not_told_apart() -> None:
-    """That such a frame has no answer, its noise decides: see `is_without_noise`."""
+def test_planes_that_all_hold_one_value_are_not_refused_here() -> None:
+    """`is_without_noise` decides that such a frame has no answer."""
     assert no_recording(np.full((2, 2, 500), 8192, np.uint16), (1, 2)) is None
     assert no_recording(np.full((2, 2, 500), np.nan), (1, 2)) is None
 
 
-def test_a_few_pixels_may_agree() -> None:
+def test_planes_of_few_pixels_may_agree() -> None:
     stored = counts(light(pixels=FEWEST - 1))
     stored[1] = stored[0]
     assert no_recording(stored, (1, 2)) is None

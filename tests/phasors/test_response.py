@@ -1,4 +1,4 @@
-"""A channel pair's answer as a Fourier series: sums by hand, slopes by differences, and what waveform and pulse make."""
+"""The response of a channel pair as a Fourier series, compared with sums, finite differences, waveform and pulse."""
 
 import math
 
@@ -21,7 +21,7 @@ def test_the_answer_is_the_sum_of_its_terms_and_the_slope_its_derivative() -> No
     np.testing.assert_allclose(response.slope_at(theta), slope, atol=1e-9)
 
 
-def test_main_mirror_and_linear_name_the_terms() -> None:
+def test_main_mirror_and_linear_follow_from_the_terms() -> None:
     response = HarmonicResponse(2, TERMS)
     assert (response.main, response.mirror, response.linear) == (0.9 + 0.1j, 0.05 - 0.02j, False)
     assert HarmonicResponse(1, ((1, 0.5 + 0j),)).mirror == 0j
@@ -29,7 +29,7 @@ def test_main_mirror_and_linear_name_the_terms() -> None:
     assert not HarmonicResponse(1, ((1, 0.5 + 0j), (0, 0.1j))).linear
 
 
-def test_the_mirror_is_solved_for_exactly() -> None:
+def test_the_mirror_term_is_removed_exactly() -> None:
     response = HarmonicResponse(1, TERMS)
     q = np.array([0.3 + 0.1j, -0.2j, 1.0 + 0j])
     recorded = (0.9 + 0.1j) * q + (0.05 - 0.02j) * q.conj()
@@ -44,12 +44,14 @@ def test_the_mirror_is_solved_for_exactly() -> None:
         (((1, 0.1 + 0j), (-1, 0.1 + 0j)), r"found G\[k=1\] = \(0.1\+0j\)"),
     ],
 )
-def test_a_series_that_is_none_is_refused(terms: tuple[tuple[int, complex], ...], message: str) -> None:
+def test_a_series_with_a_repeated_or_too_weak_main_term_is_refused(
+    terms: tuple[tuple[int, complex], ...], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         HarmonicResponse(3, terms)
 
 
-def test_a_sine_is_one_term_as_large_as_the_pulse_leaves_it() -> None:
+def test_a_sine_is_one_term_that_the_pulse_makes_smaller() -> None:
     metadata = CaptureMetadata(modulation=Modulation(periods_ns=(40.0, 20.0, 10.0)))
     for h, response in zip((1, 2, 4), ideal_response(metadata), strict=True):
         expected = math.exp(-((h * 2 * math.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
@@ -58,8 +60,8 @@ def test_a_sine_is_one_term_as_large_as_the_pulse_leaves_it() -> None:
 
 
 @pytest.mark.parametrize("fwhm_ns", [0.0, 1.7])
-def test_a_triangle_has_odd_terms_that_fall_with_the_square_and_turn_every_other_way(fwhm_ns: float) -> None:
-    """(8/π²)·(1, 1/9 at −3, 1/25 at 5, 1/49 at −7 …), each shrunk by the pulse."""
+def test_a_triangle_has_odd_terms_of_alternating_sign_that_fall_with_the_square(fwhm_ns: float) -> None:
+    """The terms are 8/π² times 1, 1/9 at −3, 1/25 at 5, 1/49 at −7 and so on; the pulse makes each term smaller."""
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"), pulse=Pulse(fwhm_ns=fwhm_ns))
     for h, response in zip((1, 2), ideal_response(metadata), strict=True):
         terms = dict(response.terms)
@@ -68,14 +70,14 @@ def test_a_triangle_has_odd_terms_that_fall_with_the_square_and_turn_every_other
             pulse = math.exp(-((k * h * 2 * math.pi * fwhm_ns / 2.354820045 / 40.0) ** 2) / 2)
             assert g == pytest.approx(8 / math.pi**2 / k**2 * pulse, rel=1e-9)
             assert k % 4 == 1
-        # what is left out is below 1e-4 of the fundamental, term by term
+        # every term that is left out is below 1e-4 of the fundamental
         if fwhm_ns == 0.0:
             assert max(map(abs, terms)) == 99
             assert len(terms) == 50
 
 
 @pytest.mark.parametrize("fwhm_ns", [8.0, 3.497, 3.3, 1.7])
-def test_terms_below_a_ten_thousandth_of_the_first_are_left_out_behind_the_fifth(fwhm_ns: float) -> None:
+def test_terms_after_the_fifth_are_left_out_below_a_ten_thousandth_of_the_first(fwhm_ns: float) -> None:
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"), pulse=Pulse(fwhm_ns=fwhm_ns))
     exponent = (2 * math.pi * fwhm_ns / 2.354820045 / 40.0) ** 2 / 2
     for h, response in zip((1, 2), ideal_response(metadata), strict=True):

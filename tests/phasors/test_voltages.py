@@ -1,3 +1,5 @@
+"""Stored values become volts and phasors by one affine map; saturated pixels are found."""
+
 import numpy as np
 import pytest
 from scipy import integrate
@@ -26,7 +28,7 @@ def test_the_pulse_response_is_the_fourier_integral_of_the_pulse(harmonic: int) 
     assert pulse_response(harmonic, fwhm_ns=1.7, period_ns=40.0) == pytest.approx(gaussian, rel=1e-9)
 
 
-def test_the_pulse_of_the_paper_shrinks_the_two_harmonics_unequally() -> None:
+def test_the_pulse_of_the_paper_weakens_the_second_harmonic_more() -> None:
     r1, r2 = (pulse_response(h, fwhm_ns=1.7, period_ns=40.0) for h in (1, 2))
     assert (round(r1, 3), round(r2, 3)) == (0.994, 0.975)
 
@@ -73,7 +75,7 @@ def test_whole_numbers_without_a_scale_are_refused_and_floats_are_volts() -> Non
     np.testing.assert_array_equal(volts_from_stored(np.array([-0.5, 0.25], np.float16), Voltage()), [-0.5, 0.25])
 
 
-def test_one_map_for_all_pixels_serves_any_of_them() -> None:
+def test_a_part_of_a_map_for_all_pixels_is_the_same_map() -> None:
     metadata = CaptureMetadata(voltage=Voltage(zero_counts=3.0, volts_per_count=0.5))
     stored = np.arange(20.0).reshape(2, 2, 5)
     ideal = ideal_phasor_map(metadata, stored.dtype)
@@ -81,7 +83,7 @@ def test_one_map_for_all_pixels_serves_any_of_them() -> None:
     np.testing.assert_array_equal(phasors_from_stored(stored[..., 2:4], ideal[2:4]), whole[:, 2:4])
 
 
-def test_unsigned_counts_need_to_know_which_of_them_is_nothing() -> None:
+def test_unsigned_counts_need_the_stored_value_of_0_v() -> None:
     known = Voltage(zero_counts=100.0, volts_per_count=1e-3)
     assert volts_from_stored(np.array([110], np.uint16), known) == pytest.approx(0.01)
     with pytest.raises(SettingsError, match=r"unsigned numbers \(uint16\), and the stored value of 0 V is unknown"):

@@ -24,7 +24,7 @@ def frames(count: int) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("settings", [MapSettings(), MapSettings(pool=3), MapSettings(pool=3, average=3)])
-def test_parts_that_crossed_to_other_processes_make_up_the_whole(settings: MapSettings, known: bool) -> None:
+def test_parts_that_were_pickled_and_resolved_join_to_the_whole_frame(settings: MapSettings, known: bool) -> None:
     metadata = CaptureMetadata(pixel=Pixel(integration_length=1e5 if known else None))
     plan = FramePlan(metadata=metadata, settings=settings)
     mean = frame_mean(frames(settings.average), saturated_counts=None)
@@ -48,7 +48,7 @@ def test_every_frame_has_maps_of_its_own() -> None:
     assert (one.values != other.values).any()
 
 
-def test_what_frames_share_refuses_to_be_changed() -> None:
+def test_arrays_that_frames_share_are_read_only() -> None:
     metadata = CaptureMetadata(optics=Optics(focal_length_px=280.0), pixel=Pixel(integration_length=1e5))
     stages = frame_stages(
         FramePlan(metadata=metadata, settings=MapSettings(depth="z")), None, np.dtype(np.float64), SIZE
@@ -60,12 +60,12 @@ def test_what_frames_share_refuses_to_be_changed() -> None:
             shared[..., 0] = 0.0
 
 
-def test_the_least_confidence_is_in_volts() -> None:
+def test_min_confidence_is_compared_with_the_confidence_in_volts() -> None:
     metadata = CaptureMetadata(pixel=Pixel(integration_length=1e5))
     frame = frames(1)[0]
     confidence_v = np.hypot(*frame[0])
-    least = float(np.median(confidence_v))
-    plan = FramePlan(metadata=metadata, settings=MapSettings(min_confidence_v=least))
+    min_confidence_v = float(np.median(confidence_v))
+    plan = FramePlan(metadata=metadata, settings=MapSettings(min_confidence_v=min_confidence_v))
     low = (resolve_frame(frame, plan=plan).maps.status & StatusBit.LOW_CONFIDENCE) > 0
     pulse = np.exp(-((2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)  # confidence is corrected for it
-    np.testing.assert_array_equal(low, confidence_v / pulse < least)
+    np.testing.assert_array_equal(low, confidence_v / pulse < min_confidence_v)

@@ -1,4 +1,4 @@
-"""What may be chosen about maps, and what a plan makes of it."""
+"""The settings of maps with their limits, and the plan of a frame that is made from them."""
 
 from typing import Any
 
@@ -10,13 +10,13 @@ from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 
 
-def test_ranges_of_single_pixels_and_frames_are_what_nobody_chooses() -> None:
+def test_by_default_depth_is_a_range_without_pooling_or_averaging() -> None:
     chosen = MapSettings()
     assert (chosen.depth, chosen.pool, chosen.average, chosen.min_confidence_v) == ("range", 1, 1, None)
 
 
 @pytest.mark.parametrize("options", [{"min_confidence_v": 0.0}, {"pool": 3}, {"average": 1}, {"depth": "z"}])
-def test_what_is_just_possible_reaches_the_plan(options: dict[str, Any]) -> None:
+def test_values_at_a_limit_reach_the_plan(options: dict[str, Any]) -> None:
     optics = Optics(focal_length_px=28.0)
     plan = FramePlan(metadata=CaptureMetadata(optics=optics), settings=MapSettings(**options))
     assert {name: getattr(plan.settings, name) for name in options} == options
@@ -35,25 +35,25 @@ def test_what_is_just_possible_reaches_the_plan(options: dict[str, Any]) -> None
         ({"depth": "y"}, "--depth: found 'y', expected one of range, z"),
     ],
 )
-def test_what_is_just_impossible_is_refused(options: dict[str, Any], words: str) -> None:
+def test_values_beyond_a_limit_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(SettingsError, match=words):
         MapSettings(**options)
 
 
-def test_a_plan_refuses_what_its_capture_cannot_give() -> None:
+def test_a_plan_refuses_settings_that_need_more_than_its_capture_has() -> None:
     with pytest.raises(SettingsError, match="optics are unknown"):
         FramePlan(metadata=CaptureMetadata(), settings=MapSettings(depth="z"))
     with pytest.raises(SettingsError, match="3 paths need at least 3 periods"):
         FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(paths=3)))
 
 
-def test_the_least_confidence_is_counted_in_amplitudes_of_the_modulation() -> None:
+def test_min_confidence_becomes_a_share_of_the_modulation_amplitude() -> None:
     metadata = CaptureMetadata(modulation=Modulation(amplitude_v=0.25))
     assert FramePlan(metadata=metadata, settings=MapSettings(min_confidence_v=0.05)).resolver.min_confidence == 0.2
     assert FramePlan(metadata=metadata).resolver.min_confidence is None
 
 
-def test_plans_of_the_same_values_are_one_to_a_cache_and_others_are_not() -> None:
+def test_plans_with_equal_values_are_equal_keys_of_a_cache() -> None:
     def plan(focal_px: float) -> FramePlan:
         return FramePlan(
             metadata=CaptureMetadata(optics=Optics(focal_length_px=focal_px)), settings=MapSettings(pool=3)

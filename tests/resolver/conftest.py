@@ -1,4 +1,4 @@
-"""The compiled kernel, where it was built."""
+"""The extension modules, if they were built."""
 
 import importlib
 from types import ModuleType
@@ -8,10 +8,19 @@ import pytest
 from tests.support.needed import miss
 
 
+def _extension(name: str) -> ModuleType:
+    """Return an extension module; without it the test is skipped, or fails under CI, which has a compiler."""
+    try:
+        return importlib.import_module(f"cadtof_cli.resolver.{name}")
+    except ImportError:
+        miss(f"{name} was not built: no C compiler when cadtof was installed")
+
+
 @pytest.fixture(scope="session")
 def compiled() -> ModuleType:
-    """Return the extension module; where it was not built its tests are skipped, but fail under CI, which has a compiler."""
-    try:
-        return importlib.import_module("cadtof_cli.resolver.two_path._kernel")
-    except ImportError:
-        miss("the kernel was not built: no C compiler when cadtof was installed")
+    return _extension("two_path._kernel")
+
+
+@pytest.fixture(scope="session")
+def search() -> ModuleType:
+    return _extension("likelihood._likelihood")

@@ -1,4 +1,7 @@
-"""Another path must be worth the scatter that it costs, wherever the phases lie on the circle."""
+"""The order test keeps another path only if it moves the direct path by more than the scatter that it adds.
+
+This holds wherever the phases lie on the circle.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ def path(phase_rad: float, sigma_rad: float) -> Paths:
 @pytest.mark.parametrize("middle", [0.0, 1.0, np.pi, 6.28])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize(("moved", "worth"), [(0.99, False), (1.01, True)])
-def test_a_move_counts_from_the_root_of_twice_the_added_variance_on(
+def test_another_path_is_kept_if_it_moves_the_direct_path_by_more_than_the_root_of_twice_the_added_variance(
     middle: float, side: float, moved: float, worth: bool
 ) -> None:
     limit = np.sqrt(2 * (0.05**2 - 0.03**2))
@@ -22,5 +25,5 @@ def test_a_move_counts_from_the_root_of_twice_the_added_variance_on(
     assert worth_another(direct, fewer)[0] == worth
 
 
-def test_a_path_that_costs_nothing_is_always_worth_it() -> None:
+def test_another_path_that_adds_no_scatter_is_kept() -> None:
     assert worth_another(path(1.0, 0.01), path(1.0, 0.02))[0]

@@ -1,4 +1,4 @@
-"""What a user can choose: defaults, limits, and which captures a choice fits."""
+"""The settings of the resolver: their defaults, their limits, and the captures that they can be used for."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.settings import ResolverSettings
 
 
-def test_two_paths_whose_number_is_told_by_noise_are_what_nobody_chooses() -> None:
+def test_by_default_the_order_test_chooses_between_one_and_two_paths() -> None:
     chosen = ResolverSettings()
     assert (chosen.solver, chosen.paths, chosen.order, chosen.returns) == ("two-path", 2, "auto", "first")
     assert (chosen.starts, chosen.seed, chosen.false_alarm, chosen.min_return_ratio) == (10, 0, 0.01, 0.1)
@@ -28,7 +28,7 @@ def test_two_paths_whose_number_is_told_by_noise_are_what_nobody_chooses() -> No
         ({"solver": "lm", "paths": 2, "order": "2"}, 2),
     ],
 )
-def test_what_is_just_possible_is_taken_as_it_is(options: dict[str, Any], most: int) -> None:
+def test_values_at_a_limit_are_accepted(options: dict[str, Any], most: int) -> None:
     chosen = ResolverSettings(**options)
     assert {name: getattr(chosen, name) for name in options} == options
     assert chosen.max_paths == most
@@ -42,7 +42,11 @@ def test_what_is_just_possible_is_taken_as_it_is(options: dict[str, Any], most: 
         ({"starts": 0}, "--starts: found 0, expected 1 to 1000000000"),
         ({"starts": 10**20}, "--starts: found 100000000000000000000, expected 1 to"),
         ({"seed": -1}, "--seed: found -1, expected 0 or more"),
-        ({"false_alarm": 1.0}, "--false-alarm: found 1.0"),
+        ({"solver": "neural"}, "--solver: found 'neural', expected one of two-path, one-path"),
+        ({"solver": "one-path", "order": "2"}, "--order: found '2', expected one of auto, 1 with --solver one-path"),
+        ({"false_alarm": 0.0}, "--false-alarm: found 0.0"),
+        ({"false_alarm": 1.0}, "--false-alarm: found 1.0, expected a probability"),
+        ({"min_return_ratio": -0.1}, "--min-return-ratio: found -0.1, expected 0 to 1"),
         ({"min_return_ratio": 1.001}, "--min-return-ratio: found 1.001, expected 0 to 1"),
         ({"returns": "second"}, "--return: found 'second', expected one of first, strongest, last"),
         ({"solver": "lm", "paths": 3}, "--solver lm finds two paths, not --paths 3"),
@@ -50,7 +54,7 @@ def test_what_is_just_possible_is_taken_as_it_is(options: dict[str, Any], most: 
         ({"order": "0"}, "--order: found '0'"),
     ],
 )
-def test_what_is_just_impossible_is_refused(options: dict[str, Any], words: str) -> None:
+def test_values_beyond_a_limit_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(SettingsError, match=words):
         ResolverSettings(**options)
 
@@ -66,7 +70,7 @@ def test_what_is_just_impossible_is_refused(options: dict[str, Any], words: str)
         ({"paths": 4, "order": "2"}, 2),
     ],
 )
-def test_the_most_paths_that_a_pixel_may_get(options: dict[str, Any], most: int) -> None:
+def test_max_paths_follows_from_solver_paths_and_order(options: dict[str, Any], most: int) -> None:
     assert ResolverSettings(**options).max_paths == most
 
 
@@ -82,7 +86,7 @@ def test_the_most_paths_that_a_pixel_may_get(options: dict[str, Any], most: int)
         ({}, (1, 2, 3), "likelihood"),
     ],
 )
-def test_the_closed_form_is_for_the_fundamental_and_half_of_it(
+def test_the_room_follows_from_solver_order_and_harmonics(
     options: dict[str, Any], harmonics: tuple[int, ...], room: str
 ) -> None:
     assert ResolverSettings(**options).room(harmonics, sine=True) == room
@@ -105,7 +109,7 @@ def test_the_closed_form_is_for_the_fundamental_and_half_of_it(
         ),
     ],
 )
-def test_harmonics_that_cannot_tell_the_paths_apart_are_refused(
+def test_harmonics_that_cannot_separate_the_paths_are_refused(
     options: dict[str, Any], harmonics: tuple[int, ...], words: str | None
 ) -> None:
     settings = ResolverSettings(**options)
@@ -126,7 +130,7 @@ def test_harmonics_that_cannot_tell_the_paths_apart_are_refused(
         ({"paths": 3}, (1, 2, 3), False),
     ],
 )
-def test_a_response_that_is_no_sine_is_resolved_in_few_ways(
+def test_a_response_that_is_no_sine_is_refused_with_most_solvers(
     options: dict[str, Any], harmonics: tuple[int, ...], possible: bool
 ) -> None:
     settings = ResolverSettings(**options)
@@ -137,8 +141,8 @@ def test_a_response_that_is_no_sine_is_resolved_in_few_ways(
         settings.room(harmonics, sine=False)
 
 
-def test_the_slower_ways_are_expected_to_take_longer() -> None:
-    """By what was measured: .2 µs, 4 µs, 30 µs and 40 µs per pixel."""
+def test_the_expected_time_per_pixel_follows_what_was_measured() -> None:
+    """The times that were measured are .2 µs, 4 µs, 30 µs and 40 µs per pixel."""
     closed = ResolverSettings().seconds_per_pixel(2)
     likelihood = ResolverSettings().seconds_per_pixel(3)
     lm = ResolverSettings(solver="lm").seconds_per_pixel(2)

@@ -1,32 +1,40 @@
-"""Status bits are a promise to whoever reads maps: their numbers, as the README has them, and how pixels are counted."""
+"""Status bits are a promise to readers of maps: their numbers are those of the README; every pixel is counted once."""
 
 import re
 from pathlib import Path
 
 import numpy as np
 
-from cadtof_cli.resolver.status import MEANING, StatusBit, count_status, has_answer, why_no_answer
+from cadtof_cli.resolver.status import (
+    MEANING,
+    StatusBit,
+    count_status,
+    describe_status,
+    has_answer,
+    why_no_answer,
+)
 
 README = Path(__file__).parents[2] / "README.md"
 
 
-def test_the_numbers_are_those_of_the_readme() -> None:
+def test_the_numbers_and_names_of_status_bits_are_those_of_the_readme() -> None:
+    table = README.read_text(encoding="utf-8").split("| bit of `status` | meaning |")[1].split("\n\n")[0]
     documented = {
-        int(number): name.split(" (")[0].strip()
-        for number, name in re.findall(r"^\| (\d+) \| ([^:|;]+)", README.read_text(encoding="utf-8"), re.MULTILINE)
+        int(number): name.strip() for number, name in re.findall(r"^\| (\d+) \| ([^:|;]+)", table, re.MULTILINE)
     }
-    bits = {int(bit): bit.name for bit in StatusBit}
-    assert set(bits) == {1 << place for place in range(len(bits))}
-    assert set(bits) <= set(documented)
-    for number, name in ((2048, "diffuse MPI"), (4096, "impossible")):
-        assert documented[number].startswith(name)
+    assert documented == {int(bit): describe_status(bit)[0] for bit in StatusBit}
+    assert list(documented) == [1 << place for place in range(len(StatusBit))]
     assert set(MEANING) == set(StatusBit)
 
 
-def test_every_pixel_is_counted_once() -> None:
+def test_every_pixel_counts_as_one_of_the_kinds_of_answers() -> None:
     status = np.array([[8, 8 | 64, 16], [16 | 32, 512, 2048], [1, 4, 0]], np.uint32)
     counts = count_status(status)
     assert (counts.one_path, counts.two_paths, counts.more_paths, counts.diffuse, counts.invalid) == (2, 2, 1, 1, 3)
+
+
+def test_bits_are_described_in_words() -> None:
+    assert describe_status(StatusBit.TWO_PATHS | StatusBit.ILL_CONDITIONED) == ("two paths", "ill-conditioned")
 
 
 def test_an_answer_is_a_path_or_a_predicted_tail() -> None:
@@ -34,12 +42,12 @@ def test_an_answer_is_a_path_or_a_predicted_tail() -> None:
     assert has_answer(status).tolist() == [False] * 6 + [True] * 6 + [False]
 
 
-def test_what_keeps_a_frame_from_an_answer_is_said_with_its_share() -> None:
+def test_the_reasons_for_no_answer_are_printed_with_their_shares() -> None:
     dark = np.array([4, 4, 4, 1], np.uint32)
-    said = why_no_answer(dark)
-    assert said.startswith("no pixel has an answer (25.0% ")
-    assert "75.0%" in said
-    assert said.endswith(
+    message = why_no_answer(dark)
+    assert message.startswith("no pixel has an answer (25.0% ")
+    assert "75.0%" in message
+    assert message.endswith(
         "; if there was light, check integration_length, amplitude_v, --min-confidence and --false-alarm"
     )
     assert why_no_answer(np.full(4, StatusBit.SATURATED, np.uint32)).endswith(")")

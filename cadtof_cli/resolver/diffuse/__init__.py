@@ -16,11 +16,11 @@ modules in this order:
     model_error   what the model gets wrong
     condition     Gaussian conditioning
     patch_fit     the state of the frame and of its patches; patch_steps holds the operations on each patch
-    through       surfaces that let light through, before walls that are seen beside them; walls finds these walls
-    leaning       the bias of two harmonics
+    nets          surfaces that let light through, before walls that are seen beside them; walls finds these walls
+    bias          the bias of two harmonics
     coarse        what the patches hand to the pixels
     upsampling    from patches to pixels
-    pixels        the answer of a pixel; other_terms for a response that is no sine, through_pixels for a net
+    pixels        the answer of a pixel; other_terms for a response that is no sine, net_pixels for a net
     predict       the model of a frame, from all modules above
     records       what comes out
 

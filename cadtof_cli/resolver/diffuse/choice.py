@@ -118,14 +118,14 @@ class DiffuseChoice:
     """Which model a frame got, and why.
 
     `patches` is the number of patches with light, `separate_share` the share of them with separate paths, and `room`
-    the numbers of the room. `through_patches` is the number of patches covered by a surface that lets light through.
+    the numbers of the room. `net_patches` is the number of patches covered by a surface that lets light through.
     """
 
     reason: Reason
     patches: int
     separate_share: float
     room: RoomNumbers | None = None
-    through_patches: int = 0
+    net_patches: int = 0
 
     @property
     def taken(self) -> Literal["discrete", "diffuse"]:

@@ -7,8 +7,8 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.bias import Bias
 from cadtof_cli.resolver.diffuse.condition import Conditioned, conditioned
-from cadtof_cli.resolver.diffuse.leaning import Leaning
 from cadtof_cli.resolver.diffuse.noise import Entry
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import MEAN, WITHIN_PATCH
@@ -161,11 +161,11 @@ def patch_posterior(data: Float, error: Float, fit: PatchFit, /) -> Conditioned:
 
 
 def coarse_planes(
-    fit: PatchFit, posterior: Conditioned, lags: LagParts, valid: Bool, leaning: Leaning | None, /, *, slowness: float
+    fit: PatchFit, posterior: Conditioned, lags: LagParts, valid: Bool, bias: Bias | None, /, *, slowness: float
 ) -> CoarsePlanes:
     """Return what pixels need from n valid patches, (rows, columns); all other patches get the mean of these.
 
-    `leaning` is what two harmonics miss in such views; None with more harmonics. `slowness` is that of `DiffuseSettings`.
+    `bias` is what two harmonics miss in such views; None with more harmonics. `slowness` is that of `DiffuseSettings`.
     """
     values, count = fit.posterior.copy(), len(fit.posterior)
     entries, phases = needed_entries(count - 2), phase_data(count - 2)
@@ -175,15 +175,15 @@ def coarse_planes(
     with_more = min(following, 2) - 1
     lag = values[-1].copy()
     values[-1] += BESIDE_MORE * lags.open_share * lags.continued_rad / following**2
-    if leaning is not None:
+    if bias is not None:
         early = MOST_EARLY * lags.open_share**4 * (1.0 - lags.open_share)
         missing = UNSEEN_MORE * early * lags.unseen_rad + GUESSED_SHARE * lags.guessed_rad
         values[-1] += slowness**-SLOWER_EARLY * missing
-        values[-1] += leaning.share * lag
+        values[-1] += bias.share * lag
     values[-1] -= LATE_START_PER_NS[with_more] * (fit.room[-1] - MEAN[-1]) * lag
     values[-1] += FACING_MORE[with_more] * (lags.cosine - FACING_MIDDLE) * lag
     spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH[with_more] ** 2, fit.jacobian)
-    counted = _counted_chi_squared(posterior, common=leaning is not None)
+    counted = _counted_chi_squared(posterior, common=bias is not None)
     common_share = PATCH_SHARE[with_more] + SHARE_PER_CHI_SQUARED[with_more] * counted
     common = {key: common_share * value for key, value in posterior.covariance.items()}
     growth = slowness ** SLOWER_ERROR[with_more]
@@ -191,10 +191,10 @@ def coarse_planes(
         growth * LAG_ERROR[with_more] * lag,
         growth * BESIDE_ERROR[with_more] * lags.continued_rad,
         growth * GUESSED_ERROR[with_more] * lags.guessed_rad,
-        0.0 if leaning is None else leaning.sigma_rad,
+        0.0 if bias is None else bias.sigma_rad,
     )
     common[1, 1] = common[1, 1] + sum(part**2 for part in errors_rad)
-    if leaning is not None:
+    if bias is not None:
         excess = _excess_chi_squared(posterior.chi_squared, valid)
         common[1, 1] = common[1, 1] + VARIANCE_PER_EXCESS * excess * posterior.covariance[1, 1]
     mpi_variance = _mpi_variance(values, spread, common)

@@ -1,4 +1,4 @@
-"""The front of the compiled twin of the computations patch by patch in `tail` and `patch_steps`, `_patches.h`."""
+"""The front of the compiled twin of the computations patch by patch in `tail` and `patch_steps`, `_patch_steps.h`."""
 
 from typing import Any
 
@@ -69,7 +69,7 @@ class CompiledSteps:
         return expected, posterior, covariance
 
     def _step(self, step: int, given: tuple[Float | None, ...], answers: tuple[Float | None, ...]) -> None:
-        """Take one of the steps in `_patches.h`; None stands for an array that the step does not need."""
+        """Take one of the steps in `_patch_steps.h`; None stands for an array that the step does not need."""
         fixed = (self.data, self.error, self.within, self.pattern)
         extension().step_patches(self.kernel, step, *_contiguous(*fixed, *given), *answers)
 

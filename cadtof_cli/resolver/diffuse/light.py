@@ -1,6 +1,6 @@
 """The light of patches: the ratios of their phasors to the fundamental, which do not depend on the direct phase.
 
-The module is also the front of the compiled twin `_sampled.h`, which looks at stored values and sums over patches.
+The module is also the front of the compiled twin `_light.h`, which looks at stored values and sums over patches.
 """
 
 from functools import lru_cache

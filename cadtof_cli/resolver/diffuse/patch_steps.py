@@ -1,6 +1,6 @@
 """What the fit of the patches computes patch by patch: the same few operations for each, in their own order.
 
-`_patches.h` is the compiled twin. Sums are written out term by term: the rounding in numpy's matrix products differs
+`_patch_steps.h` is the compiled twin. Sums are written out term by term: the rounding in numpy's matrix products differs
 from machine to machine.
 """
 

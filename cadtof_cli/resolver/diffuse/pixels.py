@@ -1,7 +1,7 @@
 """The answer of a pixel: its own data, conditioned through the linear model of the tail that its patches give.
 
 Every pixel is computed alone, by the same operations wherever it stands, so blocks of any size give the same bits. From
-the data on, precision is single; its rounding is a thousandth of their noise. `_tail.h` is the compiled twin, and this
+the data on, precision is single; its rounding is a thousandth of their noise. `_pixels.h` is the compiled twin, and this
 module is its front.
 """
 

@@ -8,6 +8,7 @@ from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.quantiles import median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
+from cadtof_cli.resolver.diffuse.bias import Bias, missed_share, remaining_sigma_rad, view_numbers
 from cadtof_cli.resolver.diffuse.choice import (
     LEAST_PATCHES,
     DiffuseChoice,
@@ -18,19 +19,18 @@ from cadtof_cli.resolver.diffuse.choice import (
 )
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.leaning import Leaning, missed_share, remaining_sigma_rad, view_numbers
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
+from cadtof_cli.resolver.diffuse.nets import find_nets, typical_tail
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import DiffuseModel, SeenThrough, Tails, TermTails
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, Nets, Tails, TermTails
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, further_chi_squared, two_path_lag
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import TailModel
-from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.kernels import NUMPY
 
@@ -137,14 +137,14 @@ def _model(
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
     fit = fitted_patches(data, error, model, rule, known_optics=known, kernel=frame.kernel)
     phasors = patch_phasors(means, harmonics=frame.settings.harmonics)
-    through = _seen_through(phasors, valid, fit, frame) if auto else None
+    nets = _find_nets(phasors, valid, fit, frame) if auto else None
     uncovered = np.ones(amplitude.size, np.bool_)
-    if through is not None:
-        uncovered = ~through.found[valid]
+    if nets is not None:
+        uncovered = ~nets.found[valid]
         error = np.where(uncovered, error, _covered_error(error))
         fit = fitted_patches(data, error, model, rule, known_optics=known, kernel=frame.kernel)
-        candidates = (_seen_through(phasors, valid, fit, frame, patches) for patches in (uncovered, None))
-        through = max(filter(None, candidates), key=lambda one: one.found.sum(), default=through)
+        candidates = (_find_nets(phasors, valid, fit, frame, patches) for patches in (uncovered, None))
+        nets = max(filter(None, candidates), key=lambda one: one.found.sum(), default=nets)
     posterior = patch_posterior(data, error, fit)
     if auto:
         by_two_paths = _two_path_chi_squared(means, valid, frame)
@@ -153,15 +153,15 @@ def _model(
     guessed = surfaces_guessed(planes.surfaces, valid, frame.grid, seen=seen)
     lags = _lag_parts(fit, model, seen, guessed, frame, mpi_share(ratios))
     two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
-    leaning = None
+    bias = None
     if len(ratios) == 1:
-        leaning = _leaning(fit, seen, amplitude, lags.seen_rad, two_path_rad, uncovered, frame)
-    coarse = coarse_planes(fit, posterior, lags, valid, leaning, slowness=frame.settings.slowness)
+        bias = _bias(fit, seen, amplitude, lags.seen_rad, two_path_rad, uncovered, frame)
+    coarse = coarse_planes(fit, posterior, lags, valid, bias, slowness=frame.settings.slowness)
     coarse = coarse.weighted_by(kinds.mpi_probability)
     term_tails = None if term_model is None else _term_tails(term_model, fit, coarse, planes, valid, frame)
     if term_tails is not None:
         coarse = coarse.with_added_variance(_term_variance(term_tails, frame.settings))
-    covered = 0 if through is None else int(through.found.sum())
+    covered = 0 if nets is None else int(nets.found.sum())
     difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[uncovered]
     return DiffuseModel(
         frame.settings,
@@ -172,12 +172,12 @@ def _model(
         kinds.separate,
         float(median(difference_rad**2)),
         range_offset_m,
-        through,
+        nets,
         term_tails,
     )
 
 
-def _leaning(
+def _bias(
     fit: PatchFit,
     seen: Surfaces,
     amplitude: Float,
@@ -185,7 +185,7 @@ def _leaning(
     two_path_rad: Float,
     uncovered: Bool,
     frame: _Frame,
-) -> Leaning:
+) -> Bias:
     """Return the correction of the lag with two harmonics, from the patches that are `uncovered`."""
     lag_rad, two_path_rad = fit.posterior[-1, uncovered], two_path_rad[uncovered]
     numbers = view_numbers(
@@ -198,7 +198,7 @@ def _leaning(
     )
     slowness = frame.settings.slowness
     left = remaining_sigma_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns, slowness=slowness)
-    return Leaning(0.0 if numbers is None else missed_share(numbers, slowness=slowness), left)
+    return Bias(0.0 if numbers is None else missed_share(numbers, slowness=slowness), left)
 
 
 def _two_path_chi_squared(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
@@ -212,9 +212,9 @@ def _two_path_chi_squared(means: PatchMeans, valid: Bool, frame: _Frame) -> Floa
         return further_chi_squared(SecondPaths.of(patches, kernel=frame.kernel), replace(patches, tolerated=tolerated))
 
 
-def _seen_through(
+def _find_nets(
     phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, uncovered: Bool | None = None
-) -> SeenThrough | None:
+) -> Nets | None:
     """Return the surface that lets light through in a frame; None if there is none.
 
     By default, both paths get the tail that is typical of the frame. With `uncovered`, (n,), the nearer path gets the
@@ -222,7 +222,7 @@ def _seen_through(
     """
     far = typical_tail(fit.posterior if uncovered is None else fit.posterior[:, uncovered], frame.settings.harmonics)
     near = far if uncovered is None else typical_tail(fit.posterior[:, ~uncovered], frame.settings.harmonics)
-    return seen_through(
+    return find_nets(
         phasors,
         fit.posterior[-1],
         valid,

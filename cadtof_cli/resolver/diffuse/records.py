@@ -23,7 +23,7 @@ class Tails:
 
 
 @dataclass(frozen=True, eq=False)
-class SeenThrough:
+class Nets:
     """A surface that lets light through, such as a net.
 
     Attributes:
@@ -92,7 +92,7 @@ class DiffuseModel:
         separate: patches with separate paths, (rows, columns). The solver of separate paths answers their pixels.
         separate_variance: variance in rad² that the room's tail adds to the direct phase of these pixels.
         range_offset_m: correction that is added to the range of every pixel, (Y, X); None if there is none.
-        through: the surface that lets light through; None if there is none.
+        nets: the surface that lets light through; None if there is none.
         terms: the tail at the multiples of the fundamental that other terms of the response see; None for a sine.
     """
 
@@ -104,7 +104,7 @@ class DiffuseModel:
     separate: Bool
     separate_variance: float
     range_offset_m: Float | None = None
-    through: SeenThrough | None = None
+    nets: Nets | None = None
     terms: TermTails | None = None
 
     def block(self, pixels: slice, /) -> "DiffuseBlock":
@@ -127,7 +127,7 @@ class DiffuseModel:
 
         These are the pixels of patches with separate paths, or with a surface that lets light through.
         """
-        found = self.separate if self.through is None else self.separate | self.through.found
+        found = self.separate if self.nets is None else self.separate | self.nets.found
         return np.asarray(found[self.upsampler.grid.patch_of(pixels)])
 
     def range_offset(self, pixels: slice, /) -> Float32 | float:

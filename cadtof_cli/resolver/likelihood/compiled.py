@@ -8,7 +8,7 @@ from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.records import dataclass
 
 WHITE, WEIGHTED = range(2)
-"""Kinds of problems, numbered as in `enum kind` of `_search.h`."""
+"""Kinds of problems, numbered as in `enum kind` of `_levenberg_marquardt.h`."""
 
 MOST_PATHS, MOST_ROWS, MOST_HARMONIC = 4, 8, 16
 """Largest sizes that the compiled search has room for; numpy solves larger problems."""
@@ -50,10 +50,10 @@ def compiled_search(harmonics: tuple[int, ...], /, *, paths: int) -> ModuleType 
     if not (0 < len(harmonics) <= MOST_ROWS and max(harmonics) <= MOST_HARMONIC and 0 < paths <= MOST_PATHS):
         return None
     try:
-        from cadtof_cli.resolver.likelihood import _search
+        from cadtof_cli.resolver.likelihood import _likelihood
     except ImportError:
         return None
-    return _search
+    return _likelihood
 
 
 def compiled_ends(

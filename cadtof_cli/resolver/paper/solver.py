@@ -11,7 +11,7 @@ from cadtof_cli.resolver.likelihood.k_paths import fisher_fit
 from cadtof_cli.resolver.likelihood.mixture import Mixture
 from cadtof_cli.resolver.likelihood.solver import Likelihood
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath, first_rotor
-from cadtof_cli.resolver.paper.search import best_ends
+from cadtof_cli.resolver.paper.levenberg_marquardt import best_ends
 from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.paths import Fit
 from cadtof_cli.resolver.settings import ResolverSettings

@@ -1,7 +1,7 @@
 """Newton's method on the four real equations of two paths under any response, for many pixels at once.
 
 The unknowns are amplitude and fundamental phase of both paths: p_h = a·f_h(x) + b·f_h(y), h = 1, 2, with f_h tabulated.
-All numbers have single precision: the rounding is far below the noise of any frame, and it halves the time. `_search.h`
+All numbers have single precision: the rounding is far below the noise of any frame, and it halves the time. `_newton.h`
 is the compiled twin of `search`; `searched` calls it.
 """
 

@@ -15,11 +15,11 @@
 #include "../_instruction_sets.h"
 #include "_kernel_answers.h"
 #include "../_buffers.h"
-#include "../diffuse/_tail_buffers.h"
-#include "../diffuse/_patches.h"
+#include "../diffuse/_pixels_buffers.h"
+#include "../diffuse/_patch_steps.h"
 #include "../diffuse/_radiosity.h"
-#include "../diffuse/_sampled.h"
-#include "../response/_search.h"
+#include "../diffuse/_light.h"
+#include "../response/_newton.h"
 
 /* --- one function for every instruction set ----------------------------------------------------------------------------- */
 
@@ -170,11 +170,11 @@ static PyObject *count_status(PyObject *module, PyObject *arguments) {
 }
 
 #include "_decomposition.h"
-#include "../diffuse/_tail_call.h"
-#include "../diffuse/_patches_call.h"
+#include "../diffuse/_pixels_call.h"
+#include "../diffuse/_patch_steps_call.h"
 #include "../diffuse/_radiosity_call.h"
-#include "../diffuse/_sampled_call.h"
-#include "../response/_search_call.h"
+#include "../diffuse/_light_call.h"
+#include "../response/_newton_call.h"
 
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
 

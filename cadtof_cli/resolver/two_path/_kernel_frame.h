@@ -8,7 +8,7 @@
  *   resolver/two_path/one_path.py          one path             uncertainty.py  standard deviations
  *   resolver/two_path/roots.py             inverse square roots
  *   maps/depth.py, layers.py               paths -> maps, and amplitudes that no light can have
- *   resolver/diffuse/                      the tail of diffuse MPI: _tail.h
+ *   resolver/diffuse/                      the tail of diffuse MPI: _pixels.h
  *
  * The Python modules are written to be read; the kernel is written to be fast. Both use only +, -, *, / and square
  * roots, which IEEE 754 rounds in exactly one way, and the bits of a number. So both give the same bits, with any
@@ -20,7 +20,7 @@
  * group. In most groups every pixel gets an answer: a quick test of their values finds these groups, which then skip
  * the screening of pixels.
  */
-#include "../diffuse/_tail.h"
+#include "../diffuse/_pixels.h"
 
 #define LAYERS 7
 

@@ -1,4 +1,4 @@
-"""Medians of blocks: shapes stay, pixels' own values go."""
+"""Medians of blocks keep shapes over the array, and average out the values of single pixels."""
 
 import numpy as np
 import pytest
@@ -17,19 +17,22 @@ def test_a_block_has_the_median_of_its_pixels() -> None:
 
 
 @pytest.mark.parametrize(("shorter", "side"), [(24, 2), (25, 3), (12, 2), (120, 10), (121, 11)])
-def test_the_shorter_side_has_twelve_blocks_as_far_as_it_has_pixels(shorter: int, side: int) -> None:
-    """Values that are the column's number: medians repeat as often as there are rows of blocks."""
+def test_the_shorter_side_has_at_most_twelve_blocks_of_at_least_two_pixels(shorter: int, side: int) -> None:
+    """The values are the numbers of their columns, so every median occurs once per row of blocks."""
     where = np.ones((shorter, 132), np.bool_)
     values = np.broadcast_to(np.arange(132.0), where.shape).ravel()
     medians = [np.median(values[block]) for block in blocks(where)]
     columns = sorted({float(median) for median in medians})
     assert columns[1] - columns[0] == side
-    # the last row of blocks counts where it has four pixels a block
+    # the last row of blocks counts if its blocks have at least four pixels
     assert len(medians) // len(columns) in {shorter // side, -(-shorter // side)}
 
 
-def test_what_noise_makes_of_medians_is_taken_off_and_three_times_what_it_scatters_by() -> None:
-    """A shape as large as the noise of the medians, in 144 blocks of 100: π/2 times the variance of a mean."""
+def test_the_noise_of_medians_and_three_deviations_of_it_are_subtracted() -> None:
+    """The shape is as large as the noise of the medians, in 144 blocks of 100 pixels.
+
+    The variance of a median is π/2 times that of a mean. Three standard deviations of this estimate are subtracted too.
+    """
     noise = np.pi / 2 / 100
     shape = np.sqrt(noise) * np.where(np.arange(120) // 10 % 2, 1.0, -1.0)
     squares = []
@@ -39,7 +42,7 @@ def test_what_noise_makes_of_medians_is_taken_off_and_three_times_what_it_scatte
     assert np.mean(squares) / noise == pytest.approx(1.0 - 3.0 * np.sqrt(2.0 / 144), abs=0.08)
 
 
-def test_a_shape_stays_and_noise_goes() -> None:
+def test_a_shape_is_kept_and_noise_is_averaged_out() -> None:
     rng = np.random.default_rng(4)
     where = rng.random((240, 320)) < 0.9
     step = np.where(np.arange(320) < 160, -0.05, 0.05)[np.newaxis] * np.ones((240, 1))
@@ -51,8 +54,11 @@ def test_a_shape_stays_and_noise_goes() -> None:
 
 
 @pytest.mark.parametrize("half_m", [0.0, 0.3, 0.8])
-def test_what_scatter_within_blocks_makes_of_medians_is_that_of_its_unbiased_variance(half_m: float) -> None:
-    """Blocks of 2 × 2 pixels, two above and two below a median of 1 by so much: their variance is 4/3 of its square."""
+def test_the_noise_of_medians_follows_from_the_unbiased_variance_within_blocks(half_m: float) -> None:
+    """In blocks of 2 × 2 pixels, two values are `half_m` above a median of 1, and two as far below.
+
+    Their unbiased variance is 4/3·half_m².
+    """
     values = 1.0 + half_m * np.where(np.arange(24) % 2, 1.0, -1.0)[np.newaxis] * np.ones((24, 1))
     chance = np.pi / 2 * (4.0 / 3.0 * half_m**2) / 4.0
     expected = 1.0 - (1.0 + 3.0 * np.sqrt(2.0 / 144)) * chance

@@ -1,4 +1,4 @@
-"""Offsets, noise and bad pixels from frames whose truth is drawn here."""
+"""Offsets, noise and bad pixels from dark frames that are drawn here, so that their truth is known."""
 
 from typing import Any
 
@@ -29,18 +29,24 @@ def mean_of(frames: NDArray[Any], voltage: Voltage | None = None) -> FrameMean:
     return mean_volts(frames, voltage=voltage or Voltage())
 
 
-def dark_of(frames: NDArray[np.float64]) -> DarkCalibration:
-    origin = Origin(captures=("dark",), frames=len(frames), pixels=SHAPE[2:], periods_ns=(40.0, 20.0), waveform="sine")
-    return fit_dark(mean_of(frames), origin=origin)
+def fitted(mean: FrameMean) -> DarkCalibration:
+    origin = Origin(
+        captures=("dark",), frames=mean.frames, pixels=mean.pixels, periods_ns=(40.0, 20.0), waveform="sine"
+    )
+    return fit_dark(mean, origin=origin)
+
+
+def dark_of(frames: NDArray[np.float64], voltage: Voltage | None = None) -> DarkCalibration:
+    return fitted(mean_of(frames, voltage))
 
 
 def test_offsets_scatter_about_the_truth_by_their_standard_error() -> None:
     dark = dark_of(frames_v(20))
     stderr = dark.quality()["offset_stderr_v"]
     assert stderr == pytest.approx(NOISE_V / np.sqrt(20), rel=0.03)
-    off = np.abs(dark.offset_v - offsets_v()) / stderr
-    assert (off < 3.0).mean() > 0.994
-    assert off.max() < 6.0
+    deviations = np.abs(dark.offset_v - offsets_v()) / stderr
+    assert (deviations < 3.0).mean() > 0.994
+    assert deviations.max() < 6.0
     assert not dark.hot.any()
 
 
@@ -53,17 +59,17 @@ def test_mean_and_variance_are_those_of_numpy_whatever_the_offset() -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "defect"),
+    ("fault", "defect"),
     [("offset", Defect.OFFSET), ("noise", Defect.NOISE), ("stuck", Defect.DEAD), ("nan", Defect.NOT_FINITE)],
 )
-def test_a_bad_pixel_is_found_and_no_other(what: str, defect: Defect) -> None:
+def test_a_bad_pixel_is_found_and_no_other(fault: str, defect: Defect) -> None:
     frames = frames_v(20)
     spot = (..., 12, 34)
-    if what == "offset":
+    if fault == "offset":
         frames[:, 1, 0, 12, 34] += 0.2
-    elif what == "noise":
+    elif fault == "noise":
         frames[:, 0, 1, 12, 34] += np.random.default_rng(3).normal(0.0, 10 * NOISE_V, 20)
-    elif what == "stuck":
+    elif fault == "stuck":
         frames[spot] = offsets_v()[spot]
     else:
         frames[5, 0, 0, 12, 34] = np.nan
@@ -73,8 +79,8 @@ def test_a_bad_pixel_is_found_and_no_other(what: str, defect: Defect) -> None:
 
 
 @pytest.mark.parametrize(("deviations", "hot"), [(0.0, 0), (7.0, 0), (-7.0, 0), (9.0, 1), (-9.0, 1)])
-def test_an_offset_is_an_outlier_from_eight_deviations_of_the_array_on(deviations: float, hot: int) -> None:
-    """Gaussian offsets of 4 × 1200 pixels reach 4 deviations, and no further; none of those is hot."""
+def test_an_offset_is_an_outlier_beyond_eight_standard_deviations_of_the_array(deviations: float, hot: int) -> None:
+    """Gaussian offsets of 4 × 1200 pixels reach about 4 standard deviations; none of these is hot."""
     offsets = np.random.default_rng(5).normal(0.01, 0.002, SHAPE)
     offsets[1, 0, 12, 34] = np.median(offsets[1, 0]) + deviations * 0.002
     noise = np.random.default_rng(6).normal(0.0, NOISE_V, (20, *SHAPE))
@@ -85,35 +91,37 @@ def test_an_offset_is_an_outlier_from_eight_deviations_of_the_array_on(deviation
 
 
 @pytest.mark.parametrize(("ratio", "defect"), [(1.7, 0), (2.6, Defect.NOISE), (0.6, 0), (0.35, Defect.DEAD)])
-def test_noise_is_an_outlier_from_twice_or_half_that_of_the_array_on(ratio: float, defect: int) -> None:
-    """By 400 frames a standard deviation is known to a thirtieth, so that the ratio decides and not chance."""
+def test_noise_is_an_outlier_beyond_twice_or_below_half_that_of_the_array(ratio: float, defect: int) -> None:
+    """From 400 frames a standard deviation is known to 1/30, so that the ratio decides and not chance."""
     frames = np.random.default_rng(7).normal(0.0, NOISE_V, (400, 2, 2, 6, 8))
     frames[:, 1, 1, 2, 3] *= ratio
-    origin = Origin(captures=("dark",), frames=400, pixels=(6, 8), periods_ns=(40.0, 20.0), waveform="sine")
-    dark = fit_dark(mean_of(frames), origin=origin)
+    dark = dark_of(frames)
     assert dark.defects[2, 3] == defect
     assert dark.hot.sum() == (defect != 0)
     assert dark.noise_v[0, 0].mean() == pytest.approx(NOISE_V, rel=0.02)
 
 
 @pytest.mark.parametrize(("ratio", "defect"), [(20.5, 0), (21.0, Defect.NOISE), (1.1e-9, 0), (0.9e-9, Defect.DEAD)])
-def test_of_three_frames_a_variance_may_be_what_a_pixel_in_a_thousand_million_has(ratio: float, defect: int) -> None:
-    """It is exponential then, with ln 2 as its median: above −ln 1e-9 = 20.7 times it once in so many, or below 1e-9."""
+def test_a_variance_from_three_frames_is_an_outlier_only_if_its_probability_is_below_1e_9(
+    ratio: float, defect: int
+) -> None:
+    """The variance from three frames has an exponential distribution whose median is ln 2 times its mean.
+
+    It exceeds −ln 1e-9 = 20.7 times its mean with the probability 1e-9, and is below 1e-9 of its mean with the same.
+    """
     variance = np.full((2, 2, 6, 8), np.log(2.0) * NOISE_V**2)
     variance[1, 0, 2, 3] = ratio * NOISE_V**2
     mean = FrameMean(np.zeros(variance.shape), None, np.dtype(np.float64), 3, variance)
-    origin = Origin(captures=("dark",), frames=3, pixels=(6, 8), periods_ns=(40.0, 20.0), waveform="sine")
-    assert fit_dark(mean, origin=origin).defects[2, 3] == defect
+    assert fitted(mean).defects[2, 3] == defect
 
 
-def test_chance_makes_no_outlier_of_few_frames() -> None:
-    """By three frames one in ten thousand pixels has a ninth of the variance or less: they are no outliers."""
+def test_few_frames_make_no_outliers_by_chance() -> None:
+    """From three frames, one pixel in ten has a ninth of the true variance or less by chance: these are no outliers."""
     frames = np.random.default_rng(8).normal(0.0, NOISE_V, (3, 2, 2, 100, 100))
-    origin = Origin(captures=("dark",), frames=3, pixels=(100, 100), periods_ns=(40.0, 20.0), waveform="sine")
-    assert not fit_dark(mean_of(frames), origin=origin).hot.any()
+    assert not dark_of(frames).hot.any()
 
 
-def test_quality_is_that_of_the_sound_pixels() -> None:
+def test_quality_figures_are_those_of_the_sound_pixels() -> None:
     frames = frames_v(16)
     frames[:, 1, 0, 12, 34] += 0.5
     dark = dark_of(frames)
@@ -128,8 +136,8 @@ def test_quality_is_that_of_the_sound_pixels() -> None:
 
 
 @pytest.mark.parametrize("frames", [2, 3, 5, 20])
-def test_the_noise_of_a_frame_is_unbiased_however_few_frames_it_is_known_from(frames: int) -> None:
-    """The median of standard deviations from two frames is .67 of the true one."""
+def test_the_noise_of_a_frame_is_unbiased_from_any_number_of_frames(frames: int) -> None:
+    """The median of the standard deviations from two frames is .67 of the true one, and must be corrected."""
     dark = dark_of(frames_v(frames, seed=frames))
     assert dark.quality()["noise_v"] == pytest.approx(NOISE_V, rel=0.04)
 
@@ -137,9 +145,9 @@ def test_the_noise_of_a_frame_is_unbiased_however_few_frames_it_is_known_from(fr
 def test_a_saturated_dark_frame_marks_its_pixel() -> None:
     frames = frames_v(3)
     frames[1, 0, 0, 4, 5] = 0.5
-    sound = mean_of(frames, Voltage(saturated_counts=(-0.4, 0.4))).sound
-    assert not sound[4, 5]
-    assert (~sound).sum() == 1
+    dark = dark_of(frames, Voltage(saturated_counts=(-0.4, 0.4)))
+    assert np.argwhere(dark.hot).tolist() == [[4, 5]]
+    assert dark.defects[4, 5] & Defect.NOT_FINITE
 
 
 def test_one_frame_gives_offsets_without_noise() -> None:
@@ -148,12 +156,7 @@ def test_one_frame_gives_offsets_without_noise() -> None:
     assert (dark.noise_v == 0.0).all()
 
 
-def test_frames_of_another_size_are_refused() -> None:
-    with pytest.raises(SettingsError, match="found a frame of shape"):
-        mean_volts([np.zeros(SHAPE), np.zeros((2, 2, 30, 41))], voltage=Voltage())
-
-
-def test_whole_numbers_need_volts_a_count() -> None:
+def test_whole_numbers_need_volts_per_count() -> None:
     with pytest.raises(SettingsError, match="set volts_per_count under"):
         mean_volts([np.zeros(SHAPE, np.uint16)], voltage=Voltage())
 
@@ -162,8 +165,8 @@ def test_whole_numbers_need_volts_a_count() -> None:
     ("centre_v", "off_v", "outlier"),
     [(0.0, 0.9e-12, False), (0.0, 1.1e-12, True), (0.5, 4e-7, False), (0.5, 6e-7, True)],
 )
-def test_rounding_is_no_outlier_where_there_is_no_noise(centre_v: float, off_v: float, outlier: bool) -> None:
-    """A millionth of a microvolt, or a part in a million of what all pixels show: eight steps of a float32."""
+def test_without_noise_rounding_makes_no_outlier(centre_v: float, off_v: float, outlier: bool) -> None:
+    """Without noise, a pixel may differ by 10⁻¹² V, or by 10⁻⁶ of the common offset: eight steps of a float32."""
     frames = np.full((3, *SHAPE), centre_v)
     frames[:, 0, 0, 4, 5] += off_v
     assert dark_of(frames).hot.sum() == outlier
@@ -184,7 +187,7 @@ def test_frames_without_a_sound_pixel_are_refused(value: float) -> None:
 
 
 def counts_of(frames: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """Return voltages as counts of which NOISE_V are nine."""
+    """Return voltages as counts; NOISE_V is nine counts."""
     return np.rint(8192.0 + frames / (NOISE_V / 9.0)).astype(np.uint16)
 
 
@@ -192,20 +195,21 @@ VOLTAGE = Voltage(volts_per_count=NOISE_V / 9.0, zero_counts=8192.0)
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 20])
-def test_that_few_frames_hold_the_same_count_by_chance_makes_no_pixel_dead(count: int) -> None:
+def test_pixels_that_hold_one_count_in_few_frames_by_chance_are_not_dead(count: int) -> None:
     mean = mean_of(counts_of(frames_v(count)), VOLTAGE)
     assert mean.variance is not None
     assert (mean.variance == 0.0).any() == (count < 4)
-    origin = Origin(captures=("dark",), frames=count, pixels=SHAPE[2:], periods_ns=(40.0, 20.0), waveform="sine")
-    assert not fit_dark(mean, origin=origin).hot.any()
+    assert not fitted(mean).hot.any()
 
 
-@pytest.mark.parametrize(("count", "told"), [(4, False), (5, True)])
-def test_a_count_that_never_changes_is_dead_from_where_chance_does_not_make_it_so(count: int, told: bool) -> None:
-    """Nine counts of noise: n frames agree by chance with (1/(9·√(2π)))^(n − 1)/√n, in .2 of 4800 channels at 4, in .008 at 5."""
+@pytest.mark.parametrize(("count", "is_dead"), [(4, False), (5, True)])
+def test_a_pixel_of_one_count_is_dead_if_there_are_too_many_frames_for_chance(count: int, is_dead: bool) -> None:
+    """With a noise of nine counts, n frames agree by chance with a probability of (1/(9·√(2π)))^(n − 1)/√n.
+
+    Of 4800 channels, .2 are expected to agree in 4 frames, and .008 in 5.
+    """
     frames = frames_v(count)
     frames[:, 1, 0, 12, 34] = frames[0, 1, 0, 12, 34]
     mean = mean_of(counts_of(frames), VOLTAGE)
-    origin = Origin(captures=("dark",), frames=count, pixels=SHAPE[2:], periods_ns=(40.0, 20.0), waveform="sine")
-    assert fit_dark(mean, origin=origin).hot.sum() == told
-    assert tells_dead(mean) == told
+    assert fitted(mean).hot.sum() == is_dead
+    assert tells_dead(mean) == is_dead

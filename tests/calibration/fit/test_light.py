@@ -1,4 +1,4 @@
-"""Light in frames that should be dark: told from offsets by the law that ties harmonics, and by its level."""
+"""Light in frames that should be dark differs from offsets by the law that ties its harmonics, and by its level."""
 
 import numpy as np
 import pytest
@@ -15,13 +15,13 @@ def _seen(volts: NDArray[np.float64], harmonics: tuple[int, ...] = (1, 2)) -> Li
 
 
 def _light(amplitude_v: float, phase: NDArray[np.float64], harmonics: tuple[int, ...] = (1, 2)) -> NDArray[np.float64]:
-    """Voltages of light at a phase of the fundamental, (H, 2, Y, X): harmonics beyond it have gains and delays."""
+    """Return voltages of light with this fundamental phase, (H, 2, Y, X); higher harmonics have gains and delays."""
     phasors = [amplitude_v * 0.8 ** (h - 1) * np.exp(1j * (h * phase + 0.3 * (h - 1))) for h in harmonics]
     return np.stack([[one.real, one.imag] for one in phasors])
 
 
 def _phases() -> NDArray[np.float64]:
-    """Phases of a wall seen at a slant, over 2 rad."""
+    """Return the phases of a slanted wall; they vary by 2 rad over the array."""
     y, x = np.mgrid[:HEIGHT, :WIDTH] / HEIGHT
     return np.asarray(1.0 + 1.3 * x**2 - 0.4 * y)
 
@@ -42,15 +42,18 @@ def test_light_follows_its_law_and_offsets_do_not(harmonics: tuple[int, ...]) ->
     "shape", [(2, 2, 1, WIDTH), (1, 2, 1, WIDTH), (2, 2, HEIGHT, 1), (1, 1, HEIGHT, WIDTH), (2, 2, 1, 1)]
 )
 @pytest.mark.parametrize("seed", range(6))
-def test_patterns_of_offsets_are_no_light(shape: tuple[int, ...], seed: int) -> None:
-    """Columns, rows, pixels that are alike in all harmonics and channels, one offset for all."""
+def test_patterns_of_offsets_do_not_count_as_light(shape: tuple[int, ...], seed: int) -> None:
+    """The offsets are alike in whole columns, in whole rows, in all harmonics and channels, or in all pixels."""
     rng = np.random.default_rng([seed, *shape])
     pattern = rng.normal(scale=0.006, size=shape) + rng.normal(scale=2e-4, size=(2, 2, HEIGHT, WIDTH))
     assert not _seen(pattern).is_lit
 
 
-def test_light_at_one_phase_is_known_by_its_level() -> None:
-    """Without any change of phase the law says nothing; a tenth of the modulation amplitude in every pixel is no offset."""
+def test_light_of_one_phase_is_recognised_by_its_level() -> None:
+    """If the phase is the same everywhere, the law tells nothing.
+
+    But a tenth of the modulation amplitude in every pixel is more than an offset can be.
+    """
     even = np.full((HEIGHT, WIDTH), 2.0)
     noise = np.random.default_rng(1).normal(scale=2e-3, size=(2, 2, HEIGHT, WIDTH))
     seen = _seen(_light(0.09, even) + noise)
@@ -60,24 +63,24 @@ def test_light_at_one_phase_is_known_by_its_level() -> None:
     assert not _seen(_light(0.02, even) + noise).is_lit
 
 
-def test_pixels_that_are_hot_or_not_sound_are_not_asked() -> None:
+def test_hot_and_unsound_pixels_do_not_count() -> None:
     rng = np.random.default_rng(2)
     volts = rng.uniform(-0.002, 0.002, (2, 2, HEIGHT, WIDTH))
     volts[:, :, rng.random((HEIGHT, WIDTH)) < 0.02] += 0.25
     volts[:, :, :5] = np.nan
-    assert _seen(volts).law == _seen(volts).law < 0.5
+    assert _seen(volts).law < 0.5
     assert not _seen(volts).is_lit
     volts[:] = np.nan
     assert _seen(volts) == LightSeen(0.0, 0.0)
 
 
-def test_with_the_fundamental_alone_the_level_is_all_there_is() -> None:
+def test_with_one_harmonic_only_the_level_decides() -> None:
     assert _seen(_light(0.09, np.full((HEIGHT, WIDTH), 2.0), (1,)), (1,)).is_lit
     assert not _seen(_light(0.01, _phases(), (1,)), (1,)).is_lit
 
 
-def test_the_level_is_the_length_of_the_common_phasor_of_the_least_harmonic() -> None:
-    """Medians of both channels by themselves, over the modulation amplitude."""
+def test_the_level_is_the_length_of_the_shortest_common_phasor_of_the_harmonics() -> None:
+    """The phasor consists of the medians of both channels; the level is its length over the modulation amplitude."""
     volts = np.random.default_rng(5).normal(scale=1e-4, size=(2, 2, HEIGHT, WIDTH))
     volts[0] += np.array([0.003, 0.004])[:, np.newaxis, np.newaxis]
     volts[1] += np.array([-0.012, 0.005])[:, np.newaxis, np.newaxis]
@@ -86,23 +89,23 @@ def test_the_level_is_the_length_of_the_common_phasor_of_the_least_harmonic() ->
 
 
 @pytest.mark.parametrize(("law", "level", "lit"), [(1.0, 0.1, False), (1.01, 0.0, True), (0.0, 0.101, True)])
-def test_light_is_known_by_its_law_or_by_its_level(law: float, level: float, lit: bool) -> None:
+def test_light_is_recognised_by_its_law_or_by_its_level(law: float, level: float, lit: bool) -> None:
     seen = LightSeen(law, level)
     assert seen.is_lit is lit
     assert seen.follows_law is (law > 1.0)
 
 
-@pytest.mark.parametrize(("pixels", "asked"), [(199, False), (200, True)])
-def test_two_hundred_pixels_are_asked_at_least(pixels: int, asked: bool) -> None:
+@pytest.mark.parametrize(("pixels", "judged"), [(199, False), (200, True)])
+def test_fewer_than_two_hundred_pixels_are_not_judged(pixels: int, judged: bool) -> None:
     even = _light(0.09, np.full((HEIGHT, WIDTH), 2.0)) + 1e-4 * np.random.default_rng(6).normal(
         size=(2, 2, HEIGHT, WIDTH)
     )
     even.reshape(2, 2, -1)[:, :, pixels:] = np.nan
-    assert (_seen(even).level > 0.0) is asked
+    assert (_seen(even).level > 0.0) is judged
 
 
-def test_light_under_the_noise_of_pixels_is_found_in_blocks() -> None:
-    """Among offsets of single pixels a third as large as the light: of medians over 5 × 5 the law foretells more."""
+def test_light_that_offsets_of_pixels_hide_is_found_in_blocks() -> None:
+    """The offsets of single pixels are a third of the light. The law predicts more of medians over 5 × 5 pixels."""
     offsets = np.random.default_rng(7).normal(scale=0.02, size=(2, 2, 120, 160))
     y, x = np.mgrid[:120, :160] / 120.0
     light = _light(0.06, np.asarray(1.0 + 1.6 * x**2 - 0.5 * y))
@@ -110,7 +113,7 @@ def test_light_under_the_noise_of_pixels_is_found_in_blocks() -> None:
     assert _seen(offsets).law < 1.0
 
 
-def test_a_fundamental_without_any_signal_foretells_nothing() -> None:
+def test_a_fundamental_without_a_signal_predicts_nothing() -> None:
     volts = np.zeros((2, 2, HEIGHT, WIDTH))
     volts[1] = np.random.default_rng(8).normal(scale=0.01, size=(2, HEIGHT, WIDTH))
     seen = _seen(volts)
@@ -119,26 +122,32 @@ def test_a_fundamental_without_any_signal_foretells_nothing() -> None:
 
 
 @pytest.mark.parametrize(("height", "chance"), [(60, 0.1), (240, 0.05)])
-def test_light_alone_is_foretold_wholly(height: int, chance: float) -> None:
-    """What chance reaches is a twentieth, and six over the rows where these are few."""
+def test_the_law_predicts_light_without_offsets_completely(height: int, chance: float) -> None:
+    """Chance reaches a share of 1/20, or of 6 over the number of rows if that is larger."""
     y, x = np.mgrid[:height, : height * 4 // 3] / height
     seen = _seen(_light(0.09, np.asarray(1.0 + 1.3 * x**2 - 0.4 * y), (1, 2, 3)), (1, 2, 3))
     assert seen.law == pytest.approx(1.0 / chance, rel=1e-6)
 
 
-@pytest.mark.parametrize(("deviations", "asked"), [(5.8, True), (6.2, False), (-5.8, True), (-6.2, False)])
-def test_pixels_up_to_six_deviations_from_the_others_are_asked(deviations: float, asked: bool) -> None:
-    """Of two hundred, half of them a millivolt off to either side; without the one there are too few."""
+@pytest.mark.parametrize(("deviations", "judged"), [(5.8, True), (6.2, False), (-5.8, True), (-6.2, False)])
+def test_pixels_within_six_deviations_of_the_median_count(deviations: float, judged: bool) -> None:
+    """Of 200 pixels, half are 1 mV above 20 mV and half 1 mV below.
+
+    If the one pixel that is farther off is left out, the other 199 are too few.
+    """
     volts = np.full((2, 2, HEIGHT, WIDTH), np.nan)
     flat = volts.reshape(2, 2, -1)
     flat[:, :, :200] = 0.02 + 0.001 * np.where(np.arange(200) % 2, 1.0, -1.0)
     flat[1, 0, 7 if deviations > 0 else 6] = 0.02 + deviations * 0.001 / 0.6744897501960817
-    assert (_seen(volts).level > 0.0) is asked
+    assert (_seen(volts).level > 0.0) is judged
 
 
 @pytest.mark.parametrize(("height", "width"), [(35, 35), (34, 60)])
-def test_where_blocks_are_fewer_than_fifty_pixels_alone_are_asked_for_the_law(height: int, width: int) -> None:
-    """Light of a third of the pixels' own offsets: 7 × 7 blocks of 5 × 5 pixels would tell it, but are 49."""
+def test_fewer_than_fifty_blocks_or_six_rows_of_blocks_do_not_show_the_law(height: int, width: int) -> None:
+    """Offsets of single pixels hide the light. 7 × 7 blocks of 5 × 5 pixels would show it, but these are only 49.
+
+    34 × 60 pixels have 72 blocks, but in six rows, and chance explains all of what six rows show.
+    """
     y, x = np.mgrid[:height, :width] / 35.0
     light = _light(0.05, np.asarray(1.0 + 1.6 * x**2 - 0.5 * y))
     offsets = np.random.default_rng(9).normal(scale=0.05, size=(2, 2, height, width))
@@ -147,8 +156,11 @@ def test_where_blocks_are_fewer_than_fifty_pixels_alone_are_asked_for_the_law(he
     assert _seen(light + offsets).follows_law is False
 
 
-def test_offsets_that_most_pixels_share_to_the_bit_are_held_against_single_precision() -> None:
-    """Of 210 pixels 150 hold the same; the others differ in the last bits of a float, six of which are no outlier."""
+def test_if_most_pixels_hold_one_value_outliers_are_judged_by_single_precision() -> None:
+    """Of 210 pixels, 150 hold the same value, so that their spread is 0.
+
+    The other pixels are outliers if they differ by more than six times the epsilon of float32, 2⁻²³.
+    """
     volts = np.full((2, 2, HEIGHT, WIDTH), np.nan)
     flat = volts.reshape(2, 2, -1)
     flat[:, :, :210] = 0.02
@@ -160,8 +172,8 @@ def test_offsets_that_most_pixels_share_to_the_bit_are_held_against_single_preci
 
 @pytest.mark.parametrize(("other", "follows"), [(1.0, True), (0.8, True), (0.2, False), (-1.0, False)])
 @pytest.mark.parametrize("axis", ["left and right", "above and below"])
-def test_one_half_of_the_array_foretells_the_other(axis: str, other: float, follows: bool) -> None:
-    """Harmonics tied as by light, but in one half by another multiple, are tied by something else."""
+def test_the_law_must_hold_with_one_factor_in_both_halves_of_the_array(axis: str, other: float, follows: bool) -> None:
+    """If harmonics are tied as those of light, but by another factor in each half, the cause is not light."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     volts = _light(0.09, _phases())
     volts[1] *= np.where(x < WIDTH // 2 if axis == "left and right" else y < HEIGHT // 2, 1.0, other)
@@ -169,8 +181,8 @@ def test_one_half_of_the_array_foretells_the_other(axis: str, other: float, foll
 
 
 @pytest.mark.parametrize(("pixels", "found"), [(11, False), (12, True)])
-def test_blocks_of_half_their_pixels_are_asked(pixels: int, found: bool) -> None:
-    """Light under the noise of pixels, so many of which are sound in each block of 5 × 5: blocks alone would tell it."""
+def test_blocks_with_half_of_their_pixels_count(pixels: int, found: bool) -> None:
+    """Noise of single pixels hides the light, so that only blocks show it. `pixels` of each 5 × 5 block are sound."""
     rng = np.random.default_rng(10)
     y, x = np.mgrid[:120, :160] / 120.0
     volts = rng.normal(scale=0.018, size=(2, 2, 120, 160)) + _light(0.06, np.asarray(1.0 + 1.6 * x**2 - 0.5 * y))
@@ -180,8 +192,8 @@ def test_blocks_of_half_their_pixels_are_asked(pixels: int, found: bool) -> None
 
 
 @pytest.mark.parametrize("share", [0.1, 0.6])
-def test_pixels_that_are_left_out_take_nothing_from_the_level(share: float) -> None:
-    """Light at one phase, whose imaginary part is the larger; of most pixels nothing may be known."""
+def test_pixels_of_nan_do_not_change_the_level(share: float) -> None:
+    """The light has one phase, with a larger imaginary part. Even most pixels may be NaN."""
     rng = np.random.default_rng(12)
     volts = _light(0.09, np.full((HEIGHT, WIDTH), 1.2)) + rng.normal(scale=2e-3, size=(2, 2, HEIGHT, WIDTH))
     volts[..., rng.random((HEIGHT, WIDTH)) < share] = np.nan

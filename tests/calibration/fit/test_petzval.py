@@ -1,4 +1,4 @@
-"""Field curvature from ranges that are known: walls by intersecting rays, curvature added by hand."""
+"""Field curvature from known ranges: rays are intersected with walls here, and curvature is added."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def measured_wall(
     focal_px: float = 70.0,
     sigma_m: float = SIGMA_M,
 ) -> WallRanges:
-    """Return the noisy ranges of the plane n·p = D with n = (nx, ny, 1), bent by the curvature."""
+    """Return noisy ranges of the plane n·p = D, n = (nx, ny, 1), with the field curvature added."""
     y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
     rays = np.stack([(x - 39.5) / focal_px, (y - 29.5) / focal_px, np.ones(PIXELS)])
     times = distance_m / np.tensordot(np.array([*normal, 1.0]), rays, axes=1)
@@ -58,7 +58,7 @@ def deviations(found: PetzvalCalibration) -> tuple[float, float]:
     )
 
 
-def test_two_tilted_walls_at_unknown_distances() -> None:
+def test_curvature_is_found_from_two_tilted_walls_at_unknown_distances() -> None:
     found = fitted(measured_wall(1.0, seed=1), measured_wall(3.0, seed=2, normal=(-0.04, 0.07)))
     assert max(deviations(found)) < 3.0
     assert found.quality.rms_after_m < 1.1 * SIGMA_M
@@ -67,13 +67,13 @@ def test_two_tilted_walls_at_unknown_distances() -> None:
     assert found.quality.walls[1].distance_m == pytest.approx(3.0, abs=1e-3)
 
 
-def test_standard_errors_are_those_of_repetitions() -> None:
+def test_the_standard_error_is_the_scatter_of_repetitions() -> None:
     runs = [fitted(measured_wall(1.0, seed=2 * s), measured_wall(3.0, seed=2 * s + 1)) for s in range(25)]
     scatter = np.std([run.k2_m for run in runs])
     assert scatter == pytest.approx(runs[0].quality.k2_stderr_m, rel=0.4)
 
 
-def test_a_known_distance_stays_and_narrows_the_error() -> None:
+def test_a_known_distance_is_kept_and_makes_the_standard_error_smaller() -> None:
     free = fitted(measured_wall(1.0, seed=1))
     known = fitted(measured_wall(1.0, seed=1, known=True))
     assert known.quality.walls[0].distance_m == 1.0
@@ -84,7 +84,7 @@ def test_a_known_distance_stays_and_narrows_the_error() -> None:
 
 
 def spoilt(ranges: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
-    """Return ranges with what a real wall has beside noise."""
+    """Return ranges with one kind of error that a real wall has besides noise."""
     ranges = ranges.copy()
     rng = np.random.default_rng(9)
     if kind == "object in view":
@@ -101,33 +101,33 @@ def spoilt(ranges: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("kind", ["object in view", "MPI at the borders", "hot pixels", "pixels without an answer"])
-def test_what_is_not_wall_has_no_say(kind: str) -> None:
+def test_pixels_that_do_not_show_the_wall_do_not_count(kind: str) -> None:
     walls = [measured_wall(distance, seed=seed) for seed, distance in ((3, 1.0), (4, 3.0))]
     found = fitted(*(WallRanges(spoilt(wall.range_m, kind), wall.sigma_m, None) for wall in walls))
     assert max(deviations(found)) < 3.5
 
 
-def test_ranges_that_wrap_at_the_end_of_the_unambiguous_range() -> None:
+def test_ranges_that_wrap_at_the_end_of_the_unambiguous_range_are_no_outliers() -> None:
     wall = measured_wall(5.5, seed=5)
     assert (wall.range_m < 2.0).any()
     found = fitted(wall, measured_wall(1.0, seed=6))
     assert max(deviations(found)) < 3.0
-    # of Gaussian residuals none to speak of is an outlier: what wraps is no outlier either
+    # hardly any Gaussian residual is an outlier, and ranges that wrap are no outliers either
     for fit in found.quality.walls:
         assert fit.pixels > 0.999 * PIXELS[0] * PIXELS[1]
     assert found.quality.walls[0].distance_m == pytest.approx(5.5, abs=2e-3)
     assert found.quality.rms_after_m < 1.1 * SIGMA_M
 
 
-def test_without_a_principal_point_the_middle_of_the_array_is_taken_and_it_is_said() -> None:
-    """The walls here are seen about column 39.5 and row 29.5, the middle of 80 × 60."""
+def test_without_a_principal_point_the_middle_of_the_array_is_used_and_reported() -> None:
+    """The principal point of these walls is at column 39.5 and row 29.5, the middle of 80 × 60 pixels."""
     found = fitted(measured_wall(1.0, seed=1), measured_wall(3.0, seed=2), optics=Optics(focal_length_px=70.0))
     assert found.principal_point_px == (39.5, 29.5)
     assert max(deviations(found)) < 3.0
     assert any("column 39.5 and row 29.5, is taken" in text for text in found.quality.findings)
 
 
-def test_without_optics_two_distances_give_the_focal_length_too() -> None:
+def test_without_optics_two_distances_also_give_the_focal_length() -> None:
     found = fitted(measured_wall(1.0, seed=1), measured_wall(3.0, seed=2), optics=Optics())
     assert found.quality.focal_length_px == pytest.approx(70.0, rel=5e-3)
     assert max(deviations(found)) < 3.0
@@ -146,7 +146,7 @@ def test_without_optics_one_distance_is_refused(distances: tuple[float, ...]) ->
 
 
 def test_a_wall_in_a_narrow_part_of_the_view_warns_with_the_numbers() -> None:
-    """In the middle ± 8 px of 80, ρ² hardly changes: distance, tilt and curvature go together."""
+    """Within ± 8 px of the middle of 80, ρ² hardly changes: distance, tilt and curvature are hard to separate."""
     wall = measured_wall(1.0, seed=1)
     ranges = np.full(PIXELS, np.nan)
     ranges[22:38, 32:48] = wall.range_m[22:38, 32:48]
@@ -171,7 +171,7 @@ def two_walls() -> tuple[WallRanges, WallRanges]:
     return measured_wall(1.0, seed=1), measured_wall(3.0, seed=2, normal=(-0.04, 0.07))
 
 
-def test_a_good_fit_has_nothing_to_say_and_knows_its_noise() -> None:
+def test_a_good_fit_has_no_findings_and_residuals_of_the_predicted_noise() -> None:
     quality = fitted(*two_walls()).quality
     assert quality.findings == ()
     assert quality.noise_rms_m == pytest.approx(SIGMA_M)
@@ -186,7 +186,7 @@ def test_a_good_fit_has_nothing_to_say_and_knows_its_noise() -> None:
         assert wall.rms_before_m > 2.0 * SIGMA_M
 
 
-def test_distances_tilts_and_their_errors_are_those_of_repetitions() -> None:
+def test_distances_tilts_and_standard_errors_agree_with_repetitions() -> None:
     runs = [
         fitted(measured_wall(1.0, seed=50 + 2 * s), measured_wall(3.0, seed=51 + 2 * s)).quality.walls
         for s in range(25)
@@ -199,8 +199,8 @@ def test_distances_tilts_and_their_errors_are_those_of_repetitions() -> None:
         np.testing.assert_allclose(slopes.mean(axis=0), [0.05, -0.03], atol=1e-3)
 
 
-@pytest.mark.parametrize(("share", "said"), [(0.04, False), (0.07, True)])
-def test_pixels_off_the_walls_are_counted_from_a_twentieth_on(share: float, said: bool) -> None:
+@pytest.mark.parametrize(("share", "warned"), [(0.04, False), (0.07, True)])
+def test_pixels_off_the_walls_are_reported_from_a_twentieth_on(share: float, warned: bool) -> None:
     walls = []
     for wall in two_walls():
         ranges = wall.range_m.copy()
@@ -208,22 +208,22 @@ def test_pixels_off_the_walls_are_counted_from_a_twentieth_on(share: float, said
         walls.append(WallRanges(ranges, wall.sigma_m, None))
     found = fitted(*walls)
     texts = [text for text in found.quality.findings if "do not lie on the walls and were left out" in text]
-    assert len(texts) == said
+    assert len(texts) == warned
     kept = sum(wall.pixels for wall in found.quality.walls) / (2 * PIXELS[0] * PIXELS[1])
     assert kept == pytest.approx(1 - share, abs=0.01)
 
 
-@pytest.mark.parametrize(("factor", "said"), [(1.4, False), (1.7, True)])
-def test_more_left_than_noise_is_warned_of_from_half_as_much_again_on(factor: float, said: bool) -> None:
+@pytest.mark.parametrize(("factor", "warned"), [(1.4, False), (1.7, True)])
+def test_residuals_beyond_one_and_a_half_times_the_noise_are_warned_of(factor: float, warned: bool) -> None:
     walls = [WallRanges(wall.range_m, wall.sigma_m / factor, None) for wall in two_walls()]
     quality = fitted(*walls).quality
-    assert any(text.startswith("warning: the residual, 3.0") for text in quality.findings) == said
-    # what scatters more than thought is known less well, too
+    assert any(text.startswith("warning: the residual, 3.0") for text in quality.findings) == warned
+    # the standard error follows the observed scatter, not the predicted noise
     assert quality.k2_stderr_m == pytest.approx(fitted(*two_walls()).quality.k2_stderr_m, rel=0.02)
 
 
-def test_noise_that_differs_weighs_less_where_it_is_larger() -> None:
-    """The lower half of both walls is worthless; what is left tells k2 nearly as if it were not there."""
+def test_pixels_with_more_noise_have_less_weight() -> None:
+    """The lower half of both walls has much more noise. k2 is nearly the same as without that half."""
     walls, halves = [], []
     for index, wall in enumerate(two_walls()):
         ranges, sigma = wall.range_m.copy(), wall.sigma_m.copy()
@@ -238,37 +238,40 @@ def test_noise_that_differs_weighs_less_where_it_is_larger() -> None:
     assert max(deviations(found)) < 3.0
 
 
-@pytest.mark.parametrize(("sigma_m", "said"), [(0.04, False), (0.075, True)])
-def test_coefficients_known_to_less_than_a_centimetre_are_warned_of(sigma_m: float, said: bool) -> None:
+@pytest.mark.parametrize(("sigma_m", "warned"), [(0.04, False), (0.075, True)])
+def test_standard_errors_above_a_centimetre_are_warned_of(sigma_m: float, warned: bool) -> None:
     found = fitted(measured_wall(1.0, seed=1, sigma_m=sigma_m), measured_wall(3.0, seed=2, sigma_m=sigma_m))
     largest = max(found.quality.k2_stderr_m, found.quality.k4_stderr_m)
-    assert (0.01 < largest < 0.02) == said
-    assert any(text.startswith("warning: curvature, distance and tilt") for text in found.quality.findings) == said
+    assert (0.01 < largest < 0.02) == warned
+    assert any(text.startswith("warning: curvature, distance and tilt") for text in found.quality.findings) == warned
 
 
-def test_what_was_left_before_is_what_walls_without_curvature_leave() -> None:
-    """Against scipy's least squares of distance and tilts alone, in the pixels that counted."""
+def test_rms_before_is_the_residual_of_walls_without_curvature() -> None:
+    """The expected residual comes from scipy's least squares for distance and tilts alone."""
     quality = fitted(*two_walls()).quality
     y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
     u, v = (x - 39.5) / 70.0, (y - 29.5) / 70.0
     squares, count = 0.0, 0
     for wall, found in zip(two_walls(), quality.walls, strict=True):
 
-        def left(values: NDArray[np.float64], wall: WallRanges = wall) -> NDArray[np.float64]:
+        def residuals(values: NDArray[np.float64], wall: WallRanges = wall) -> NDArray[np.float64]:
             distance, alpha, beta = values
             model = distance * np.sqrt(1.0 + u * u + v * v) / (1.0 + alpha * u + beta * v)
             return np.asarray((wall.range_m - model).ravel())
 
-        best = least_squares(left, [found.distance_m, 0.0, 0.0], loss="soft_l1", f_scale=0.05)
-        own = float(np.mean(left(best.x) ** 2))
-        assert found.rms_before_m == pytest.approx(np.sqrt(own), rel=0.1)
-        squares, count = squares + own, count + 1
+        best = least_squares(residuals, [found.distance_m, 0.0, 0.0], loss="soft_l1", f_scale=0.05)
+        mean_square = float(np.mean(residuals(best.x) ** 2))
+        assert found.rms_before_m == pytest.approx(np.sqrt(mean_square), rel=0.1)
+        squares, count = squares + mean_square, count + 1
     assert quality.rms_before_m == pytest.approx(np.sqrt(squares / count), rel=0.1)
 
 
 def ranges_of(parameters: NDArray[np.float64], focal_px: float | None) -> NDArray[np.float64]:
-    """Return the ranges of two walls, one after the other: k2 and k4, the focal length where it is not known, and of each wall
-    its distance and the slopes of its normal."""
+    """Return the ranges of two walls, one after the other.
+
+    The parameters are k2 and k4, the focal length if it is not known, and for each wall its distance and the slopes of
+    its normal.
+    """
     k2, k4, *rest = parameters
     focal = rest.pop(0) if focal_px is None else focal_px
     y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
@@ -282,8 +285,8 @@ def ranges_of(parameters: NDArray[np.float64], focal_px: float | None) -> NDArra
 
 
 @pytest.mark.parametrize("focal_px", [70.0, None])
-def test_errors_and_correlations_are_those_of_ranges_a_little_changed(focal_px: float | None) -> None:
-    """By scipy's differences of ranges: what is known of each parameter, and of two together."""
+def test_standard_errors_and_correlation_follow_from_finite_differences(focal_px: float | None) -> None:
+    """The expected covariance comes from scipy's finite differences of the ranges by all parameters."""
     walls = measured_wall(1.0, seed=1, sigma_m=1e-5), measured_wall(3.0, seed=2, normal=(-0.04, 0.07), sigma_m=1e-5)
     quality = fitted(*walls, optics=replace(OPTICS, focal_length_px=focal_px)).quality
     truth = [K2_M, K4_M, *([70.0] if focal_px is None else []), 1.0, 0.05, -0.03, 3.0, -0.04, 0.07]
@@ -298,8 +301,8 @@ def test_errors_and_correlations_are_those_of_ranges_a_little_changed(focal_px: 
     assert quality.correlation == pytest.approx(correlation, rel=1e-4)
 
 
-def with_off(columns: int, off_m: float) -> tuple[WallRanges, WallRanges]:
-    """Two walls; of the second, so many of the 16 columns of blocks stand out by more and less than it."""
+def walls_with_columns_off(columns: int, off_m: float) -> tuple[WallRanges, WallRanges]:
+    """Return two walls; in the second, so many of the 16 columns of blocks are nearer or farther by `off_m`."""
     first, second = measured_wall(1.0, seed=1), measured_wall(3.0, seed=2)
     ranges = second.range_m.copy()
     for number in range(columns):
@@ -309,36 +312,36 @@ def with_off(columns: int, off_m: float) -> tuple[WallRanges, WallRanges]:
 
 
 @pytest.mark.parametrize(("columns", "share"), [(6, None), (7, "56%"), (9, "44%")])
-def test_of_a_flat_wall_three_fifths_lie_on_it(columns: int, share: str | None) -> None:
-    walls = with_off(columns, 0.3)
+def test_three_fifths_of_the_blocks_must_lie_on_the_wall(columns: int, share: str | None) -> None:
+    walls = walls_with_columns_off(columns, 0.3)
     if share is None:
         assert max(deviations(fitted(*walls))) < 3.5
         return
-    said = (
+    message = (
         rf"wall 2 \(wall_1\): {share} of the parts with a single path lie on a flat wall, within 20 mm and noise, "
         "expected 60% or"
     )
-    with pytest.raises(SettingsError, match=said):
+    with pytest.raises(SettingsError, match=message):
         fitted(*walls)
 
 
 @pytest.mark.parametrize(("off_m", "flat"), [(0.021, True), (0.025, False)])
-def test_a_wall_is_flat_to_two_centimetres_and_noise(off_m: float, flat: bool) -> None:
-    """Noise of 3 mm a pixel."""
+def test_blocks_lie_on_the_wall_within_two_centimetres_and_noise(off_m: float, flat: bool) -> None:
+    """The noise of a pixel is 3 mm."""
     if flat:
-        fitted(*with_off(8, off_m))
+        fitted(*walls_with_columns_off(8, off_m))
         return
     with pytest.raises(SettingsError, match=r"wall 2 .* it is not a flat wall"):
-        fitted(*with_off(8, off_m))
+        fitted(*walls_with_columns_off(8, off_m))
 
 
-def test_a_wall_of_scattered_pixels_is_held_against_nothing() -> None:
-    """Too few in every block for a median to count."""
+def test_a_wall_of_scattered_pixels_is_not_tested_for_flatness() -> None:
+    """No block has enough pixels for a median, so that flatness is not tested."""
     assert max(deviations(fitted(*(every_fifth(wall) for wall in two_walls())))) < 3.5
 
 
 def every_fifth(wall: WallRanges, pixels: int = 192) -> WallRanges:
-    """Every fifth pixel of every fifth row, as far as these are so many."""
+    """Return every fifth pixel of every fifth row, at most `pixels` of them."""
     ranges = np.full(PIXELS, np.nan)
     ranges[::5, ::5] = wall.range_m[::5, ::5]
     chosen = np.random.default_rng(1).permutation(np.flatnonzero(np.isfinite(ranges)))
@@ -347,7 +350,7 @@ def every_fifth(wall: WallRanges, pixels: int = 192) -> WallRanges:
 
 
 @pytest.mark.parametrize("pixels", [49, 50])
-def test_fifty_pixels_are_the_fewest_of_a_wall(pixels: int) -> None:
+def test_a_wall_needs_fifty_pixels(pixels: int) -> None:
     near, far = two_walls()
     if pixels == 50:
         assert max(deviations(fitted(near, every_fifth(far, pixels)))) < 3.0
@@ -359,10 +362,8 @@ def test_fifty_pixels_are_the_fewest_of_a_wall(pixels: int) -> None:
 
 
 @pytest.mark.parametrize(("focal_px", "distance_m"), [(25.0, 2.4), (20.0, 2.0), (35.0, 3.3)])
-def test_a_wide_lens_sees_a_wall_from_one_end_of_the_unambiguous_range_to_the_other(
-    focal_px: float, distance_m: float
-) -> None:
-    """The corners are more than twice as far away as the middle."""
+def test_a_wide_lens_may_see_a_wall_over_the_whole_unambiguous_range(focal_px: float, distance_m: float) -> None:
+    """The corners of the view are more than twice as far away as its middle."""
     walls = [measured_wall(d, seed=1, focal_px=focal_px) for d in (distance_m, 0.5)]
     assert np.max(walls[0].range_m) > 5.0
     found = fitted(*walls, optics=replace(OPTICS, focal_length_px=focal_px))
@@ -370,8 +371,8 @@ def test_a_wide_lens_sees_a_wall_from_one_end_of_the_unambiguous_range_to_the_ot
     assert max(deviations(found)) < 3.0
 
 
-def test_what_lies_half_the_unambiguous_range_behind_a_wall_is_not_wall() -> None:
-    """A tenth of the pixels; only whole unambiguous ranges are no difference."""
+def test_pixels_half_the_unambiguous_range_behind_a_wall_are_left_out() -> None:
+    """A tenth of the pixels is farther by half the unambiguous range; a whole unambiguous range makes no difference."""
     wall = measured_wall(1.0, seed=1)
     ranges = wall.range_m.copy()
     behind = np.random.default_rng(11).random(PIXELS) < 0.1
@@ -382,15 +383,15 @@ def test_what_lies_half_the_unambiguous_range_behind_a_wall_is_not_wall() -> Non
     assert fitted(WallRanges(ranges, wall.sigma_m, None)).quality.walls[0].pixels > 0.999 * behind.size
 
 
-def test_without_optics_a_wall_without_any_answer_is_refused_by_its_name() -> None:
+def test_without_optics_a_wall_without_any_answer_is_refused_and_named() -> None:
     nothing = WallRanges(np.full(PIXELS, np.nan), np.full(PIXELS, np.nan), None)
     with pytest.raises(SettingsError, match=r"wall 2 \(wall_1\): found 0 pixels"):
         fitted(measured_wall(1.0, seed=1), nothing, optics=Optics())
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_walls_that_do_not_tell_a_long_focal_length_are_refused_or_it_is_positive(seed: int) -> None:
-    """Through a lens of so narrow a view a wall's range hardly depends on the pixel: less than noise."""
+def test_a_very_long_focal_length_is_refused_or_fitted_positive(seed: int) -> None:
+    """With such a narrow view, the range of a wall depends on the pixel by less than noise."""
     walls = [
         measured_wall(distance, seed=10 * seed + index, focal_px=5000.0) for index, distance in enumerate((1.0, 3.0))
     ]

@@ -1,4 +1,4 @@
-"""What each pixel adds, from made-up targets without noise: phases, gains and amplitudes come back."""
+"""Phases, gains and amplitudes of pixels are found from made-up targets without noise."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ HARMONICS = (1, 2)
 RNG = np.random.default_rng(1)
 
 
-def test_a_series_is_the_sum_of_its_terms_against_the_main_one() -> None:
+def test_a_series_is_the_sum_of_its_terms_over_the_main_term() -> None:
     theta = np.linspace(-3.0, 3.0, 20)
     expected = 1.0 + (0.1 - 0.2j) * np.exp(-2j * theta) + 0.05j * np.exp(2j * theta)
     np.testing.assert_allclose(series({-1: 0.1 - 0.2j, 3: 0.05j}, theta), expected, rtol=1e-14)
@@ -18,19 +18,19 @@ def test_a_series_is_the_sum_of_its_terms_against_the_main_one() -> None:
 
 
 @pytest.mark.parametrize("terms", [({}, {}), ({-1: 0.03 - 0.02j, 0: 0.01j}, {-1: -0.02j, 3: 0.04 + 0j})])
-def test_phases_gains_and_amplitudes_come_back(terms: tuple[dict[int, complex], ...]) -> None:
+def test_phases_gains_and_amplitudes_are_found_exactly(terms: tuple[dict[int, complex], ...]) -> None:
     phase = RNG.uniform(0.3, 3.0, (TARGETS, PIXELS))
-    own = RNG.normal(0.0, 0.3, (2, PIXELS))
+    pixel_phases = RNG.normal(0.0, 0.3, (2, PIXELS))
     gain = np.stack([np.ones(PIXELS), RNG.uniform(0.7, 1.3, PIXELS)])
     amplitude = RNG.uniform(0.02, 0.1, (TARGETS, PIXELS))
     volts = np.empty((TARGETS, 2, PIXELS), np.complex128)
     for row, h in enumerate(HARMONICS):
-        theta = h * phase + own[row]
+        theta = h * phase + pixel_phases[row]
         volts[:, row] = amplitude * gain[row] * np.exp(1j * theta) * series(terms[row], theta)
     noise = np.tile([2e-4, 3e-4], (TARGETS, 1))
     observed = Observations(volts, noise, phase, HARMONICS)
     fit = fit_pixels(observed, terms)
-    np.testing.assert_allclose(np.angle(np.exp(1j * (fit.phase - own))), 0.0, atol=1e-7)
+    np.testing.assert_allclose(np.angle(np.exp(1j * (fit.phase - pixel_phases))), 0.0, atol=1e-7)
     np.testing.assert_allclose(np.exp(fit.log_gain), gain, rtol=1e-6)
     np.testing.assert_allclose(fit.left, 0.0, atol=1e-6)
     np.testing.assert_allclose(fit.weights, np.abs(volts) ** 2 / noise[:, :, np.newaxis] ** 2)
@@ -40,7 +40,7 @@ def test_phases_gains_and_amplitudes_come_back(terms: tuple[dict[int, complex], 
 
 
 def test_the_misfit_is_chi_squared_over_all_targets_and_harmonics() -> None:
-    """4 × 2 complex values, of which phases (2), log gain (1) and log amplitudes (4) are fitted: 16 − 7."""
+    """4 × 2 complex values are 16 numbers. Fitted are 2 phases, 1 log gain and 4 log amplitudes: 16 − 7 = 9 remain."""
     size = 4000
     phase = RNG.uniform(0.3, 3.0, (TARGETS, size))
     sigma = 1e-4
@@ -51,7 +51,7 @@ def test_the_misfit_is_chi_squared_over_all_targets_and_harmonics() -> None:
     assert fit.misfit.mean() == pytest.approx(9.0, rel=0.03)
 
 
-def test_two_way_takes_out_what_belongs_to_a_harmonic_and_what_to_a_target() -> None:
+def test_two_way_separates_the_parts_of_harmonics_and_of_targets() -> None:
     by_harmonic = np.stack([np.zeros(PIXELS), RNG.normal(size=PIXELS)])
     by_target = RNG.normal(size=(TARGETS, PIXELS))
     weights = RNG.uniform(1.0, 3.0, (TARGETS, 1, PIXELS)) * np.array([1.0, 2.5])[:, np.newaxis]

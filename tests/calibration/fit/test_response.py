@@ -1,4 +1,4 @@
-"""What targets can tell of a response, and what they cannot: truth by sampling the waveform itself."""
+"""The response that targets determine, and terms that they cannot determine; the truth samples the waveform itself."""
 
 from dataclasses import replace
 
@@ -15,11 +15,14 @@ from tests.support.defects import DefectiveCamera, Defects
 
 FRAMES = 10
 
+PULSE = {h: np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) for h in (1, 2)}
+"""Share of each harmonic that a pulse of 1.7 ns leaves."""
 
-def target(seen: DefectiveCamera, distance_m: float, *, seed: int) -> TargetMean:
-    """Return the mean frame of a wall, by the camera's own counts."""
-    ranges = seen.wall_range_m(distance_m)[np.newaxis]
-    frames = np.stack(seen.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=FRAMES, seed=seed))
+
+def target(sensor: DefectiveCamera, distance_m: float, *, seed: int) -> TargetMean:
+    """Return the mean frame of a wall, from counts of the camera."""
+    ranges = sensor.wall_range_m(distance_m)[np.newaxis]
+    frames = np.stack(sensor.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=FRAMES, seed=seed))
     volts = (frames.astype(np.float64) - 8192.0) * 6.0e-5
     mean = volts.mean(axis=0)
     noise = np.sqrt(volts.var(axis=0, ddof=1).mean(axis=(1, 2, 3)) / FRAMES)
@@ -35,8 +38,8 @@ def response_of(
     n_av: float = 1e5,
     seed: int = 0,
 ) -> ResponseCalibration:
-    seen = camera(defects, waveform=waveform, n_av=n_av)
-    targets = [target(seen, d, seed=seed + index) for index, d in enumerate(distances_m)]
+    sensor = camera(defects, waveform=waveform, n_av=n_av)
+    targets = [target(sensor, d, seed=seed + index) for index, d in enumerate(distances_m)]
     origin = Origin(
         captures=tuple(f"target_{d}m" for d in distances_m),
         frames=FRAMES * len(targets),
@@ -44,7 +47,7 @@ def response_of(
         periods_ns=(40.0, 20.0),
         waveform=waveform,
     )
-    metadata = seen.metadata
+    metadata = sensor.metadata
     if optics is not None:
         metadata = replace(metadata, optics=optics)
     return fit_response(targets, metadata=metadata, origin=origin)
@@ -54,7 +57,7 @@ def orders(found: ResponseCalibration) -> set[int]:
     return {k for one in found.responses for k, _ in one.terms}
 
 
-def test_a_perfect_camera_needs_no_terms_but_one() -> None:
+def test_a_perfect_camera_needs_only_the_main_term() -> None:
     found = response_of(Defects(), (0.5, 1.0, 1.7, 2.4, 3.0))
     assert orders(found) == {1}
     assert found.quality.residual == pytest.approx(1.0, abs=0.05)
@@ -65,27 +68,27 @@ def test_a_perfect_camera_needs_no_terms_but_one() -> None:
 
 @pytest.mark.parametrize("seed", [0, 100])
 def test_terms_that_noise_alone_makes_are_not_taken(seed: int) -> None:
-    """At n_av 300 they come to one to three standard errors of 2e-4, which would matter."""
+    """At n_av 300 noise makes terms of one to three standard errors, which are 2e-4. Such terms would matter."""
     found = response_of(Defects(), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=seed)
     assert orders(found) == {1}
     assert sum("not used, because it is not needed" in text for text in found.quality.findings) == 5
 
 
 @pytest.mark.parametrize(("sc2_gain", "taken"), [(1.0012, False), (1.0037, True)])
-def test_a_term_is_taken_from_six_standard_errors_on(sc2_gain: float, taken: bool) -> None:
-    """An imbalance of 0.6 and 1.85 thousandths, where the standard error is 0.2."""
+def test_a_term_is_taken_if_it_exceeds_six_standard_errors(sc2_gain: float, taken: bool) -> None:
+    """The imbalances are .6e-3 and 1.85e-3; the standard error is .2e-3."""
     found = response_of(Defects(sc2_gain=sc2_gain), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=300)
     assert (-1 in orders(found)) == taken
 
 
-def test_an_ideal_triangle_needs_nothing_besides_its_own_series() -> None:
+def test_an_ideal_triangle_needs_no_terms_besides_its_series() -> None:
     found = response_of(Defects(), (0.5, 1.0, 1.7, 2.4, 3.0), waveform="triangle")
     assert all(
         "not used, because it is not needed" in text for text in found.quality.findings if text.startswith("k =")
     )
 
 
-def test_one_distance_gives_one_term_and_says_so() -> None:
+def test_one_distance_gives_only_the_main_term_and_reports_it() -> None:
     found = response_of(Defects(sc2_gain=1.05, phase_rad=(0.0, 0.3)), (1.0,))
     assert orders(found) == {1}
     assert any(
@@ -93,7 +96,7 @@ def test_one_distance_gives_one_term_and_says_so() -> None:
     )
 
 
-def test_two_close_distances_tell_no_offset_from_a_phase() -> None:
+def test_two_close_distances_do_not_separate_an_offset_from_a_phase() -> None:
     found = response_of(Defects(sc2_gain=1.05), (1.0, 1.05))
     assert any("cannot be determined" in text for text in found.quality.findings)
 
@@ -106,16 +109,16 @@ def test_the_imbalance_is_found_from_five_distances() -> None:
     assert np.angle(found.responses[1].main) == pytest.approx(0.3, abs=2e-3)
 
 
-def test_curvature_of_the_lens_is_taken_out_of_the_phase_maps() -> None:
+def test_field_curvature_is_removed_from_the_phase_maps() -> None:
     found = response_of(Defects(petzval_m=(0.06, -0.02)), (0.5, 1.0, 1.7, 2.4, 3.0))
     assert found.field_curvature_m == pytest.approx((0.06, -0.02), abs=1e-3)
     assert found.phase_rad.std(axis=(1, 2)) == pytest.approx(found.quality.phase_stderr_rad, rel=0.2)
     k2, k4 = found.field_curvature_m
-    (said,) = (text for text in found.quality.findings if "was removed from the phase maps" in text)
-    assert said.startswith(f"field curvature k2 = {k2:.4f} m, k4 = {k4:.4f} m ")
+    (finding,) = (text for text in found.quality.findings if "was removed from the phase maps" in text)
+    assert finding.startswith(f"field curvature k2 = {k2:.4f} m, k4 = {k4:.4f} m ")
 
 
-def test_without_optics_the_distance_stands_for_every_pixel_and_it_is_said() -> None:
+def test_without_optics_every_pixel_gets_the_stated_distance_and_this_is_reported() -> None:
     found = response_of(Defects(), (1.0,), optics=Optics())
     assert any(
         "no focal length given, so the target's distance is used as the range" in text
@@ -125,8 +128,8 @@ def test_without_optics_the_distance_stands_for_every_pixel_and_it_is_said() -> 
 
 
 @pytest.mark.parametrize(("offset_v", "warned"), [(0.0002, False), (0.0005, True), (0.004, True)])
-def test_offsets_that_nobody_took_out_are_warned_of(offset_v: float, warned: bool) -> None:
-    """They leave 1.3, 2.5 and 18 times the noise."""
+def test_offsets_that_were_not_removed_are_warned_of(offset_v: float, warned: bool) -> None:
+    """The residuals are 1.3, 2.5 and 18 times the noise."""
     found = response_of(Defects(offset_v=offset_v), (0.5, 1.0, 1.7, 2.4, 3.0))
     assert any(text.startswith("warning: the residual is ") for text in found.quality.findings) == warned
 
@@ -136,30 +139,31 @@ def test_offsets_that_move_ranges_by_centimetres_are_refused() -> None:
         response_of(Defects(offset_v=0.02), (0.5, 1.0, 1.7, 2.4, 3.0))
 
 
-def test_a_target_that_is_not_seen_is_refused() -> None:
-    seen = camera(Defects())
+def test_a_target_without_a_signal_is_refused() -> None:
+    sensor = camera(Defects())
     nothing = TargetMean(np.full((2, *PIXELS), np.nan, np.complex128), np.full(2, 1e-4), 1.0)
     origin = Origin(captures=("dark room",), frames=1, pixels=PIXELS, periods_ns=(40.0, 20.0), waveform="sine")
     with pytest.raises(SettingsError, match=r"found 0\.0% of the pixels with a signal from every target"):
-        fit_response([nothing], metadata=seen.metadata, origin=origin)
+        fit_response([nothing], metadata=sensor.metadata, origin=origin)
 
 
-def blind(count: int) -> np.ndarray:
+def pixels_without_light(count: int) -> np.ndarray:
     return np.random.default_rng(3).permutation(12 * 16)[:count]
 
 
 def noiseless(
     *,
-    own: np.ndarray | None = None,
+    pixel_phases: np.ndarray | None = None,
     gain: float = 1.0,
     dim: int = 0,
     distances_m: tuple[float, ...] = (0.7, 1.4, 2.4),
     term: tuple[int, complex] = (1, 0j),
     off_m: tuple[int, np.ndarray] | None = None,
 ) -> ResponseCalibration:
-    """Return the response of targets that fill 12 × 16 pixels, made by hand.
+    """Return the response fitted to targets without noise that fill 12 × 16 pixels.
 
-    `dim` of the pixels see nothing; `off_m` is which target is how much nearer or farther than thought, by pixel.
+    `pixel_phases` are the phases that pixels add at the fundamental, and `term` is a further order k with its value.
+    `dim` of the pixels see no light. `off_m` is a target and how much farther than stated each pixel sees it.
     """
     shape = (12, 16)
     metadata = CaptureMetadata(optics=Optics(focal_length_px=14.0))
@@ -171,24 +175,22 @@ def noiseless(
         delay = 2 * np.pi / 40.0 * 2 / 0.299792458 * (d * stretch + wrong)
         planes = []
         for h in (1, 2):
-            pulse = np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
-            added = 0.0 if own is None else h * own
+            added = 0.0 if pixel_phases is None else h * pixel_phases
             theta = h * delay + added
             wave = np.exp(1j * theta) + term[1] * np.exp(1j * term[0] * theta)
-            planes.append(0.09 / (1 + index) * gain ** (h - 1) * pulse * wave)
+            planes.append(0.09 / (1 + index) * gain ** (h - 1) * PULSE[h] * wave)
         volts = np.stack(planes)
-        volts.reshape(2, -1)[:, blind(dim)] = 1e-5
+        volts.reshape(2, -1)[:, pixels_without_light(dim)] = 1e-5
         targets.append(TargetMean(volts, np.full(2, 1e-5), d))
     captures = tuple(f"target {index}" for index in range(len(targets)))
     origin = Origin(captures=captures, frames=30, pixels=shape, periods_ns=(40.0, 20.0), waveform="sine")
     return fit_response(targets, metadata=metadata, origin=origin)
 
 
-def test_targets_without_noise_give_gain_and_pulse_exactly() -> None:
+def test_targets_without_noise_give_gain_and_pulse_response_exactly() -> None:
     found = noiseless(gain=0.8)
-    pulse = [np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) for h in (1, 2)]
-    assert found.responses[0].main == pytest.approx(pulse[0], rel=1e-6)
-    assert found.responses[1].main == pytest.approx(0.8 * pulse[1], rel=1e-6)
+    assert found.responses[0].main == pytest.approx(PULSE[1], rel=1e-6)
+    assert found.responses[1].main == pytest.approx(0.8 * PULSE[2], rel=1e-6)
     np.testing.assert_allclose(found.gain, 1.0, rtol=1e-6)
     np.testing.assert_allclose(found.phase_rad, 0.0, atol=1e-6)
     assert found.quality.distances_m == (0.7, 1.4, 2.4)
@@ -197,42 +199,42 @@ def test_targets_without_noise_give_gain_and_pulse_exactly() -> None:
     assert any("the targets are assumed to face the camera" in text for text in found.quality.findings)
 
 
-def test_a_delay_of_each_pixel_goes_into_the_maps_and_their_mean_into_the_response() -> None:
-    own = np.random.default_rng(2).normal(0.2, 0.1, (12, 16))
-    found = noiseless(own=own)
+def test_delays_of_pixels_go_into_the_maps_and_their_mean_into_the_response() -> None:
+    pixel_phases = np.random.default_rng(2).normal(0.2, 0.1, (12, 16))
+    found = noiseless(pixel_phases=pixel_phases)
     for row, h in enumerate((1, 2)):
         total = found.phase_rad[row] + np.angle(found.responses[row].main)
         k2, k4 = found.field_curvature_m
         assert (k2, k4) == (0.0, 0.0)
-        np.testing.assert_allclose(total, h * own, atol=1e-5)
+        np.testing.assert_allclose(total, h * pixel_phases, atol=1e-5)
         assert abs(np.angle(np.exp(1j * found.phase_rad[row]).mean())) < 1e-5
 
 
 @pytest.mark.parametrize("curvature_m", [(0.05, 0.0), (-0.05, 0.0), (0.0, 0.04), (0.0, -0.04), (-0.06, 0.02)])
 @pytest.mark.parametrize("lean_m", [0.0, 0.05])
-def test_curvature_of_either_sign_is_found_among_delays_of_the_pixels(
+def test_field_curvature_of_either_sign_is_found_among_delays_of_the_pixels(
     curvature_m: tuple[float, float], lean_m: float
 ) -> None:
-    """And beside a wall that leans, from one side of the array to the other."""
+    """It is found even if the wall leans, so that one side of the array sees it nearer than the other."""
     y, x = np.mgrid[:12, :16]
     rho2 = ((x - 7.5) ** 2 + (y - 5.5) ** 2) / (8.0**2 + 6.0**2)
     own_m = np.random.default_rng(5).normal(0.0, 2e-4, (12, 16)) + lean_m * (x / 16.0 - y / 20.0)
-    found = noiseless(own=RAD_PER_M * (own_m + curvature_m[0] * rho2 + curvature_m[1] * rho2**2))
-    off = np.abs(np.array(found.field_curvature_m) - curvature_m)
-    assert (off < 4.0 * np.array(found.quality.curvature_stderr_m)).all()
+    found = noiseless(pixel_phases=RAD_PER_M * (own_m + curvature_m[0] * rho2 + curvature_m[1] * rho2**2))
+    errors_m = np.abs(np.array(found.field_curvature_m) - curvature_m)
+    assert (errors_m < 4.0 * np.array(found.quality.curvature_stderr_m)).all()
     assert (np.array(found.quality.curvature_stderr_m) < 5e-4).all()
 
 
 @pytest.mark.parametrize(("dim", "refused"), [(182, False), (183, True)])
-def test_a_twentieth_of_the_pixels_must_see_every_target(dim: int, refused: bool) -> None:
-    """192 pixels; those that see nothing get the mean phase and gain."""
+def test_a_twentieth_of_the_pixels_must_have_a_signal_from_every_target(dim: int, refused: bool) -> None:
+    """There are 192 pixels. Those without a signal get the mean phase and gain."""
     if refused:
         with pytest.raises(SettingsError, match="with a signal from every target, expected 5% or more"):
             noiseless(dim=dim)
         return
     found = noiseless(dim=dim)
-    assert (found.phase_rad.reshape(2, -1)[:, blind(dim)] == 0.0).all()
-    assert (found.gain.reshape(2, -1)[:, blind(dim)] == 1.0).all()
+    assert (found.phase_rad.reshape(2, -1)[:, pixels_without_light(dim)] == 0.0).all()
+    assert (found.gain.reshape(2, -1)[:, pixels_without_light(dim)] == 1.0).all()
     assert any(f"{dim} pixels could not be used" in text for text in found.quality.findings)
 
 
@@ -243,7 +245,7 @@ def test_distances_a_centimetre_apart_count_as_two(gap_m: float, distinct: bool)
 
 
 @pytest.mark.parametrize("k", [-1, 0, -3, 5, 3])
-def test_every_order_that_is_tried_is_found_where_it_is(k: int) -> None:
+def test_a_term_of_every_candidate_order_is_found(k: int) -> None:
     value = 0.02 - 0.01j
     found = noiseless(distances_m=(0.4, 0.9, 1.5, 2.2, 2.9, 3.6, 4.4), term=(k, value))
     for one in found.responses:
@@ -255,10 +257,10 @@ def test_every_order_that_is_tried_is_found_where_it_is(k: int) -> None:
 RAD_PER_M = 2 * np.pi / 40.0 * 2 / 0.299792458
 
 ACROSS, DOWN = np.broadcast_arrays((np.arange(16) - 7.5) / 16, ((np.arange(12) - 5.5) / 16)[:, np.newaxis])
-"""Places in the array, in lengths of its longer side."""
+"""Positions in the array, in units of its longer side."""
 
 CHEQUERED = np.where((np.arange(16) // 2 + (np.arange(12) // 2)[:, np.newaxis]) % 2, 1.0, -1.0)
-"""Blocks of 2 × 2 pixels that turn about: the smallest shape that is looked for."""
+"""Blocks of 2 × 2 pixels with alternating signs: the smallest shape that the fit looks for."""
 
 
 @pytest.mark.parametrize(
@@ -267,37 +269,40 @@ CHEQUERED = np.where((np.arange(16) // 2 + (np.arange(12) // 2)[:, np.newaxis]) 
 def test_targets_that_lean_by_more_than_ten_centimetres_are_refused(
     right_m: float, down_m: float, refused: bool
 ) -> None:
-    """From one side of the array to the other, over its longer side: what all targets have in common."""
-    own = RAD_PER_M * (right_m * ACROSS + down_m * DOWN)
+    """The lean is the difference of range over the longer side of the array, which all targets have in common."""
+    pixel_phases = RAD_PER_M * (right_m * ACROSS + down_m * DOWN)
     if refused:
         lean = round(1000 * float(np.hypot(right_m, down_m)))
         with pytest.raises(
             SettingsError, match=f"sees the targets {lean} mm nearer than the other, expected 100 mm at most"
         ):
-            noiseless(own=own)
+            noiseless(pixel_phases=pixel_phases)
     else:
-        assert noiseless(own=own).phase_rad.std() > 0.01
+        assert noiseless(pixel_phases=pixel_phases).phase_rad.std() > 0.01
 
 
 @pytest.mark.parametrize(("size_m", "refused"), [(0.029, False), (0.032, True)])
 def test_targets_with_a_shape_of_more_than_three_centimetres_are_refused(size_m: float, refused: bool) -> None:
-    own = RAD_PER_M * size_m * CHEQUERED
+    pixel_phases = RAD_PER_M * size_m * CHEQUERED
     if refused:
         with pytest.raises(SettingsError, match="deviate from a flat wall by 32 mm, expected 30 mm at most"):
-            noiseless(own=own)
+            noiseless(pixel_phases=pixel_phases)
     else:
-        assert noiseless(own=own).phase_rad.std() > 0.01
+        assert noiseless(pixel_phases=pixel_phases).phase_rad.std() > 0.01
 
 
-@pytest.mark.parametrize(("left_m", "refused"), [(0.0095, False), (0.0106, True)])
+@pytest.mark.parametrize(("departure_m", "refused"), [(0.0095, False), (0.0106, True)])
 @pytest.mark.parametrize("target", [0, 2])
-def test_a_target_more_than_a_centimetre_unlike_the_others_is_refused(
-    target: int, left_m: float, refused: bool
+def test_a_target_that_differs_from_the_others_by_more_than_a_centimetre_is_refused(
+    target: int, departure_m: float, refused: bool
 ) -> None:
-    """The mean of the targets goes to the pixels, by their powers, here 1, 1/4 and 1/9; the rest is the target's own."""
+    """The mean over the targets, weighted by their powers 1, 1/4 and 1/9, counts as phases of the pixels.
+
+    The rest of the departure stays with the target.
+    """
     powers = np.array([1.0, 1 / 4, 1 / 9])
     mean = powers[target] / powers.sum()
-    off_m = left_m / max(mean if target == 0 else 0.0, 1.0 - mean) * CHEQUERED
+    off_m = departure_m / max(mean if target == 0 else 0.0, 1.0 - mean) * CHEQUERED
     if refused:
         worst = 0 if target == 0 and mean < 0.5 else target
         with pytest.raises(

@@ -1,4 +1,4 @@
-"""Least squares that outliers have no say in, on curves whose truth is known."""
+"""Robust least squares, in which outliers have no weight, on curves whose truth is known."""
 
 from collections.abc import Callable
 
@@ -30,13 +30,13 @@ def fitted(y: F, sigma: float = SIGMA) -> RobustFit:
     return robust_fit(parabola(y, sigma), np.zeros(3))
 
 
-def test_gaussian_noise_is_fitted_nearly_as_by_least_squares() -> None:
+def test_on_gaussian_noise_the_fit_is_nearly_as_efficient_as_least_squares() -> None:
     runs = [observed(seed) for seed in range(200)]
     robust = np.array([fitted(y).parameters for y in runs]) - TRUTH
     plain = np.array([np.linalg.lstsq(COLUMNS, y, rcond=None)[0] for y in runs]) - TRUTH
     efficiency = (plain.var(axis=0) / robust.var(axis=0)).mean()
     assert efficiency == pytest.approx(0.95, abs=0.05)
-    # what is predicted is what is seen
+    # the predicted variance is the observed one
     predicted = np.mean([np.diag(fitted(y).covariance) for y in runs[:20]], axis=0)
     np.testing.assert_allclose(robust.var(axis=0), predicted, rtol=0.3)
 
@@ -49,14 +49,14 @@ def test_the_covariance_is_that_of_least_squares_over_the_efficiency() -> None:
     assert fit.residual == pytest.approx((observed(1) - COLUMNS @ fit.parameters) / SIGMA)
 
 
-def test_noise_that_is_larger_than_thought_shows_in_scale_and_errors() -> None:
+def test_noise_that_is_larger_than_stated_increases_scale_and_standard_errors() -> None:
     right, wrong = fitted(observed(1)), fitted(observed(1), SIGMA / 3)
     assert wrong.scale == pytest.approx(3 * right.scale, rel=1e-6)
     np.testing.assert_allclose(wrong.parameters, right.parameters, atol=1e-3)
     np.testing.assert_allclose(wrong.covariance, right.covariance, rtol=0.02, atol=1e-12)
 
 
-def test_a_third_of_wild_observations_has_no_say() -> None:
+def test_a_third_of_wild_observations_gets_no_weight() -> None:
     y = observed(2)
     wild = np.random.default_rng(3).permutation(X.size)[:130]
     y[wild] += 5.0
@@ -64,18 +64,18 @@ def test_a_third_of_wild_observations_has_no_say() -> None:
     assert (fit.weights[wild] == 0.0).all()
     assert (np.delete(fit.weights, wild) > 0.0).mean() > 0.99
     assert (np.abs(fit.parameters - TRUTH) < 4 * np.sqrt(np.diag(fit.covariance))).all()
-    # the weight of what is kept falls as Tukey's biweight does
+    # the weights of the kept observations are Tukey's biweight
     kept = fit.weights > 0.0
     ratio = fit.residual[kept] / fit.scale / 4.685
     np.testing.assert_allclose(fit.weights[kept], (1 - ratio**2) ** 2, rtol=1e-9)
 
 
-def test_exact_observations_are_met_exactly() -> None:
+def test_exact_observations_are_fitted_exactly() -> None:
     fit = fitted(COLUMNS @ TRUTH)
     np.testing.assert_allclose(fit.parameters, TRUTH, atol=1e-12)
 
 
-def test_a_curve_that_is_not_linear_takes_steps() -> None:
+def test_a_curve_that_is_not_linear_in_its_parameters_is_fitted() -> None:
     y = 2.0 * np.exp(-0.8 * X)
 
     def model(parameters: F) -> tuple[F, F]:
@@ -86,24 +86,24 @@ def test_a_curve_that_is_not_linear_takes_steps() -> None:
     np.testing.assert_allclose(robust_fit(model, np.array([1.0, 0.1])).parameters, [2.0, 0.8], atol=1e-9)
 
 
-def test_the_condition_is_that_of_columns_of_one_length() -> None:
+def test_the_condition_is_that_of_columns_scaled_to_one_length() -> None:
     fit = fitted(observed(1))
     columns = COLUMNS / np.linalg.norm(COLUMNS, axis=0)
     assert fit.condition == pytest.approx(np.linalg.cond(columns.T @ columns), rel=0.02)
 
 
-def test_parameters_that_nothing_tells_are_refused() -> None:
+def test_parameters_that_observations_do_not_determine_are_refused() -> None:
     y = observed(1)
-    nothing: F = np.stack([np.ones_like(X), np.zeros_like(X)], axis=1)
+    undetermined: F = np.stack([np.ones_like(X), np.zeros_like(X)], axis=1)
     with pytest.raises(SettingsError, match="a wall or distance has no usable pixels"):
-        robust_fit(lambda p: (y - nothing @ p, nothing), np.zeros(2))
+        robust_fit(lambda p: (y - undetermined @ p, undetermined), np.zeros(2))
     twice: F = np.stack([X, 2.0 * X], axis=1)
     with pytest.raises(SettingsError, match=r"do not determine all parameters \(condition"):
         robust_fit(lambda p: (y - twice @ p, twice), np.zeros(2))
 
 
 def test_weights_and_scale_are_tukey_s_biweight_of_the_residuals() -> None:
-    """Scale by the median of absolute residuals over .6745; no weight from 4.685 scales on."""
+    """The scale is the median of the absolute residuals over .6745. From 4.685 scales on, the weight is 0."""
     y = observed(3)
     y[::7] += np.linspace(-1.0, 1.0, y[::7].size)
     fit = fitted(y)
@@ -120,7 +120,7 @@ def test_weights_and_scale_are_tukey_s_biweight_of_the_residuals() -> None:
 
 
 def test_the_fit_ends_where_the_weighted_residuals_balance() -> None:
-    """Within a ten-thousandth of the standard errors, whatever the start."""
+    """The end is within a thousandth of the standard errors, from any start."""
     y = observed(4)
     y[100:160] += 0.6
     near, far = (robust_fit(parabola(y), start) for start in (np.array([0.7, -1.3, 0.4]), np.array([0.9, -1.0, 0.1])))
@@ -133,7 +133,7 @@ def test_the_fit_ends_where_the_weighted_residuals_balance() -> None:
 
 
 @pytest.mark.parametrize("unit", [1e-5, 1e6])
-def test_the_unit_that_parameters_are_counted_in_does_not_matter(unit: float) -> None:
+def test_the_unit_of_the_parameters_does_not_matter(unit: float) -> None:
     y = observed(5)
     plain = fitted(y)
     scaled = robust_fit(lambda p: ((y - unit * COLUMNS @ p) / SIGMA, unit * COLUMNS / SIGMA), np.zeros(3))
@@ -142,23 +142,23 @@ def test_the_unit_that_parameters_are_counted_in_does_not_matter(unit: float) ->
     assert scaled.condition == pytest.approx(plain.condition, rel=1e-4)
 
 
-def test_a_fit_ends_where_it_stands_still() -> None:
-    """Of what is linear, once the outliers are known: a dozen steps, of sixty that it may take."""
-    y, asked = observed(2), 0
+def test_a_fit_ends_when_its_parameters_no_longer_change() -> None:
+    """A linear model needs about a dozen steps to find the outliers; sixty are allowed."""
+    y, calls = observed(2), 0
     y[::10] += 3.0
     model = parabola(y)
 
-    def counted(parameters: F) -> tuple[F, F]:
-        nonlocal asked
-        asked += 1
+    def counting(parameters: F) -> tuple[F, F]:
+        nonlocal calls
+        calls += 1
         return model(parameters)
 
-    np.testing.assert_allclose(robust_fit(counted, np.zeros(3)).parameters, TRUTH, atol=0.03)
-    assert asked < 25
+    np.testing.assert_allclose(robust_fit(counting, np.zeros(3)).parameters, TRUTH, atol=0.03)
+    assert calls < 25
 
 
-def test_a_parameter_that_is_known_stays_and_the_others_are_fitted_without_it() -> None:
-    """As if what it makes of the observations had been taken off them."""
+def test_a_known_parameter_is_kept_and_the_others_are_fitted() -> None:
+    """The fit is as if the known parameter's part had been subtracted from the observations."""
     y, free = observed(6), np.array([True, False, True])
 
     def model(parameters: F) -> tuple[F, F]:

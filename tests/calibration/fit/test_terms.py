@@ -1,4 +1,4 @@
-"""Which terms a waveform has after changes to it."""
+"""The higher terms of a response that targets determine, and the terms of a waveform after a change."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from cadtof_cli.calibration.fit.terms import TermFit, composed, fit_terms
 TRIANGLE = {-3: 1 / 9 + 0.01j, 5: 1 / 25 + 0j}
 
 
-def test_an_imbalance_mirrors_all_of_the_waveform() -> None:
-    """v + c·conj(v), for any waveform v: what is at k comes back at −k."""
+def test_an_imbalance_mirrors_every_term_of_the_waveform() -> None:
+    """An imbalance turns any waveform v into v + c·conj(v), so that every term k also appears at −k."""
     c = 0.03 - 0.02j
     theta = np.linspace(-3.0, 3.0, 50)
     wave = np.exp(1j * theta) * series(TRIANGLE, theta)
@@ -40,12 +40,15 @@ def observed(
     truth: Terms = TRUTH,
     turn: float = 0.5,
 ) -> Observations:
-    """Targets at distances over a turn of the fundamental, seen by pixels with phases and gains of their own."""
+    """Return targets at distances over a turn of the fundamental, seen by pixels with different phases and gains.
+
+    In the first `spoilt` pixels, one phasor is turned by `turn` rad.
+    """
     rng = np.random.default_rng(seed)
     phase = np.linspace(0.4, 5.6, targets)[:, np.newaxis] + rng.normal(0.0, 0.05, (targets, pixels))
-    own, gain = rng.normal(0.0, 0.2, (2, pixels)), rng.uniform(0.9, 1.1, (2, pixels))
+    pixel_phases, gain = rng.normal(0.0, 0.2, (2, pixels)), rng.uniform(0.9, 1.1, (2, pixels))
     size = 0.06 * np.linspace(1.0, 0.5, targets)[:, np.newaxis] * np.ones(pixels)
-    theta = np.stack([h * phase + own[row] for row, h in enumerate(HARMONICS)], axis=1)
+    theta = np.stack([h * phase + pixel_phases[row] for row, h in enumerate(HARMONICS)], axis=1)
     volts = np.stack(
         [size * gain[row] * np.exp(1j * theta[:, row]) * series(truth[row], theta[:, row]) for row in range(2)], axis=1
     )
@@ -58,8 +61,8 @@ def orders(found: TermFit) -> set[int]:
     return set(found.terms[0])
 
 
-def test_terms_that_are_there_are_taken_and_found() -> None:
-    """The offset of the second harmonic's third term is taken in both; nothing else is."""
+def test_existing_terms_are_taken_and_found() -> None:
+    """The term k = 3 exists in the second harmonic only, but is taken in both; no other term is taken."""
     found = fit_terms(observed(), ({}, {}), distances=6)
     assert orders(found) == {-1, 0, 3}
     for row, terms in enumerate(found.terms):
@@ -68,12 +71,12 @@ def test_terms_that_are_there_are_taken_and_found() -> None:
             assert error < 2e-4
     assert found.residual == pytest.approx(1.0, abs=0.04)
     assert found.kept.mean() > 0.98
-    said = dict(text.split(": ", maxsplit=1) for text in found.findings)
-    assert list(said) == ["k = -1", "k = +0", "k = -3", "k = +5", "k = +3"]
-    assert [text.split(",")[0] for text in said.values()] == ["used", "used", "not used", "not used", "used"]
+    findings = dict(text.split(": ", maxsplit=1) for text in found.findings)
+    assert list(findings) == ["k = -1", "k = +0", "k = -3", "k = +5", "k = +3"]
+    assert [text.split(",")[0] for text in findings.values()] == ["used", "used", "not used", "not used", "used"]
 
 
-def test_standard_errors_are_those_of_repetitions() -> None:
+def test_standard_errors_are_the_scatter_of_repetitions() -> None:
     drawn = [fit_terms(observed(seed=seed, pixels=80), ({}, {}), distances=6) for seed in range(2, 26)]
     assert all(orders(one) == {-1, 0, 3} for one in drawn)
     for row in range(2):
@@ -84,31 +87,34 @@ def test_standard_errors_are_those_of_repetitions() -> None:
             assert predicted == pytest.approx(spread, rel=0.45)
 
 
-@pytest.mark.parametrize(("turn", "out"), [(0.5, True), (0.03, True), (0.02, True), (0.004, False)])
-def test_pixels_beside_all_others_are_left_out(turn: float, out: bool) -> None:
-    """Turned by so many rad in one of twelve phasors: noise is 1.7 mrad, its lengths over all phasors are 3.9 ± .7 of it."""
+@pytest.mark.parametrize(("turn", "left_out"), [(0.5, True), (0.03, True), (0.02, True), (0.004, False)])
+def test_pixels_that_fit_worse_than_all_others_are_left_out(turn: float, left_out: bool) -> None:
+    """In the first pixels, one of twelve phasors is turned by so many rad. The noise of a phasor is 1.7 mrad.
+
+    The root of the misfit of a pixel, over all phasors, is 3.9 ± .7 in units of the noise.
+    """
     found = fit_terms(observed(spoilt=10, turn=turn), ({}, {}), distances=6)
-    assert (~found.kept[:10]).sum() == (10 if out else pytest.approx(0, abs=1))
+    assert (~found.kept[:10]).sum() == (10 if left_out else pytest.approx(0, abs=1))
     assert found.kept[10:].mean() > 0.97
     assert found.residual == pytest.approx(1.0, abs=0.05)
 
 
-def test_what_is_known_too_badly_is_not_taken() -> None:
-    """Noise of a fiftieth of the signal in few pixels: standard errors above two thousandths."""
+def test_terms_with_large_standard_errors_are_not_taken() -> None:
+    """With noise of 1/50 of the signal and few pixels, the standard errors exceed 2e-3."""
     found = fit_terms(observed(noise_v=2e-3, pixels=60), ({}, {}), distances=6)
     assert not orders(found)
     assert all("cannot be determined" in text for text in found.findings)
 
 
-def test_what_is_too_small_to_matter_is_not_taken_however_well_it_is_known() -> None:
-    """Below two ten-thousandths; and what matters is."""
+def test_terms_too_small_to_matter_are_not_taken() -> None:
+    """Terms below 2e-4 are left out, and larger terms are taken."""
     for size, taken in ((1.6e-4, False), (2.4e-4, True)):
         found = fit_terms(observed(noise_v=1e-6, truth=({3: size + 0j}, {})), ({}, {}), distances=6)
         assert (orders(found) == {3}) is taken
         assert taken or not orders(found)
 
 
-def test_one_distance_tells_no_terms() -> None:
+def test_one_distance_determines_no_further_terms() -> None:
     found = fit_terms(observed(), ({5: 0.1j}, {}), distances=1)
     assert (found.terms, found.stderr, found.residual) == (({5: 0.1j}, {}), ((), ()), 1.0)
     assert found.kept.all()
@@ -117,17 +123,17 @@ def test_one_distance_tells_no_terms() -> None:
     )
 
 
-def test_terms_come_on_top_of_those_of_the_waveform() -> None:
+def test_terms_are_added_to_those_of_the_waveform() -> None:
     base = ({-3: 1 / 9 + 0j}, {-3: 1 / 9 + 0j})
     imbalance = ({-1: 0.02j}, {-1: 0.01 + 0j})
     truth = tuple(composed(one, change) for one, change in zip(base, imbalance, strict=True))
     found = fit_terms(observed(truth=truth), base, distances=6)
-    for ours, theirs in zip(found.terms, truth, strict=True):
-        assert ours.keys() == theirs.keys()
-        for k, value in theirs.items():
-            assert abs(ours[k] - value) < 3e-4
+    for found_terms, true_terms in zip(found.terms, truth, strict=True):
+        assert found_terms.keys() == true_terms.keys()
+        for k, value in true_terms.items():
+            assert abs(found_terms[k] - value) < 3e-4
 
 
-def test_among_thousands_of_pixels_noise_alone_leaves_none_out() -> None:
-    """Beyond five deviations of a length lies one in a million; beyond as many of a square would be one in a thousand."""
+def test_noise_alone_leaves_out_none_of_thousands_of_pixels() -> None:
+    """One pixel in a million has a root of the misfit beyond five deviations; one in a thousand has such a misfit."""
     assert fit_terms(observed(pixels=6000, targets=4), ({}, {}), distances=4).kept.all()

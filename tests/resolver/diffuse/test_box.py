@@ -1,4 +1,4 @@
-"""The box that a view lies in: walls that are seen, walls that are not, and what rays meet."""
+"""The box around a view: walls that the view shows, walls that are guessed, and the wall that a ray meets first."""
 
 import numpy as np
 import pytest
@@ -10,15 +10,18 @@ from tests.support.diffuse_frames import F
 YAW, PITCH = np.radians(25.0), np.radians(12.0)
 
 
-def turned() -> F:
-    """Directions of the room (right, down, far), rows, as a camera sees them that looks to the left and up."""
+def room_axes() -> F:
+    """Return the room's directions right, down and far, as rows, as seen by a camera that looks to the left and up."""
     yaw = np.array([[np.cos(YAW), 0, np.sin(YAW)], [0, 1, 0], [-np.sin(YAW), 0, np.cos(YAW)]])
     pitch = np.array([[1, 0, 0], [0, np.cos(PITCH), np.sin(PITCH)], [0, -np.sin(PITCH), np.cos(PITCH)]])
     return np.asarray((pitch @ yaw).T)
 
 
 def view_of_a_room(walls_m: F, axes: F, across: float = 0.6, down: float = 0.45) -> Surfaces:
-    """What a camera sees of a room with walls at these distances along ±`axes`: right, down, far, left, up, near."""
+    """Return the surfaces that a camera sees in a room with walls at these distances along ±`axes`.
+
+    The walls are in the order right, down, far, left, up, near.
+    """
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(-across, across, 20), np.linspace(-down, down, 15)))
     ray = np.stack([x, y, np.ones_like(x)])
     ray /= np.linalg.norm(ray, axis=0)
@@ -32,23 +35,23 @@ def view_of_a_room(walls_m: F, axes: F, across: float = 0.6, down: float = 0.45)
 
 
 def distances(box: Box, axes: F) -> F:
-    """The box's distances along ±axes, in that order."""
+    """Return the distances of the box's walls along +axes, then along −axes."""
     outward = np.concatenate([axes, -axes])
     return np.asarray([box.distance_m[(box.outward @ direction).argmax()] for direction in outward])
 
 
-def test_walls_that_are_seen_need_no_guess() -> None:
+def test_walls_that_the_view_shows_are_not_guessed() -> None:
     walls = np.array([1.6, 1.2, 3.5, 1.4, 1.1, 2.0])
-    found = unseen_walls(view_of_a_room(walls, turned()))
+    found = unseen_walls(view_of_a_room(walls, room_axes()))
     np.testing.assert_allclose(found.outward @ found.outward.T, np.kron([[1, -1], [-1, 1]], np.eye(3)), atol=1e-12)
-    guessed = np.isfinite(distances(found, turned()))
+    guessed = np.isfinite(distances(found, room_axes()))
     np.testing.assert_array_equal(guessed, [True, True, False, False, False, True])
 
 
-def test_walls_that_are_not_seen_are_guessed_behind_the_outermost_surfaces() -> None:
-    """One wall 2 m before the camera: all that is known of the room is that it holds what is seen, and the camera.
+def test_walls_that_the_view_does_not_show_are_guessed_behind_the_outermost_surfaces() -> None:
+    """The view shows only one wall, 2 m away. The room must hold this wall and the camera.
 
-    20 cm behind what is seen, and 70 cm from the camera at the least.
+    So walls are guessed 20 cm behind the outermost surfaces that are seen, and at least 70 cm from the camera.
     """
     walls = np.array([9.0, 9.0, 2.0, 9.0, 9.0, 9.0])
     found = distances(unseen_walls(view_of_a_room(walls, np.eye(3))), np.eye(3))
@@ -58,16 +61,16 @@ def test_walls_that_are_not_seen_are_guessed_behind_the_outermost_surfaces() -> 
     np.testing.assert_allclose(found[[1, 4]], 0.9 + 0.2)
 
 
-def test_a_few_wrong_patches_make_no_wall_unseen() -> None:
+def test_a_few_wrong_patches_do_not_hide_a_wall() -> None:
     rng = np.random.default_rng(3)
-    clean = view_of_a_room(np.array([1.6, 1.2, 3.5, 1.4, 1.1, 2.0]), turned())
-    wrong = rng.choice(300, 4, replace=False)
+    clean = view_of_a_room(np.array([1.6, 1.2, 3.5, 1.4, 1.1, 2.0]), room_axes())
+    outliers = rng.choice(300, 4, replace=False)
     normal, range_m = clean.normal.copy(), clean.range_m.copy()
     direction = rng.normal(size=(3, 4))
-    normal[:, wrong] = direction / np.linalg.norm(direction, axis=0)
-    range_m[wrong] = 5.9
-    spoilt = unseen_walls(Surfaces(range_m, normal, clean.ray, clean.cosine, clean.area_m2))
-    guessed = np.isfinite(distances(spoilt, turned()))
+    normal[:, outliers] = direction / np.linalg.norm(direction, axis=0)
+    range_m[outliers] = 5.9
+    found = unseen_walls(Surfaces(range_m, normal, clean.ray, clean.cosine, clean.area_m2))
+    guessed = np.isfinite(distances(found, room_axes()))
     np.testing.assert_array_equal(guessed, [True, True, False, False, False, True])
 
 
@@ -80,7 +83,7 @@ def test_rays_meet_the_first_wall() -> None:
 
 
 def patches(*groups: tuple[F, tuple[float, float, float]]) -> Surfaces:
-    """Groups of patches: their places, (n, 3), and what they face away from, outward."""
+    """Return patches from groups of positions, (n, 3), each with the direction that points out of the room there."""
     place = np.concatenate([group for group, _ in groups]).T
     outward = np.concatenate([np.tile(direction, (len(group), 1)) for group, direction in groups]).T
     range_m = np.linalg.norm(place, axis=0)
@@ -90,68 +93,66 @@ def patches(*groups: tuple[F, tuple[float, float, float]]) -> Surfaces:
 
 
 def far_wall(count: int, half_width_m: float = 1.0) -> tuple[F, tuple[float, float, float]]:
-    """Patches side by side on a wall 3 m away, over so much to the left and right, a metre high."""
+    """Return patches side by side on a wall 3 m away, from −half_width_m to half_width_m; the wall is 1 m high."""
     x = np.linspace(-half_width_m, half_width_m, count)
     return np.stack([x, 0.5 * np.cos(np.arange(count) * np.pi), np.full(count, 3.0)], axis=1), (0.0, 0.0, 1.0)
 
 
-def aside(count: int, x_m: float) -> F:
-    """Places one behind the other, so far to the right."""
+def positions_at_right(count: int, x_m: float) -> F:
+    """Return positions one behind another, `x_m` to the right."""
     return np.stack([np.full(count, x_m), np.zeros(count), np.linspace(1.5, 2.5, count)], axis=1)
 
 
-def leaning(degrees: float) -> tuple[float, float, float]:
-    """A direction turned so far from straight ahead to the right."""
+def turned_right(degrees: float) -> tuple[float, float, float]:
+    """Return the direction that is turned to the right by this angle from straight ahead."""
     return float(np.sin(np.radians(degrees))), 0.0, float(np.cos(np.radians(degrees)))
 
 
-def holds(box: Box, direction: tuple[float, float, float]) -> bool:
-    """Whether one of the walls looks that way, within a tenth of a degree."""
+def has_wall_towards(box: Box, direction: tuple[float, float, float]) -> bool:
+    """Return whether a wall of the box lies in this direction, within .1°."""
     unit = np.array(direction) / np.linalg.norm(direction)
     return bool((box.outward @ unit).max() > np.cos(np.radians(0.1)))
 
 
-@pytest.mark.parametrize(("apart", "together"), [(13.0, True), (15.0, False)])
-def test_walls_up_to_fourteen_degrees_apart_are_one_direction(apart: float, together: bool) -> None:
-    """Sixty patches one way, forty another: their mean, or that of most."""
-    box = unseen_walls(patches(far_wall(60), (far_wall(40)[0], leaning(apart))))
-    x, _, z = leaning(apart)
+@pytest.mark.parametrize(("angle_deg", "is_one_direction"), [(13.0, True), (15.0, False)])
+def test_normals_up_to_fourteen_degrees_apart_are_one_direction(angle_deg: float, is_one_direction: bool) -> None:
+    """Sixty patches face one way and forty another. The box has their mean direction, or that of the sixty."""
+    box = unseen_walls(patches(far_wall(60), (far_wall(40)[0], turned_right(angle_deg))))
+    x, _, z = turned_right(angle_deg)
     mean = 0.4 * x, 0.0, 0.6 + 0.4 * z
-    assert holds(box, mean) is together
-    assert holds(box, (0.0, 0.0, 1.0)) is not together
+    assert has_wall_towards(box, mean) is is_one_direction
+    assert has_wall_towards(box, (0.0, 0.0, 1.0)) is not is_one_direction
 
 
 @pytest.mark.parametrize(("count", "second"), [(4, False), (5, True)])
 def test_more_than_four_in_a_hundred_patches_make_a_second_direction(count: int, second: bool) -> None:
-    """Of a wall at the right that leans by 30°; else the camera is taken to be held level."""
+    """The second direction is that of a wall at the right that leans by 30°. Without it, the camera counts as level."""
     slant = (np.cos(np.radians(30.0)), np.sin(np.radians(30.0)), 0.0)
-    box = unseen_walls(patches(far_wall(100 - count), (aside(count, 1.0), slant)))
-    assert holds(box, slant) is second
-    assert holds(box, (1.0, 0.0, 0.0)) is not second
+    box = unseen_walls(patches(far_wall(100 - count), (positions_at_right(count, 1.0), slant)))
+    assert has_wall_towards(box, slant) is second
+    assert has_wall_towards(box, (1.0, 0.0, 0.0)) is not second
 
 
 @pytest.mark.parametrize(("angle", "second"), [(74.0, False), (76.0, True)])
-def test_a_second_direction_is_within_fifteen_degrees_of_upright_to_the_first(angle: float, second: bool) -> None:
-    """And is turned to a right angle with it."""
+def test_a_second_direction_is_within_fifteen_degrees_of_a_right_angle_to_the_first(angle: float, second: bool) -> None:
+    """The second direction is then turned to a right angle with the first."""
     rise = float(np.cos(np.radians(angle))), float(np.sin(np.radians(angle)))
     slant = (0.6 * rise[1], 0.8 * rise[1], rise[0])
-    box = unseen_walls(patches(far_wall(80), (aside(20, 1.0), slant)))
-    assert holds(box, (0.6, 0.8, 0.0)) is second
-    assert holds(box, (1.0, 0.0, 0.0)) is not second
+    box = unseen_walls(patches(far_wall(80), (positions_at_right(20, 1.0), slant)))
+    assert has_wall_towards(box, (0.6, 0.8, 0.0)) is second
+    assert has_wall_towards(box, (1.0, 0.0, 0.0)) is not second
     np.testing.assert_allclose(box.outward[:3] @ box.outward[:3].T, np.eye(3), atol=1e-12)
 
 
 @pytest.mark.parametrize(("degrees", "level"), [(13.0, (0.0, 0.0, 1.0)), (15.0, (1.0, 0.0, 0.0))])
-def test_where_one_wall_is_all_that_is_seen_the_room_is_level_with_the_camera(
-    degrees: float, level: tuple[float, float, float]
-) -> None:
-    """By the camera's horizontal, or where that is nearly the wall's own direction, by its way ahead."""
+def test_if_only_one_wall_is_seen_the_camera_counts_as_level(degrees: float, level: tuple[float, float, float]) -> None:
+    """The second direction is the camera's horizontal, or straight ahead if the wall's normal is nearly horizontal."""
     sine = float(np.sin(np.radians(degrees)))
-    over = (float(np.cos(np.radians(degrees))), 0.6 * sine, 0.8 * sine)
-    box = unseen_walls(patches((aside(100, 1.2), over)))
-    upright = np.array(level) - np.dot(level, over) * np.array(over)
-    assert holds(box, over)
-    assert holds(box, (float(upright[0]), float(upright[1]), float(upright[2])))
+    normal = (float(np.cos(np.radians(degrees))), 0.6 * sine, 0.8 * sine)
+    box = unseen_walls(patches((positions_at_right(100, 1.2), normal)))
+    second = np.array(level) - np.dot(level, normal) * np.array(normal)
+    assert has_wall_towards(box, normal)
+    assert has_wall_towards(box, (float(second[0]), float(second[1]), float(second[2])))
 
 
 def right_wall(box: Box) -> float:
@@ -161,21 +162,25 @@ def right_wall(box: Box) -> float:
 @pytest.mark.parametrize(("count", "seen"), [(4, False), (5, True)])
 def test_a_wall_is_seen_by_more_than_two_in_a_hundred_patches(count: int, seen: bool) -> None:
     box = unseen_walls(
-        patches(far_wall(200 - count - 8, 1.5), (aside(8, 1.5), (0.0, 1.0, 0.0)), (aside(count, 1.5), (1.0, 0.0, 0.0)))
+        patches(
+            far_wall(200 - count - 8, 1.5),
+            (positions_at_right(8, 1.5), (0.0, 1.0, 0.0)),
+            (positions_at_right(count, 1.5), (1.0, 0.0, 0.0)),
+        )
     )
     assert right_wall(box) == (np.inf if seen else pytest.approx(1.7))
 
 
-@pytest.mark.parametrize(("wrong", "counted"), [(4, False), (5, True)])
-def test_a_wall_lies_behind_ninety_eight_in_a_hundred_patches(wrong: int, counted: bool) -> None:
-    box = unseen_walls(patches(far_wall(200 - wrong, 1.5), (aside(wrong, 2.5), (0.0, 0.0, 1.0))))
-    assert right_wall(box) == pytest.approx(2.7 if counted else 1.7, abs=0.02)
+@pytest.mark.parametrize(("outliers", "is_behind_outliers"), [(4, False), (5, True)])
+def test_a_wall_lies_behind_ninety_eight_in_a_hundred_patches(outliers: int, is_behind_outliers: bool) -> None:
+    box = unseen_walls(patches(far_wall(200 - outliers, 1.5), (positions_at_right(outliers, 2.5), (0.0, 0.0, 1.0))))
+    assert right_wall(box) == pytest.approx(2.7 if is_behind_outliers else 1.7, abs=0.02)
 
 
 @pytest.mark.parametrize(("degrees", "seen"), [(64.0, False), (66.0, True)])
 def test_patches_of_a_wall_face_it_within_twenty_six_degrees(degrees: float, seen: bool) -> None:
-    box = unseen_walls(patches(far_wall(170, 1.5), (aside(10, 1.5), leaning(degrees))))
-    assert holds(box, (1.0, 0.0, 0.0))
+    box = unseen_walls(patches(far_wall(170, 1.5), (positions_at_right(10, 1.5), turned_right(degrees))))
+    assert has_wall_towards(box, (1.0, 0.0, 0.0))
     assert np.isinf(right_wall(box)) == seen
 
 
@@ -183,15 +188,20 @@ def test_patches_of_a_wall_face_it_within_twenty_six_degrees(degrees: float, see
     ("outermost_m", "wall_m", "seen"), [(1.5, 1.36, True), (1.5, 1.34, False), (0.4, 0.34, True), (0.4, 0.32, False)]
 )
 def test_patches_lie_on_a_wall_within_a_tenth_of_its_distance(outermost_m: float, wall_m: float, seen: bool) -> None:
-    """Of 70 cm at the least."""
-    outermost = aside(8, outermost_m), (0.0, 0.0, 1.0)
-    box = unseen_walls(patches(far_wall(180, outermost_m), outermost, (aside(12, wall_m), (1.0, 0.0, 0.0))))
+    """For walls nearer than 70 cm, the limit is a tenth of 70 cm."""
+    outermost = positions_at_right(8, outermost_m), (0.0, 0.0, 1.0)
+    box = unseen_walls(
+        patches(far_wall(180, outermost_m), outermost, (positions_at_right(12, wall_m), (1.0, 0.0, 0.0)))
+    )
     assert np.isinf(right_wall(box)) == seen
 
 
 def test_walls_that_face_each_other_are_one_direction() -> None:
-    """Thirty patches on each side of a corridor are more than the 45 on its end, which leans: that is turned to a right angle."""
-    sides = [(aside(30, side), (side, 0.0, 0.0)) for side in (1.2, -1.2)]
-    box = unseen_walls(patches((far_wall(45)[0], leaning(10.0)), *sides))
-    assert holds(box, (1.0, 0.0, 0.0))
-    assert holds(box, (0.0, 0.0, 1.0))
+    """The two sides of a corridor have 30 patches each, and its end has 45.
+
+    So the sides set the first direction, and the direction of the end, which leans by 10°, is turned to a right angle.
+    """
+    sides = [(positions_at_right(30, side), (side, 0.0, 0.0)) for side in (1.2, -1.2)]
+    box = unseen_walls(patches((far_wall(45)[0], turned_right(10.0)), *sides))
+    assert has_wall_towards(box, (1.0, 0.0, 0.0))
+    assert has_wall_towards(box, (0.0, 0.0, 1.0))

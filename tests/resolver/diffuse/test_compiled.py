@@ -1,4 +1,4 @@
-"""The compiled twin of pixels answered through a tail against numpy, bit for bit, by every instruction set."""
+"""Pixels that are answered through a tail have the same bits in numpy and in every compiled kernel."""
 
 from dataclasses import fields, replace
 from typing import Any
@@ -16,6 +16,7 @@ from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
+from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.diffuse_answers import model_of
 from tests.support.diffuse_frames import OMEGA, F, Tail, Z, corner_range, phasors_of
 from tests.support.hard_pixels import HARD
@@ -29,14 +30,8 @@ COUNT = SIZE[0] * SIZE[1]
 TAIL = Tail(0.3, 3.0, 8.0)
 
 
-def kernels() -> list[str]:
-    found = [kernel for kernel in available_kernels() if kernel != NUMPY]
-    assert found
-    return found
-
-
 def room(harmonics: tuple[int, ...] = (1, 2), *, separate: bool = False, **options: Any) -> tuple[Z, DiffuseModel]:
-    """A corner with a tail, (H, n), some of its patches with separate paths, and its model."""
+    """Return phasors of a corner with a tail, (H, n), and its model; with `separate`, some patches have two paths."""
     mpi = {h: np.full(SIZE, TAIL.phasor(h)) for h in harmonics}
     if separate:
         for h in harmonics:
@@ -52,8 +47,8 @@ def assert_same_answers(found: DiffusePixels, expected: DiffusePixels, what: str
         one, other = getattr(found, field.name), getattr(expected, field.name)
         np.testing.assert_array_equal(one, other, err_msg=f"{field.name} {what}")
         if one.dtype == np.float32:
-            there = ~np.isnan(other)
-            np.testing.assert_array_equal(one[there].view(np.uint32), other[there].view(np.uint32), err_msg=field.name)
+            known = ~np.isnan(other)
+            np.testing.assert_array_equal(one[known].view(np.uint32), other[known].view(np.uint32), err_msg=field.name)
 
 
 def assert_same_bits(
@@ -64,7 +59,7 @@ def assert_same_bits(
     use = np.ones(phasors.shape[1], bool) if usable is None else usable
     with np.errstate(all="ignore"):
         expected = diffuse_pixels(phasors, tail=tail, usable=use, samples=samples)
-    for kernel in kernels():
+    for kernel in compiled_kernels():
         assert_same_answers(
             diffuse_pixels(phasors, tail=tail, usable=use, samples=samples, kernel=kernel), expected, kernel
         )
@@ -73,7 +68,7 @@ def assert_same_bits(
 
 @pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3), (1, 2, 4), (1, 2, 3, 5, 7)])
 @pytest.mark.parametrize("separate", [False, True])
-def test_a_room_has_the_same_bits(harmonics: tuple[int, ...], separate: bool) -> None:
+def test_answers_of_a_room_have_the_same_bits(harmonics: tuple[int, ...], separate: bool) -> None:
     phasors, model = room(harmonics, separate=separate)
     answers = assert_same_bits(phasors, model)
     assert answers.answered.mean() > 0.5
@@ -121,7 +116,7 @@ def test_frames_of_any_shape_have_the_same_bits(size: tuple[int, int]) -> None:
         assert size == (8, 8)
 
 
-def test_more_harmonics_than_there_is_room_for_are_left_to_numpy() -> None:
+def test_more_harmonics_than_the_kernel_takes_are_left_to_numpy() -> None:
     assert_same_bits(*room(tuple(range(1, MOST_HARMONICS + 2))))
 
 
@@ -131,7 +126,7 @@ METADATA = CaptureMetadata(pixel=Pixel(integration_length=1e5), optics=Optics(fo
 
 
 def recorded(harmonics: tuple[int, ...] = (1, 2)) -> Any:
-    """A corner with a tail, a place with separate paths and pixels that have none, (H, 2, Y, X) V."""
+    """Return voltages of a corner with a tail, separate paths and pixels without an answer, in V, (H, 2, Y, X)."""
     phasors, _ = room(harmonics, separate=True)
     hard = HARD["special_values"](np.random.default_rng(2), 60)
     volts = np.stack([phasors.real, phasors.imag], axis=1) * METADATA.modulation.amplitude_v
@@ -149,18 +144,16 @@ def plan_of(metadata: CaptureMetadata = METADATA, **options: Any) -> FramePlan:
     return FramePlan(metadata=metadata, settings=MapSettings(resolver=resolver, **of_maps))
 
 
-def words(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
-    """All layers and the status, as they lie in memory."""
-    maps = resolve_pixels(pixels, plan=plan, kernel=kernel)
-    return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]])
+def resolved_bits(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
+    return bits_of(resolve_pixels(pixels, plan=plan, kernel=kernel))
 
 
 def assert_same_maps(stored: Any, plan: FramePlan) -> Any:
     pixels = prepare_frame(stored, plan=plan)
     assert pixels.tail is not None
-    expected = words(pixels, plan, NUMPY)
-    for kernel in kernels():
-        np.testing.assert_array_equal(words(pixels, plan, kernel), expected, err_msg=kernel)
+    expected = resolved_bits(pixels, plan, NUMPY)
+    for kernel in compiled_kernels():
+        np.testing.assert_array_equal(resolved_bits(pixels, plan, kernel), expected, err_msg=kernel)
     return expected
 
 
@@ -169,15 +162,15 @@ def assert_same_maps(stored: Any, plan: FramePlan) -> Any:
 def test_maps_of_a_room_have_the_same_bits(order: str, returns: Return) -> None:
     pixels = prepare_frame(recorded(), plan=plan_of())
     assert pixels.tail is not None
-    # what is forced has no separate patches: some are made up
+    # a frame that is forced to have a tail has no separate patches, so some are set here
     separate = np.zeros_like(pixels.tail.separate)
     separate[2:4, 3:6] = True
     plan = plan_of(order=order, returns=returns, mpi_model="auto")
     for model in (pixels.tail, replace(pixels.tail, separate=separate)):
-        held = replace(pixels, tail=model)
-        expected = words(held, plan, NUMPY)
-        for kernel in kernels():
-            np.testing.assert_array_equal(words(held, plan, kernel), expected, err_msg=kernel)
+        marked_pixels = replace(pixels, tail=model)
+        expected = resolved_bits(marked_pixels, plan, NUMPY)
+        for kernel in compiled_kernels():
+            np.testing.assert_array_equal(resolved_bits(marked_pixels, plan, kernel), expected, err_msg=kernel)
         assert {0, 2048} <= set(np.unique(expected[-1] & 2048).tolist())
 
 
@@ -209,6 +202,8 @@ def test_parts_of_a_frame_have_the_same_bits(cut: int) -> None:
     plan = plan_of()
     pixels = prepare_frame(recorded(), plan=plan)
     for kernel in available_kernels():
-        whole = words(pixels, plan, kernel)
-        joined = [words(part, plan, kernel) for part in (pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :])]
+        whole = resolved_bits(pixels, plan, kernel)
+        joined = [
+            resolved_bits(part, plan, kernel) for part in (pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :])
+        ]
         np.testing.assert_array_equal(np.concatenate(joined, axis=-1), whole)

@@ -1,4 +1,4 @@
-"""The compiled twin of what the fit works out patch by patch against numpy, bit for bit, and buffers that do not fit it."""
+"""The steps of the patch fit have the same bits in numpy and in every compiled kernel, which refuses unfit buffers."""
 
 from types import ModuleType
 from typing import Any
@@ -14,18 +14,13 @@ from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.diffuse.tail import TailModel
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
+from tests.resolver.compiled import compiled_kernels
 from tests.support.diffuse_frames import OMEGA, F
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
 HARMONICS = [(1, 2), (1, 2, 3), (1, 2, 4), (1, 2, 3, 5, 7)]
-
-
-def kernels() -> list[str]:
-    found = [kernel for kernel in available_kernels() if kernel != NUMPY]
-    assert found
-    return found
 
 
 def light_of(harmonics: tuple[int, ...], patches: int, seed: int) -> Interreflections:
@@ -67,14 +62,14 @@ def test_a_fit_has_the_same_bits(harmonics: tuple[int, ...], patches: int) -> No
 
     expected = fit(NUMPY)
     assert all(np.isfinite(one).all() for one in expected)
-    for kernel in kernels():
+    for kernel in compiled_kernels():
         assert_same(fit(kernel), expected, kernel)
 
 
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32), large=st.sampled_from([1.0, 1e3, 1e150]), special=st.booleans())
 def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, special: bool) -> None:
-    """Of numbers that no room has, too: NaN stays what it is, or becomes one."""
+    """This holds even for numbers that no room has. NaN and infinity may become NaN."""
     rng, patches, count = np.random.default_rng(seed), 40, 4
 
     def numbers(*size: int) -> F:
@@ -93,14 +88,14 @@ def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, specia
 
     with np.errstate(all="ignore"):
         expected = steps(PatchSteps(*fixed))
-        for kernel in kernels():
+        for kernel in compiled_kernels():
             for found, other in zip(steps(CompiledSteps(*fixed, kernel)), expected, strict=True):
                 np.testing.assert_array_equal(found, other)
 
 
-def test_more_harmonics_than_there_is_room_for_are_left_to_numpy() -> None:
-    assert is_compiled_for(MOST_HARMONICS, kernels()[0])
-    assert not is_compiled_for(MOST_HARMONICS + 1, kernels()[0])
+def test_more_harmonics_than_the_kernel_takes_are_left_to_numpy() -> None:
+    assert is_compiled_for(MOST_HARMONICS, compiled_kernels()[0])
+    assert not is_compiled_for(MOST_HARMONICS + 1, compiled_kernels()[0])
     assert not is_compiled_for(2, NUMPY)
 
 
@@ -204,7 +199,7 @@ def test_a_buffer_of_another_type_is_refused(compiled: ModuleType, step: int | N
 
 
 @pytest.mark.parametrize("step", CALLS)
-def test_what_is_no_buffer_or_cannot_be_written_or_lies_in_what_is_written_is_refused(
+def test_values_that_are_no_buffers_read_only_outputs_and_overlapping_inputs_are_refused(
     compiled: ModuleType, step: int | None
 ) -> None:
     written = ("total", "slopes") if step is None else tuple(ANSWERS[step])
@@ -225,7 +220,7 @@ def test_what_is_no_buffer_or_cannot_be_written_or_lies_in_what_is_written_is_re
 
 
 @pytest.mark.parametrize("step", ANSWERS)
-def test_what_a_step_needs_must_be_there(compiled: ModuleType, step: int) -> None:
+def test_a_missing_buffer_that_a_step_needs_is_refused(compiled: ModuleType, step: int) -> None:
     for name in NEEDED[step]:
         given = steps_given(step)
         given[name] = None
@@ -233,7 +228,7 @@ def test_what_a_step_needs_must_be_there(compiled: ModuleType, step: int) -> Non
             call(compiled, step, given)
 
 
-def test_levels_steps_and_harmonics_that_there_are_not_are_refused(compiled: ModuleType) -> None:
+def test_unknown_levels_steps_and_harmonics_are_refused(compiled: ModuleType) -> None:
     for step in CALLS:
         with pytest.raises(ValueError, match="level"):
             call(compiled, step, given_of(step), "mmx")
@@ -245,9 +240,9 @@ def test_levels_steps_and_harmonics_that_there_are_not_are_refused(compiled: Mod
         call(compiled, None, given)
 
 
-def test_a_state_is_where_the_compiled_fit_starts() -> None:
-    """No patches at all are no reason to crash."""
-    steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)), kernels()[0])
+def test_a_fit_of_no_patches_returns_empty_arrays() -> None:
+    """A fit without any patches returns empty arrays."""
+    steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)), compiled_kernels()[0])
     white, linear = steps.evidence(np.empty((4, 0)), np.empty((6, 4, 0)), MEAN[:, None][:, :0])
     assert white.shape == (2, 7, 0)
     assert linear.size == 0

@@ -1,4 +1,4 @@
-"""The compiled twin of the first look at a frame against numpy, bit for bit, and buffers that do not fit it."""
+"""The first look at a frame has the same bits in numpy and in every compiled kernel, which refuses unfit buffers."""
 
 from dataclasses import replace
 from types import ModuleType
@@ -19,13 +19,12 @@ from cadtof_cli.resolver.diffuse.light import (
     patch_means,
     sampled_light,
 )
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.resolve import screened
 from cadtof_cli.resolver.settings import ResolverSettings
+from tests.resolver.compiled import compiled_kernels
 
 pytestmark = pytest.mark.usefixtures("compiled")
-
-KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
 
 SIZES = [(1, 1), (72, 1), (3, 200), (5, 90), (37, 53), (120, 161), (250, 330)]
 
@@ -39,7 +38,7 @@ def noise_of(harmonics: tuple[int, ...]) -> NoiseModel:
 
 
 def stored_of(size: tuple[int, int], harmonics: int, dtype: Any, seed: int = 1) -> Any:
-    """Counts about 8192, some of them saturated and some of no light; as floats, some are not finite or far too large."""
+    """Return counts around 8192; some are saturated, some without light. Floats include NaN, ∞ and very large values."""
     rng, pixels = np.random.default_rng(seed), size[0] * size[1]
     counts = 8192.0 + rng.normal(0.0, 1500.0, (harmonics, 2, pixels))
     counts[:, :, rng.random(pixels) < 0.1] = 8192.0
@@ -54,7 +53,7 @@ def stored_of(size: tuple[int, int], harmonics: int, dtype: Any, seed: int = 1) 
 
 
 def phasor_map(harmonics: int, pixels: int | None) -> PhasorMap:
-    """A map for all pixels, or one for each."""
+    """Return one affine map for all pixels, or a different one for each of `pixels` pixels."""
     rng, shape = np.random.default_rng(7), (harmonics, 2, pixels or 1)
     own = 6e-5 / 0.27 * rng.uniform(0.9, 1.1, shape)
     if pixels is None:
@@ -63,7 +62,7 @@ def phasor_map(harmonics: int, pixels: int | None) -> PhasorMap:
 
 
 def by_numpy(stored: Any, look: Look, noise: NoiseModel, settings: ResolverSettings, grid: PatchGrid) -> PatchLight:
-    """The stages of a frame, one after the other."""
+    """Return the light of the patches by the separate stages of numpy, one after the other."""
     phasors = phasors_from_stored(stored, look.phasor_map)
     status = saturated_pixels(stored, LIMITS).astype(np.uint32)
     if look.hot is not None:
@@ -81,56 +80,56 @@ def by_numpy(stored: Any, look: Look, noise: NoiseModel, settings: ResolverSetti
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("dtype", [np.uint16, np.int16, np.float32, np.float64])
 @pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 4)])
-@pytest.mark.parametrize("own", [False, True])
-@pytest.mark.parametrize("least", [None, 0.02])
+@pytest.mark.parametrize("per_pixel", [False, True])
+@pytest.mark.parametrize("min_confidence", [None, 0.02])
 def test_the_first_look_has_the_same_bits(
-    size: tuple[int, int], dtype: Any, harmonics: tuple[int, ...], own: bool, least: float | None
+    size: tuple[int, int], dtype: Any, harmonics: tuple[int, ...], per_pixel: bool, min_confidence: float | None
 ) -> None:
     rng, pixels = np.random.default_rng(2), size[0] * size[1]
     stored, grid = stored_of(size, len(harmonics), dtype), patch_grid(*size, assumed_view(*size))
-    settings, noise = ResolverSettings(min_confidence=least), noise_of(harmonics)
-    if own:
+    settings, noise = ResolverSettings(min_confidence=min_confidence), noise_of(harmonics)
+    if per_pixel:
         noise = replace(noise, samples=rng.integers(1, 9, pixels).astype(np.float64))
-    hot = rng.random(pixels) < 0.1 if own else None
-    each = phasor_map(len(harmonics), pixels if own else None)
-    look = Look.of(settings, noise, each, LIMITS, hot, stored=stored.dtype, kernel=KERNELS[0])
+    hot = rng.random(pixels) < 0.1 if per_pixel else None
+    each = phasor_map(len(harmonics), pixels if per_pixel else None)
+    look = Look.of(settings, noise, each, LIMITS, hot, stored=stored.dtype, kernel=compiled_kernels()[0])
     assert look is not None
     expected = by_numpy(stored, look, noise, settings, grid)
     assert pixels == 1 or 0.1 < expected.seen.mean() < 0.95
-    for kernel in KERNELS:
+    for kernel in compiled_kernels():
         found = compiled_light(stored, look, grid, kernel=kernel)
         for name in ("seen", "phase_rad", "weighted"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-        among = rng.random(found.seen.shape) < 0.7
-        ours, theirs = (
-            patch_means(expected, among, variance=1e-4, harmonics=harmonics, kernel=one) for one in (kernel, NUMPY)
+        chosen = rng.random(found.seen.shape) < 0.7
+        found_means, expected_means = (
+            patch_means(expected, chosen, variance=1e-4, harmonics=harmonics, kernel=one) for one in (kernel, NUMPY)
         )
         for name in ("ratios", "amplitude", "pixels", "phase_rad"):
-            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+            np.testing.assert_array_equal(getattr(found_means, name), getattr(expected_means, name))
 
 
-def test_phasors_and_more_harmonics_than_there_is_room_for_are_left_to_numpy() -> None:
+def test_phasors_and_more_harmonics_than_the_kernel_takes_are_left_to_numpy() -> None:
     def looks(dtype: Any, harmonics: int, kernel: str) -> bool:
         noise, each = noise_of(tuple(range(1, harmonics + 1))), phasor_map(harmonics, None)
         look = Look.of(ResolverSettings(), noise, each, LIMITS, None, stored=np.dtype(dtype), kernel=kernel)
         return look is not None
 
-    assert looks(np.uint16, 2, KERNELS[0])
-    assert looks(float, MOST_HARMONICS, KERNELS[0])
+    assert looks(np.uint16, 2, compiled_kernels()[0])
+    assert looks(float, MOST_HARMONICS, compiled_kernels()[0])
     assert not looks(np.uint16, 2, NUMPY)
-    assert not looks(complex, 2, KERNELS[0])
-    assert not looks(np.uint8, 2, KERNELS[0])
-    assert not looks(float, MOST_HARMONICS + 1, KERNELS[0])
+    assert not looks(complex, 2, compiled_kernels()[0])
+    assert not looks(np.uint8, 2, compiled_kernels()[0])
+    assert not looks(float, MOST_HARMONICS + 1, compiled_kernels()[0])
 
 
 @pytest.mark.parametrize("harmonics", [MOST_HARMONICS, MOST_HARMONICS + 1])
-def test_means_of_as_many_harmonics_as_there_is_room_for_and_of_more(harmonics: int) -> None:
+def test_means_of_as_many_harmonics_as_the_kernel_takes_and_of_more_have_the_same_bits(harmonics: int) -> None:
     rng, numbers = np.random.default_rng(3), tuple(range(1, harmonics + 1))
     seen = rng.random((9, 2, 3)) < 0.8
     weighted = rng.uniform(0.1, 1.0, (1 + 2 * harmonics, *seen.shape)).astype(np.float32)
     light = PatchLight(seen, weighted[0], weighted)
     expected = patch_means(light, seen, variance=1e-4, harmonics=numbers)
-    for kernel in KERNELS:
+    for kernel in compiled_kernels():
         found = patch_means(light, seen, variance=1e-4, harmonics=numbers, kernel=kernel)
         for name in ("ratios", "amplitude", "pixels", "phase_rad"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
@@ -182,13 +181,13 @@ def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleTy
 def test_a_buffer_of_another_size_or_type_is_refused(compiled: ModuleType, name: str) -> None:
     dtype, _ = BUFFERS[name]
     count = buffers()[name].size
-    for wrong in (np.ones(count + 1, dtype), np.ones(count - 1, dtype), np.ones(count, np.complex64), "text", 3):
+    for unfit in (np.ones(count + 1, dtype), np.ones(count - 1, dtype), np.ones(count, np.complex64), "text", 3):
         with pytest.raises((TypeError, ValueError, BufferError)):
-            look(compiled, buffers() | {name: wrong})
+            look(compiled, buffers() | {name: unfit})
 
 
 @pytest.mark.parametrize("name", ["weighted", "phases", "seen"])
-def test_what_is_written_must_be_writable_and_lie_apart(compiled: ModuleType, name: str) -> None:
+def test_outputs_that_overlap_inputs_or_are_read_only_are_refused(compiled: ModuleType, name: str) -> None:
     given = buffers()
     given[name].setflags(write=False)
     with pytest.raises((ValueError, BufferError)):
@@ -205,7 +204,7 @@ def test_what_is_written_must_be_writable_and_lie_apart(compiled: ModuleType, na
 
 
 @pytest.mark.parametrize(
-    ("name", "at", "value"),
+    ("name", "index", "value"),
     [
         ("places", 3, -2),
         ("places", 3, PIXELS),
@@ -215,11 +214,11 @@ def test_what_is_written_must_be_writable_and_lie_apart(compiled: ModuleType, na
         ("numbers", 1, 2**40),
     ],
 )
-def test_places_and_harmonics_that_there_are_not_are_refused(
-    compiled: ModuleType, name: str, at: int, value: int
+def test_places_and_harmonics_outside_the_frame_are_refused(
+    compiled: ModuleType, name: str, index: int, value: int
 ) -> None:
     given = buffers()
-    given[name][at] = value
+    given[name][index] = value
     with pytest.raises(ValueError, match="expected those of a frame"):
         look(compiled, given)
     with pytest.raises(ValueError, match="level"):
@@ -230,17 +229,17 @@ def test_places_and_harmonics_that_there_are_not_are_refused(
 
 def test_sums_of_buffers_that_do_not_fit_are_refused(compiled: ModuleType) -> None:
     level = compiled.levels()[0]
-    good = [np.ones((5, 4, 33), np.float32), np.ones((4, 33), bool), np.zeros((6, 33))]
-    compiled.sum_patches(level, *good)
-    assert (good[2] == 4.0).all()
-    for which in range(3):
-        for wrong in (np.ones(good[which].size + 1, good[which].dtype), np.ones(good[which].shape, np.int8), None):
+    sound = [np.ones((5, 4, 33), np.float32), np.ones((4, 33), bool), np.zeros((6, 33))]
+    compiled.sum_patches(level, *sound)
+    assert (sound[2] == 4.0).all()
+    for place in range(3):
+        for unfit in (np.ones(sound[place].size + 1, sound[place].dtype), np.ones(sound[place].shape, np.int8), None):
             with pytest.raises((TypeError, ValueError)):
-                compiled.sum_patches(level, *good[:which], wrong, *good[which + 1 :])
+                compiled.sum_patches(level, *sound[:place], unfit, *sound[place + 1 :])
     with pytest.raises(ValueError, match="planes"):
-        compiled.sum_patches(level, np.ones((40, 4, 33), np.float32), good[1], np.zeros((41, 33)))
+        compiled.sum_patches(level, np.ones((40, 4, 33), np.float32), sound[1], np.zeros((41, 33)))
     with pytest.raises(ValueError, match="level"):
-        compiled.sum_patches("mmx", *good)
+        compiled.sum_patches("mmx", *sound)
     sums = np.ones((4, 7))
     compiled.sum_patches(level, np.ones((3, 0, 7), np.float32), np.ones((0, 7), bool), sums)
     assert not sums.any()

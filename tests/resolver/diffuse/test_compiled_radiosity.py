@@ -1,4 +1,4 @@
-"""The compiled twin of radiosity, pair by pair, against numpy, bit for bit, and buffers that do not fit it."""
+"""Radiosity, pair by pair, has the same bits in numpy and in every compiled kernel, which refuses unfit buffers."""
 
 from types import ModuleType
 from typing import Any
@@ -8,15 +8,14 @@ import pytest
 
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
+from tests.resolver.compiled import compiled_kernels
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
-KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
-
 
 def pieces(count: int, seed: int) -> Surfaces:
-    """Small pieces of surface that look about, some of them at one place."""
+    """Return small pieces of surface with random positions and normals; some are at the same position."""
     rng = np.random.default_rng(seed)
     ray, normal = rng.normal(size=(2, 3, count))
     ray[:, ::7] = ray[:, :1]
@@ -42,7 +41,7 @@ def test_light_between_pieces_has_the_same_bits(harmonics: tuple[int, ...], seen
 
     expected = light(NUMPY)
     assert all(np.isfinite(one).all() for one in expected)
-    for kernel in KERNELS:
+    for kernel in compiled_kernels():
         for one, other in zip(light(kernel), expected, strict=True):
             np.testing.assert_array_equal(one, other)
 
@@ -50,7 +49,7 @@ def test_light_between_pieces_has_the_same_bits(harmonics: tuple[int, ...], seen
 ONTO, SOURCES = 5, 37
 
 WRITTEN = 3
-"""The last buffers."""
+"""Number of buffers that the function writes: the last ones."""
 
 
 def buffers() -> list[Any]:
@@ -68,30 +67,30 @@ def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType) -> None:
     function(level, *buffers())
     with pytest.raises(ValueError, match="level"):
         function("mmx", *buffers())
-    for which, good in enumerate(buffers()):
-        for wrong in (
-            np.ones(good.size + 1, good.dtype),
-            np.ones(good.size - 1, good.dtype),
-            np.ones(good.shape),
+    for place, sound in enumerate(buffers()):
+        for unfit in (
+            np.ones(sound.size + 1, sound.dtype),
+            np.ones(sound.size - 1, sound.dtype),
+            np.ones(sound.shape),
             None,
             "text",
         ):
             given = buffers()
-            given[which] = wrong
+            given[place] = unfit
             with pytest.raises((TypeError, ValueError)):
                 function(level, *given)
-    for which in range(-WRITTEN, 0):
+    for place in range(-WRITTEN, 0):
         given = buffers()
-        given[which].setflags(write=False)
+        given[place].setflags(write=False)
         with pytest.raises((ValueError, BufferError)):
             function(level, *given)
         given = buffers()
-        given[0] = given[which].view(np.float32).ravel()[: ONTO * SOURCES]
+        given[0] = given[place].view(np.float32).ravel()[: ONTO * SOURCES]
         with pytest.raises(ValueError, match="lies in the memory"):
             function(level, *given)
 
 
-def test_no_pieces_at_all_are_no_reason_to_crash(compiled: ModuleType) -> None:
+def test_a_call_without_pieces_returns_none(compiled: ModuleType) -> None:
     none = np.empty((0, 0), np.float32)
     filled = (none.copy(), *(none.astype(np.complex64) for _ in range(2)))
     assert compiled.light_matrix(compiled.levels()[0], 0.5, none, none, none, none, *filled) is None

@@ -1,3 +1,5 @@
+"""Gaussian conditioning, one datum after the other, and the noise of a patch's data."""
+
 import numpy as np
 import pytest
 
@@ -6,7 +8,7 @@ from cadtof_cli.resolver.diffuse.noise import noise_covariance
 
 
 @pytest.mark.parametrize("data", [1, 2, 4, 6])
-def test_conditioning_is_that_of_gaussians(data: int) -> None:
+def test_conditioning_is_that_of_gaussians_in_whole_matrices(data: int) -> None:
     rng = np.random.default_rng(data)
     root = rng.normal(size=(data + 2, data + 2))
     covariance = root @ root.T
@@ -15,15 +17,15 @@ def test_conditioning_is_that_of_gaussians(data: int) -> None:
     found = conditioned(list(residuals), lower, targets=2)
     inverse = np.linalg.inv(covariance[:data, :data])
     cross = covariance[data:, :data]
-    left = covariance[data:, data:] - cross @ inverse @ cross.T
+    remaining = covariance[data:, data:] - cross @ inverse @ cross.T
     np.testing.assert_allclose(found.shifts, cross @ inverse @ residuals, rtol=1e-9)
     np.testing.assert_allclose(
-        [found.covariance[k] for k in ((0, 0), (1, 0), (1, 1))], left[[0, 1, 1], [0, 0, 1]], rtol=1e-8
+        [found.covariance[k] for k in ((0, 0), (1, 0), (1, 1))], remaining[[0, 1, 1], [0, 0, 1]], rtol=1e-8
     )
     np.testing.assert_allclose(found.chi_squared, residuals @ inverse @ residuals, rtol=1e-9)
 
 
-def test_targets_covariances_that_nobody_needs_may_be_left_out() -> None:
+def test_covariances_of_targets_that_are_not_needed_may_be_missing() -> None:
     covariance = {(0, 0): 2.0, (1, 0): 0.5, (2, 0): 0.7, (2, 2): 1.0}
     found = conditioned([0.4], covariance, targets=2)
     assert found.shifts == pytest.approx((0.1, 0.14))
@@ -31,7 +33,7 @@ def test_targets_covariances_that_nobody_needs_may_be_left_out() -> None:
 
 
 @pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3), (1, 2, 4)])
-def test_noise_of_the_data_is_what_random_draws_show(harmonics: tuple[int, ...]) -> None:
+def test_noise_of_the_data_is_that_of_random_draws(harmonics: tuple[int, ...]) -> None:
     rng = np.random.default_rng(4)
     sigma, draws = 1e-3, 200_000
     clean = np.array([0.3 * np.exp(0.7j), 0.2 * np.exp(-0.4j), 0.1 * np.exp(2j)])[: len(harmonics)]

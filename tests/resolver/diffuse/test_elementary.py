@@ -1,4 +1,4 @@
-"""Elementary functions in single precision against those of the standard library in double precision."""
+"""Elementary functions in single precision, compared with the standard library in double precision."""
 
 import math
 from collections.abc import Callable
@@ -48,15 +48,15 @@ def test_the_phase_is_right_to_single_precision_in_every_direction() -> None:
         np.testing.assert_allclose(phase_of(cos, sin), expected, atol=3e-7)
 
 
-def test_the_axes_have_their_phases_exactly() -> None:
-    """A pixel at the very start of the range must not come out at its end."""
+def test_the_axes_have_exact_phases() -> None:
+    """A pixel at the very beginning of the unambiguous range must not appear at its end."""
     cos, sin = (np.array(parts, np.float32) for parts in ([1.0, 1e-3, 0.0, -1.0, 0.0], [0.0, 0.0, 1.0, 0.0, -1.0]))
     expected = np.array([0.0, 0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
     np.testing.assert_array_equal(phase_of(cos, sin), expected.astype(np.float32))
 
 
-def test_phases_are_brought_within_a_turn_whose_end_is_its_beginning() -> None:
-    """Also by so little below 0 that single precision has no number for what is left of a turn."""
+def test_phases_are_brought_between_0_and_a_full_turn() -> None:
+    """This includes phases so little below 0 that a full turn minus them rounds to a full turn in single precision."""
     x = np.concatenate([floats(-6.28, 12.56), np.array([-1e-9, 0.0, 2.0 * math.pi], np.float32)])
     found = within_a_turn(x)
     assert ((found >= 0.0) & (found < np.float32(2.0 * math.pi))).all()
@@ -64,14 +64,14 @@ def test_phases_are_brought_within_a_turn_whose_end_is_its_beginning() -> None:
 
 
 def test_nan_stays_nan() -> None:
-    nothing = np.full(1, np.nan, np.float32)
-    assert np.isnan(exponential(nothing)).all()
-    assert np.isnan(np.stack(rotor(nothing))).all()
-    assert np.isnan(phase_of(nothing, np.ones(1, np.float32))).all()
+    nan = np.full(1, np.nan, np.float32)
+    assert np.isnan(exponential(nan)).all()
+    assert np.isnan(np.stack(rotor(nan))).all()
+    assert np.isnan(phase_of(nan, np.ones(1, np.float32))).all()
 
 
 @pytest.mark.parametrize("value", [1e5, -1e5, 3e38, np.inf, -np.inf])
-def test_numbers_without_meaning_end_in_numbers_or_nan(value: float) -> None:
+def test_very_large_numbers_and_infinity_raise_no_error(value: float) -> None:
     x = np.full(3, value, np.float32)
     with np.errstate(all="ignore"):
         for found in (exponential(x), *rotor(x), phase_of(x, x)):

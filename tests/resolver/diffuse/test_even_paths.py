@@ -1,4 +1,4 @@
-"""Second paths that change evenly over the view are told from tails, whose shares and delays never do, whatever hides them."""
+"""Second paths whose shares and delays change evenly over the view are told from tails, which never change evenly."""
 
 from dataclasses import replace
 
@@ -30,27 +30,29 @@ SLANT: Float = np.sqrt(1.0 + ACROSS**2 + DOWN**2)
 PLACES = PatchPlaces(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), np.ones(COUNT), LIT, OMEGA)
 
 
-def second(share: float | F, later_ns: float | F, sigma: float, *, harmonics: int = 2, seed: int = 0) -> PatchData:
-    """Patches of two paths."""
+def second_paths(
+    share: float | F, later_ns: float | F, sigma: float, *, harmonics: int = 2, seed: int = 0
+) -> PatchData:
+    """Return patches with a second path of this share of the light and this delay."""
     turn: Complex = np.exp(1j * OMEGA * np.broadcast_to(later_ns, COUNT))
     return patch_data(*(share * turn**h for h in range(1, harmonics + 1)), sigma=sigma, seed=seed)
 
 
-def even(data: PatchData) -> bool:
+def is_even(data: PatchData) -> bool:
     with np.errstate(all="ignore"):
         return are_even(SecondPaths.of(data), data, PLACES)
 
 
 def room(uneven: float, sigma: float, *, strength: float = 0.25, seed: int = 0) -> PatchData:
-    """A tail that is stronger and earlier where surfaces meet: in two edges of the view and in its middle."""
-    near = np.exp(-6.0 * np.abs(ACROSS + 0.1)) + np.exp(-5.0 * np.abs(DOWN - 0.25))
-    tails = [Tail(strength * float(np.exp(uneven * x)), 4.0 - 2.0 * uneven * float(x), 8.0) for x in near]
+    """Return patches with a tail that is stronger and earlier near two edges of the room, one upright and one level."""
+    edges = np.exp(-6.0 * np.abs(ACROSS + 0.1)) + np.exp(-5.0 * np.abs(DOWN - 0.25))
+    tails = [Tail(strength * float(np.exp(uneven * x)), 4.0 - 2.0 * uneven * float(x), 8.0) for x in edges]
     mpi = [np.array([tail.phasor(h) for tail in tails]) for h in (1, 2)]
     return patch_data(*mpi, sigma=sigma, seed=seed)
 
 
 @pytest.mark.parametrize("h", [2, 3])
-def test_slopes_are_those_of_what_two_paths_show(h: int) -> None:
+def test_slopes_of_the_ratio_of_two_paths_are_its_derivatives(h: int) -> None:
     rng, step = np.random.default_rng(1), 1e-6
     share, later = rng.uniform(0.0, 0.9, 50), rng.uniform(-2.5, 2.5, 50)
     found, slopes = of_two_paths(share, later, h)
@@ -65,87 +67,94 @@ def test_slopes_are_those_of_what_two_paths_show(h: int) -> None:
 
 @pytest.mark.parametrize("sigma", [1e-4, 1e-3, 5e-3])
 @pytest.mark.parametrize(("share", "later_ns"), [(0.1, 6.0), (0.1, 11.0), (0.3, 8.0)])
-def test_one_share_at_one_delay_is_two_paths(share: float, later_ns: float, sigma: float) -> None:
-    data = second(share, later_ns, sigma)
-    assert even(data)
+def test_one_share_at_one_delay_is_taken_for_two_paths(share: float, later_ns: float, sigma: float) -> None:
+    data = second_paths(share, later_ns, sigma)
+    assert is_even(data)
     assert are_two_paths(data, PLACES)
     with np.errstate(all="ignore"):
         assert not has_one_share(SecondPaths.of(data), rad_per_ns=OMEGA)
 
 
-def test_weak_shares_that_grow_evenly_are_two_paths_at_delays_that_do() -> None:
-    """From .005 to .03 down, 3 to 20 ns late across: the card of `simulate` with weak MPI."""
+def test_weak_shares_and_delays_that_grow_evenly_are_even() -> None:
+    """Shares grow from .005 to .03 downwards, and delays from 3 to 20 ns across: a weak card of `simulate`."""
     share, later = 0.0175 + 0.0125 * DOWN / 0.43, 11.5 + 8.5 * ACROSS / 0.57
     for seed in range(5):
-        assert even(second(share, later, 1e-3, seed=seed))
+        assert is_even(second_paths(share, later, 1e-3, seed=seed))
 
 
 @pytest.mark.parametrize("later_ns", [9.0 * SLANT, 9.0 + 4.0 * ACROSS, 6.0 + 3.0 * SLANT - 2.0 * DOWN])
-def test_delays_on_an_even_surface_are_two_paths_whatever_the_shares(later_ns: F) -> None:
-    """A pane before a wall with a pattern: delays are those of two planes, what the wall sends back is any."""
+def test_even_delays_are_even_with_any_shares(later_ns: F) -> None:
+    """A pane stands before a patterned wall. The delays are those of two planes, and the shares follow the pattern."""
     share = 0.15 * np.exp(0.5 * np.random.default_rng(7).normal(size=COUNT))
-    assert even(second(share, later_ns, 5e-4))
+    assert is_even(second_paths(share, later_ns, 5e-4))
     uneven = later_ns + 0.3 * np.random.default_rng(8).normal(size=COUNT)
-    assert not even(second(share, uneven, 5e-4))
+    assert not is_even(second_paths(share, uneven, 5e-4))
 
 
 @pytest.mark.parametrize("sigma", [1e-4, 1e-3, 3e-3, 1e-2])
 @pytest.mark.parametrize("uneven", [0.2, 0.5, 1.0])
-def test_tails_that_follow_surfaces_are_not_even(uneven: float, sigma: float) -> None:
+def test_tails_that_change_with_the_surfaces_are_not_even(uneven: float, sigma: float) -> None:
     for seed in range(5):
-        assert not even(room(uneven, sigma, seed=seed))
+        assert not is_even(room(uneven, sigma, seed=seed))
 
 
-def test_noise_that_hides_everything_is_no_second_path() -> None:
-    """A share that is as far from none as from any says nothing, and a tail that is hidden as well is not told from it."""
+def test_noise_that_hides_the_mpi_is_not_taken_for_even_paths() -> None:
+    """If noise hides the shares, the frame is not taken for two paths, whether it has a tail or a second path."""
     for seed in range(5):
-        assert not even(room(0.5, 0.2, seed=seed))
-        assert not even(second(0.005, 9.0, 1e-2, seed=seed))
+        assert not is_even(room(0.5, 0.2, seed=seed))
+        assert not is_even(second_paths(0.005, 9.0, 1e-2, seed=seed))
 
 
-def test_a_fifth_of_the_view_may_be_without_a_second_path_and_a_piece_have_another() -> None:
-    """The noise of shares is 11 % of them, too much for single patches to tell that they are the same."""
+def test_a_fifth_of_the_view_may_have_no_second_path_and_a_piece_another_one() -> None:
+    """The noise of a share is 11 % of it. So single patches do not tell that all shares are the same."""
     share = np.where(DOWN < -0.26, 0.0, 0.05)
-    assert even(second(share, 8.0, 2e-3))
+    assert is_even(second_paths(share, 8.0, 2e-3))
     share = np.where((DOWN < -0.2) & (ACROSS < -0.4), 0.2, 0.05)
     assert 0.03 < np.mean(share == 0.2) < 0.08
-    assert even(second(share, 8.0, 2e-3))
+    assert is_even(second_paths(share, 8.0, 2e-3))
 
 
-def test_what_is_left_alike_in_neighbours_is_a_tail_where_each_patch_hides_it() -> None:
-    """Shares that wave over the view by a seventh, under noise of the same size: χ² hardly tells, neighbours do."""
+def test_residuals_that_neighbours_have_in_common_show_a_tail_that_noise_hides_in_each_patch() -> None:
+    """Shares vary by a seventh over the view, under noise of the same size.
+
+    χ² hardly shows this, but the products of neighbouring residuals do.
+    """
     wave = 1.0 + 0.25 * np.sin(12.0 * ACROSS) * np.sin(12.0 * DOWN)
     for seed in range(5):
-        assert even(second(0.05, 8.0, 5e-3, seed=seed))
-        assert not even(second(0.05 * wave, 8.0, 5e-3, seed=seed))
+        assert is_even(second_paths(0.05, 8.0, 5e-3, seed=seed))
+        assert not is_even(second_paths(0.05 * wave, 8.0, 5e-3, seed=seed))
 
 
-def test_a_third_harmonic_that_is_not_foretold_speaks_against_two_paths_however_even() -> None:
+def test_a_third_harmonic_that_two_paths_do_not_predict_is_evidence_against_them() -> None:
     tail = Tail(0.3, 3.0, 9.0)
     mpi = [np.full(COUNT, tail.phasor(h)) for h in (1, 2, 3)]
     assert are_two_paths(patch_data(*mpi[:2], sigma=1e-3), PLACES)
     assert not are_two_paths(patch_data(*mpi, sigma=1e-3), PLACES)
-    assert are_two_paths(second(0.1, 8.0, 1e-3, harmonics=3), PLACES)
+    assert are_two_paths(second_paths(0.1, 8.0, 1e-3, harmonics=3), PLACES)
 
 
-def test_few_patches_and_light_without_mpi_or_noise_do_no_harm() -> None:
+def test_light_without_mpi_or_noise_raises_no_error() -> None:
     nothing = np.zeros(COUNT, np.complex128)
     for sigma in (0.0, 1e-3):
         with np.errstate(all="ignore"):
             assert not are_two_paths(patch_data(nothing, nothing, sigma=sigma), PLACES)
-            assert are_two_paths(second(0.1, 8.0, sigma), PLACES) == (sigma > 0.0)
+            assert are_two_paths(second_paths(0.1, 8.0, sigma), PLACES) == (sigma > 0.0)
 
 
 def by_a_mirror(
-    sigma: float, *, step_m: float = 0.3, most: float = 0.06, turns: float = 0.0
+    sigma: float, *, step_m: float = 0.3, largest_share: float = 0.06, added_rad: float = 0.0
 ) -> tuple[PatchData, PatchPlaces]:
-    """A wall at 1.5 m, of which a part stands before the rest, and light by a surface at its right, stronger the nearer it is."""
+    """Return a wall at 1.5 m, of which a part stands before the rest, with light by way of a surface at its right.
+
+    `step_m` is how far the part stands before the rest. `largest_share` is the share of this light at distance 0; the
+    share falls with the distance. `added_rad` is added to all delays.
+    """
     range_m = 1.5 * SLANT - step_m * (np.abs(DOWN) < 0.15)
     wall = range_m * np.stack([ACROSS, DOWN, np.ones(COUNT)]) / SLANT
     place = np.array([1.6, 0.1, 0.5])
-    there = np.sqrt(((place[:, np.newaxis] - wall) ** 2).sum(axis=0))
-    later = OMEGA * (np.sqrt(place @ place) + there - range_m) / C_M_PER_NS + turns
-    share = most * np.exp(-2.0 * there)
+    distance_m = np.sqrt(((place[:, np.newaxis] - wall) ** 2).sum(axis=0))
+    later = OMEGA * (np.sqrt(place @ place) + distance_m - range_m) / C_M_PER_NS + added_rad
+    share = largest_share * np.exp(-2.0 * distance_m)
     turn = np.exp(1j * later)
     straight = OMEGA * 2.0 * range_m / C_M_PER_NS
     phase = straight + np.angle(1.0 + share * turn)
@@ -153,12 +162,12 @@ def by_a_mirror(
     return data, replace(PLACES, phase_rad=np.asarray(np.angle(np.exp(1j * phase))))
 
 
-@pytest.mark.parametrize(("most", "turns"), [(0.06, 0.0), (0.06, 2.0), (1.0, 0.0)])
-def test_delays_by_one_place_are_two_paths_though_they_are_not_even(
-    most: float, turns: float, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("largest_share", "added_rad"), [(0.06, 0.0), (0.06, 2.0), (1.0, 0.0)])
+def test_delays_by_way_of_one_place_are_two_paths_although_not_even(
+    largest_share: float, added_rad: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where some come half a period late, and seem to be as much too early; and where they turn arg p_1 by much."""
-    data, places = by_a_mirror(2e-5, most=most, turns=turns)
+    """This holds even if some delays exceed half a period and so appear negative, and if MPI turns arg p_1 by much."""
+    data, places = by_a_mirror(2e-5, largest_share=largest_share, added_rad=added_rad)
     with np.errstate(all="ignore"):
         found = SecondPaths.of(data)
         assert are_even(found, data, places)
@@ -167,7 +176,7 @@ def test_delays_by_one_place_are_two_paths_though_they_are_not_even(
         assert not are_even(found, data, places)
 
 
-def test_one_place_is_not_looked_for_where_delays_are_far_from_even(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_place_is_looked_for_if_delays_are_far_from_even(monkeypatch: pytest.MonkeyPatch) -> None:
     data, places = by_a_mirror(5e-6, step_m=0.6)
     with np.errstate(all="ignore"):
         found = SecondPaths.of(data)
@@ -176,24 +185,26 @@ def test_one_place_is_not_looked_for_where_delays_are_far_from_even(monkeypatch:
         assert are_even(found, data, places)
 
 
-def test_where_no_patch_is_surrounded_by_others_nothing_is_said_of_one_place() -> None:
+def test_without_surrounded_patches_no_place_is_found() -> None:
     data, places = by_a_mirror(2e-5)
-    here: Bool = (np.add.outer(np.arange(ROWS), np.arange(COLUMNS)) % 2 == 0).ravel()
-    seen = replace(data, ratios=np.where(here, data.ratios, 1.0))
+    seen_patches: Bool = (np.add.outer(np.arange(ROWS), np.arange(COLUMNS)) % 2 == 0).ravel()
+    thinned = replace(data, ratios=np.where(seen_patches, data.ratios, 1.0))
     with np.errstate(all="ignore"):
-        assert not are_even(SecondPaths.of(seen), seen, places)
+        assert not are_even(SecondPaths.of(thinned), thinned, places)
 
 
-def test_patches_at_the_edge_of_a_panel_do_not_hide_where_its_light_comes_from() -> None:
-    """They hold light of the wall behind it, too, and seem to have another delay."""
+def test_patches_at_the_edge_of_a_panel_do_not_hide_the_place_of_its_light() -> None:
+    """Patches at the edge also hold light of the wall behind the panel, so that they seem to have another delay."""
     data, places = by_a_mirror(5e-6, step_m=0.0)
     panel: Bool = (np.abs(ACROSS) < 0.4) & (np.abs(DOWN) < 0.35)
     inner: Bool = (np.abs(ACROSS) < 0.36) & (np.abs(DOWN) < 0.3)
-    alone = patch_data(*[np.zeros(COUNT, np.complex128)] * 2, sigma=5e-6)
+    without_mpi = patch_data(*[np.zeros(COUNT, np.complex128)] * 2, sigma=5e-6)
     mixed = np.where(panel & ~inner, 0.8 * data.ratios + 0.2 * np.exp(1.5j), data.ratios)
-    seen = replace(
-        data, ratios=np.where(panel, mixed, alone.ratios), relative=np.where(panel, data.relative, alone.relative)
+    with_panel = replace(
+        data,
+        ratios=np.where(panel, mixed, without_mpi.ratios),
+        relative=np.where(panel, data.relative, without_mpi.relative),
     )
     with np.errstate(all="ignore"):
-        found = SecondPaths.of(seen)
-        assert are_even(found, seen, places)
+        found = SecondPaths.of(with_panel)
+        assert are_even(found, with_panel, places)

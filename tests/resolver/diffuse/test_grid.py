@@ -1,4 +1,4 @@
-"""How a frame is cut and sampled: sizes, which pixels stand for a patch, and where they look."""
+"""The patches that a frame is cut into: their sizes, the pixels that are sampled, and the rays of these pixels."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ OFF_CENTRE = View(100.0, (30.5, 17.25))
 
 
 def sampled_at(grid: PatchGrid, length: int, patches: int) -> list[list[int]]:
-    """The sampled rows (or columns) of every patch: the middle one of each stride."""
+    """Return the sampled rows, or columns, of every patch: the middle one of each stride."""
     everywhere = [[pixel for pixel in range(length) if pixel // grid.side == patch] for patch in range(patches)]
     return [[pixel for pixel in pixels if pixel % grid.stride == grid.stride // 2] for pixels in everywhere]
 
@@ -26,10 +26,10 @@ def sampled_at(grid: PatchGrid, length: int, patches: int) -> list[list[int]]:
         ((9, 10), 4, 1, (3, 3)),
     ],
 )
-def test_a_frame_is_cut_into_about_three_hundred_squares_of_eight_samples_a_side(
+def test_a_frame_is_cut_into_about_300_squares_with_8_samples_a_side(
     size: tuple[int, int], side: int, stride: int, patches: tuple[int, int]
 ) -> None:
-    """Where 300 patches would be smaller than a dozen pixels, all of their pixels are samples; four a side are the least."""
+    """If 300 patches would have sides below 12 pixels, every pixel is sampled. A patch has at least 4 pixels a side."""
     grid = patch_grid(*size, OFF_CENTRE)
     assert (grid.side, grid.stride, (grid.rows, grid.columns)) == (side, stride, patches)
     assert (grid.height, grid.width, grid.view) == (*size, OFF_CENTRE)
@@ -38,10 +38,8 @@ def test_a_frame_is_cut_into_about_three_hundred_squares_of_eight_samples_a_side
 @pytest.mark.parametrize(
     ("size", "side", "stride"), [((180, 240), 16, 2), ((207, 208), 12, 1), ((199, 217), 12, 1), ((40, 42), 4, 1)]
 )
-def test_from_three_hundred_times_a_dozen_squared_pixels_on_every_second_one_is_sampled(
-    size: tuple[int, int], side: int, stride: int
-) -> None:
-    """43,200 pixels: 300 patches of 12 × 12."""
+def test_from_43200_pixels_on_every_second_pixel_is_sampled(size: tuple[int, int], side: int, stride: int) -> None:
+    """The limit is 43,200 pixels: 300 patches of 12 × 12."""
     grid = patch_grid(*size, OFF_CENTRE)
     assert (grid.side, grid.stride) == (side, stride)
 
@@ -55,19 +53,19 @@ def test_samples_are_spread_over_their_patch(size: tuple[int, int]) -> None:
     rows, columns = sampled_at(grid, size[0], grid.rows), sampled_at(grid, size[1], grid.columns)
     per_side = grid.side // grid.stride
     assert found.shape == (2, per_side**2, grid.rows, grid.columns)
-    for i, inside in enumerate(rows):
+    for i, rows_inside in enumerate(rows):
         for j, across in enumerate(columns):
-            expected = [(a + 1, b + 1) for a in inside for b in across]
-            here = found[:, :, i, j]
-            taken = here[:, here[0] > 0].T
+            expected = [(a + 1, b + 1) for a in rows_inside for b in across]
+            samples = found[:, :, i, j]
+            taken = samples[:, samples[0] > 0].T
             assert [tuple(pair) for pair in taken.tolist()] == expected
-            assert (here[1] > 0).tolist() == (here[0] > 0).tolist()
-    for part, length, held in zip(sampled_pixels(*size), size, (rows, columns), strict=True):
-        assert list(range(length))[part] == [pixel for inside in held for pixel in inside]
+            assert (samples[1] > 0).tolist() == (samples[0] > 0).tolist()
+    for part, length, sampled in zip(sampled_pixels(*size), size, (rows, columns), strict=True):
+        assert list(range(length))[part] == [pixel for rows_inside in sampled for pixel in rows_inside]
 
 
 @pytest.mark.parametrize("size", [(240, 320), (50, 70)])
-def test_samples_look_where_the_pinhole_says(size: tuple[int, int]) -> None:
+def test_rays_of_samples_are_those_of_a_pinhole(size: tuple[int, int]) -> None:
     grid = patch_grid(*size, OFF_CENTRE)
     y, x = np.mgrid[: size[0], : size[1]].astype(float)
     inside = grid.samples(np.ones(size, bool))
@@ -79,7 +77,7 @@ def test_samples_look_where_the_pinhole_says(size: tuple[int, int]) -> None:
         assert_allclose(found[inside], grid.samples(image)[inside])
 
 
-def test_a_patch_s_ray_is_the_unit_vector_through_its_middle() -> None:
+def test_the_ray_of_a_patch_is_the_unit_vector_through_its_middle() -> None:
     grid = patch_grid(240, 320, OFF_CENTRE)
     assert_allclose(np.linalg.norm(grid.ray, axis=0), 1.0)
     middle_x, middle_y = np.arange(20) * 16 + 8.5, np.arange(15) * 16 + 8.5

@@ -1,4 +1,4 @@
-"""Which patches count, and what a frame of them gets: each limit of `choice` from both sides."""
+"""The patches that count and the model that a frame gets: each limit of `choice`, tested on both sides."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ TAIL = 0.8 * np.exp(-0.2j)
 
 
 def frame(ratios: list[complex], *, third: complex = 0.7) -> PatchMeans:
-    """Patches in a row, all with 64 pixels of amplitude .2."""
+    """Return a row of patches with these q_2 and a common q_3, each with 64 pixels of amplitude .2."""
     second: Complex = np.array([ratios])
     ratio, one = np.stack([second, np.full_like(second, third)]), np.ones((1, len(ratios)))
     return PatchMeans(ratio, 0.2 * one, 64.0 * one, 0.0 * one, one)
@@ -48,28 +48,28 @@ def kinds(means: PatchMeans, model: MpiModel = "auto") -> PatchKinds:
     return patch_kinds(nothing, means, VARIANCES, grid=grid, settings=settings)
 
 
-def test_a_room_with_a_tail_gets_one() -> None:
+def test_a_room_with_a_tail_gets_the_diffuse_model() -> None:
     found = kinds(frame([TAIL] * 64))
     assert (found.reason, found.separate_share, int(found.lit.sum())) == ("tail", 0.0, 64)
 
 
-def test_sixty_four_patches_with_light_make_a_room() -> None:
+def test_a_room_needs_64_patches_with_light() -> None:
     assert kinds(frame([TAIL] * 63)).reason == "few patches with light"
     assert kinds(frame([TAIL] * 63), "diffuse").reason == "few patches with light"
     assert not kinds(frame([TAIL] * 63)).separate.any()
 
 
-def test_up_to_twenty_in_a_hundred_patches_may_be_separate() -> None:
+def test_up_to_a_fifth_of_the_patches_may_be_separate() -> None:
     early = np.exp(0.5j)
     within, beyond = (kinds(frame([early] * count + [TAIL] * (100 - count))) for count in (20, 21))
     assert (within.reason, within.separate_share) == ("tail", 0.2)
     assert (beyond.reason, beyond.separate_share) == ("separate paths", 0.21)
     assert within.separate.sum() == 20
-    told = kinds(frame([early] * 100), "diffuse")
-    assert (told.reason, told.separate_share) == ("tail", 0.0)
+    forced = kinds(frame([early] * 100), "diffuse")
+    assert (forced.reason, forced.separate_share) == ("tail", 0.0)
 
 
-def test_ratios_of_one_are_no_mpi_and_separate_patches_among_them_stay_known() -> None:
+def test_ratios_of_1_are_no_mpi_and_separate_patches_stay_marked() -> None:
     found = kinds(frame([np.exp(0.5j)] + [TAIL] * 60 + [1.0] * 39, third=1.0))
     assert (found.reason, found.separate.sum()) == ("tail", 1)
     none = kinds(frame([1.0] * 100, third=1.0))
@@ -78,13 +78,13 @@ def test_ratios_of_one_are_no_mpi_and_separate_patches_among_them_stay_known() -
 
 
 @pytest.mark.parametrize(("clean", "reason"), [(49, "tail"), (51, "no MPI to be seen")])
-def test_half_a_view_without_mpi_has_no_tail_in_the_rest(clean: int, reason: str) -> None:
+def test_a_view_without_mpi_in_half_of_its_patches_has_no_tail(clean: int, reason: str) -> None:
     assert kinds(frame([1.0] * clean + [TAIL] * (100 - clean), third=1.0)).reason == reason
 
 
 @pytest.mark.parametrize(("times", "reason"), [(1.3, "no MPI to be seen"), (1.5, "tail")])
-def test_mpi_is_to_be_seen_from_twice_the_noise_s_square_on(times: float, reason: str) -> None:
-    """|q_2| off by so many times its own noise, arg q_2 alike, those of q_3 too: the mean square is the square of it."""
+def test_mpi_is_seen_from_twice_the_variance_of_the_noise_on(times: float, reason: str) -> None:
+    """|q_2|, arg q_2, |q_3| and arg q_3 deviate by `times` their noise, so the mean squared deviation is times²."""
     relative = np.sqrt(1.0 / (0.2**2 * 64.0))
     size = [times * np.sqrt(VARIANCES[0] + v) * relative for v in VARIANCES[1:]]
     phase = [times * np.sqrt(h * h * VARIANCES[0] + v) * relative for h, v in zip((2, 3), VARIANCES[1:], strict=True)]
@@ -95,7 +95,7 @@ def test_mpi_is_to_be_seen_from_twice_the_noise_s_square_on(times: float, reason
     assert_allclose(np.mean(misfits_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3))), times**2)
 
 
-def test_noise_alone_speaks_against_mpi_and_the_misfit_of_a_room_leaves_no_doubt() -> None:
+def test_noise_alone_gives_mpi_a_low_probability_and_a_room_gives_it_1() -> None:
     rng = np.random.default_rng(4)
     noise = [mpi_probability(float(rng.chisquare(600)) / 600, numbers=600) for _ in range(200)]
     assert float(np.mean(noise)) < 0.1
@@ -105,7 +105,10 @@ def test_noise_alone_speaks_against_mpi_and_the_misfit_of_a_room_leaves_no_doubt
 
 
 def test_the_probability_of_mpi_is_that_of_a_free_variance_against_a_known_one() -> None:
-    """Integrated: n numbers of the mean square m, with the variance 1 or with one whose logarithm is even over a range of 2√π."""
+    """The odds are integrated here for n numbers with the mean square m.
+
+    Their variance is 1, or its logarithm has a uniform distribution over a range of 2√π.
+    """
     numbers, known = 400, 0.1
     count = 2.0 / (2.0 / numbers + known**2)
     logs = np.linspace(-3.0, 3.0, 60001)
@@ -115,20 +118,20 @@ def test_the_probability_of_mpi_is_that_of_a_free_variance_against_a_known_one()
         assert_allclose(mpi_probability(misfit, numbers=numbers), odds / (1.0 + odds), rtol=0.02)
 
 
-def test_what_is_forced_to_have_a_tail_is_told_how_likely_one_is() -> None:
+def test_a_frame_that_is_forced_to_have_a_tail_gets_the_probability_of_mpi() -> None:
     assert kinds(frame([1.0] * 100, third=1.0), "diffuse").mpi_probability < 0.1
     assert kinds(frame([TAIL] * 100), "diffuse").mpi_probability == 1.0
 
 
-def test_the_misfit_is_the_mean_over_lit_patches_alone() -> None:
+def test_the_misfit_is_the_mean_over_lit_patches_only() -> None:
     means = frame([1.0, 1.0 - 5e-3, 7.0], third=1.0)
     lit: Bool = np.array([[True, True, False]])
-    alone = (5e-3) ** 2 / (3 * SIGMA**2) * 0.2**2 * 64.0
+    single = (5e-3) ** 2 / (3 * SIGMA**2) * 0.2**2 * 64.0
     found = misfits_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3))
-    assert_allclose(np.mean(found), alone / 8, rtol=1e-9)
+    assert_allclose(np.mean(found), single / 8, rtol=1e-9)
 
 
-def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_noise() -> None:
+def test_a_patch_counts_with_a_tenth_of_its_pixels_lit_and_an_amplitude_above_three_times_the_noise() -> None:
     amplitude, pixels = np.array([0.0031, 0.0029, 0.2, 0.2]), np.array([64.0, 64.0, 6.0, 7.0])
     means = PatchMeans(np.ones((1, 4), complex), amplitude, pixels, np.zeros(4), pixels / 64.0)
     assert kinds(means).lit.tolist() == [True, False, False, True]
@@ -147,8 +150,8 @@ def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_
         (np.exp(-2j), False),
     ],
 )
-def test_a_lead_of_a_tenth_and_a_ratio_of_six_fifths_are_the_most_of_a_tail(ratio: complex, separate: bool) -> None:
-    """Beyond seven times the noise of a mean of 64 pixels: 7 · .001/(.2 · 8) = .0044."""
+def test_a_tail_has_a_phase_of_at_most_a_tenth_and_a_ratio_of_at_most_1_2(ratio: complex, separate: bool) -> None:
+    """The limits have a margin of seven times the noise of a mean of 64 pixels: 7 · .001/(.2 · 8) = .0044."""
     means = PatchMeans(
         np.full((1, 1, 1), ratio), np.full((1, 1), 0.2), np.full((1, 1), 64.0), np.zeros((1, 1)), np.ones((1, 1))
     )
@@ -156,23 +159,26 @@ def test_a_lead_of_a_tenth_and_a_ratio_of_six_fifths_are_the_most_of_a_tail(rati
     assert not separate_patches(means, np.zeros((1, 1), bool), SIGMA).any()
 
 
-def test_a_tail_fits_up_to_three_times_the_expected_misfit_in_half_of_the_patches() -> None:
-    for by_two_paths in (0.0, 1e6):
-        assert tail_fits(np.array([1.0] * 4 + [12.0] * 4), np.full(8, by_two_paths), 4)
-        assert not tail_fits(np.array([1.0] * 4 + [12.1] * 5), np.full(9, by_two_paths), 4)
+def test_a_tail_fits_if_the_median_misfit_is_at_most_three_times_the_expected_one() -> None:
+    for two_path_misfit in (0.0, 1e6):
+        assert tail_fits(np.array([1.0] * 4 + [12.0] * 4), np.full(8, two_path_misfit), 4)
+        assert not tail_fits(np.array([1.0] * 4 + [12.1] * 5), np.full(9, two_path_misfit), 4)
         assert tail_fits(np.array([9.9]), np.zeros(1), 2)
-        assert not tail_fits(np.array([19.0]), np.full(1, by_two_paths), 6)
+        assert not tail_fits(np.array([19.0]), np.full(1, two_path_misfit), 6)
 
 
 @pytest.mark.parametrize(("data", "limit", "most"), [(2, 10.0, 6), (4, 5.0, 16), (6, 5.0, 16)])
-def test_no_tail_fits_where_too_many_patches_are_unexplained(data: int, limit: float, most: int) -> None:
+def test_no_tail_fits_if_it_leaves_too_many_patches_unexplained(data: int, limit: float, most: int) -> None:
     for count in (most, most + 1):
         chi_squared = np.array([limit * data + 0.1] * count + [limit * data] * 10 + [0.1] * (90 - count))
         assert tail_fits(chi_squared, np.zeros(100), data) is (count == most)
 
 
-def test_patches_that_two_paths_explain_no_better_speak_for_no_model() -> None:
-    """A tail leaves 50 a datum of a third of the patches; two paths may leave that of each datum that follows q_2."""
+def test_patches_that_two_paths_explain_no_better_are_no_evidence_against_a_tail() -> None:
+    """In 30 of 100 patches the tail leaves χ² = 50 per datum.
+
+    These are no evidence against a tail if two paths leave as much in each datum that follows q_2.
+    """
     unexplained = np.array([200.0] * 30 + [0.1] * 70)
     assert not tail_fits(unexplained, np.array([100.0] * 30 + [1e6] * 70), 4)
     assert tail_fits(unexplained, np.array([100.1] * 30 + [0.0] * 70), 4)

@@ -1,4 +1,4 @@
-"""The light of patches against sums over their pixels one by one."""
+"""The means of a patch's light, compared with sums over its pixels."""
 
 from functools import partial
 
@@ -12,8 +12,8 @@ from cadtof_cli.resolver.diffuse.light import is_light, patch_light, patch_means
 HARMONICS = (1, 2, 4)
 
 
-def test_ratios_are_free_of_the_direct_phase_and_weighted_by_power() -> None:
-    """Of light A·e^(iφ)·H_1, A·e^(ihφ)·H_h: q_h is H_h·|H_1|/H_1^h·…, whatever A and φ of each pixel."""
+def test_ratios_do_not_depend_on_the_direct_phase_and_are_weighted_by_power() -> None:
+    """For phasors A·e^(ihφ)·H_h, the ratio q_h is H_h/|H_1|·exp(−ih·arg H_1) for any A and φ of the pixels."""
     rng = np.random.default_rng(1)
     strength, phase = rng.uniform(0.1, 0.5, (9, 2, 3)), rng.uniform(-np.pi, np.pi, (9, 2, 3))
     light = {1: 0.9 * np.exp(0.3j), 2: 0.6 * np.exp(0.1j), 4: 0.3 * np.exp(-0.7j)}
@@ -33,19 +33,22 @@ def test_ratios_are_free_of_the_direct_phase_and_weighted_by_power() -> None:
     assert_allclose(means.phase_rad, np.angle(first), rtol=1e-5)
 
 
-def test_pixels_of_different_light_count_by_their_power() -> None:
+def test_pixels_are_weighted_by_their_power() -> None:
     first = np.array([0.1, 0.3, 0.2])
     second = first * np.array([0.5, 1.0 + 0.2j, -0.4j])
     light = patch_light(np.stack([first + 0j, second]), np.ones(3, bool), harmonics=(1, 2))
-    among = np.array([True, True, False])
-    means = patch_means(light, among, variance=0.0, harmonics=(1, 2))
+    chosen = np.array([True, True, False])
+    means = patch_means(light, chosen, variance=0.0, harmonics=(1, 2))
     assert_allclose(means.ratios, [(0.01 * 0.5 + 0.09 * (1.0 + 0.2j)) / 0.1], rtol=1e-6)
     assert_allclose((means.amplitude, means.pixels), (np.sqrt(0.05), 2.0), rtol=1e-6)
 
 
 @pytest.mark.parametrize(("amplitude", "sigma"), [(0.25, 0.02), (0.25, 0.04), (0.6, 0.08), (0.1, 0.016)])
-def test_noise_makes_ratios_neither_smaller_nor_larger(amplitude: float, sigma: float) -> None:
-    """Noise drawn as a pixel of one path has it: by 1 − A weaker across the phasor, by 1 − A² in both together."""
+def test_noise_does_not_bias_ratios(amplitude: float, sigma: float) -> None:
+    """The noise is that of a pixel with one path of amplitude A.
+
+    Its variance across the phasor is smaller by the factor 1 − A, and the mean of both variances by the factor 1 − A².
+    """
     rng = np.random.default_rng(3)
     across = sigma * np.sqrt(1.0 - amplitude)
     along = np.sqrt(2.0 * sigma**2 * (1.0 - amplitude**2) - across**2)
@@ -55,12 +58,14 @@ def test_noise_makes_ratios_neither_smaller_nor_larger(amplitude: float, sigma: 
     mean = partial(patch_means, light, np.ones(count, bool), harmonics=(1, 2, 3))
     biased = mean(variance=0.0)
     assert (np.abs(biased.ratios) < 1.0 - 1.5 * (across / amplitude) ** 2).all()
-    freed = mean(variance=sigma**2).ratios
-    assert (np.abs(freed - 1.0) < 0.05 * np.abs(biased.ratios - 1.0) + 15.0 * across / amplitude / np.sqrt(count)).all()
+    corrected = mean(variance=sigma**2).ratios
+    assert (
+        np.abs(corrected - 1.0) < 0.05 * np.abs(biased.ratios - 1.0) + 15.0 * across / amplitude / np.sqrt(count)
+    ).all()
 
 
 @pytest.mark.parametrize("amplitude", [1.02, 1.3])
-def test_light_beyond_the_full_amplitude_has_no_noise_to_be_freed_of(amplitude: float) -> None:
+def test_amplitudes_above_1_get_no_correction_for_noise(amplitude: float) -> None:
     light = patch_light(np.full((3, 4), amplitude, complex), np.ones(4, bool), harmonics=(1, 2, 3))
     means = patch_means(light, np.ones(4, bool), variance=0.01, harmonics=(1, 2, 3))
     assert_allclose(means.ratios, [1.0, 1.0], rtol=1e-6)
@@ -77,18 +82,18 @@ def test_patches_without_pixels_have_no_amplitude_and_finite_ratios(variance: fl
     ("first", "second", "expected"),
     [(999.0, 999.0j, True), (1000.0, 0.1, False), (-1000.0j, 0.1, False), (0.1, -1000.0, False), (0.1, 1000.0j, False)],
 )
-def test_light_is_below_a_thousand_in_every_part_of_every_harmonic(
+def test_light_has_real_and_imaginary_parts_below_1000_at_every_harmonic(
     first: complex, second: complex, expected: bool
 ) -> None:
     assert bool(is_light(np.array([[first], [second]]))[0]) is expected
 
 
-def test_a_harmonic_that_has_gone_is_light_and_a_fundamental_that_has_gone_is_not() -> None:
+def test_light_may_have_a_second_harmonic_of_0_but_no_fundamental_of_0() -> None:
     assert is_light(np.array([[0.1, 0.0], [0.0, 0.1]], complex)).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("size", [(48, 64), (50, 70), (240, 320)])
-def test_samples_stand_at_their_places_in_the_frame_and_none_outside(size: tuple[int, int]) -> None:
+def test_places_of_samples_are_their_indices_in_the_frame(size: tuple[int, int]) -> None:
     grid = patch_grid(*size, View(100.0, (30.5, 17.25)))
     image = np.random.default_rng(2).uniform(1.0, 2.0, size)
     places, samples = sample_places(grid), grid.samples(image)

@@ -1,4 +1,4 @@
-"""What other terms of a response make of direct light and its tail, against sums over the terms written from the physics."""
+"""The other terms of a response, for direct light and its tail, compared with sums over the terms from the physics."""
 
 import numpy as np
 import pytest
@@ -26,16 +26,16 @@ Responses = tuple[HarmonicResponse, ...]
 
 
 def light() -> tuple[F, F]:
-    """Amplitudes and phases of direct light."""
+    """Return amplitudes and phases of direct light, (n,) each."""
     return np.linspace(0.05, 0.3, PIXELS), np.linspace(0, 4 * np.pi, PIXELS)
 
 
-def own_phases() -> F:
+def random_phases() -> F:
     return np.random.default_rng(3).normal(0, 0.1, (2, PIXELS))
 
 
-def recorded(responses: Responses, own: F, tail: Tail) -> tuple[Z, Z]:
-    """What a response records of direct light and its tail, and what a sine would have."""
+def recorded(responses: Responses, pixel_phases: F, tail: Tail) -> tuple[Z, Z]:
+    """Return the phasors that the responses record of direct light and its tail, and those that sines would record."""
     amplitude, phase = light()
     seen, of_sine = np.zeros((2, PIXELS), complex), np.zeros((2, PIXELS), complex)
     for row, response in enumerate(responses):
@@ -43,15 +43,15 @@ def recorded(responses: Responses, own: F, tail: Tail) -> tuple[Z, Z]:
         volts = np.zeros(PIXELS, complex)
         for k, share in response.terms:
             m = abs(k) * h
-            brought = 1 + (tail.phasor(m) if k > 0 else np.conj(tail.phasor(m)))
-            volts += share * amplitude * brought * np.exp(1j * k * (h * phase + own[row]))
-        seen[row] = response.without_mirror(volts) * np.exp(-1j * own[row])
+            path_factor = 1 + (tail.phasor(m) if k > 0 else np.conj(tail.phasor(m)))
+            volts += share * amplitude * path_factor * np.exp(1j * k * (h * phase + pixel_phases[row]))
+        seen[row] = response.without_mirror(volts) * np.exp(-1j * pixel_phases[row])
         of_sine[row] = amplitude * (1 + tail.phasor(h)) * np.exp(1j * h * phase)
     return seen, of_sine
 
 
 def predicted(block: ResponseBlock, tail: Tail) -> PixelTails:
-    """The same tail in every pixel."""
+    """Return the prediction of the same tail for every pixel."""
 
     def everywhere(x: float) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
         return np.full(PIXELS, x, np.float32)
@@ -62,62 +62,64 @@ def predicted(block: ResponseBlock, tail: Tail) -> PixelTails:
     return PixelTails(everywhere(np.log(abs(first))), everywhere(np.angle(first)), parts)
 
 
-def freed(seen: Z, tails: PixelTails, block: ResponseBlock) -> tuple[Z, F]:
-    """What a sine would have recorded, and how much noisier its phase is."""
-    sine, more = freed_of_other_terms(seen, tails, response=block, alone_rad=first_phase(seen[0], response=block))
-    return sine, more.astype(np.float64)
+def freed_of(seen: Z, tails: PixelTails, block: ResponseBlock) -> tuple[Z, F]:
+    """Return the phasors that a sine would have recorded, and the factor by which the variance of the phase grows."""
+    sine, variance_factor = freed_of_other_terms(
+        seen, tails, response=block, alone_rad=first_phase(seen[0], response=block)
+    )
+    return sine, variance_factor.astype(np.float64)
 
 
 @RESPONSES
 @pytest.mark.parametrize("tail", [Tail(), Tail(strength=0.6, start_ns=1.0, decay_ns=4.0), Tail(strength=0.0)])
 def test_direct_light_and_a_known_tail_become_those_of_a_sine(responses: Responses, tail: Tail) -> None:
-    own = own_phases()
-    seen, of_sine = recorded(responses, own, tail)
-    block = response_block(responses, own)
-    found, _ = freed(seen, predicted(block, tail), block)
+    pixel_phases = random_phases()
+    seen, of_sine = recorded(responses, pixel_phases, tail)
+    block = response_block(responses, pixel_phases)
+    found, _ = freed_of(seen, predicted(block, tail), block)
     relative = np.abs(found - of_sine) / np.abs(of_sine)
     assert np.abs(seen - of_sine).max() > 0.02
-    # weak and high terms are taken to see direct light alone
+    # for weak and high terms, the tail is neglected
     assert relative.max() < (1e-5 if tail.strength == 0.0 else 0.03)
     phase = np.angle(found[0] / of_sine[0])
     assert np.abs(phase).max() < 0.01
 
 
 @RESPONSES
-def test_the_noise_of_the_phase_is_as_foretold(responses: Responses) -> None:
-    own, tail = own_phases(), Tail()
-    seen, _ = recorded(responses, own, tail)
-    block = response_block(responses, own)
+def test_the_noise_of_the_phase_is_as_predicted(responses: Responses) -> None:
+    pixel_phases, tail = random_phases(), Tail()
+    seen, _ = recorded(responses, pixel_phases, tail)
+    block = response_block(responses, pixel_phases)
     tails = predicted(block, tail)
-    still, more = freed(seen, tails, block)
+    noiseless, variance_factor = freed_of(seen, tails, block)
     rng, sigma = np.random.default_rng(1), 1e-4
     trials = []
     for _ in range(300):
         noise = sigma * (rng.normal(size=seen.shape) + 1j * rng.normal(size=seen.shape))
-        found, _ = freed(seen + noise, tails, block)
-        trials.append(np.angle(found[0] / still[0]))
-    foretold = more * sigma**2 / np.abs(still[0]) ** 2
-    ratio = np.var(trials, axis=0) / foretold
+        found, _ = freed_of(seen + noise, tails, block)
+        trials.append(np.angle(found[0] / noiseless[0]))
+    predicted_variance = variance_factor * sigma**2 / np.abs(noiseless[0]) ** 2
+    ratio = np.var(trials, axis=0) / predicted_variance
     assert 0.9 < ratio.mean() < 1.1
     assert ratio.max() < 1.5
-    assert more.max() / more.min() > 1.5
+    assert variance_factor.max() / variance_factor.min() > 1.5
 
 
 @pytest.mark.filterwarnings("ignore:invalid value")
-def test_what_is_not_known_of_a_pixel_stays_unknown_and_others_do_not_feel_it() -> None:
-    own, tail = own_phases(), Tail()
-    seen, _ = recorded(TRIANGLE, own, tail)
-    block = response_block(TRIANGLE, own)
-    whole, _ = freed(seen, predicted(block, tail), block)
-    holed = seen.copy()
-    holed[0, 5] = np.nan
-    found, more = freed(holed, predicted(block, tail), block)
+def test_a_pixel_of_nan_stays_nan_and_does_not_change_the_others() -> None:
+    pixel_phases, tail = random_phases(), Tail()
+    seen, _ = recorded(TRIANGLE, pixel_phases, tail)
+    block = response_block(TRIANGLE, pixel_phases)
+    whole, _ = freed_of(seen, predicted(block, tail), block)
+    with_nan = seen.copy()
+    with_nan[0, 5] = np.nan
+    found, variance_factor = freed_of(with_nan, predicted(block, tail), block)
     assert np.isnan(found[:, 5]).all()
-    assert np.isnan(more[5])
+    assert np.isnan(variance_factor[5])
     np.testing.assert_array_equal(np.delete(found, 5, axis=1), np.delete(whole, 5, axis=1))
 
 
-def test_terms_are_seen_at_multiples_of_their_own_harmonic() -> None:
+def test_terms_see_the_tail_at_multiples_of_their_harmonic() -> None:
     seen = dict(harmonics_seen(response_block(TRIANGLE, None)))
     assert list(seen) == [3, 5, 6]
     assert seen[3] == pytest.approx(1 / 9, rel=0.1)

@@ -1,4 +1,4 @@
-"""The state of a room and of its patches: where the model is linear, what Gaussians that are conditioned all at once give."""
+"""The state of a room and its patches: for a linear model, it is that of Gaussians conditioned on all data at once."""
 
 from dataclasses import field
 
@@ -13,7 +13,7 @@ from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from tests.support.diffuse_frames import OMEGA, F
 
-NOTHING = np.zeros((3, 1), complex)
+NO_LIGHT = np.zeros((3, 1), complex)
 
 DATA = 4
 
@@ -21,8 +21,8 @@ VALUES = DATA + 2
 
 
 @dataclass(frozen=True)
-class Straight(TailModel):
-    """A model whose values are straight lines, slope (values, 6, n) and constant (values, n)."""
+class LinearModel(TailModel):
+    """A model whose values are linear in the state, with `slope`, (values, 6, n), and `constant`, (values, n)."""
 
     slope: F = field(default_factory=lambda: np.empty(0))
     constant: F = field(default_factory=lambda: np.empty(0))
@@ -31,16 +31,19 @@ class Straight(TailModel):
         return np.einsum("ajn,jn->an", self.slope, state) + self.constant, np.swapaxes(self.slope, 0, 1).copy()
 
 
-def straight(patches: int, *, seed: int = 1, strength: float = 0.1) -> Straight:
+def linear_model(patches: int, *, seed: int = 1, strength: float = 0.1) -> LinearModel:
     rng = np.random.default_rng(seed)
-    light = Interreflections(NOTHING, NOTHING, NOTHING, np.ones(1), np.ones(1))
+    light = Interreflections(NO_LIGHT, NO_LIGHT, NO_LIGHT, np.ones(1), np.ones(1))
     slope, constant = strength * rng.normal(size=(VALUES, 6, patches)), 0.1 * rng.normal(size=(VALUES, patches))
-    return Straight(light, (1, 2, 3), OMEGA, slope=slope, constant=constant)
+    return LinearModel(light, (1, 2, 3), OMEGA, slope=slope, constant=constant)
 
 
-def problem(patches: int, seed: int = 2) -> tuple[Straight, F, F, F]:
-    """A model, data that come from a room of its own, errors, the last value's tied to the data's, and a pattern."""
-    model, rng = straight(patches), np.random.default_rng(seed)
+def problem(patches: int, seed: int = 2) -> tuple[LinearModel, F, F, F]:
+    """Return a model, data from a room that is not the typical one, errors, and a pattern.
+
+    The error of the last value is correlated with those of the data.
+    """
+    model, rng = linear_model(patches), np.random.default_rng(seed)
     pattern = 0.3 * rng.normal(size=(6, patches))
     state = MEAN[:, None] + pattern + 0.3 * rng.normal(size=(6, 1)) + 0.1 * rng.normal(size=(6, patches))
     error = np.zeros((VALUES, VALUES, patches))
@@ -51,21 +54,21 @@ def problem(patches: int, seed: int = 2) -> tuple[Straight, F, F, F]:
     return model, model.values(state)[0][:DATA], error, pattern
 
 
-def room_by_conditioning(model: Straight, data: F, error: F, pattern: F, *, known: bool) -> tuple[F, F]:
-    """Mean and covariance of the room's state, from the covariance of all data of all patches with it and each other.
+def room_by_conditioning(model: LinearModel, data: F, error: F, pattern: F, *, known: bool) -> tuple[F, F]:
+    """Return mean and covariance of the room's state, conditioned on all data of all patches at once.
 
-    More than four patches weigh together as four: each has so much more scatter.
+    More than four patches together weigh as four: the variance of each is larger by that factor.
     """
     between, within = between_rooms(known_optics=known), within_room(known_optics=known)
     patches = data.shape[1]
     slopes = np.concatenate([model.slope[:DATA, :, n] for n in range(patches)])
     among = slopes @ between @ slopes.T
     for n in range(patches):
-        own, here = slice(DATA * n, DATA * (n + 1)), model.slope[:DATA, :, n]
-        among[own, own] += (here @ within @ here.T + error[:DATA, :DATA, n]) * max(1.0, patches / 4.0)
-    off = (data - model.values(MEAN[:, None] + pattern)[0][:DATA]).T.ravel()
+        rows, slope = slice(DATA * n, DATA * (n + 1)), model.slope[:DATA, :, n]
+        among[rows, rows] += (slope @ within @ slope.T + error[:DATA, :DATA, n]) * max(1.0, patches / 4.0)
+    residual = (data - model.values(MEAN[:, None] + pattern)[0][:DATA]).T.ravel()
     with_room = between @ slopes.T
-    room = MEAN + with_room @ np.linalg.solve(among, off)
+    room = MEAN + with_room @ np.linalg.solve(among, residual)
     return room, between - with_room @ np.linalg.solve(among, with_room.T)
 
 
@@ -83,18 +86,18 @@ def test_room_and_patches_are_those_of_conditioned_gaussians(patches: int, known
         covariance = slope @ spread @ slope.T
         among = covariance[:DATA, :DATA] + error[:DATA, :DATA, n]
         gain = (covariance + error[..., n])[:, :DATA] @ np.linalg.inv(among)
-        off = data[:, n] - expected[:DATA]
+        residual = data[:, n] - expected[:DATA]
         assert_allclose(found.expected[:, n], expected, rtol=1e-8)
         assert_allclose(found.covariance[..., n], covariance, atol=1e-10)
-        assert_allclose(found.posterior[:, n], expected + gain @ off, rtol=1e-8)
+        assert_allclose(found.posterior[:, n], expected + gain @ residual, rtol=1e-8)
         assert_allclose(found.jacobian[..., n], slope.T)
-        pull = np.linalg.solve(among, off)
+        pull = np.linalg.solve(among, residual)
         assert_allclose(found.state[:, n], prior + spread @ slope[:DATA].T @ pull, rtol=1e-8)
 
 
-def one_way(target: float) -> PatchFit:
-    """One patch whose data say without noise that the fourth component is so far from the mean."""
-    model = straight(1, strength=0.0)
+def fit_of_one_patch(target: float) -> PatchFit:
+    """Return the fit of one patch whose nearly noiseless data put the fourth component `target` away from the mean."""
+    model = linear_model(1, strength=0.0)
     model.slope[0, 3, 0] = 1.0
     state = MEAN[:, None].copy()
     state[3] += target
@@ -103,23 +106,23 @@ def one_way(target: float) -> PatchFit:
 
 
 @pytest.mark.parametrize(("target", "reached"), [(0.5, 0.5), (-2.9, -2.9), (3.1, 3.1), (3.9, 3.2), (-4.5, -3.2)])
-def test_a_state_gets_as_far_as_four_steps_of_four_fifths(target: float, reached: float) -> None:
-    assert_allclose(one_way(target).state[3, 0] - MEAN[3], reached, rtol=1e-6)
+def test_the_state_of_a_patch_moves_by_at_most_four_steps_of_four_fifths(target: float, reached: float) -> None:
+    assert_allclose(fit_of_one_patch(target).state[3, 0] - MEAN[3], reached, rtol=1e-6)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_room_is_never_further_from_the_usual_one_than_three_spreads(side: float) -> None:
-    """ln v varies by 1.8 between rooms, and by 1.2 within."""
-    found = one_way(side * 40.0)
+def test_the_state_of_a_room_is_at_most_three_standard_deviations_from_the_mean(side: float) -> None:
+    """ln v has a standard deviation of 1.8 between rooms, and of 1.2 within a room."""
+    found = fit_of_one_patch(side * 40.0)
     assert_allclose(found.room[3] - MEAN[3], side * 3.0 * 1.8)
-    assert_allclose(one_way(side * 2.0).room[3] - MEAN[3], side * 2.0 / (1.0 + (1.2 / 1.8) ** 2), rtol=1e-5)
+    assert_allclose(fit_of_one_patch(side * 2.0).room[3] - MEAN[3], side * 2.0 / (1.0 + (1.2 / 1.8) ** 2), rtol=1e-5)
 
 
-def test_phases_that_differ_by_turns_say_the_same() -> None:
+def test_phases_that_differ_by_full_turns_give_the_same_fit() -> None:
     model, data, error, pattern = problem(5)
     turned = data.copy()
     turned[2] += 2.0 * np.pi
     turned[3, ::2] -= 4.0 * np.pi
-    ours, same = (fitted_patches(given, error, model, pattern, known_optics=True) for given in (data, turned))
-    assert_allclose(same.room, ours.room)
-    assert_allclose(same.posterior, ours.posterior)
+    found, found_turned = (fitted_patches(given, error, model, pattern, known_optics=True) for given in (data, turned))
+    assert_allclose(found_turned.room, found.room)
+    assert_allclose(found_turned.posterior, found.posterior)

@@ -1,4 +1,4 @@
-"""A pixel's answer against the conditioning of Gaussians written out: mean, what is left, and the MPI light that follows."""
+"""The answer of a pixel, compared with Gaussian conditioning in whole matrices: mean, variance, and the MPI light."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ PATCH_VARIANCE, MPI_VARIANCE = 3e-4, 2e-3
 
 
 def spread(seed: int = 3) -> F:
-    """Covariance of data, ln|H_1| and arg H_1 between the pixels of a patch."""
+    """Return the covariance of data, ln|H_1| and arg H_1 between the pixels of a patch."""
     root = 0.05 * np.random.default_rng(seed).normal(size=(DATA + 2, DATA + 2))
     return np.asarray(root @ root.T + 1e-4 * np.eye(DATA + 2))
 
@@ -41,7 +41,7 @@ def means() -> F:
 def model(
     *, mean: F | None = None, mpi_variance: float = MPI_VARIANCE, range_m: F | float = 2.0, covariance: F | None = None
 ) -> DiffuseModel:
-    """A model that says the same at all patches, but for `mean` (values, rows, columns)."""
+    """Return a model that is the same for all patches, except for `mean`, (values, rows, columns)."""
     grid = patch_grid(*SHAPE, View(20.0, ((SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2)))
     between = spread() if covariance is None else covariance
     constant = [*(between[entry] for entry in needed_entries(DATA)), PATCH_VARIANCE, mpi_variance]
@@ -60,21 +60,21 @@ def model(
 
 
 def light(seed: int = 5, strength: float = 0.2) -> Z:
-    """Phasors (H, n) whose data scatter about the means as pixels of a patch do, any direct phase."""
+    """Return phasors, (H, n), with random direct phases; their data scatter about the means as pixels of a patch do."""
     rng = np.random.default_rng(seed)
-    off = means() + rng.multivariate_normal(np.zeros(DATA + 2), spread(), PIXELS)
+    values = means() + rng.multivariate_normal(np.zeros(DATA + 2), spread(), PIXELS)
     first = strength * rng.uniform(0.5, 1.5, PIXELS) * np.exp(1j * rng.uniform(-np.pi, np.pi, PIXELS))
     further = [
-        np.abs(first) * np.exp(off[:, i]) * np.exp(1j * (off[:, DATA // 2 + i] + h * np.angle(first)))
+        np.abs(first) * np.exp(values[:, i]) * np.exp(1j * (values[:, DATA // 2 + i] + h * np.angle(first)))
         for i, h in enumerate(HARMONICS[1:])
     ]
     return np.stack([first, *further])
 
 
-def by_hand(p: Z, variances: F, mpi_variance: float = MPI_VARIANCE) -> dict[str, float]:
-    """The answer of one pixel, p (H,), in double precision and whole matrices.
+def expected_answer(p: Z, variances: F, mpi_variance: float = MPI_VARIANCE) -> dict[str, float]:
+    """Return the answer of one pixel with phasors (H,), computed in double precision with whole matrices.
 
-    What is wanted is ln(p_1/direct): its noise is that of ln p_1, which is in all data, too.
+    The unknown is ln(p_1/direct). Its noise is that of ln p_1, which is also in all data.
     """
     h, count = np.array(HARMONICS), len(HARMONICS) - 1
     least = np.array([0.1, 1.0, 1.0]) * np.sqrt(variances)
@@ -86,11 +86,13 @@ def by_hand(p: Z, variances: F, mpi_variance: float = MPI_VARIANCE) -> dict[str,
         phases[count + i, [0, i + 1]] = -h[i + 1], 1.0
     sizes[-2, 0] = phases[-1, 0] = 1.0
     whole = spread() + sizes @ noise @ sizes.T + phases @ noise @ phases.T
-    off = np.concatenate([np.log(size[1:] / size[0]), np.angle(p[1:]) - h[1:] * np.angle(p[0])]) - means()[:DATA]
-    off[count:] = np.angle(np.exp(1j * off[count:]))
+    differences = (
+        np.concatenate([np.log(size[1:] / size[0]), np.angle(p[1:]) - h[1:] * np.angle(p[0])]) - means()[:DATA]
+    )
+    differences[count:] = np.angle(np.exp(1j * differences[count:]))
     gain = whole[DATA:, :DATA] @ np.linalg.inv(whole[:DATA, :DATA])
     left = whole[DATA:, DATA:] - gain @ whole[:DATA, DATA:]
-    logarithm, lag = means()[DATA:] + gain @ off
+    logarithm, lag = means()[DATA:] + gain @ differences
     direct = p[0] * np.exp(-logarithm - 1j * lag)
     mpi = p[0] - direct
     return {
@@ -100,7 +102,7 @@ def by_hand(p: Z, variances: F, mpi_variance: float = MPI_VARIANCE) -> dict[str,
         "mpi_phase_rad": np.angle(direct) % (2 * np.pi) + np.angle(mpi / direct) % (2 * np.pi),
         "mpi_amplitude": abs(mpi),
         "mpi_sigma_rad": min(np.sqrt(mpi_variance + noise[0, 0]), np.pi / np.sqrt(3)),
-        "chi_squared": off @ np.linalg.solve(whole[:DATA, :DATA], off),
+        "chi_squared": differences @ np.linalg.solve(whole[:DATA, :DATA], differences),
     }
 
 
@@ -108,54 +110,52 @@ def answered(p: Z, tail: DiffuseModel, samples: F | None = None) -> DiffusePixel
     return diffuse_pixels(p, tail=tail.block(slice(0, PIXELS)), usable=np.ones(PIXELS, bool), samples=samples)
 
 
-def assert_as_by_hand(found: DiffusePixels, p: Z, variances: F, mpi_variance: float = MPI_VARIANCE) -> None:
+def assert_answers(found: DiffusePixels, p: Z, variances: F, mpi_variance: float = MPI_VARIANCE) -> None:
     for pixel in range(PIXELS):
-        expected = by_hand(p[:, pixel], variances[:, pixel], mpi_variance)
+        expected = expected_answer(p[:, pixel], variances[:, pixel], mpi_variance)
         for name, value in expected.items():
             assert_allclose(getattr(found, name)[pixel], value, rtol=2e-3, atol=2e-4, err_msg=f"{name} of {pixel}")
 
 
 @pytest.mark.parametrize("strength", [0.2, 0.005])
-def test_a_pixel_is_conditioned_on_its_own_data(strength: float) -> None:
+def test_the_answer_of_a_pixel_is_conditioned_on_its_data(strength: float) -> None:
     p = light(strength=strength)
     variances = np.array(VARIANCES)[:, None] * np.ones(PIXELS)
     found = answered(p, model())
     assert found.answered.all()
     assert found.separate_variance == 0.25
-    assert_as_by_hand(found, p, variances)
+    assert_answers(found, p, variances)
 
 
-def test_means_of_more_samples_are_quieter() -> None:
+def test_means_of_more_samples_have_less_noise() -> None:
     p, samples = light(strength=0.01), np.linspace(1.0, 30.0, PIXELS)
     found = answered(p, model(), samples)
-    assert_as_by_hand(found, p, np.array(VARIANCES)[:, None] / samples)
+    assert_answers(found, p, np.array(VARIANCES)[:, None] / samples)
 
 
-def test_what_is_fainter_than_its_noise_counts_as_its_noise() -> None:
-    """A harmonic is taken for its noise's size at least, the fundamental for a tenth of it."""
+def test_a_harmonic_fainter_than_its_noise_counts_as_large_as_its_noise() -> None:
+    """|p_h| counts as at least the noise of the harmonic, and |p_1| as at least a tenth of its noise."""
     p = light()
     p[1, ::3] *= 0.3 * np.sqrt(VARIANCES[1]) / np.abs(p[1, ::3])
     p[2, 1::3] *= 0.2 * np.sqrt(VARIANCES[2]) / np.abs(p[2, 1::3])
     p[0, 5::7] *= 0.05 * np.sqrt(VARIANCES[0]) / np.abs(p[0, 5::7])
     found = answered(p, model())
     for pixel in range(PIXELS):
-        expected = by_hand(p[:, pixel], np.array(VARIANCES))
+        expected = expected_answer(p[:, pixel], np.array(VARIANCES))
         assert_allclose(found.chi_squared[pixel], expected["chi_squared"], rtol=0.03)
         assert_allclose(found.direct_sigma_rad[pixel], expected["direct_sigma_rad"], rtol=0.01)
         assert_allclose(found.mpi_sigma_rad[pixel], expected["mpi_sigma_rad"], rtol=1e-3)
 
 
 @pytest.mark.parametrize(("mpi_variance", "sigma_rad"), [(-1.0, None), (30.0, np.pi / np.sqrt(3.0))])
-def test_a_phase_is_no_less_sure_than_one_of_which_nothing_is_known(
-    mpi_variance: float, sigma_rad: float | None
-) -> None:
+def test_the_sigma_of_a_phase_is_at_most_that_of_a_random_phase(mpi_variance: float, sigma_rad: float | None) -> None:
     p = light()
     found = answered(p, model(mpi_variance=mpi_variance))
     noise = np.sqrt(VARIANCES[0]) / np.abs(p[0])
     assert_allclose(found.mpi_sigma_rad, noise if sigma_rad is None else sigma_rad, rtol=1e-5)
 
 
-def test_pixels_without_light_or_out_of_use_are_not_answered() -> None:
+def test_pixels_without_light_and_unusable_pixels_are_not_answered() -> None:
     p, usable = light(), np.ones(PIXELS, bool)
     usable[3] = False
     p[:, 10], p[1, 11], p[2, 12], p[0, 13], p[0, 14] = np.nan, 1001.0, -1001.0j, 0.0, 999.0
@@ -166,10 +166,10 @@ def test_pixels_without_light_or_out_of_use_are_not_answered() -> None:
 
 
 @pytest.mark.parametrize("offset_m", [0.0, 0.3])
-def test_a_pixel_listens_to_patches_as_far_as_itself_by_the_lag_that_they_say(offset_m: float) -> None:
-    """The left half is at 1 m with a lag of .2, the right half at 3 m with one of .5; data say nothing more.
+def test_a_pixel_uses_patches_at_its_own_range_after_their_lag_is_subtracted(offset_m: float) -> None:
+    """The left half is at 1 m with a lag of .2 rad, the right half at 3 m with .5 rad; the data tell nothing more.
 
-    An offset is what lies between the range that a phase says and that of the pixel.
+    The range offset is the difference between the range of a pixel and the range of its phase.
     """
     grid = model().upsampler.grid
     near = np.arange(grid.columns) < grid.columns // 2
@@ -181,16 +181,18 @@ def test_a_pixel_listens_to_patches_as_far_as_itself_by_the_lag_that_they_say(of
     column = np.arange(PIXELS) % SHAPE[1]
     edge = grid.columns // 2 * grid.side
     at_m = np.where(column < edge + 1, 1.0, 3.0)
-    own = np.where(column < edge + 1, 0.2, 0.5)
-    phase = (at_m - offset_m) / M_PER_RAD + own
+    lag = np.where(column < edge + 1, 0.2, 0.5)
+    phase = (at_m - offset_m) / M_PER_RAD + lag
     p = np.stack([0.3 * np.exp(1j * h * phase) for h in HARMONICS])
     found = answered(p, tail)
     assert_allclose(found.direct_phase_rad * M_PER_RAD, at_m - offset_m, atol=0.02)
 
 
-def test_a_pixel_is_as_far_as_its_phase_says_without_the_lag_of_its_patches() -> None:
-    """Patches at 1 m left and at 2.9 m right, all with a lag of 2 rad, which is 1.9 m of range; their shrinkage tells which
-    of them a pixel at 1 m took for its own."""
+def test_the_range_of_a_pixel_is_that_of_its_phase_minus_the_lag_of_its_patches() -> None:
+    """Patches are at 1 m on the left and at 2.9 m on the right, all with a lag of 2 rad, which is 1.9 m of range.
+
+    ln|H_1| differs between the halves, so the amplitude shows whose patches a pixel used.
+    """
     grid = model().upsampler.grid
     near = np.arange(grid.columns) < grid.columns // 2
     every = np.ones((grid.rows, 1))
@@ -204,7 +206,7 @@ def test_a_pixel_is_as_far_as_its_phase_says_without_the_lag_of_its_patches() ->
     assert_allclose(found.direct_amplitude, 0.3 * np.exp(-np.where(left, 0.1, 0.7)), rtol=0.01)
 
 
-def test_directs_are_within_a_turn_and_mpi_within_one_behind() -> None:
+def test_direct_phases_are_within_a_turn_and_mpi_phases_within_a_turn_after_them() -> None:
     found = answered(light(seed=9), model())
     assert ((found.direct_phase_rad >= 0.0) & (found.direct_phase_rad < 2.0 * np.pi)).all()
     behind = found.mpi_phase_rad - found.direct_phase_rad

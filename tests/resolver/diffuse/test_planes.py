@@ -1,3 +1,5 @@
+"""The surfaces of patches, and surfaces outside the view: continued planes and guessed walls."""
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from tests.support.diffuse_frames import F, wall_range
 HEIGHT, WIDTH, FOCAL = 90, 130, 120.0
 TILT = (0.4, -0.25)
 NORMAL = -np.array([*TILT, 1.0]) / np.linalg.norm([*TILT, 1.0])
-"""z + αx + βy = D: towards the camera."""
+"""Normal of the wall z + αx + βy = D, towards the camera."""
 
 
 def grid() -> PatchGrid:
@@ -45,8 +47,8 @@ def test_the_patches_of_a_wall_cover_its_area() -> None:
     full = patch_grid(height, width, View(FOCAL, ((width - 1) / 2, (height - 1) / 2)))
     sampled = full.samples(wall_range(height, width, FOCAL, 2.0))
     area = patch_planes(np.where(sampled > 0, sampled, 1.0), sampled > 0, full).surfaces.area_m2
-    cut = full.rows * full.side * full.columns * full.side
-    assert area.sum() == pytest.approx((2.0 / FOCAL) ** 2 * cut, rel=0.02)
+    pixels = full.rows * full.side * full.columns * full.side
+    assert area.sum() == pytest.approx((2.0 / FOCAL) ** 2 * pixels, rel=0.02)
 
 
 def test_holes_and_another_surface_do_not_bend_a_plane() -> None:
@@ -69,7 +71,7 @@ def test_patches_without_pixels_are_not_found() -> None:
     assert np.isfinite(found.surfaces.range_m).all()
 
 
-def test_pieces_beyond_the_view_lie_on_the_wall_that_goes_on_there() -> None:
+def test_pieces_beyond_the_view_lie_on_the_continued_wall() -> None:
     found = planes_of(tilted())
     pieces = surfaces_beyond(found.surfaces, found.found, grid())
     assert len(pieces.range_m) > 30
@@ -79,8 +81,8 @@ def test_pieces_beyond_the_view_lie_on_the_wall_that_goes_on_there() -> None:
     assert ((np.abs(x) > WIDTH / 2 - 1) | (np.abs(y) > HEIGHT / 2 - 1)).all()
 
 
-def test_walls_that_are_not_seen_are_guessed_before_the_one_that_is() -> None:
-    """At right angles to it, and outside the view."""
+def test_walls_that_are_not_seen_are_guessed_before_the_continued_wall() -> None:
+    """Their pieces are at right angles to the wall, and outside the view."""
     found = planes_of(tilted())
     pieces = surfaces_guessed(found.surfaces, found.found, grid(), seen=found.surfaces[found.found])
     assert len(pieces.range_m) > 10
@@ -92,7 +94,7 @@ def test_walls_that_are_not_seen_are_guessed_before_the_one_that_is() -> None:
     np.testing.assert_allclose(pieces.cosine, -(pieces.normal * pieces.ray).sum(0))
 
 
-def test_unknown_optics_are_sixty_degrees_across() -> None:
+def test_with_unknown_optics_the_view_is_sixty_degrees_across() -> None:
     view = assumed_view(240, 320)
     assert not view.known
     assert view.principal_point_px == (159.5, 119.5)
@@ -100,20 +102,20 @@ def test_unknown_optics_are_sixty_degrees_across() -> None:
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 200), (37, 53), (240, 320), (1000, 1300)])
-def test_any_frame_is_cut_into_patches_that_hold_every_pixel(size: tuple[int, int]) -> None:
-    cut = patch_grid(*size, assumed_view(*size))
-    assert cut.rows * cut.side >= size[0]
-    assert cut.columns * cut.side >= size[1]
-    assert (cut.rows - 1) * cut.side < size[0]
-    assert (cut.columns - 1) * cut.side < size[1]
-    ones = cut.samples(np.ones(size))
+def test_the_patches_of_a_frame_of_any_size_hold_every_pixel(size: tuple[int, int]) -> None:
+    frame_grid = patch_grid(*size, assumed_view(*size))
+    assert frame_grid.rows * frame_grid.side >= size[0]
+    assert frame_grid.columns * frame_grid.side >= size[1]
+    assert (frame_grid.rows - 1) * frame_grid.side < size[0]
+    assert (frame_grid.columns - 1) * frame_grid.side < size[1]
+    ones = frame_grid.samples(np.ones(size))
     assert 0 < ones.sum() <= size[0] * size[1]
-    assert ones.shape[1:] == (cut.rows, cut.columns)
+    assert ones.shape[1:] == (frame_grid.rows, frame_grid.columns)
 
 
 @pytest.mark.parametrize("distance_m", [1.0, 2.5])
-def test_a_wall_that_faces_the_camera_goes_on_beside_the_view_in_pieces_of_one_size(distance_m: float) -> None:
-    """Squares of the same angle at the array are squares of the same size on a wall parallel to it."""
+def test_a_wall_that_faces_the_camera_continues_in_pieces_of_one_size(distance_m: float) -> None:
+    """Pieces are squares of equal size on the array, and so they are on a wall parallel to the array."""
     grid = patch_grid(120, 160, View(140.0, (79.5, 59.5)))
     normal = np.zeros_like(grid.ray)
     normal[2] = -1.0
@@ -128,8 +130,8 @@ def test_a_wall_that_faces_the_camera_goes_on_beside_the_view_in_pieces_of_one_s
     assert side_px % grid.side == 0
 
 
-def outside(extent: int, side: int) -> list[float]:
-    """Middles of pieces along one direction, from two pieces before the view on, for two beyond it."""
+def middles_outside(extent: int, side: int) -> list[float]:
+    """Return the middles of pieces along one direction, from two pieces before the view to two pieces beyond it."""
     return [place for place in (-1.5 * side + side * n for n in range(1000)) if place < extent + 2 * side]
 
 
@@ -142,69 +144,77 @@ def test_pieces_are_two_rings_of_squares_of_three_patches_around_the_view() -> N
     x = 140.0 * found.ray[0] / found.ray[2] + 70.5
     y = 140.0 * found.ray[1] / found.ray[2] + 50.5
     side = 3 * grid.side
-    expected = {(a, b) for a in outside(160, side) for b in outside(120, side) if not (0 <= a <= 160 and 0 <= b <= 120)}
+    expected = {
+        (a, b)
+        for a in middles_outside(160, side)
+        for b in middles_outside(120, side)
+        if not (0 <= a <= 160 and 0 <= b <= 120)
+    }
     assert {(round(a, 6), round(b, 6)) for a, b in zip(x.tolist(), y.tolist(), strict=True)} == expected
     np.testing.assert_allclose(np.linalg.norm(found.ray, axis=0), 1.0)
 
 
-@pytest.mark.parametrize(("distance_m", "some"), [(0.2, False), (0.3, True)])
-def test_pieces_right_before_the_camera_are_left_out(distance_m: float, some: bool) -> None:
-    """Of a wall parallel to the array, .25 m and more of range are kept: those at the sides of one .2 m away are further."""
+@pytest.mark.parametrize(("distance_m", "some_left"), [(0.2, False), (0.3, True)])
+def test_pieces_too_near_the_camera_are_left_out(distance_m: float, some_left: bool) -> None:
+    """Pieces are kept from a range of .25 m on. In this narrow view, all pieces of a wall have nearly one range."""
     grid = patch_grid(120, 160, View(1400.0, (79.5, 59.5)))
     normal = np.zeros_like(grid.ray)
     normal[2] = -1.0
     every = np.ones(grid.ray.shape[1:], bool)
     wall = Surfaces(distance_m / grid.ray[2], normal, grid.ray, grid.ray[2], every * 1.0)
-    assert (len(surfaces_beyond(wall, every, grid).range_m) > 0) is some
+    assert (len(surfaces_beyond(wall, every, grid).range_m) > 0) is some_left
     assert len(surfaces_beyond(wall, ~every, grid).range_m) == 0
 
 
 @pytest.mark.parametrize(("lit", "found"), [(19, False), (20, True)])
-def test_three_tenths_of_a_patch_s_samples_make_a_surface(lit: int, found: bool) -> None:
-    cut = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
-    seen = np.zeros((64, cut.rows, cut.columns), bool)
+def test_a_surface_needs_three_tenths_of_the_samples_of_a_patch(lit: int, found: bool) -> None:
+    frame_grid = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    seen = np.zeros((64, frame_grid.rows, frame_grid.columns), bool)
     seen[:lit] = True
-    planes = patch_planes(np.full(seen.shape, 2.0) / cut.cosine, seen, cut)
+    planes = patch_planes(np.full(seen.shape, 2.0) / frame_grid.cosine, seen, frame_grid)
     assert planes.found.all() == planes.found.any() == found
 
 
 @pytest.mark.parametrize("near_share", [0.4, 0.6])
 def test_a_patch_has_the_depth_of_most_of_its_samples(near_share: float) -> None:
-    cut = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
-    near = np.zeros((64, cut.rows, cut.columns), bool)
+    frame_grid = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    near = np.zeros((64, frame_grid.rows, frame_grid.columns), bool)
     near[: round(64 * near_share)] = True
     depth = np.where(near, 1.0, 3.0)
-    planes = patch_planes(depth / cut.cosine, np.ones_like(near), cut)
+    planes = patch_planes(depth / frame_grid.cosine, np.ones_like(near), frame_grid)
     np.testing.assert_array_equal(planes.on_plane, near == (near_share > 0.5))
-    np.testing.assert_allclose(planes.surfaces.range_m * cut.ray[2], 1.0 if near_share > 0.5 else 3.0)
+    np.testing.assert_allclose(planes.surfaces.range_m * frame_grid.ray[2], 1.0 if near_share > 0.5 else 3.0)
 
 
-def test_samples_within_a_tenth_of_the_middle_one_in_inverse_depth_are_on_its_plane() -> None:
-    cut = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
-    inverse = np.full((64, cut.rows, cut.columns), 0.5)
+def test_samples_within_a_tenth_of_the_median_inverse_depth_are_on_the_plane() -> None:
+    frame_grid = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    inverse = np.full((64, frame_grid.rows, frame_grid.columns), 0.5)
     inverse[:4] *= np.array([1.09, 1.11, 0.91, 0.89])[:, None, None]
-    planes = patch_planes(1.0 / (inverse * cut.cosine), np.ones(inverse.shape, bool), cut)
+    planes = patch_planes(1.0 / (inverse * frame_grid.cosine), np.ones(inverse.shape, bool), frame_grid)
     assert planes.on_plane[:6, 3, 4].tolist() == [True, False, True, False, True, True]
 
 
-def test_grazing_surfaces_are_taken_for_less_so() -> None:
-    """A cosine of .08 at the least, so that areas and albedos have bounds."""
-    cut = patch_grid(120, 160, View(400.0, (79.5, 59.5)))
-    y, x = np.mgrid[:120, :160].astype(float)
+def test_the_cosine_of_grazing_surfaces_has_a_lower_limit() -> None:
+    """The cosine of incidence is at least .08, so that areas and albedos have bounds."""
+    frame_grid = patch_grid(120, 160, View(400.0, (79.5, 59.5)))
+    _, x = np.mgrid[:120, :160].astype(float)
     depth = 2.0 / (1.0 + 60.0 * ((x - 79.5) / 400.0 + 0.21))
-    planes = patch_planes(cut.samples(depth) / cut.cosine, np.ones(cut.cosine.shape, bool), cut)
+    planes = patch_planes(
+        frame_grid.samples(depth) / frame_grid.cosine, np.ones(frame_grid.cosine.shape, bool), frame_grid
+    )
     assert planes.surfaces.cosine.min() == 0.08
-    assert y.shape == x.shape
 
 
-def test_pieces_whose_way_does_not_meet_the_plane_of_the_border_are_left_out() -> None:
-    """A wall that goes back to the right, z = 2 + 4·x: beyond x = z/4 nobody sees it, and a grazing ray counts as none."""
-    cut = patch_grid(120, 160, View(400.0, (79.5, 59.5)))
-    normal = np.zeros_like(cut.ray)
+def test_pieces_whose_rays_do_not_meet_the_plane_of_the_border_are_left_out() -> None:
+    """The wall z = 2 + 4·x recedes to the right. Rays beyond x = z/4 miss it, and grazing rays count as missing it."""
+    frame_grid = patch_grid(120, 160, View(400.0, (79.5, 59.5)))
+    normal = np.zeros_like(frame_grid.ray)
     normal[0], normal[2] = 4.0 / np.sqrt(17.0), -1.0 / np.sqrt(17.0)
-    range_m = 2.0 / np.maximum(cut.ray[2] - 4.0 * cut.ray[0], 0.1)
-    wall = Surfaces(range_m, normal, cut.ray, -(normal * cut.ray).sum(0), np.ones(cut.ray.shape[1:]))
-    found = surfaces_beyond(wall, np.ones(cut.ray.shape[1:], bool), cut)
+    range_m = 2.0 / np.maximum(frame_grid.ray[2] - 4.0 * frame_grid.ray[0], 0.1)
+    wall = Surfaces(
+        range_m, normal, frame_grid.ray, -(normal * frame_grid.ray).sum(0), np.ones(frame_grid.ray.shape[1:])
+    )
+    found = surfaces_beyond(wall, np.ones(frame_grid.ray.shape[1:], bool), frame_grid)
     assert (found.cosine > 0.08).all()
     point = found.ray * found.range_m
     np.testing.assert_allclose(point[2] - 4.0 * point[0], 2.0, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""What the prediction says of frames whose light is known: walls, tails, two paths, and every kind of bad pixel."""
+"""Predictions for frames of known light: walls, tails, two paths, and all kinds of bad pixels."""
 
 import numpy as np
 import pytest
@@ -40,71 +40,74 @@ def tail_of(tail: Tail, harmonics: tuple[int, ...] = (1, 2)) -> dict[int, comple
 
 @pytest.mark.parametrize("tail", DECAYS)
 @pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3), (1, 2, 4)])
-def test_a_tail_behind_a_wall_is_taken_out(tail: Tail, harmonics: tuple[int, ...]) -> None:
+def test_the_tail_of_a_wall_is_removed(tail: Tail, harmonics: tuple[int, ...]) -> None:
     wall = wall_range()
     p = phasors_of(wall, tail_of(tail, harmonics), harmonics=harmonics)
     found = model_of(p, harmonics=harmonics)
     assert isinstance(found, DiffuseModel)
-    got = predicted(p, found)
+    pixels = predicted(p, found)
     first = median_error(np.angle(p[0]).ravel(), wall)
-    assert median_error(got.direct_phase_rad, wall) < 0.25 * first
-    seen = np.abs(range_error_m(got.direct_phase_rad, wall)) < 2 * got.direct_sigma_rad * M_PER_RAD
+    assert median_error(pixels.direct_phase_rad, wall) < 0.25 * first
+    seen = np.abs(range_error_m(pixels.direct_phase_rad, wall)) < 2 * pixels.direct_sigma_rad * M_PER_RAD
     assert seen.mean() > 0.8
 
 
 @pytest.mark.parametrize(("harmonics", "name"), [((1, 2), "remaining_sigma_rad"), ((1, 2, 3), "coarse_planes")])
-def test_how_slow_the_modulation_is_counts(
+def test_the_slowness_of_the_modulation_reaches_the_functions_that_need_it(
     harmonics: tuple[int, ...], name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same phasors of periods 2.5 times as long: a room 2.5 times as large, of which less is known than of its likeness."""
+    """The same phasors at 2.5 times the period belong to a room 2.5 times as large.
+
+    The numbers of the prior and of the bias were chosen for rooms at 40 ns, so `slowness` must reach them.
+    """
     p = phasors_of(wall_range(), tail_of(DECAYS[1], harmonics), harmonics=harmonics)
-    told = []
+    slownesses = []
 
-    def listen(*arguments: object, slowness: float, **named: object) -> object:
-        told.append(slowness)
-        return asked(*arguments, slowness=slowness, **named)
+    def recording(*arguments: object, slowness: float, **named: object) -> object:
+        slownesses.append(slowness)
+        return original(*arguments, slowness=slowness, **named)
 
-    asked = getattr(predict, name)
-    monkeypatch.setattr(predict, name, listen)
+    original = getattr(predict, name)
+    monkeypatch.setattr(predict, name, recording)
     for period_ns in (0.5 * T1_NS, T1_NS, 2.5 * T1_NS):
         assert isinstance(model_of(p, harmonics=harmonics, period_ns=period_ns), DiffuseModel)
-    assert told == [1.0, 1.0, 2.5]
+    assert slownesses == [1.0, 1.0, 2.5]
 
 
 @pytest.mark.parametrize("tail", DECAYS)
-def test_direct_and_mpi_light_add_up_to_what_was_recorded(tail: Tail) -> None:
+def test_direct_and_mpi_light_add_up_to_the_recorded_phasor(tail: Tail) -> None:
     p = phasors_of(wall_range(), tail_of(tail))
-    got = answers(p)
-    direct = got.direct_amplitude * np.exp(1j * got.direct_phase_rad)
-    mpi = got.mpi_amplitude * np.exp(1j * got.mpi_phase_rad)
+    pixels = answers(p)
+    direct = pixels.direct_amplitude * np.exp(1j * pixels.direct_phase_rad)
+    mpi = pixels.mpi_amplitude * np.exp(1j * pixels.mpi_phase_rad)
     np.testing.assert_allclose(direct + mpi, p[0].ravel(), atol=1e-6)
-    assert (got.mpi_phase_rad >= got.direct_phase_rad).all()
+    assert (pixels.mpi_phase_rad >= pixels.direct_phase_rad).all()
 
 
 def test_the_mpi_light_is_that_of_the_tail() -> None:
     tail = Tail(0.4, 3.0, 9.0)
     wall = wall_range()
-    got = answers(phasors_of(wall, tail_of(tail)))
-    assert np.median(got.mpi_amplitude) / 0.25 == pytest.approx(abs(tail.phasor(1)), rel=0.25)
-    behind = got.mpi_phase_rad - got.direct_phase_rad
+    pixels = answers(phasors_of(wall, tail_of(tail)))
+    assert np.median(pixels.mpi_amplitude) / 0.25 == pytest.approx(abs(tail.phasor(1)), rel=0.25)
+    behind = pixels.mpi_phase_rad - pixels.direct_phase_rad
     error = np.abs(behind - np.angle(tail.phasor(1)))
     assert np.median(error) < 0.25
-    assert (error < 2 * got.mpi_sigma_rad).mean() > 0.8
+    assert (error < 2 * pixels.mpi_sigma_rad).mean() > 0.8
 
 
 @pytest.mark.parametrize("n_av", [2e3, 1e4, 1e5, 1e6])
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.5, 0.2)])
-def test_a_wall_without_mpi_stays_where_it_is(n_av: float, tilt: tuple[float, float]) -> None:
+def test_a_wall_without_mpi_keeps_its_depth(n_av: float, tilt: tuple[float, float]) -> None:
     wall = wall_range(96, 128, 120.0, 3.0, tilt)
     p = phasors_of(wall, n_av=n_av)
     first, second = (np.angle(p[h - 1] * np.exp(-1j * h * wall / M_PER_RAD)) for h in (1, 2))
     one_path = median_error((wall / M_PER_RAD + (first + 2 * second) / 5).ravel(), wall)
-    got = answers(p, focal_px=120.0, n_av=n_av, model="diffuse")
-    assert median_error(got.direct_phase_rad, wall) < 1.05 * one_path
+    pixels = answers(p, focal_px=120.0, n_av=n_av, model="diffuse")
+    assert median_error(pixels.direct_phase_rad, wall) < 1.05 * one_path
 
 
 @pytest.mark.parametrize(("n_av", "amplitude"), [(3e2, 0.16), (2e3, 0.08), (2e3, 0.25), (1e5, 0.25), (1e6, 0.25)])
-def test_where_no_mpi_is_to_be_seen_nothing_is_predicted(n_av: float, amplitude: float) -> None:
+def test_without_visible_mpi_no_tail_is_predicted(n_av: float, amplitude: float) -> None:
     wall = wall_range(144, 192, 180.0, tilt=(0.3, 0.1))
     found = model_of(phasors_of(wall, n_av=n_av, amplitude=amplitude), n_av=n_av, focal_px=180.0)
     assert isinstance(found, DiffuseChoice)
@@ -120,7 +123,7 @@ def test_a_second_surface_far_behind_is_left_to_two_paths(delay_ns: float) -> No
     assert found.separate_share > 0.9
 
 
-def test_a_weak_first_surface_is_left_to_two_paths_unless_told_otherwise() -> None:
+def test_a_weak_first_surface_is_left_to_two_paths_unless_a_tail_is_asked_for() -> None:
     strong = {h: 3.0 * np.exp(1j * h * OMEGA * 10.0) for h in (1, 2)}
     p = phasors_of(wall_range(distance_m=1.0), strong, amplitude=0.06)
     assert isinstance(model_of(p), DiffuseChoice)
@@ -130,10 +133,10 @@ def test_a_weak_first_surface_is_left_to_two_paths_unless_told_otherwise() -> No
 
 @pytest.mark.parametrize(("third", "reason"), [(0.0, "separate paths"), (0.2, "no tail fits")])
 @pytest.mark.parametrize("delay_ns", [8.0, 11.0])
-def test_with_three_harmonics_strong_further_paths_are_told_from_a_tail(
+def test_with_three_harmonics_strong_further_paths_are_not_taken_for_a_tail(
     delay_ns: float, third: float, reason: str
 ) -> None:
-    """Two paths foretell the third harmonic; three do not, but no tail comes near them either."""
+    """Two paths predict the third harmonic. Three paths do not follow this prediction, but no tail fits them either."""
     mpi = {
         h: 0.6 * np.exp(1j * h * OMEGA * delay_ns) + third * np.exp(1j * h * OMEGA * (delay_ns + 3.0))
         for h in (1, 2, 3)
@@ -147,7 +150,10 @@ def test_with_three_harmonics_strong_further_paths_are_told_from_a_tail(
 def weak_paths(
     share: float, harmonics: tuple[int, ...], more: float, n_av: float, *, uneven_ns: float = 0.0
 ) -> DiffuseChoice | DiffuseModel:
-    """A frame whose second path has that share of the light, 3 to 20 ns late from left to right, and more of it down."""
+    """Return the model of a frame whose second path has this share of the light, 3 to 20 ns late from left to right.
+
+    The share grows downwards by the factor exp(more). `uneven_ns` makes the delays uneven.
+    """
     delay_ns, down = np.linspace(3.0, 20.0, 192), np.linspace(0.0, more, 144)[:, None]
     delay_ns = delay_ns + uneven_ns * np.sin(7.0 * down)
     second: dict[int, Z] = {h: np.asarray(share * np.exp(down + 1j * h * OMEGA * delay_ns)) for h in harmonics}
@@ -157,15 +163,17 @@ def weak_paths(
 
 @pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3)])
 @pytest.mark.parametrize(("share", "n_av"), [(0.01, 1e5), (0.02, 1e5), (0.02, 1e4), (0.1, 2e3), (0.1, 1e6), (0.3, 1e4)])
-def test_second_paths_of_one_share_are_no_tail(share: float, harmonics: tuple[int, ...], n_av: float) -> None:
-    """Each of them alone could be one: they lower |H_2|, and make it lag."""
+def test_second_paths_of_one_share_are_not_taken_for_a_tail(
+    share: float, harmonics: tuple[int, ...], n_av: float
+) -> None:
+    """A single patch could be that of a tail: the second path lowers |H_2| and makes it lag."""
     found = weak_paths(share, harmonics, 0.0, n_av)
     assert isinstance(found, DiffuseChoice)
     assert (found.taken, found.reason) == ("discrete", "separate paths")
 
 
-def test_second_paths_of_all_shares_and_delays_are_no_tail(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By even delays, where they are even; else since two paths make a wall of it, and no tail comes near all of them."""
+def test_second_paths_of_different_shares_and_delays_are_not_taken_for_a_tail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even delays show them; if delays are uneven, two paths smooth the surface; otherwise no tail fits all patches."""
     for uneven_ns, smooth, reason in (
         (0.0, False, "separate paths"),
         (1.5, True, "separate paths"),
@@ -177,7 +185,7 @@ def test_second_paths_of_all_shares_and_delays_are_no_tail(monkeypatch: pytest.M
         assert (found.taken, found.reason) == ("discrete", reason)
 
 
-def test_a_few_separate_patches_leave_their_pixels_and_no_others() -> None:
+def test_only_pixels_of_separate_patches_are_left_to_two_paths() -> None:
     tail = Tail(0.3, 3.0, 8.0)
     mpi = {h: np.full((48, 64), tail.phasor(h)) for h in (1, 2)}
     for h in (1, 2):
@@ -219,20 +227,20 @@ def test_bad_pixels_have_no_answer_and_harm_no_other() -> None:
     given = spoilt.copy()
     found = model_of(spoilt, usable=usable)
     assert isinstance(found, DiffuseModel)
-    got = predicted(spoilt, found, usable=usable)
+    pixels = predicted(spoilt, found, usable=usable)
     np.testing.assert_array_equal(spoilt, given)
     bad = ~usable
     bad[:, 50] = bad[4, 4] = bad[6, 6] = True
-    np.testing.assert_array_equal(got.answered, ~bad.ravel())
-    for name, values in vars(got).items():
+    np.testing.assert_array_equal(pixels.answered, ~bad.ravel())
+    for name, values in vars(pixels).items():
         if name not in {"answered", "separate_variance"}:
             np.testing.assert_array_equal(np.isnan(values), bad.ravel(), err_msg=name)
-    moved = np.abs(got.direct_phase_rad - clean.direct_phase_rad)[~bad.ravel()] * M_PER_RAD
+    moved = np.abs(pixels.direct_phase_rad - clean.direct_phase_rad)[~bad.ravel()] * M_PER_RAD
     assert np.median(moved) < 0.002
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 50), (2, 2), (7, 5), (11, 90)])
-def test_small_frames_are_answered_or_left_alone(size: tuple[int, int]) -> None:
+def test_small_frames_are_answered_or_left_to_the_discrete_model(size: tuple[int, int]) -> None:
     wall = wall_range(*size)
     p = phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0)))
     found = model_of(p)
@@ -243,19 +251,19 @@ def test_small_frames_are_answered_or_left_alone(size: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf, 1e-300])
-def test_frames_without_light_are_left_alone(value: float) -> None:
+def test_frames_without_light_are_left_to_the_discrete_model(value: float) -> None:
     found = model_of(np.full((2, 30, 40), value, complex))
     assert isinstance(found, DiffuseChoice)
     assert found.patches == 0
 
 
-def test_frames_of_noise_alone_are_left_alone() -> None:
+def test_frames_of_noise_alone_are_left_to_the_discrete_model() -> None:
     rng = np.random.default_rng(1)
     p = np.sqrt(variance(1e5)) * (rng.normal(size=(2, 60, 80)) + 1j * rng.normal(size=(2, 60, 80)))
     assert isinstance(model_of(p), DiffuseChoice)
 
 
-def test_the_answer_of_a_mean_of_pixels_is_more_certain_where_noise_is_most_of_the_error() -> None:
+def test_means_of_pixels_have_smaller_sigmas_if_noise_is_most_of_the_error() -> None:
     p = phasors_of(wall_range(), n_av=5e2)
     one, many = (model_of(p, n_av=5e2, samples=n, model="diffuse") for n in (1.0, 25.0))
     assert isinstance(one, DiffuseModel)
@@ -268,35 +276,35 @@ def test_the_answer_of_a_mean_of_pixels_is_more_certain_where_noise_is_most_of_t
     assert np.median(pooled) < 0.6 * np.median(alone)
 
 
-def test_ranges_are_corrected_before_they_become_geometry() -> None:
+def test_ranges_are_corrected_before_the_geometry_is_built() -> None:
     wall = corner_range()
     x, y = slopes(48, 64, 60.0)
     curved = 0.6 * (x * x + y * y)
     tail = tail_of(Tail(0.3, 3.0, 8.0))
-    straight, bent = (
+    uncorrected, corrected = (
         model_of(phasors_of(wall, tail, seed=3)),
         model_of(phasors_of(wall - curved, tail, seed=3), range_offset_m=curved),
     )
-    assert isinstance(straight, DiffuseModel)
-    assert isinstance(bent, DiffuseModel)
-    np.testing.assert_allclose(bent.upsampler.range_m, straight.upsampler.range_m, rtol=0.01)
+    assert isinstance(uncorrected, DiffuseModel)
+    assert isinstance(corrected, DiffuseModel)
+    np.testing.assert_allclose(corrected.upsampler.range_m, uncorrected.upsampler.range_m, rtol=0.01)
 
 
 def test_unknown_optics_are_assumed() -> None:
     wall = wall_range(focal_px=55.0)
     p = phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0)))
-    got = answers(p, focal_px=None)
-    assert median_error(got.direct_phase_rad, wall) < 0.3 * median_error(np.angle(p[0]).ravel(), wall)
+    pixels = answers(p, focal_px=None)
+    assert median_error(pixels.direct_phase_rad, wall) < 0.3 * median_error(np.angle(p[0]).ravel(), wall)
 
 
-def test_targets_beyond_the_range_are_wrapped() -> None:
+def test_targets_beyond_the_unambiguous_range_wrap() -> None:
     wall = wall_range(distance_m=7.5)
-    got = answers(phasors_of(wall, tail_of(Tail(0.2, 3.0, 8.0))))
-    assert median_error(got.direct_phase_rad, wall) < 0.05
-    assert ((got.direct_phase_rad >= 0) & (got.direct_phase_rad < 2 * np.pi)).all()
+    pixels = answers(phasors_of(wall, tail_of(Tail(0.2, 3.0, 8.0))))
+    assert median_error(pixels.direct_phase_rad, wall) < 0.05
+    assert ((pixels.direct_phase_rad >= 0) & (pixels.direct_phase_rad < 2 * np.pi)).all()
 
 
-def test_the_numbers_of_the_room_are_kept() -> None:
+def test_the_numbers_of_the_room_are_reported() -> None:
     found = model_of(phasors_of(wall_range(), tail_of(Tail(0.4, 4.0, 8.0))))
     assert isinstance(found, DiffuseModel)
     room = found.choice.room
@@ -312,15 +320,15 @@ def test_harmonics_must_begin_with_one_and_two() -> None:
         DiffuseSettings(period_ns=40.0, harmonics=(1, 3))
 
 
-def rough(seed: int = 4) -> tuple[F, Z]:
-    """A corner with a tail of its own for every square of 8 × 8 pixels, hardly any noise."""
+def uneven_tails(seed: int = 4) -> tuple[F, Z]:
+    """Return ranges and phasors of a corner with hardly any noise and another strength of tail for every 8 × 8 pixels."""
     rng, wall = np.random.default_rng(seed), corner_range()
     scale = np.repeat(np.repeat(rng.uniform(0.7, 1.4, (6, 8)), 8, axis=0), 8, axis=1)
     return wall, phasors_of(wall, {h: np.asarray(scale * Tail(0.3, 3.0, 8.0).phasor(h)) for h in (1, 2)}, n_av=1e6)
 
 
-def test_the_room_s_numbers_are_the_middle_and_half_the_spread_of_its_patches() -> None:
-    _, p = rough()
+def test_the_numbers_of_the_room_are_median_and_scatter_over_its_patches() -> None:
+    _, p = uneven_tails()
     found = model_of(p, n_av=1e6)
     assert isinstance(found, DiffuseModel)
     room = found.choice.room
@@ -333,8 +341,8 @@ def test_the_room_s_numbers_are_the_middle_and_half_the_spread_of_its_patches() 
     assert found.choice.patches == 12 * 16
 
 
-def test_pixels_left_to_two_paths_are_as_unsure_as_a_tail_and_two_paths_differ() -> None:
-    """For the whole of a wall with one tail the two lags differ by one number, whose square that is."""
+def test_the_variance_of_separate_pixels_is_the_squared_difference_of_tail_and_two_paths() -> None:
+    """On a wall with one tail, the lags of the tail and of two paths differ by a number whose square is the variance."""
     tail = Tail(0.4, 3.0, 9.0)
     found = model_of(phasors_of(wall_range(), tail_of(tail), n_av=1e7), n_av=1e7)
     assert isinstance(found, DiffuseModel)
@@ -344,7 +352,7 @@ def test_pixels_left_to_two_paths_are_as_unsure_as_a_tail_and_two_paths_differ()
     assert found.separate_variance == pytest.approx((by_tail - by_two) ** 2, rel=0.35)
 
 
-def test_a_frame_of_little_light_is_taken_for_no_room() -> None:
+def test_a_frame_with_few_lit_patches_is_not_predicted() -> None:
     wall = wall_range()
     usable = np.zeros(wall.shape, bool)
     usable[:, :20] = True
@@ -355,8 +363,8 @@ def test_a_frame_of_little_light_is_taken_for_no_room() -> None:
     assert isinstance(model_of(phasors_of(wall, tail_of(Tail())), usable=usable), DiffuseModel)
 
 
-def test_patches_whose_depths_disagree_are_no_surfaces() -> None:
-    """Light of random phases: every patch is lit and none is a plane, so there is no room, whatever is asked for."""
+def test_patches_of_random_phases_have_no_surfaces() -> None:
+    """With random phases, every patch is lit but none has a plane: there is no room, even if a tail is asked for."""
     rng = np.random.default_rng(3)
     wall = rng.uniform(0.3, 5.7, (48, 64))
     found = model_of(phasors_of(wall, tail_of(Tail(0.4))), model="diffuse")
@@ -364,11 +372,11 @@ def test_patches_whose_depths_disagree_are_no_surfaces() -> None:
     assert (found.reason, found.patches) == ("few patches with light", 12 * 16)
 
 
-def test_what_lies_before_the_camera_is_taken_for_five_centimetres_away() -> None:
-    """A correction that brings a part of the view behind the camera: its patches are surfaces right before it."""
-    wall, off = wall_range(), np.zeros((48, 64))
-    off[16:28, 24:36] = -4.0
-    found = model_of(phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0))), range_offset_m=off)
+def test_patches_behind_the_camera_count_as_five_centimetres_away() -> None:
+    """A correction puts a part of the view behind the camera. Its patches count as surfaces 5 cm before the camera."""
+    wall, offset_m = wall_range(), np.zeros((48, 64))
+    offset_m[16:28, 24:36] = -4.0
+    found = model_of(phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0))), range_offset_m=offset_m)
     assert isinstance(found, DiffuseModel)
     side = found.upsampler.grid.side
     range_m = found.upsampler.range_m[1:-1, side:-side:side]
@@ -378,22 +386,22 @@ def test_what_lies_before_the_camera_is_taken_for_five_centimetres_away() -> Non
     assert (range_m[~near] > 2.5).all()
 
 
-def test_where_a_harmonic_was_not_recorded_a_tail_that_is_asked_for_is_as_unsure_as_it_is_wrong() -> None:
-    """No tail has a second harmonic and nothing of the third."""
+def test_a_forced_tail_without_light_at_the_third_harmonic_has_a_sigma_of_the_size_of_its_error() -> None:
+    """No tail has light at the second harmonic and none at the third."""
     wall = wall_range()
     p = phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0), (1, 2, 3)), harmonics=(1, 2, 3))
     p[2] = 0.0
     assert isinstance(model_of(p), DiffuseChoice)
     found = model_of(p, model="diffuse")
     assert isinstance(found, DiffuseModel)
-    got = predicted(p, found)
-    assert got.answered.all()
-    assert median_error(got.direct_phase_rad, wall) < np.median(got.direct_sigma_rad) * M_PER_RAD
+    pixels = predicted(p, found)
+    assert pixels.answered.all()
+    assert median_error(pixels.direct_phase_rad, wall) < np.median(pixels.direct_sigma_rad) * M_PER_RAD
 
 
 @pytest.mark.parametrize(("lit", "patches"), [(6, 0), (7, 300)])
 def test_a_patch_counts_by_the_share_of_its_own_samples(lit: int, patches: int) -> None:
-    """Of 120 × 160 pixels it has 64; a tenth of them makes it count, whatever number of patches stands side by side."""
+    """In 120 × 160 pixels a patch has 64 samples. It counts from a tenth of these on."""
     usable = np.zeros((15, 8, 20, 8), bool)
     usable[:, 0, :, :lit] = True
     p = phasors_of(wall_range(120, 160, 150.0), tail_of(Tail(0.3, 3.0, 8.0)))

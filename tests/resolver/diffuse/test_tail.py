@@ -1,3 +1,5 @@
+"""The model of a tail: its values, its Jacobian, and data that do not depend on the direct light."""
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,7 @@ def states(n: int = 40, seed: int = 2) -> F:
     return np.stack([rng.normal(m, s, n) for m, s in ((-0.3, 0.3), (0, 0.4), (0, 0.5), (-2.5, 1), (2.3, 0.5), (4, 2))])
 
 
-def test_the_jacobian_is_the_slope() -> None:
+def test_the_jacobian_is_that_of_finite_differences() -> None:
     tail, state = model(), states()
     _, jacobian = tail.values(state)
     for component in range(6):
@@ -41,7 +43,7 @@ def test_the_jacobian_is_the_slope() -> None:
         np.testing.assert_allclose(jacobian[component], slope, atol=2e-8)
 
 
-def test_unseen_light_alone_is_an_exponential_that_sets_in_gently() -> None:
+def test_unseen_light_alone_is_an_exponential_with_a_smooth_onset() -> None:
     nothing = np.zeros((3, 1), complex)
     tail = TailModel(Interreflections(nothing, nothing, nothing, np.ones(1), np.ones(1)), HARMONICS, OMEGA)
     state = np.array([[0.0], [0.0], [0.0], [np.log(0.2)], [np.log(9.0)], [4.5]])
@@ -59,18 +61,19 @@ def test_the_data_do_not_depend_on_the_direct_light(turn: float) -> None:
     harmonic = np.array([[1.0], [2.0], [3.0]])
     light = rng.normal(size=(3, 9)) * 0.2 + 1 + 0.2j * rng.normal(size=(3, 9))
     seen = np.log(light) + np.log(0.37) + 1j * harmonic * turn
-    ours, bare = (free_of_direct(one.real, one.imag, harmonic) for one in (seen, np.log(light)))
-    np.testing.assert_allclose(wrapped(ours[:-2] - bare[:-2]), 0.0, atol=1e-12)
+    with_direct, without_direct = (free_of_direct(one.real, one.imag, harmonic) for one in (seen, np.log(light)))
+    np.testing.assert_allclose(wrapped(with_direct[:-2] - without_direct[:-2]), 0.0, atol=1e-12)
 
 
-def test_residuals_of_phases_go_the_short_way_round_and_those_of_moduli_do_not() -> None:
+def test_residuals_of_phases_wrap_and_those_of_moduli_do_not() -> None:
     observed, predicted = np.array([[4.0], [3.1]]), np.array([[-1.0], [-3.1]])
     np.testing.assert_allclose(residuals(observed, predicted), [[5.0], [6.2 - 2.0 * np.pi]])
 
 
-def test_light_that_the_view_does_not_show_lags_by_its_share_across_the_whole() -> None:
-    """arg(1 + s·(…) + b + w) grows by Im(b/H) with ln b and by Im(w/H) with ln v; by what is seen, too, with ln s, where light
-    bounces no more.
+def test_the_parts_of_the_lag_are_its_derivatives_by_their_strengths() -> None:
+    """With H = 1 + seen + beside + w, arg H grows by Im(beside/H) per unit of ln b, and by Im(w/H) per unit of ln v.
+
+    Per unit of ln s it grows by Im((seen + beside)/H), because later bounces are switched off here.
     """
     tail, state = model(), states()
     state[2] = -80.0
@@ -83,8 +86,8 @@ def test_light_that_the_view_does_not_show_lags_by_its_share_across_the_whole() 
     np.testing.assert_allclose(guessed, 3.0 * beside, rtol=1e-12)
 
 
-def test_surfaces_in_the_view_beside_it_and_later_bounces_add_up() -> None:
-    """H = 1 + s·g + s·b·b_h + s²·u·m_h, with as good as no unseen light."""
+def test_light_in_the_view_beside_it_and_of_later_bounces_is_added() -> None:
+    """H = 1 + s·g_h + s·b·b_h + s²·u·m_h, with a negligible amount of unseen light."""
     tail = model(seed=7)
     s, b, u = 0.6, 1.7, 0.8
     state = np.tile(np.array([[np.log(s)], [np.log(b)], [np.log(u)], [-80.0], [2.0], [4.0]]), 40)

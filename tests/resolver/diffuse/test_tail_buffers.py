@@ -1,6 +1,6 @@
-"""What the extension does with a tail whose buffers do not fit: an error that names what is wrong, and never a crash.
+"""The extension module refuses a tail whose buffers do not fit: it raises an error that names the fault; it never crashes.
 
-`scripts/sanitize` runs these with the address and undefined-behaviour sanitizers.
+`scripts/sanitize` runs these tests with the address and undefined-behaviour sanitizers.
 """
 
 from types import ModuleType
@@ -41,12 +41,12 @@ SIZES = {
 }
 
 PLANES = {2: 14, 3: 27}
-"""Means, covariances and variances of the patches, by the number of harmonics."""
+"""Number of planes over the patches (means, covariances, variances), by the number of harmonics."""
 
 
 def sizes_of(compiled: ModuleType, **sizes: int) -> Any:
-    named = SIZES | sizes
-    return np.array([named[name] for name in compiled.tail_sizes()], np.int64)
+    all_sizes = SIZES | sizes
+    return np.array([all_sizes[name] for name in compiled.tail_sizes()], np.int64)
 
 
 def tail_of(compiled: ModuleType, harmonics: int = 2) -> dict[str, Any]:
@@ -85,7 +85,7 @@ def answer(compiled: ModuleType, tail: Any, pixels: dict[str, Any], **options: A
 
 
 def resolve(compiled: ModuleType, tail: Any) -> None:
-    """Resolve a frame of voltages with that tail."""
+    """Resolve a frame of voltages with this tail."""
     layers, status = np.zeros((7, PIXELS), np.float32), np.zeros(PIXELS, np.uint32)
     stored, constants = np.full((4, PIXELS), 0.1), np.ones(len(compiled.constant_names()))
     given = tail.values() if isinstance(tail, dict) else tail
@@ -124,7 +124,7 @@ def test_a_buffer_of_another_type_is_refused(compiled: ModuleType, name: str, dt
 
 @pytest.mark.parametrize("name", [name for name in TAIL if name not in {"separate", "offset"}])
 @pytest.mark.parametrize("value", [None, 3, "text"])
-def test_what_is_no_buffer_is_refused(compiled: ModuleType, name: str, value: object) -> None:
+def test_a_value_that_is_no_buffer_is_refused(compiled: ModuleType, name: str, value: object) -> None:
     with pytest.raises(TypeError):
         answer(compiled, tail_of(compiled) | {name: value}, pixels_of())
 
@@ -178,7 +178,9 @@ def test_sizes_that_do_not_fit_are_refused(compiled: ModuleType, sizes: dict[str
         ("harmonics", 1, -2),
     ],
 )
-def test_numbers_that_lead_astray_are_refused(compiled: ModuleType, name: str, place: int, value: int) -> None:
+def test_indices_and_harmonics_out_of_range_are_refused(
+    compiled: ModuleType, name: str, place: int, value: int
+) -> None:
     tail = tail_of(compiled)
     tail[name][place] = value
     with pytest.raises(ValueError, match="expected"):
@@ -196,7 +198,7 @@ def test_two_paths_need_the_tail_of_two_harmonics(compiled: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("tail", [(), (None,) * 11, (3,), tuple(range(11)), (None,) * 12])
-def test_what_is_no_tail_is_refused(compiled: ModuleType, tail: tuple[object, ...]) -> None:
+def test_arguments_that_are_no_tail_are_refused(compiled: ModuleType, tail: tuple[object, ...]) -> None:
     with pytest.raises(TypeError):
         answer(compiled, tail, pixels_of())
     if len(tail) > 11 or any(one is not None for one in tail):
@@ -225,7 +227,7 @@ def test_pixels_that_do_not_fit_are_refused(compiled: ModuleType, name: str) -> 
             answer(compiled, tail_of(compiled), pixels_of() | {name: None})
 
 
-def test_what_is_written_shares_no_memory_with_what_is_read(compiled: ModuleType) -> None:
+def test_outputs_that_overlap_inputs_or_are_read_only_are_refused(compiled: ModuleType) -> None:
     tail, pixels = tail_of(compiled), pixels_of()
     memory = np.zeros(7 * PIXELS + tail["planes"].size, np.float32)
     pixels["answers"], tail["planes"] = memory[: 7 * PIXELS], memory[7 * PIXELS - 1 : -1]
@@ -241,7 +243,7 @@ def test_what_is_written_shares_no_memory_with_what_is_read(compiled: ModuleType
         answer(compiled, tail_of(compiled), pixels)
 
 
-def test_a_level_that_there_is_not_is_refused(compiled: ModuleType) -> None:
+def test_an_unknown_level_is_refused(compiled: ModuleType) -> None:
     with pytest.raises(ValueError, match="expected"):
         answer(compiled, tail_of(compiled), pixels_of(), level="mmx")
 
@@ -249,7 +251,7 @@ def test_a_level_that_there_is_not_is_refused(compiled: ModuleType) -> None:
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), seed=st.integers(0, 2**32 - 1))
 def test_any_bits_in_buffers_that_fit_are_an_answer(compiled: ModuleType, data: st.DataObject, seed: int) -> None:
-    """Sizes, the numbers of harmonics and the rows of patches aside, which must be what they are."""
+    """Sizes, the numbers of the harmonics and the rows of patches keep their valid values."""
     rng, harmonics = np.random.default_rng(seed), data.draw(st.sampled_from(list(PLANES)))
     tail, pixels = tail_of(compiled, harmonics), pixels_of(harmonics)
     for buffers, kept in ((tail, {"sizes", "harmonics", "above", "separate"}), (pixels, {"usable", "answered"})):
@@ -275,11 +277,9 @@ def test_any_bits_in_buffers_that_fit_are_an_answer(compiled: ModuleType, data: 
 def test_any_sizes_are_an_answer_or_an_error(compiled: ModuleType, sizes: dict[str, int], pixels: int) -> None:
     given = pixels_of(2, pixels)
     tail = tail_of(compiled) | {"sizes": sizes_of(compiled, **sizes)}
-    named = SIZES | sizes
-    fits = {name: value for name, value in named.items() if name not in {"first", "left"}} == {
-        name: value for name, value in SIZES.items() if name not in {"first", "left"}
-    }
-    if fits and 0 <= named["first"] <= PIXELS - pixels and 0 <= named["left"] <= COLUMNS - WIDTH - SIDE:
+    all_sizes = SIZES | sizes
+    fits = all(all_sizes[name] == SIZES[name] for name in set(SIZES) - {"first", "left"})
+    if fits and 0 <= all_sizes["first"] <= PIXELS - pixels and 0 <= all_sizes["left"] <= COLUMNS - WIDTH - SIDE:
         answer(compiled, tail, given)
         assert (given["answers"] != -7.0).any(axis=0).all()
     else:

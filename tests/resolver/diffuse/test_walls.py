@@ -1,4 +1,4 @@
-"""Walls are found from the patches that see them, and continued behind those that do not."""
+"""Walls are found from the patches that lie on them, and continued behind patches that hide them."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def grid() -> PatchGrid:
 
 
 def plane_range(distance_m: float, tilt: float) -> F:
-    """Range of z + tilt·x = distance in the direction of every patch."""
+    """Return the range of the plane z + tilt·x = distance in the direction of every patch."""
     x, _, z = grid().ray
     return np.asarray(distance_m / (z + tilt * x))
 
@@ -26,27 +26,27 @@ def hole() -> Bool:
     return np.asarray((rows > 5) & (rows < 11) & (columns > 6) & (columns < 14))
 
 
-def test_a_wall_goes_on_behind_what_hides_it() -> None:
-    there = plane_range(3.0, 0.3)
-    (wall,) = walls_behind(np.where(hole(), 1.0, there), ~hole(), grid())
-    np.testing.assert_allclose(wall, there, rtol=1e-6)
+def test_a_wall_continues_behind_patches_that_hide_it() -> None:
+    range_m = plane_range(3.0, 0.3)
+    (wall,) = walls_behind(np.where(hole(), 1.0, range_m), ~hole(), grid())
+    np.testing.assert_allclose(wall, range_m, rtol=1e-6)
 
 
-def test_two_walls_of_a_corner_are_told_apart() -> None:
+def test_both_walls_of_a_corner_are_found() -> None:
     left, right = plane_range(3.0, -1.0), plane_range(3.0, 1.0)
     nearer = np.minimum(left, right)
     found = walls_behind(np.where(hole(), 1.0, nearer), ~hole(), grid())
     assert len(found) == 2
     for wall in (left, right):
-        seen = nearer == wall
-        assert min(float(np.abs(one - wall)[seen].max()) for one in found) < 0.02
+        patches = nearer == wall
+        assert min(float(np.abs(one - wall)[patches].max()) for one in found) < 0.02
 
 
-def test_a_wall_that_turns_away_is_far_off() -> None:
-    """z = 2 + 2·x is not met by rays to the right of x = z/2; from 20 m of depth on it is taken to be there."""
+def test_a_wall_that_rays_do_not_meet_counts_as_20_m_deep() -> None:
+    """Rays to the right of x = z/2 do not meet the wall z = 2 + 2·x. Its depth counts as 20 m at most."""
     x, _, z = grid().ray
-    seen = x / z < 0.3
-    (wall,) = walls_behind(np.where(seen, plane_range(2.0, -2.0), 1.0), np.asarray(seen), grid())
+    patches = x / z < 0.3
+    (wall,) = walls_behind(np.where(patches, plane_range(2.0, -2.0), 1.0), np.asarray(patches), grid())
     depth = np.where(x / z < 0.45, 2.0 / (1.0 - 2.0 * np.minimum(x / z, 0.45)), 20.0)
     np.testing.assert_allclose(wall * z, depth, rtol=1e-5)
 
@@ -56,7 +56,7 @@ def test_without_patches_there_is_no_wall() -> None:
 
 
 def squares(*places: tuple[int, int], rows: int = 3, columns: int = 3) -> Bool:
-    """Squares of patches with their corners at these places."""
+    """Return rectangles of patches with their upper left corners at these places."""
     chosen = np.zeros(hole().shape, bool)
     for row, column in places:
         chosen[row : row + rows, column : column + columns] = True
@@ -68,41 +68,41 @@ def count_of_walls(range_m: F, among: Bool) -> int:
 
 
 @pytest.mark.parametrize(("left_out", "walls"), [(0, 1), (1, 1), (2, 0)])
-def test_eight_patches_see_a_wall(left_out: int, walls: int) -> None:
-    seen = squares((4, 6))
-    seen[4, 6 : 6 + left_out] = False
-    assert count_of_walls(plane_range(3.0, 0.1), seen) == walls
+def test_a_wall_needs_eight_patches(left_out: int, walls: int) -> None:
+    patches = squares((4, 6))
+    patches[4, 6 : 6 + left_out] = False
+    assert count_of_walls(plane_range(3.0, 0.1), patches) == walls
 
 
 @pytest.mark.parametrize(("columns", "walls"), [(2, 1), (1, 0)])
-def test_a_patch_with_five_neighbours_tells_a_plane(columns: int, walls: int) -> None:
-    """Strips three patches high, with a gap between them: of those two wide, a patch has six in its neighbourhood."""
-    seen = squares((4, 7), (4, 11), (4, 15), rows=3, columns=columns)
-    assert count_of_walls(plane_range(3.0, 0.1), seen) == walls
+def test_a_patch_with_five_neighbours_gives_a_plane(columns: int, walls: int) -> None:
+    """Strips of patches, three high, have gaps between them. If they are two wide, a neighbourhood has six patches."""
+    patches = squares((4, 7), (4, 11), (4, 15), rows=3, columns=columns)
+    assert count_of_walls(plane_range(3.0, 0.1), patches) == walls
 
 
-def test_with_a_patch_less_no_neighbourhood_of_five_tells_a_plane() -> None:
-    seen = squares((4, 7), (4, 11), (4, 15), rows=3, columns=2)
-    seen[4, [8, 12, 16]] = False
-    assert seen.sum() == 15
-    assert count_of_walls(plane_range(3.0, 0.1), seen) == 0
+def test_patches_with_four_neighbours_give_no_plane() -> None:
+    patches = squares((4, 7), (4, 11), (4, 15), rows=3, columns=2)
+    patches[4, [8, 12, 16]] = False
+    assert patches.sum() == 15
+    assert count_of_walls(plane_range(3.0, 0.1), patches) == 0
 
 
 @pytest.mark.parametrize(("count", "walls"), [(3, 3), (8, 8), (10, 8)])
-def test_eight_walls_are_told_at_most(count: int, walls: int) -> None:
-    """Squares at depths a tenth apart."""
+def test_at_most_eight_walls_are_found(count: int, walls: int) -> None:
+    """Each square of patches is farther than the one before by a tenth."""
     places = [(row, column) for row in (0, 4, 8) for column in (0, 4, 8, 12, 16)][:count]
-    range_m, seen = np.ones(hole().shape), squares(*places)
+    range_m, patches = np.ones(hole().shape), squares(*places)
     for number, place in enumerate(places):
         range_m[squares(place)] = plane_range(1.5 * 1.1**number, 0.0)[squares(place)]
-    found = walls_behind(range_m, seen, grid())
+    found = walls_behind(range_m, patches, grid())
     assert len(found) == walls
     depths = sorted(float(np.median(one * grid().ray[2])) for one in found)
     assert all(min(abs(depth / (1.5 * 1.1**number) - 1.0) for number in range(count)) < 1e-6 for depth in depths)
 
 
 @pytest.mark.parametrize(("farther", "walls"), [(1.025, 1), (1.045, 2)])
-def test_patches_within_three_hundredths_of_the_depth_lie_on_one_wall(farther: float, walls: int) -> None:
+def test_patches_within_three_hundredths_of_its_depth_lie_on_a_wall(farther: float, walls: int) -> None:
     behind = squares((3, 13), rows=6, columns=5)
     range_m = plane_range(3.0, 0.0) * np.where(behind, farther, 1.0)
     assert count_of_walls(range_m, behind | squares((3, 3), rows=6, columns=7)) == walls

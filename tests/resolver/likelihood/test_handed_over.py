@@ -1,4 +1,4 @@
-"""What the compiled search, weights and scans are asked for: the problem as it is; and what they answer is what comes out."""
+"""The compiled search, weights and scans receive the problem unchanged, and their answer is returned unchanged."""
 
 from typing import Any
 
@@ -13,20 +13,20 @@ from cadtof_cli.resolver.likelihood.levenberg_marquardt import Compilable, Leven
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from tests.support.mixtures import noise_of
 
-HARMONICS, COUNT, ELSEWHERE = (1, 2, 4), 5, "elsewhere"
+HARMONICS, COUNT, OTHER_KERNEL = (1, 2, 4), 5, "elsewhere"
 
 SOLVER = LevenbergMarquardt(max_steps=17, relative=0.02, absolute=0.3, first_damping=0.005)
 
 
-class Twin:
-    """Stands for what is compiled: notes what it is asked, and gives one answer."""
+class Recorder:
+    """Stands in for a compiled function: it records the arguments of the call and returns a fixed answer."""
 
     def __init__(self, answer: Any) -> None:
-        self.asked: tuple[tuple[Any, ...], dict[str, Any]] = (), {}
+        self.call: tuple[tuple[Any, ...], dict[str, Any]] = (), {}
         self._answer = answer
 
     def __call__(self, *given: Any, **options: Any) -> Any:
-        self.asked = given, options
+        self.call = given, options
         return self._answer
 
 
@@ -41,7 +41,7 @@ def paths() -> Mixture:
 
 
 def problems() -> dict[str, tuple[Compilable, Float, Planes]]:
-    """Every kind of problem with its starts, and what there is to hand over: kind, paths, harmonics, phasors, weights."""
+    """Return each kind of problem with its starts and the planes that the compiled search must receive."""
     seen, light = measured(), paths()
     white = np.array([3.0, 2.0, 1.0])
     weighted = WeightedFit.around(seen, light, noise=noise_of(HARMONICS, n_av=1e4), kernel=NUMPY)
@@ -52,20 +52,20 @@ def problems() -> dict[str, tuple[Compilable, Float, Planes]]:
 
 
 @pytest.mark.parametrize("kind", ["white", "weighted"])
-def test_a_search_is_handed_over_as_it_is(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, begin, planes = problems()[kind]
-    ends = Minimum(begin + 1.0, np.ones(COUNT), np.ones((3, COUNT)), np.ones(COUNT, bool), np.arange(COUNT))
-    twin = Twin(ends)
-    monkeypatch.setattr(levenberg_marquardt, "compiled_ends", twin)
+def test_the_compiled_search_receives_the_problem_unchanged(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, begins, planes = problems()[kind]
+    ends = Minimum(begins + 1.0, np.ones(COUNT), np.ones((3, COUNT)), np.ones(COUNT, bool), np.arange(COUNT))
+    recorder = Recorder(ends)
+    monkeypatch.setattr(levenberg_marquardt, "compiled_ends", recorder)
     samples = np.linspace(1.0, 3.0, COUNT)
-    found = SOLVER.solve(problem, begin, samples=samples, kernel=ELSEWHERE)
-    (given, came_from), options = twin.asked
+    found = SOLVER.solve(problem, begins, samples=samples, kernel=OTHER_KERNEL)
+    (given, given_starts), options = recorder.call
     assert (given.kind, given.paths, given.harmonics) == (planes.kind, planes.paths, planes.harmonics)
-    for ours, theirs in ((given.re, planes.re), (given.im, planes.im), (came_from, begin)):
-        np.testing.assert_array_equal(ours, theirs)
+    for received, sent in ((given.re, planes.re), (given.im, planes.im), (given_starts, begins)):
+        np.testing.assert_array_equal(received, sent)
     np.testing.assert_array_equal(given.weights, planes.weights)
     np.testing.assert_allclose(options.pop("worth"), 0.3 / samples)
-    assert options == {"most_steps": 17, "relative": 0.02, "first_damping": 0.005, "kernel": ELSEWHERE}
+    assert options == {"most_steps": 17, "relative": 0.02, "first_damping": 0.005, "kernel": OTHER_KERNEL}
     assert found.points is ends.points
     assert found.cost is ends.cost
     assert found.matrix is ends.matrix
@@ -74,52 +74,52 @@ def test_a_search_is_handed_over_as_it_is(kind: str, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("kind", ["white", "weighted"])
-def test_a_search_that_is_not_taken_over_is_numpy_s(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, begin, _ = problems()[kind]
-    twin = Twin(None)
-    monkeypatch.setattr(levenberg_marquardt, "compiled_ends", twin)
-    ours, numpy_s = (SOLVER.solve(problem, begin, kernel=kernel) for kernel in (ELSEWHERE, NUMPY))
-    assert twin.asked[0]
-    np.testing.assert_array_equal(ours.points, numpy_s.points)
-    np.testing.assert_array_equal(ours.steps, numpy_s.steps)
+def test_numpy_searches_if_the_compiled_search_declines(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, begins, _ = problems()[kind]
+    recorder = Recorder(None)
+    monkeypatch.setattr(levenberg_marquardt, "compiled_ends", recorder)
+    unaided, expected = (SOLVER.solve(problem, begins, kernel=kernel) for kernel in (OTHER_KERNEL, NUMPY))
+    assert recorder.call[0]
+    np.testing.assert_array_equal(unaided.points, expected.points)
+    np.testing.assert_array_equal(unaided.steps, expected.steps)
 
 
-def test_weights_are_handed_over_as_the_noise_of_the_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_compiled_weights_receive_the_paths_and_their_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     noise, answer = noise_of(HARMONICS, n_av=1e4), np.ones((3, len(HARMONICS), COUNT))
-    twin = Twin(answer)
-    monkeypatch.setattr(mixture, "compiled_weights", twin)
-    fit = WeightedFit.around(measured(), paths(), noise=noise, kernel=ELSEWHERE)
+    recorder = Recorder(answer)
+    monkeypatch.setattr(mixture, "compiled_weights", recorder)
+    fit = WeightedFit.around(measured(), paths(), noise=noise, kernel=OTHER_KERNEL)
     assert fit.weights is answer
-    (points,), options = twin.asked
+    (points,), options = recorder.call
     np.testing.assert_array_equal(points, paths().points)
     np.testing.assert_array_equal(options.pop("noise"), [one.covariance_terms for one in noise.each])
-    assert options == {"harmonics": HARMONICS, "kernel": ELSEWHERE}
-    monkeypatch.setattr(mixture, "compiled_weights", Twin(None))
-    ours, numpy_s = (
-        WeightedFit.around(measured(), paths(), noise=noise, kernel=kernel).weights for kernel in (ELSEWHERE, NUMPY)
+    assert options == {"harmonics": HARMONICS, "kernel": OTHER_KERNEL}
+    monkeypatch.setattr(mixture, "compiled_weights", Recorder(None))
+    unaided, expected = (
+        WeightedFit.around(measured(), paths(), noise=noise, kernel=kernel).weights for kernel in (OTHER_KERNEL, NUMPY)
     )
-    np.testing.assert_array_equal(ours, numpy_s)
+    np.testing.assert_array_equal(unaided, expected)
 
 
 @pytest.mark.parametrize("pairs", [False, True])
-def test_a_scan_is_handed_over_with_its_grid(pairs: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """32 places a turn: eight in a period of the fourth harmonic; lags up to half a turn."""
+def test_the_compiled_scan_receives_its_grid(pairs: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The grid has 32 places per turn, eight per period of harmonic 4. Its lags go up to half a turn."""
     seen, weights, answer = measured(), (3.0, 2.0, 1.0), Scanned.empty(COUNT)
-    twin = Twin(answer)
-    monkeypatch.setattr(starts, "compiled_scan", twin)
-    assert starts.scanned(seen, weights=weights, pairs=pairs, kernel=ELSEWHERE) is answer
-    (factors, lags, re, im), options = twin.asked
+    recorder = Recorder(answer)
+    monkeypatch.setattr(starts, "compiled_scan", recorder)
+    assert starts.scanned(seen, weights=weights, pairs=pairs, kernel=OTHER_KERNEL) is answer
+    (factors, lags, re, im), options = recorder.call
     turn = 2.0 * np.pi * np.arange(32)[:, np.newaxis] / 32
     waves = np.array(weights) * np.exp(1j * np.array(HARMONICS) * turn)
     np.testing.assert_allclose(factors, np.stack([waves.real, waves.imag], axis=-1), atol=1e-12)
     rho = (waves.real[1:17] / sum(weights)).sum(axis=1)
     np.testing.assert_allclose(lags, np.stack([rho, -2.0 * rho, 1.0 / (1.0 - rho**2)], axis=1), atol=1e-12)
-    assert (re is seen.re, im is seen.im, options) == (
-        True,
-        True,
-        {"harmonics": HARMONICS, "pairs": pairs, "kernel": ELSEWHERE},
+    assert re is seen.re
+    assert im is seen.im
+    assert options == {"harmonics": HARMONICS, "pairs": pairs, "kernel": OTHER_KERNEL}
+    monkeypatch.setattr(starts, "compiled_scan", Recorder(None))
+    unaided, expected = (
+        starts.scanned(seen, weights=weights, pairs=pairs, kernel=one) for one in (OTHER_KERNEL, NUMPY)
     )
-    monkeypatch.setattr(starts, "compiled_scan", Twin(None))
-    ours, numpy_s = (starts.scanned(seen, weights=weights, pairs=pairs, kernel=one) for one in (ELSEWHERE, NUMPY))
-    np.testing.assert_array_equal(ours.first, numpy_s.first)
-    np.testing.assert_array_equal(ours.peak, numpy_s.peak)
+    np.testing.assert_array_equal(unaided.first, expected.first)
+    np.testing.assert_array_equal(unaided.peak, expected.peak)

@@ -1,4 +1,4 @@
-"""Maximum likelihood against the Cramér–Rao bound, χ², and a search of everything."""
+"""Maximum likelihood for K paths against the Cramér–Rao bound, the χ² distribution and an exhaustive search."""
 
 import itertools
 from dataclasses import replace
@@ -22,7 +22,7 @@ DEFAULT = ResolverSettings()
 
 RUNS = 3000
 PHOTONS = 2e5
-"""n_av of all harmonics together: that of two harmonics at the paper's 1e5."""
+"""Integration lengths (n_av) of all harmonics added up: two harmonics at the paper's 1e5."""
 
 
 def resolved(
@@ -39,7 +39,7 @@ def resolved(
 def spread_ns(
     problem: Mixture, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings = DEFAULT
 ) -> tuple[F, F]:
-    """Standard deviations of every path's delay, and the medians of those that are predicted."""
+    """Return the standard deviation of every path's delay, and the median of its predicted sigmas, in ns."""
     drawn = problem.phasors(harmonics, n_av=n_av, size=RUNS, rng=np.random.default_rng(7))
     paths = resolved(drawn, harmonics, n_av, settings).paths
     delays = np.array([ns_from_rad(path.phase_rad) for path in paths])
@@ -57,7 +57,9 @@ def test_two_paths_reach_the_bound_and_their_sigma_is_known(harmonics: tuple[int
 
 
 @pytest.mark.parametrize(("harmonics", "gain"), [((1, 2, 3), 2.5), ((1, 2, 3, 4), 5.0)])
-def test_more_harmonics_of_the_same_light_are_worth_it(harmonics: tuple[int, ...], gain: float) -> None:
+def test_more_harmonics_at_the_same_number_of_photons_reduce_the_scatter(
+    harmonics: tuple[int, ...], gain: float
+) -> None:
     problem = Mixture((1.0, 0.3), (5.0, 11.0))
     two, _ = spread_ns(problem, (1, 2), PHOTONS / 2)
     more, _ = spread_ns(problem, harmonics, PHOTONS / len(harmonics))
@@ -97,17 +99,20 @@ def test_a_mean_is_resolved_as_a_recording_of_all_its_photons(
     one = resolved(drawn, harmonics, as_long, settings)
     noise = replace(noise_of(harmonics, n_av=n_av), samples=np.full(RUNS, frames))
     mean = resolve_paths(drawn, status=np.zeros(RUNS, np.uint32), settings=settings, noise=noise)
-    off = np.abs(mean.paths.phase_rad - one.paths.phase_rad) / one.paths.sigma_rad
-    assert np.nanmax(off) < 1e-6
+    difference = np.abs(mean.paths.phase_rad - one.paths.phase_rad) / one.paths.sigma_rad
+    assert np.nanmax(difference) < 1e-6
     assert_allclose(mean.paths.sigma_rad, one.paths.sigma_rad, rtol=1e-6)
 
 
 @pytest.mark.parametrize("false_alarm", [0.05, 0.01])
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 4)])
-def test_one_path_is_taken_for_two_in_a_third_of_the_share_asked_for_and_at_no_cost(
+def test_one_path_is_taken_for_two_in_a_third_of_the_false_alarm_rate_and_at_no_cost(
     harmonics: tuple[int, ...], false_alarm: float
 ) -> None:
-    """The misfit alone does so in all of it; of these about a third move the direct path enough (.3 to .6)."""
+    """The misfit exceeds its threshold in the whole share of pixels that was asked for.
+
+    In about a third of these pixels (.3 to .6) the second path moves the direct path enough to be kept.
+    """
     drawn = Mixture((1.0,), (5.0,)).phasors(harmonics, n_av=1e5, size=4 * RUNS, rng=np.random.default_rng(9))
     tested = resolved(drawn, harmonics, 1e5, ResolverSettings(false_alarm=false_alarm))
     assert 0.25 * false_alarm < np.mean((tested.status & StatusBit.TWO_PATHS) > 0) < 0.6 * false_alarm
@@ -115,7 +120,7 @@ def test_one_path_is_taken_for_two_in_a_third_of_the_share_asked_for_and_at_no_c
     assert tested.paths[0].phase_rad.std() / known.paths[0].phase_rad.std() < 1.05
 
 
-def test_two_paths_are_taken_for_three_in_a_third_of_the_share_asked_for_and_at_little_cost() -> None:
+def test_two_paths_are_taken_for_three_in_a_third_of_the_false_alarm_rate_and_at_little_cost() -> None:
     drawn = Mixture((1.0, 0.5), (5.0, 15.0)).phasors((1, 2, 3), n_av=1e5, size=RUNS, rng=np.random.default_rng(10))
     tested = resolved(drawn, (1, 2, 3), 1e5, ResolverSettings(paths=3, false_alarm=0.05))
     assert 0.22 * 0.05 < np.mean((tested.status & StatusBit.MORE_PATHS) > 0) < 0.6 * 0.05
@@ -127,8 +132,11 @@ def test_two_paths_are_taken_for_three_in_a_third_of_the_share_asked_for_and_at_
 @pytest.mark.parametrize(
     ("harmonics", "n_av"), [((1, 2, 3), 300.0), ((1, 2, 3), 2e3), ((1, 2, 4), 1e3), ((1, 2, 3, 4), 1e3)]
 )
-def test_no_search_of_everything_finds_a_better_pair(harmonics: tuple[int, ...], n_av: float) -> None:
-    """White noise, where the best amplitudes for two delays are a linear problem, solved by NNLS on a fine grid."""
+def test_no_exhaustive_search_finds_a_better_pair(harmonics: tuple[int, ...], n_av: float) -> None:
+    """With white noise the best amplitudes for two given delays are a linear problem.
+
+    NNLS solves this problem here for every pair of delays on a fine grid.
+    """
     drawn = Mixture((1.0, 0.4), (5.0, 13.0), asr=3.0).phasors(
         harmonics, n_av=n_av, size=25, rng=np.random.default_rng(11)
     )
@@ -145,7 +153,7 @@ def test_no_search_of_everything_finds_a_better_pair(harmonics: tuple[int, ...],
         assert chi_squared <= best**2 + 0.1
 
 
-def test_chi_squared_says_where_two_paths_are_too_few() -> None:
+def test_chi_squared_is_large_where_two_paths_are_too_few() -> None:
     three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0)).exact((1, 2, 3, 4))
     two = Mixture((1.0, 0.6), (5.0, 13.0)).exact((1, 2, 3, 4))
     left = resolved(np.concatenate((three, two), axis=1), (1, 2, 3, 4), 1e6).chi_squared
@@ -154,8 +162,12 @@ def test_chi_squared_says_where_two_paths_are_too_few() -> None:
 
 
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 4)])
-def test_harmonics_of_one_path_fall_off_by_a_deviate_of_unit_variance(harmonics: tuple[int, ...]) -> None:
-    """Squared, with its sign: as often up as down, a mean of 1 and a median of .455 without it; two close paths fall off."""
+def test_the_fall_off_of_one_path_is_the_signed_square_of_a_normal_deviate(harmonics: tuple[int, ...]) -> None:
+    """`fall_off` is the square of a standard normal deviate, with the sign of the deviate.
+
+    So its sign is + in half of the pixels; its magnitude has the mean 1 and the median .455. Light of two close paths
+    falls off, so that its sign is +.
+    """
     noise, rng = noise_of(harmonics, n_av=1e5), np.random.default_rng(11)
 
     def fall_off(problem: Mixture) -> F:
@@ -173,7 +185,7 @@ def test_harmonics_of_one_path_fall_off_by_a_deviate_of_unit_variance(harmonics:
 
 
 def test_paths_of_the_same_phase_cannot_be_told_apart_at_all() -> None:
-    """Whatever rounding makes of the length of their rotors, which is above 1 for some."""
+    """This must hold although rounding makes the length of some rotors larger than 1."""
     phase = np.linspace(0.0, 2.0 * np.pi, 1000)
     cos, sin = np.cos(phase), np.sin(phase)
     assert (cos * cos + sin * sin > 1.0).any()
@@ -183,8 +195,8 @@ def test_paths_of_the_same_phase_cannot_be_told_apart_at_all() -> None:
     assert (fit.doubt > 1e4).all()
 
 
-def test_a_path_without_an_amplitude_is_none_and_comes_last() -> None:
-    """Of two pixels, the first path of the first is nothing; those of the second are both there, in the order found."""
+def test_a_path_with_an_amplitude_of_0_is_missing_and_comes_last() -> None:
+    """In the first pixel, the first path has the amplitude 0. In the second pixel both paths exist and keep their order."""
     amplitude, phase = np.array([[0.0, 0.2], [1.0, 0.9]]), np.array([[2.0, 2.0], [1.0, 3.0]])
     found = LikelyPaths(
         Found(amplitude, np.cos(phase), np.sin(phase)), np.full((2, 2), 0.01), np.zeros(2), np.ones(2, np.bool_)

@@ -1,4 +1,4 @@
-"""The loop alone, on Rosenbrock's function as least squares: 10·(y − x²) and 1 − x."""
+"""The loop of Levenberg–Marquardt on Rosenbrock's function as least squares: residuals 10·(y − x²) and root − x."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -14,7 +14,7 @@ SOLVER = LevenbergMarquardt(max_steps=200, absolute=1e-20)
 
 @dataclass(frozen=True)
 class Rosenbrock:
-    """Valleys with their lowest point at (root, root²)."""
+    """Rosenbrock functions, one per problem, each with its minimum at (root, root²)."""
 
     root: Float
 
@@ -53,14 +53,14 @@ def test_a_problem_solved_alone_takes_the_same_steps() -> None:
     together, steps = SOLVER.descended(valleys, starts)
     for index in range(40):
         some = np.array([index])
-        alone, own_steps = SOLVER.descended(valleys[some], starts[:, some])
+        alone, steps_alone = SOLVER.descended(valleys[some], starts[:, some])
         assert (alone.points[:, 0] == together.points[:, index]).all()
         assert alone.cost[0] == together.cost[index]
-        assert own_steps[0] == steps[index]
+        assert steps_alone[0] == steps[index]
 
 
 @pytest.mark.parametrize("limit", [1, 3])
-def test_the_limit_is_kept_and_failure_is_told(limit: int) -> None:
+def test_a_search_that_reaches_its_limit_of_steps_has_not_converged(limit: int) -> None:
     valleys, starts = problem(50)
     end, steps = replace(SOLVER, max_steps=limit).descended(valleys, starts)
     assert not end.converged.all()
@@ -68,14 +68,14 @@ def test_the_limit_is_kept_and_failure_is_told(limit: int) -> None:
     assert (end.cost <= valleys.linearised(starts).cost).all()
 
 
-def test_a_start_that_is_the_answer_stays() -> None:
+def test_a_start_at_the_minimum_stays_there() -> None:
     valleys = Rosenbrock(np.array([1.5]))
     end, _ = SOLVER.descended(valleys, np.array([[1.5], [2.25]]))
     assert end.converged[0]
     np.testing.assert_array_equal(end.points[:, 0], [1.5, 2.25])
 
 
-def test_not_a_number_is_not_an_answer() -> None:
+def test_a_start_of_nan_does_not_converge() -> None:
     valleys, starts = problem(3)
     starts[0, 1] = np.nan
     with np.errstate(all="ignore"):
@@ -84,8 +84,8 @@ def test_not_a_number_is_not_an_answer() -> None:
 
 
 @dataclass(frozen=True)
-class Stairs:
-    """Problems that promise to get better by any step, whose cost follows a list of its own, step by step."""
+class ListedCosts:
+    """Problems whose derivatives promise a lower cost for any step, but whose cost is the next number of a fixed list."""
 
     costs: list[float]
 
@@ -101,14 +101,15 @@ class Stairs:
 
 
 @pytest.mark.parametrize("lower", [0, 1, 3, 7])
-def test_steps_that_lead_up_damp_the_next_twice_four_eight_times_as_much(lower: int) -> None:
-    """From a damping of 2⁻¹⁰ to 2⁴⁵ with ten of them, by 1 + 2 + … + 10 factors of 2; nine are not enough for 10¹².
+def test_steps_in_a_row_that_raise_the_cost_multiply_the_damping_by_2_4_8(lower: int) -> None:
+    """Ten steps in a row that raise the cost multiply the damping by 2, 4, …, 2¹⁰, so from 2⁻¹⁰ to 2⁴⁵.
 
-    Before, steps that lead down bring more than they promise, which lowers the damping to a tenth, and begin the count anew.
+    That is beyond 10¹², where the search gives up; nine such steps are not enough. The `lower` steps before them lower
+    the cost by more than was promised. Each of these divides the damping by ten and starts the factors again at 2.
     """
     costs = [100.0 - 10.0 * number for number in range(lower + 1)]
     solver = LevenbergMarquardt(max_steps=60, first_damping=2.0**-10 * 10.0**lower)
-    end, steps = solver.descended(Stairs(costs + [200.0] * 60), np.zeros((1, 1)))
+    end, steps = solver.descended(ListedCosts(costs + [200.0] * 60), np.zeros((1, 1)))
     assert steps[0] == lower + 9
     assert not end.converged[0]
     assert end.cost[0] == costs[-1]

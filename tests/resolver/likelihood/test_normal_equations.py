@@ -1,4 +1,4 @@
-"""Small systems against numpy's, and what comes of those that have no solution."""
+"""Solutions of small symmetric systems against numpy's, and the result for a system that has no solution."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_every_system_of_a_block_has_its_own_solution(size: int, damping: float)
 
 
 def test_a_system_without_a_solution_gives_a_long_step() -> None:
-    """x + y = 1 and x + y = 2, in any unit: steps of more than 10¹² and less than 10¹⁶, not infinite ones."""
+    """For x + y = 1 and x + y = 2, in any unit, the steps are between 10¹² and 10¹⁶: large, but finite."""
     size = np.array([1e-20, 1.0, 1e20])
     x = solve(cholesky(np.ones((3, 1)) * size, 2), np.array([[1.0], [2.0]]) * size)
     assert ((np.abs(x) > 1e12) & (np.abs(x) < 1e16)).all()

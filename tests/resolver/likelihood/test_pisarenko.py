@@ -1,3 +1,5 @@
+"""Pisarenko's decomposition finds as many paths as there are harmonics, exactly."""
+
 import numpy as np
 import pytest
 
@@ -31,14 +33,14 @@ def test_fewer_paths_than_harmonics_are_among_the_strongest() -> None:
     np.testing.assert_allclose(found.cos[:, 0] + 1j * found.sin[:, 0], np.exp(1j * problem.phases), atol=1e-5)
 
 
-def test_nothing_and_no_number_give_no_light() -> None:
+def test_phasors_of_0_and_nan_have_amplitudes_of_0() -> None:
     phasors = np.zeros((3, 2), np.complex128)
     phasors[1, 1] = np.nan
     np.testing.assert_allclose(pisarenko(phasors).amplitude, 0.0, atol=1e-12)
 
 
-def test_no_path_has_less_than_no_light() -> None:
-    """As many paths as harmonics have amplitudes above 0, whatever the phasors (Carathéodory 1911)."""
+def test_no_amplitude_is_negative() -> None:
+    """Any phasors are a sum of as many paths as harmonics, with amplitudes of 0 or more (Carathéodory 1911)."""
     rng = np.random.default_rng(3)
     phasors = 0.02 * (rng.normal(size=(3, 300)) + 1j * rng.normal(size=(3, 300))) + 0.3
     assert (pisarenko(np.asarray(phasors, np.complex128)).amplitude >= 0.0).all()

@@ -1,4 +1,4 @@
-"""Where searches begin, and what is known before one."""
+"""The points where a search of the likelihood begins, and the moduli and powers that are known before it."""
 
 import numpy as np
 import pytest
@@ -12,19 +12,19 @@ from tests.support.mixtures import Mixture, noise_of
 
 HARMONICS = (1, 2, 3)
 STEPS = 24
-"""Grid delays a turn: eight in a period of the highest harmonic."""
+"""Delays of the grid per turn: eight per period of the highest harmonic."""
 
 
 @pytest.mark.parametrize("place", range(0, STEPS, 5))
 @pytest.mark.parametrize("weights", [(1.0, 1.0, 1.0), (1e5, 3e4, 2e3)])
-def test_the_strongest_path_of_a_single_one_on_the_grid_is_that_one(place: int, weights: tuple[float, ...]) -> None:
+def test_a_single_path_on_the_grid_is_found_as_the_strongest_path(place: int, weights: tuple[float, ...]) -> None:
     problem = Mixture((1.0,), (place / STEPS * T1_NS,), asr=2.0)
     found = strongest_path(Measured.of_phasors(problem.exact(HARMONICS), harmonics=HARMONICS), weights=weights)
     assert_allclose(found.amplitude[0], 1.0 / 3.0, rtol=1e-12)
     assert_allclose(found.cos[0] + 1j * found.sin[0], np.exp(2j * np.pi * place / STEPS), atol=1e-12)
 
 
-def test_the_best_pair_of_two_on_the_grid_is_these_two() -> None:
+def test_two_paths_on_the_grid_are_found_as_the_best_pair() -> None:
     problem = Mixture((1.0, 0.5), (3 / STEPS * T1_NS, 11 / STEPS * T1_NS), asr=1.5)
     found = best_pair(Measured.of_phasors(problem.exact(HARMONICS), harmonics=HARMONICS), weights=(5.0, 2.0, 1.0))
     assert_allclose(found.amplitude[:, 0], np.array([1.0, 0.5]) / 3.0, rtol=1e-9)

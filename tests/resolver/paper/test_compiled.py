@@ -1,4 +1,4 @@
-"""The compiled search of Eq. (9) against the readable one: every bit, whatever comes in; and nothing that comes in can hurt."""
+"""The compiled search of Eq. (9) returns numpy's bits for any input, and refuses buffers that do not fit."""
 
 from types import ModuleType
 from typing import Any
@@ -9,8 +9,9 @@ import pytest
 from cadtof_cli.arrays import Index
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
-from cadtof_cli.resolver.paper.search import Ends, MisfitDamped, best_ends, compiled_best_ends
+from cadtof_cli.resolver.paper.levenberg_marquardt import Ends, MisfitDamped, best_ends, compiled_best_ends
 from cadtof_cli.resolver.paper.starts import RandomStarts
+from tests.resolver.compiled import assert_refused
 
 STOPPINGS = (
     MisfitDamped(),
@@ -22,7 +23,7 @@ COUNTS = (0, 1, 31, 32, 33, 501)
 
 
 def equations_of(harmonics: tuple[int, ...], count: int) -> EliminatedPath:
-    """Right sides that two paths have, next to |q| = 1 and elsewhere, that none have, and that are no numbers."""
+    """Return equations whose right sides q are those of two paths, near |q| = 1 and elsewhere; of no light; NaN and ∞."""
     rng = np.random.default_rng([count, *harmonics])
     z = 0.5 + rng.normal(size=count) * 10.0 ** rng.uniform(-8, 1, count) + 1j * 10.0 ** rng.uniform(-8, 1, count)
     right = []
@@ -75,7 +76,7 @@ def test_a_pixel_ends_the_same_whichever_others_are_solved_with_it(search: Modul
         assert_same_bits(part, Ends(whole.z[:, some], whole.cost[some], whole.converged[some], whole.steps[some]))
 
 
-def test_what_there_is_no_room_for_is_left_to_numpy(search: ModuleType) -> None:
+def test_equations_too_many_for_the_compiled_search_are_left_to_numpy(search: ModuleType) -> None:
     for harmonics in ((17,), tuple(range(2, 11))):
         equations, starts = equations_of(harmonics, 2), RandomStarts(1, 0)
         found = compiled_best_ends(
@@ -85,7 +86,7 @@ def test_what_there_is_no_room_for_is_left_to_numpy(search: ModuleType) -> None:
 
 
 def arguments(level: str) -> list[Any]:
-    """Sound ones, of two pixels."""
+    """Return valid arguments of the compiled `shares`, for two pixels."""
     plane = np.ones((1, 2))
     outputs = [np.empty((2, 2)), np.empty(2), np.empty(2, np.bool_), np.empty(2, np.int64)]
     return [level, 0, 2, 9, 2**64 - 1, 1e-3, 1e-29, 0.5, np.array([2], np.int64), plane, plane, np.arange(2), *outputs]
@@ -119,14 +120,10 @@ def arguments(level: str) -> list[Any]:
     ],
 )
 def test_buffers_that_do_not_fit_are_errors(search: ModuleType, place: int, value: object) -> None:
-    given = arguments(search.levels()[0])
-    search.shares(*given)
-    given[place] = value
-    with pytest.raises((ValueError, TypeError, BufferError)):
-        search.shares(*given)
+    assert_refused(search.shares, arguments(search.levels()[0]), place, value)
 
 
-def test_what_is_written_must_lie_apart(search: ModuleType) -> None:
+def test_outputs_that_overlap_inputs_or_are_read_only_are_refused(search: ModuleType) -> None:
     given = arguments(search.levels()[0])
     given[15] = given[11]
     with pytest.raises(ValueError, match="lies in the memory"):

@@ -1,4 +1,4 @@
-"""The phase that the fundamental alone tells: that of the one path that would answer so."""
+"""The phase from the first harmonic alone: the phase of the single path that would give this phasor."""
 
 import numpy as np
 import pytest
@@ -12,27 +12,29 @@ from cadtof_cli.resolver.response.table import response_block
 PHASE = np.linspace(0.0, 2.0 * np.pi, 721, endpoint=False)
 
 
-def off(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def phase_error(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(np.mod(found - expected + np.pi, 2.0 * np.pi) - np.pi))
 
 
-def test_under_a_sine_it_is_the_phasor_s_own() -> None:
+def test_under_a_sine_it_is_the_phase_of_the_phasor() -> None:
     found = first_phase(0.3 * np.exp(1j * (PHASE - 4.0 * np.pi)), response=None)
-    assert off(found, PHASE).max() < 1e-12
+    assert phase_error(found, PHASE).max() < 1e-12
     assert found.min() >= 0.0
     assert found.max() < 2.0 * np.pi
 
 
-@pytest.mark.parametrize("own", [None, 0.7, -2.0, 3.1])
-def test_under_a_triangle_a_path_s_own_phase_comes_back(own: float | None) -> None:
+@pytest.mark.parametrize("phase_of_pixels", [None, 0.7, -2.0, 3.1])
+def test_under_a_triangle_it_is_the_phase_of_the_path(phase_of_pixels: float | None) -> None:
     responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
-    of_pixels = None if own is None else np.stack([np.full(PHASE.size, own), np.full(PHASE.size, 1.0)])
-    model = response_block(responses, of_pixels)
-    turn = own or 0.0
+    phases_rad = (
+        None if phase_of_pixels is None else np.stack([np.full(PHASE.size, phase_of_pixels), np.full(PHASE.size, 1.0)])
+    )
+    model = response_block(responses, phases_rad)
+    turn = phase_of_pixels or 0.0
     phasor = 0.2 * responses[0].at(PHASE + turn) / responses[0].main * np.exp(-1j * turn)
-    assert off(np.angle(phasor), PHASE).max() > 0.05
+    assert phase_error(np.angle(phasor), PHASE).max() > 0.05
     found = first_phase(phasor, response=model.block(slice(None)))
-    assert off(found, PHASE).max() < 1e-5
+    assert phase_error(found, PHASE).max() < 1e-5
     assert found.min() >= 0.0
     assert found.max() < 2.0 * np.pi
 

@@ -1,4 +1,4 @@
-"""One step of the search under a response: the solution of four linear equations, kept within bounds."""
+"""One step of the search under a response solves four linear equations and stays within its limits."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ def fields(rng: np.random.Generator, size: float) -> Fields:
     return Fields(answer(), answer(), *left)
 
 
-def exact(sides: tuple[Fields, Fields], values: Float32) -> np.ndarray:
-    """Changes of a, x, b, y by LAPACK: columns f(x), a·f'(x), f(y), b·f'(y) in both harmonics."""
+def exact_step(sides: tuple[Fields, Fields], values: Float32) -> np.ndarray:
+    """Return the changes of a, x, b, y by LAPACK; the columns are f(x), a·f'(x), f(y), b·f'(y) of both harmonics."""
     a, _, b, _ = values
     rows, right = [], []
     for side in sides:
@@ -35,11 +35,11 @@ def exact(sides: tuple[Fields, Fields], values: Float32) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size", [1e-4, 10.0])
-def test_a_step_solves_the_four_equations_and_turns_no_path_by_more_than_allowed(size: float) -> None:
+def test_a_step_solves_the_four_equations_and_turns_no_path_by_more_than_its_limit(size: float) -> None:
     rng = np.random.default_rng(1)
     sides = fields(rng, size), fields(rng, size)
     values = rng.uniform(0.2, 1.0, (4, PIXELS)).astype(np.float32)
-    expected = exact(sides, values)
+    expected = exact_step(sides, values)
     turn = np.maximum(np.abs(expected[1]), np.abs(expected[3]))
     expected *= np.minimum(1.0, 0.4 / turn)
     found = newton_step(*sides, values)
@@ -49,7 +49,7 @@ def test_a_step_solves_the_four_equations_and_turns_no_path_by_more_than_allowed
     assert (turn < 0.4).any() if size < 1.0 else (turn > 0.4).any()
 
 
-def test_no_amplitude_falls_below_a_tenth_of_what_it_was() -> None:
+def test_no_amplitude_falls_below_a_tenth_in_one_step() -> None:
     values = np.array([[0.5, 0.5], [1.0, 1.0], [0.3, 0.3], [6.0, 6.0]], np.float32)
     step = np.array([[-0.2, -0.6], [-2.0, 0.5], [0.1, -0.28], [0.4, 0.0]], np.float32)
     np.testing.assert_allclose(stepped(values, step), [[0.3, 0.05], [-1.0, 1.5], [0.4, 0.03], [6.4, 6.0]], rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Standard deviations of two paths of a response: those of a sine where it is one, and what a triangle's paths scatter by."""
+"""Predicted standard deviations of two paths: for a sine those of the closed form, for a triangle the scatter."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,10 @@ def triangle(theta: Float) -> Float:
 
 
 def drawn(light: dict[float, float], asr: float, n_av: float, *, size: tuple[int, int], seed: int = 0) -> Float:
-    """Voltages (2, 2, Y, X) of photons by delay in ns, whose moments are sums over the times at which photons arrive."""
+    """Return voltages (2, 2, Y, X) of `light`, numbers of photons by delay in ns.
+
+    Mean and covariance of the samples are sums over the times at which photons arrive, not over a Fourier series.
+    """
     times = (np.arange(20_000) + 0.5) * T1_NS / 20_000
     chance = np.full(times.size, asr / times.size)
     for delay, photons in light.items():
@@ -55,10 +58,13 @@ def drawn(light: dict[float, float], asr: float, n_av: float, *, size: tuple[int
         ((12.9, 26.4), 0.84, 9.85, 6.2e4),
     ],
 )
-def test_paths_of_a_triangle_scatter_by_their_sigma(
+def test_two_paths_of_a_triangle_scatter_as_their_sigmas_predict(
     delays_ns: tuple[float, float], ratio: float, asr: float, n_av: float
 ) -> None:
-    """By the sine's slopes, .46 to .94 of these pixels would lie within one of them, and .49 to .92 of the second paths."""
+    """A share of .683 of the paths lies within one sigma, and .954 within two.
+
+    With the slopes of a sine, .46 to .94 of the direct and .49 to .92 of the second paths would lie within one sigma.
+    """
     metadata = CaptureMetadata(modulation=TRIANGLE, pixel=Pixel(integration_length=n_av))
     settings = ResolverSettings(order="2", returns="strongest", mpi_model="discrete")
     frame = drawn(dict(zip(delays_ns, (1.0, ratio), strict=True)), asr, n_av, size=(64, 64))
@@ -69,13 +75,20 @@ def test_paths_of_a_triangle_scatter_by_their_sigma(
         assert np.mean(np.abs(scatter) < 2.0) == pytest.approx(0.954, abs=0.02)
 
 
-@pytest.mark.parametrize(("apart_ns", "least", "most"), [(8.0, 0.0, 0.005), (6.0, 0.02, 0.1), (4.0, 0.2, 0.45)])
-def test_near_each_other_two_paths_of_a_triangle_may_be_other_two(apart_ns: float, least: float, most: float) -> None:
-    """No fault of the search: what is found fits as well (docs/calibration.md). With pulses of 1.7 ns; shorter ones hide more."""
+@pytest.mark.parametrize(
+    ("separation_ns", "least_share", "most_share"), [(8.0, 0.0, 0.005), (6.0, 0.02, 0.1), (4.0, 0.2, 0.45)]
+)
+def test_two_close_paths_of_a_triangle_may_be_resolved_as_another_pair(
+    separation_ns: float, least_share: float, most_share: float
+) -> None:
+    """The search is not at fault: the other pair of paths fits equally well (docs/calibration.md).
+
+    The pulses are 1.7 ns wide; with shorter pulses more pixels are wrong.
+    """
     rng, size, n_av, shares = np.random.default_rng(0), (40, 50), 1e6, np.array([1.0, 0.3]) / 3.3
-    delays = rng.uniform(0.0, T1_NS - apart_ns, size)
+    delays = rng.uniform(0.0, T1_NS - separation_ns, size)
     pulse = np.linspace(-5.0, 5.0, 201)
-    times = np.stack([delays, delays + apart_ns])[..., np.newaxis] + 1.7 / 2.354820045 * pulse
+    times = np.stack([delays, delays + separation_ns])[..., np.newaxis] + 1.7 / 2.354820045 * pulse
     weights = np.exp(-0.5 * pulse**2) / np.exp(-0.5 * pulse**2).sum()
     frame = np.empty((2, 2, *size))
     for row, h in enumerate((1, 2)):
@@ -87,20 +100,20 @@ def test_near_each_other_two_paths_of_a_triangle_may_be_other_two(apart_ns: floa
     settings = ResolverSettings(order="2", mpi_model="discrete")
     maps = resolve_frame(frame, plan=FramePlan(metadata=metadata, settings=MapSettings(resolver=settings))).maps
     error = np.abs(maps.layer("direct.depth") - 0.299792458 * delays / 2.0)
-    assert least <= np.mean(error > np.maximum(0.02, 5.0 * maps.layer("direct.sigma"))) <= most
+    assert least_share <= np.mean(error > np.maximum(0.02, 5.0 * maps.layer("direct.sigma"))) <= most_share
 
 
-def test_one_path_of_a_triangle_is_as_precise_with_the_order_test_where_two_would_split_it() -> None:
-    """What two paths cost there is the triangle's, not a sine's."""
+def test_the_order_test_rarely_splits_one_path_of_a_triangle_into_two() -> None:
+    """The order test weighs the scatter that a second path adds under a triangle, not under a sine."""
     metadata = CaptureMetadata(modulation=TRIANGLE, pixel=Pixel(integration_length=1e5))
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")))
     maps = resolve_frame(drawn({20.0: 1.0}, 2.0, 1e5, size=(128, 128), seed=3), plan=plan).maps
     assert np.mean((maps.status & StatusBit.TWO_PATHS) > 0) < 0.0075
 
 
-@pytest.mark.parametrize("own", [None, np.random.default_rng(2).uniform(-3.0, 3.0, (2, 200))])
-def test_of_a_sine_they_are_those_of_the_closed_form(own: Float | None) -> None:
-    """Whatever pixels add to the phases: noise is told for the light, not for the wave."""
+@pytest.mark.parametrize("pixel_phases", [None, np.random.default_rng(2).uniform(-3.0, 3.0, (2, 200))])
+def test_sigmas_of_a_sine_are_those_of_the_closed_form(pixel_phases: Float | None) -> None:
+    """The phases that pixels add change nothing, because the noise is that of the light and not of the waveform."""
     rng = np.random.default_rng(1)
     amplitude = np.stack([rng.uniform(0.3, 0.5, 200), rng.uniform(0.05, 0.3, 200)])
     first = rng.uniform(0.0, 2.0 * np.pi, 200)
@@ -108,11 +121,11 @@ def test_of_a_sine_they_are_those_of_the_closed_form(own: Float | None) -> None:
     phasors = (amplitude * np.exp(1j * np.array([1, 2])[:, None, None] * phase)).sum(axis=1)
     noise = noise_model(CaptureMetadata(), integration_length=1e5, quantised=False)
     two = two_paths(fundamental_frame(*phasors))
-    found = response_sigmas(two.amplitude, two.phases(), response=response_block(SINE, own), noise=noise)
+    found = response_sigmas(two.amplitude, two.phases(), response=response_block(SINE, pixel_phases), noise=noise)
     assert_allclose(found, two_path_sigmas(two, noise=noise), rtol=5e-3)
 
 
-def test_they_are_infinite_where_there_is_no_second_path_or_both_are_the_same() -> None:
+def test_sigmas_are_infinite_without_a_second_path_or_for_two_equal_paths() -> None:
     noise = noise_model(CaptureMetadata(modulation=TRIANGLE), integration_length=1e5, quantised=False)
     with np.errstate(all="ignore"):
         found = response_sigmas(

@@ -1,4 +1,4 @@
-"""Triangle modulation and other responses: paths from voltages that come by sampling the wave, not by its series."""
+"""Triangle modulation and other responses. The voltages are samples of the waveform, not of its Fourier series."""
 
 from dataclasses import replace
 from typing import Any
@@ -21,9 +21,9 @@ from tests.support.campaign import camera, card
 from tests.support.defects import DefectiveCamera, Defects, smeared
 
 
-def plan_for(seen: DefectiveCamera, **settings: Any) -> FramePlan:
+def plan_for(sensor: DefectiveCamera, **settings: Any) -> FramePlan:
     resolver = ResolverSettings(mpi_model="discrete", **settings)
-    return FramePlan(metadata=seen.metadata, settings=MapSettings(resolver=resolver))
+    return FramePlan(metadata=sensor.metadata, settings=MapSettings(resolver=resolver))
 
 
 def test_the_series_of_a_triangle_is_the_triangle() -> None:
@@ -35,7 +35,7 @@ def test_the_series_of_a_triangle_is_the_triangle() -> None:
         assert np.abs(response.at(theta) - sampled).max() < 5e-4
 
 
-def test_tables_are_the_series() -> None:
+def test_tables_hold_the_values_of_the_series() -> None:
     responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
     model = response_block(responses, None)
     phase = np.linspace(-7.0, 7.0, 1001, dtype=np.float32)
@@ -45,32 +45,32 @@ def test_tables_are_the_series() -> None:
         np.testing.assert_allclose(found.re + 1j * found.im, expected, atol=3e-6)
 
 
-@pytest.mark.parametrize("stretch", [slice(0, 7), slice(3, 9), slice(5, 6)])
-def test_a_block_of_pixels_has_the_phases_of_these_pixels(stretch: slice) -> None:
-    own = np.random.default_rng(1).uniform(-1.0, 1.0, (2, 9))
+@pytest.mark.parametrize("pixels", [slice(0, 7), slice(3, 9), slice(5, 6)])
+def test_a_block_has_the_phases_of_its_own_pixels(pixels: slice) -> None:
+    phase_rad = np.random.default_rng(1).uniform(-1.0, 1.0, (2, 9))
     responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
-    model = response_block(responses, own)
-    block = model.block(stretch)
-    phasors = np.full((2, own[:, stretch].shape[1]), 0.3 + 0.0j)
+    model = response_block(responses, phase_rad)
+    block = model.block(pixels)
+    phasors = np.full((2, phase_rad[:, pixels].shape[1]), 0.3 + 0.0j)
     for row, (re, im) in enumerate(block.observed(phasors)):
-        np.testing.assert_allclose(re + 1j * im, 0.3 * np.exp(1j * own[row, stretch]), rtol=1e-6)
+        np.testing.assert_allclose(re + 1j * im, 0.3 * np.exp(1j * phase_rad[row, pixels]), rtol=1e-6)
         back = block.turned_back(row, re, im)
         np.testing.assert_allclose(back[0] + 1j * back[1], 0.3, atol=1e-7)
         theta = block.theta(row, np.full(re.shape, 0.5, np.float32), slice(None))
-        np.testing.assert_allclose(theta, 0.5 * (row + 1) + own[row, stretch], rtol=1e-5)
+        np.testing.assert_allclose(theta, 0.5 * (row + 1) + phase_rad[row, pixels], rtol=1e-5)
     bare = response_block(responses, None)
-    (re, im), _ = bare.block(stretch).observed(phasors)
+    (re, im), _ = bare.block(pixels).observed(phasors)
     np.testing.assert_allclose(re + 1j * im, 0.3)
 
 
-def test_a_response_of_main_and_mirror_leaves_nothing_to_refine() -> None:
+def test_a_response_of_main_and_mirror_term_needs_no_table() -> None:
     responses = [HarmonicResponse(h, ((1, 0.9 + 0.1j), (-1, 0.02j))) for h in (1, 2)]
     assert tabulated_responses(responses, None) is None
 
 
 @pytest.mark.parametrize("kernel", available_kernels())
-def test_two_paths_that_coincide_keep_the_answer_that_has_no_next_step(kernel: str) -> None:
-    """The step after, unseen, was not a number: two paths by the status, and none by the maps."""
+def test_two_paths_that_coincide_keep_the_answer_before_a_step_of_nan(kernel: str) -> None:
+    """The next step would be NaN. It must not be taken: the status says two paths, so the maps must hold two."""
     metadata = CaptureMetadata(
         modulation=Modulation(waveform="triangle"),
         pixel=Pixel(integration_length=1e5),
@@ -84,7 +84,7 @@ def test_two_paths_that_coincide_keep_the_answer_that_has_no_next_step(kernel: s
     assert np.isfinite(maps.layer("mpi.depth")).all()
 
 
-def test_two_paths_that_are_beyond_all_numbers_are_no_answer() -> None:
+def test_two_paths_whose_search_overflows_have_no_answer() -> None:
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
     model = response_block(ideal_response(metadata), None)
     found = resolve_paths(
@@ -100,8 +100,8 @@ def test_two_paths_that_are_beyond_all_numbers_are_no_answer() -> None:
 
 @pytest.mark.parametrize("order", ["1", "2", "auto"])
 @pytest.mark.parametrize("size", [1e-30, 1e-10, 1.0, 1e10])
-def test_a_pixel_has_one_number_of_paths_however_faint_it_is(size: float, order: str) -> None:
-    """Below 10⁻²³ squares of a float32 are 0, so that nothing is left of one path either."""
+def test_status_and_paths_agree_on_the_number_of_paths_however_faint_the_light(size: float, order: str) -> None:
+    """Amplitudes below 10⁻²³ have squares of 0 in float32. The status and the paths must agree there too."""
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
     model = response_block(ideal_response(metadata), None)
     rng = np.random.default_rng(6)
@@ -142,30 +142,30 @@ def test_a_mean_under_a_response_is_resolved_as_a_recording_of_all_its_photons()
     )
     noise = replace(noise_model(metadata, integration_length=n_av, quantised=False), samples=np.full(count, frames))
     mean = resolve_paths(drawn, status=status, settings=settings, noise=noise, response=block)
-    off = np.abs(mean.paths.phase_rad - one.paths.phase_rad) / one.paths.sigma_rad
-    assert np.nanmax(off) < 1e-2
+    difference = np.abs(mean.paths.phase_rad - one.paths.phase_rad) / one.paths.sigma_rad
+    assert np.nanmax(difference) < 1e-2
 
 
-def test_one_path_of_a_triangle_is_unbiased_and_one() -> None:
-    seen = camera(Defects(), waveform="triangle")
+def test_one_path_of_a_triangle_is_resolved_as_one_path_without_bias() -> None:
+    sensor = camera(Defects(), waveform="triangle")
     ranges = np.linspace(0.2, 5.6, 60 * 80).reshape(1, 60, 80)
-    frame = seen.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=1, seed=3)[0]
-    maps = resolve_frame(frame, plan=plan_for(seen)).maps
+    frame = sensor.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=1, seed=3)[0]
+    maps = resolve_frame(frame, plan=plan_for(sensor)).maps
     error = 100.0 * (maps.layer("direct.depth") - ranges[0])
     assert abs(error.mean()) < 0.1
     assert ((maps.status & StatusBit.ONE_PATH) > 0).mean() > 0.97
     scatter = error / (100.0 * maps.layer("direct.sigma"))
     assert np.median(np.abs(scatter)) == pytest.approx(0.6745, rel=0.1)
-    sine = replace(plan_for(seen), metadata=replace(seen.metadata, modulation=Modulation(waveform="sine")))
+    sine = replace(plan_for(sensor), metadata=replace(sensor.metadata, modulation=Modulation(waveform="sine")))
     wrong = resolve_frame(frame, plan=sine).maps
     assert ((wrong.status & StatusBit.TWO_PATHS) > 0).mean() > 0.5
 
 
-def test_two_paths_of_a_triangle_converge_without_bias() -> None:
-    """At 6 ns subtracting the third harmonic again and again does not converge; the search does."""
-    seen = camera(Defects(), waveform="triangle")
-    frame = card(seen, count=1, seed=4, clean=0.0)[0]
-    maps = resolve_frame(frame, plan=plan_for(seen)).maps
+def test_two_paths_of_a_triangle_converge_without_bias_of_the_depth() -> None:
+    """At a separation of 6 ns, to subtract the third harmonic again and again does not converge; the search does."""
+    sensor = camera(Defects(), waveform="triangle")
+    frame = card(sensor, count=1, seed=4, clean=0.0)[0]
+    maps = resolve_frame(frame, plan=plan_for(sensor)).maps
     known = maps.layer("direct.sigma") < 0.1
     assert ((maps.status[known] & StatusBit.NOT_CONVERGED) == 0).mean() >= 0.995
     error = 100.0 * (maps.layer("direct.depth") - 0.75)
@@ -173,11 +173,14 @@ def test_two_paths_of_a_triangle_converge_without_bias() -> None:
         assert abs(np.nanmedian(error[:, columns])) < 0.5
 
 
-def test_close_and_strong_second_paths_of_a_triangle_are_led_to_their_answer() -> None:
-    """From 2 ns on, with up to 0.6 of the direct light: 12 in 100 of them do not end in the answer without being led to it."""
-    seen = camera(Defects(), waveform="triangle", n_av=1e6)
-    frame = card(seen, count=1, seed=5, separations_ns=(2.0, 30.0), clean=0.0)[0]
-    maps = resolve_frame(frame, plan=plan_for(seen, order="2")).maps
+def test_close_and_strong_second_paths_of_a_triangle_are_found() -> None:
+    """Separations start at 2 ns, and the second path has up to .6 of the direct light.
+
+    Without the stages that lead the search from a sine to the triangle, 12 in 100 of these pixels miss the answer.
+    """
+    sensor = camera(Defects(), waveform="triangle", n_av=1e6)
+    frame = card(sensor, count=1, seed=5, separations_ns=(2.0, 30.0), clean=0.0)[0]
+    maps = resolve_frame(frame, plan=plan_for(sensor, order="2")).maps
     assert ((maps.status & StatusBit.NOT_CONVERGED) > 0).mean() < 0.04
     error = np.abs(maps.layer("direct.depth") - 0.75)
     assert np.nanmean(error > 0.05) < 0.04
@@ -186,19 +189,19 @@ def test_close_and_strong_second_paths_of_a_triangle_are_led_to_their_answer() -
 
 @pytest.mark.parametrize("block_pixels", [97, 1000])
 def test_blocks_of_any_size_give_the_same_bits(block_pixels: int) -> None:
-    seen = camera(Defects(), waveform="triangle")
-    frame = card(seen, count=1, seed=5, separations_ns=(2.0, 20.0))[0]
-    whole = resolve_frame(frame, plan=plan_for(seen)).maps
-    parts = resolve_frame(frame, plan=replace(plan_for(seen), block_pixels=block_pixels)).maps
+    sensor = camera(Defects(), waveform="triangle")
+    frame = card(sensor, count=1, seed=5, separations_ns=(2.0, 20.0))[0]
+    whole = resolve_frame(frame, plan=plan_for(sensor)).maps
+    parts = resolve_frame(frame, plan=replace(plan_for(sensor), block_pixels=block_pixels)).maps
     np.testing.assert_array_equal(whole.values, parts.values)
     np.testing.assert_array_equal(whole.status, parts.status)
 
 
-def test_an_answer_that_does_not_meet_its_equations_says_so() -> None:
-    """Voltages that no two triangles make: the pixel keeps its best attempt, and the bit."""
-    seen = camera(Defects(), waveform="triangle", n_av=1e8)
-    frame = card(seen, count=1, seed=6, separations_ns=(0.2, 1.2), clean=0.0)[0]
-    maps = resolve_frame(frame, plan=plan_for(seen)).maps
+def test_an_answer_that_does_not_solve_its_equations_has_the_bit_not_converged() -> None:
+    """No two paths of a triangle give these voltages. The pixel keeps the best attempt, with the bit NOT_CONVERGED."""
+    sensor = camera(Defects(), waveform="triangle", n_av=1e8)
+    frame = card(sensor, count=1, seed=6, separations_ns=(0.2, 1.2), clean=0.0)[0]
+    maps = resolve_frame(frame, plan=plan_for(sensor)).maps
     two = (maps.status & StatusBit.TWO_PATHS) > 0
     failed = (maps.status & StatusBit.NOT_CONVERGED) > 0
     assert failed.any()
@@ -207,10 +210,10 @@ def test_an_answer_that_does_not_meet_its_equations_says_so() -> None:
 
 
 def test_paths_of_a_triangle_are_ill_conditioned_where_a_sigma_exceeds_a_quarter_of_their_separation() -> None:
-    """As for a sine: the sine of half the separation as a phase of the fundamental, halved; sigma as a phase too."""
-    seen = camera(Defects(), waveform="triangle", n_av=3e3)
-    frame = card(seen, count=1, seed=5, separations_ns=(1.0, 12.0), clean=0.0)[0]
-    maps = resolve_frame(frame, plan=plan_for(seen, order="2")).maps
+    """The rule is that of a sine: sigma, as a phase of the fundamental, exceeds half of |sin(separation/2)|."""
+    sensor = camera(Defects(), waveform="triangle", n_av=3e3)
+    frame = card(sensor, count=1, seed=5, separations_ns=(1.0, 12.0), clean=0.0)[0]
+    maps = resolve_frame(frame, plan=plan_for(sensor, order="2")).maps
     metres = 0.299792458 * 40.0 / (4 * np.pi)
     two = ((maps.status & StatusBit.TWO_PATHS) > 0) & ((maps.status & StatusBit.NOT_CONVERGED) == 0)
     half = np.abs(np.sin(0.5 * (maps.layer("mpi.depth") - maps.layer("direct.depth"))[two] / metres))
@@ -222,18 +225,21 @@ def test_paths_of_a_triangle_are_ill_conditioned_where_a_sigma_exceeds_a_quarter
     assert ((ratio > 0.28) & (ratio < 0.49)).sum() > 10
 
 
-def test_one_path_of_a_triangle_is_in_doubt_in_a_tenth_of_pixels_and_where_a_second_one_is_close() -> None:
-    seen = camera(Defects(), waveform="triangle", n_av=1e5)
+def test_one_path_of_a_triangle_is_ill_conditioned_in_a_tenth_of_pixels_and_near_a_second_path() -> None:
+    sensor = camera(Defects(), waveform="triangle", n_av=1e5)
     clean, close = (
-        resolve_frame(card(seen, count=1, seed=6, separations_ns=(2.0, 2.5), clean=share)[0], plan=plan_for(seen)).maps
+        resolve_frame(
+            card(sensor, count=1, seed=6, separations_ns=(2.0, 2.5), clean=share)[0],
+            plan=plan_for(sensor),
+        ).maps
         for share in (1.0, 0.0)
     )
     assert ((clean.status & StatusBit.ILL_CONDITIONED) > 0).mean() == pytest.approx(0.1, abs=0.02)
     assert ((close.status & (StatusBit.ILL_CONDITIONED | StatusBit.TWO_PATHS)) > 0).mean() > 0.8
 
 
-def test_where_two_paths_are_asked_for_of_one_there_is_the_one() -> None:
-    """Phasors that are those of one path to the bit."""
+def test_two_paths_asked_for_in_light_of_one_path_include_that_path() -> None:
+    """The phasors are exactly those of one path."""
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
     model = response_block(ideal_response(metadata), None)
     phasors = np.asarray(0.3 * np.exp(1j * np.array([[1], [2]]) * np.linspace(0.1, 6.2, 50)), np.complex128)

@@ -1,3 +1,5 @@
+"""Phases from rotors: an arcsine by a polynomial, compared with Euler's series in 50 decimal digits."""
+
 from decimal import Decimal, localcontext
 
 import numpy as np
@@ -11,7 +13,10 @@ ULP = np.spacing(2 * np.pi)
 
 
 def arcsine(s: Decimal) -> Decimal:
-    """The arctangent of s/√(1−s²) by Euler's series, Σ 2^(2k)·(k!)²/(2k+1)! · t^(2k+1)/(1+t²)^(k+1): nothing like ours."""
+    """Return arctan t, t = s/√(1−s²), by Euler's series Σ 2^(2k)·(k!)²/(2k+1)! · t^(2k+1)/(1+t²)^(k+1).
+
+    This method has nothing in common with the polynomial under test.
+    """
     t = s / (1 - s * s).sqrt()
     term = t / (1 + t * t)
     total, k = term, 0
@@ -28,11 +33,11 @@ def test_the_polynomial_is_the_arcsine_to_1e_17() -> None:
         for step in range(1, 300):
             s = Decimal(SIN_TWELFTH) * step / 299
             z = s * s
-            ours = s + s * z * sum(Decimal(c) * z**k for k, c in enumerate(COEFFICIENTS))
-            assert abs(ours / arcsine(s) - 1) < Decimal("1.1e-17")
+            polynomial = s + s * z * sum(Decimal(c) * z**k for k, c in enumerate(COEFFICIENTS))
+            assert abs(polynomial / arcsine(s) - 1) < Decimal("1.1e-17")
 
 
-def test_the_turn_and_its_limit_are_the_nearest_numbers() -> None:
+def test_the_constants_are_the_nearest_numbers_to_their_values() -> None:
     assert float((Decimal(6).sqrt() - Decimal(2).sqrt()) / 4) == SIN_TWELFTH
     assert float(Decimal(3).sqrt() / 2) == COS_SIXTH
 
@@ -49,7 +54,7 @@ def test_small_phases_keep_their_digits() -> None:
     np.testing.assert_allclose(phase_of(np.cos(phase), np.sin(phase)), phase, rtol=4e-16)
 
 
-def test_a_rotor_that_rounding_has_made_longer_has_its_phase_all_the_same() -> None:
+def test_a_rotor_of_a_length_that_is_not_quite_1_has_the_same_phase() -> None:
     phase = np.random.default_rng(11).uniform(0.1, 2 * np.pi - 0.1, 10_000)
     for size in (1 - 1e-13, 1 + 1e-13):
         assert np.abs(phase_of(size * np.cos(phase), size * np.sin(phase)) - phase).max() < 1e-13
@@ -72,12 +77,14 @@ def test_a_rotor_that_rounding_has_made_longer_has_its_phase_all_the_same() -> N
         (np.nan, np.nan, np.nan),
     ],
 )
-def test_phases_of_the_axes_and_of_what_is_no_number(cos: float, sin: float, phase: float) -> None:
+def test_phases_on_the_axes_and_diagonals_and_of_nan(cos: float, sin: float, phase: float) -> None:
     np.testing.assert_allclose(phase_of(np.array([cos]), np.array([sin])), [phase], rtol=2e-16, atol=0)
 
 
 @given(st.floats(-1, 1).filter(lambda sin: sin != 0), st.booleans())
-def test_a_phase_lies_in_one_turn_and_its_mirror_image_on_the_other_side(sin: float, behind: bool) -> None:
+def test_a_phase_lies_between_0_and_a_full_turn_and_a_mirrored_rotor_has_the_negative_phase(
+    sin: float, behind: bool
+) -> None:
     cos = (-1) ** behind * np.sqrt((1 - sin) * (1 + sin))
     phase, mirrored = phase_of(np.array([cos, cos]), np.array([abs(sin), -abs(sin)]))
     assert 0 <= phase <= np.pi

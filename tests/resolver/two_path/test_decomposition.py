@@ -1,4 +1,4 @@
-"""Two paths of any phasors: numpy and every instruction set of the compiled kernel give the same bits."""
+"""The decomposition of any phasors into two paths has the same bits in numpy and in every compiled kernel."""
 
 from dataclasses import fields
 from types import ModuleType
@@ -6,14 +6,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
+from tests.resolver.compiled import compiled_kernels
 from tests.support.hard_pixels import HARD
 
 pytestmark = pytest.mark.usefixtures("compiled")
-
-KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -23,19 +22,19 @@ def test_hard_pixels_have_the_same_bits(name: str, count: int) -> None:
     expected = decomposed(p1, p2)
     with np.errstate(all="ignore"):
         phases = expected.phases()
-    for kernel in KERNELS:
+    for kernel in compiled_kernels():
         found = decomposed(p1, p2, kernel=kernel)
         for field in fields(TwoPaths):
             np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name), err_msg=field.name)
         np.testing.assert_array_equal(found.phases(), phases)
 
 
-def test_two_paths_that_were_put_in_come_out() -> None:
+def test_two_known_paths_are_found() -> None:
     rng = np.random.default_rng(3)
     a, b, x = rng.uniform(0.6, 1.0, 500), rng.uniform(0.1, 0.5, 500), rng.uniform(0.5, 5.0, 500)
     y = x + rng.uniform(0.3, 1.2, 500)
     p1, p2 = (a * np.exp(1j * h * x) + b * np.exp(1j * h * y) for h in (1, 2))
-    for kernel in (NUMPY, *KERNELS):
+    for kernel in (NUMPY, *compiled_kernels()):
         paths = decomposed(p1, p2, kernel=kernel)
         first = paths.a > paths.b
         np.testing.assert_allclose(np.where(first, *paths.amplitude), a)
@@ -43,26 +42,26 @@ def test_two_paths_that_were_put_in_come_out() -> None:
         np.testing.assert_allclose(np.where(first, *paths.phases()[::-1]), np.mod(y, 2.0 * np.pi))
 
 
-@pytest.mark.parametrize("which", range(3))
-def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, which: int) -> None:
+@pytest.mark.parametrize("place", range(3))
+def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, place: int) -> None:
     level = compiled.levels()[0]
-    good = [np.ones(5, complex), np.ones(5, complex), np.zeros((9, 5))]
-    compiled.decompose(level, *good)
-    assert good[2][0].tolist() == [1.0] * 5
-    for wrong in (
-        np.ones(good[which].size + 1, good[which].dtype),
-        np.zeros(good[which].shape, np.float32),
+    sound = [np.ones(5, complex), np.ones(5, complex), np.zeros((9, 5))]
+    compiled.decompose(level, *sound)
+    assert sound[2][0].tolist() == [1.0] * 5
+    for unfit in (
+        np.ones(sound[place].size + 1, sound[place].dtype),
+        np.zeros(sound[place].shape, np.float32),
         None,
         "text",
     ):
-        given = [*good[:which], wrong, *good[which + 1 :]]
+        given = [*sound[:place], unfit, *sound[place + 1 :]]
         with pytest.raises((TypeError, ValueError)):
             compiled.decompose(level, *given)
     with pytest.raises(ValueError, match="level"):
-        compiled.decompose("mmx", *good)
+        compiled.decompose("mmx", *sound)
     memory = np.zeros((9, 5))
     with pytest.raises(ValueError, match="lies in the memory"):
-        compiled.decompose(level, memory.ravel()[:10].view(complex), good[1], memory)
-    good[2].setflags(write=False)
+        compiled.decompose(level, memory.ravel()[:10].view(complex), sound[1], memory)
+    sound[2].setflags(write=False)
     with pytest.raises((ValueError, BufferError)):
-        compiled.decompose(level, *good)
+        compiled.decompose(level, *sound)

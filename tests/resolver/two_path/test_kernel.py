@@ -1,4 +1,4 @@
-"""The compiled kernel against numpy, bit for bit: every instruction set, over pixels on which arithmetic goes wrong first."""
+"""The compiled kernel gives numpy's maps, bit for bit, with every instruction set, even for numerically hard pixels."""
 
 import json
 import math
@@ -25,6 +25,7 @@ from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
 from cadtof_cli.resolver.status import count_status
 from cadtof_cli.resolver.two_path import kernel as front
+from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import record
 from tests.support.hard_pixels import HARD
@@ -39,19 +40,19 @@ pytestmark = pytest.mark.usefixtures("compiled")
 
 
 def frame(planes: NDArray[Any], width: int = WIDTH) -> NDArray[Any]:
-    """Four planes of values, (4, n), as a frame (2, 2, Y, X)."""
+    """Return four planes of values, (4, n), as a frame (2, 2, Y, X)."""
     return planes.reshape(2, 2, -1, width)
 
 
 def hard_voltages(name: str, pixels: int, seed: int = 3) -> NDArray[np.float64]:
-    """SC1 and SC2 of both harmonics, (4, n) V."""
+    """Return SC1 and SC2 of both harmonics, in V, (4, n)."""
     p1, p2 = HARD[name](np.random.default_rng(seed), pixels)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.stack([p1.real, p1.imag, p2.real, p2.imag]) * FLOATS.modulation.amplitude_v
 
 
 def counts(dtype: str = "u2", pixels: int = 20 * WIDTH, seed: int = 4) -> NDArray[Any]:
-    """What a camera stores: two paths and noise, some pixels saturated, dark or at rest."""
+    """Return counts of a camera, (2, 2, Y, X): two paths with noise; some pixels are saturated or at zero counts."""
     rng = np.random.default_rng(seed)
     volts = np.concatenate([hard_voltages(name, pixels // 2, seed) for name in ("close_paths", "faint")], axis=1)
     stored = 8192.0 + 0.3 * volts / 6.0e-5 + rng.normal(scale=7.0, size=volts.shape)
@@ -60,19 +61,12 @@ def counts(dtype: str = "u2", pixels: int = 20 * WIDTH, seed: int = 4) -> NDArra
     return frame(np.clip(np.rint(stored), 0, 16383).astype(dtype))
 
 
-def words(maps: DepthMaps) -> NDArray[np.uint32]:
-    """All layers and the status, as they lie in memory."""
-    return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]])
-
-
 def assert_same_bits(stored: Any, plan: FramePlan, calibration: Calibration | None = None) -> DepthMaps:
     """Resolve by numpy and by every compiled kernel, compare every bit, and return the maps."""
     maps = resolve_frame(stored, plan=plan, calibration=calibration, kernel=NUMPY).maps
-    compiled = [kernel for kernel in available_kernels() if kernel != NUMPY]
-    assert compiled
-    for kernel in compiled:
-        again = resolve_frame(stored, plan=plan, calibration=calibration, kernel=kernel).maps
-        np.testing.assert_array_equal(words(again), words(maps), err_msg=kernel)
+    for kernel in compiled_kernels():
+        found = resolve_frame(stored, plan=plan, calibration=calibration, kernel=kernel).maps
+        np.testing.assert_array_equal(bits_of(found), bits_of(maps), err_msg=kernel)
     return maps
 
 
@@ -93,14 +87,15 @@ def test_hard_pixels_have_the_same_bits(name: str, order: str, returns: Return) 
 
 @pytest.mark.parametrize("false_alarm", [0.5, 0.01, 1e-6])
 @pytest.mark.parametrize("integration_length", [1e3, 1e5])
-def test_pixels_that_one_path_may_do_for_have_the_same_bits(false_alarm: float, integration_length: float) -> None:
-    # sorted by how much, but for the one pixel in 32 that has two paths for certain
+def test_pixels_between_one_path_and_two_have_the_same_bits(false_alarm: float, integration_length: float) -> None:
+    # Pixels are roughly sorted by their distance from light of one path, so that groups of 32 go from one path to two.
+    # But one pixel of each group has two paths for certain.
     rng, n = np.random.default_rng(5), 32 * 640
     a, x, apart = 10 ** rng.uniform(-1.0, -0.2, n), rng.uniform(0, 2 * np.pi, n), rng.uniform(-np.pi, np.pi, n)
     b = a * 10 ** rng.uniform(-2.5, 0, n)
     harmonics = [a * np.exp(1j * h * x) + b * np.exp(1j * h * (x + apart)) for h in (1, 2)]
-    beside = np.abs(np.abs(harmonics[0]) - harmonics[1] * np.exp(-2j * np.angle(harmonics[0])))
-    order = np.argsort(beside * rng.uniform(0.97, 1.03, n))
+    distance = np.abs(np.abs(harmonics[0]) - harmonics[1] * np.exp(-2j * np.angle(harmonics[0])))
+    order = np.argsort(distance * rng.uniform(0.97, 1.03, n))
     order = np.column_stack([order[-n // 32 :], order[: -n // 32].reshape(-1, 31)]).ravel()
     planes = np.stack([part[order] for phasor in harmonics for part in (phasor.real, phasor.imag)])
     metadata = CaptureMetadata(pixel=Pixel(integration_length=integration_length))
@@ -142,7 +137,7 @@ def test_every_type_of_stored_values_has_the_same_bits(dtype: str) -> None:
 
 
 @pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
-def test_limits_that_no_float_holds_saturate_the_same_pixels(dtype: str) -> None:
+def test_limits_of_saturation_that_are_rounded_saturate_the_same_pixels(dtype: str) -> None:
     metadata = replace(FLOATS, voltage=Voltage(saturated_counts=(-0.3, 0.7)))
     stored = np.random.default_rng(1).choice(np.array([-0.3, 0.7, 0.1, np.nan, np.inf]), (4, 5 * WIDTH)).astype(dtype)
     maps = assert_same_bits(frame(stored), plan_of(metadata))
@@ -152,17 +147,17 @@ def test_limits_that_no_float_holds_saturate_the_same_pixels(dtype: str) -> None
 
 @pytest.mark.parametrize("returns", RETURNS)
 @pytest.mark.parametrize("depth", ["range", "z"])
-@pytest.mark.parametrize("own", [("dark",), ("response",), ("petzval",), ("dark", "response", "petzval")])
-def test_calibrated_pixels_have_the_same_bits(returns: Return, depth: str, own: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("parts", [("dark",), ("response",), ("petzval",), ("dark", "response", "petzval")])
+def test_calibrated_pixels_have_the_same_bits(returns: Return, depth: str, parts: tuple[str, ...]) -> None:
     stored = counts()
     metadata = replace(COUNTS, optics=Optics(focal_length_px=80.0))
-    calibration = made_up_calibration(metadata, (stored.shape[2], WIDTH), own)
+    calibration = made_up_calibration(metadata, (stored.shape[2], WIDTH), parts)
     plan = replace(
         plan_of(metadata, returns=returns, depth=depth), calibration=CalibrationUse(Path("made up"), calibration.digest)
     )
     maps = assert_same_bits(stored, plan, calibration)
     assert (maps.status & 64).all()
-    assert bool((maps.status & 256).any()) == ("dark" in own)
+    assert bool((maps.status & 256).any()) == ("dark" in parts)
 
 
 @pytest.mark.parametrize("pool", [1, 3])
@@ -177,7 +172,7 @@ def test_means_over_frames_and_neighbours_have_the_same_bits(pool: int) -> None:
     assert_same_bits(stored, plan_of(COUNTS, pool=pool))
 
 
-def test_an_estimated_noise_has_the_same_bits() -> None:
+def test_a_frame_with_estimated_noise_has_the_same_bits() -> None:
     assert_same_bits(counts(), plan_of(replace(COUNTS, pixel=Pixel(integration_length=None))))
 
 
@@ -187,9 +182,9 @@ def test_a_pixel_has_the_same_bits_wherever_a_part_begins_and_ends(cut: int, nam
     plan = plan_of()
     pixels = prepare_frame(frame(hard_voltages(name, 12 * WIDTH)), plan=plan)
     for kernel in available_kernels():
-        whole = words(resolve_pixels(pixels, plan=plan, kernel=kernel))
+        whole = bits_of(resolve_pixels(pixels, plan=plan, kernel=kernel))
         parts = [pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :]]
-        joined = [words(resolve_pixels(part, plan=plan, kernel=kernel)) for part in parts]
+        joined = [bits_of(resolve_pixels(part, plan=plan, kernel=kernel)) for part in parts]
         np.testing.assert_array_equal(np.concatenate(joined, axis=-1), whole)
 
 
@@ -199,9 +194,7 @@ def test_a_pixel_has_the_same_bits_wherever_a_part_begins_and_ends(cut: int, nam
     st.sampled_from(ORDERS),
     st.sampled_from(RETURNS),
 )
-def test_whatever_hypothesis_thinks_of_has_the_same_bits(
-    pixels: list[tuple[float, ...]], order: str, returns: Return
-) -> None:
+def test_any_voltages_have_the_same_bits(pixels: list[tuple[float, ...]], order: str, returns: Return) -> None:
     stored = np.array(pixels).T.reshape(2, 2, 1, -1)
     assert_same_bits(stored, plan_of(order=order, returns=returns))
     with np.errstate(over="ignore"):
@@ -216,7 +209,7 @@ def test_any_counts_have_the_same_bits(pixels: list[tuple[int, ...]]) -> None:
     assert_same_bits(stored.view(np.int16), plan_of(COUNTS))
 
 
-def test_nothing_but_the_maps_is_written() -> None:
+def test_the_stored_values_are_not_changed() -> None:
     stored, plan = counts(), plan_of(COUNTS)
     before = stored.copy()
     stored.flags.writeable = False
@@ -225,7 +218,7 @@ def test_nothing_but_the_maps_is_written() -> None:
 
 
 def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, Any]]:
-    """40 pixels as the front takes them, what turns them into maps, and the other arguments, some of them replaced."""
+    """Return 40 stored pixels, the scales, and the other arguments of `fill`; those named in `other` are replaced."""
     plan = plan_of()
     noise = prepare_frame(frame(np.zeros((4, 40)), 40), plan=plan).noise
     parts: dict[str, Any] = {"phasor_map": None}
@@ -264,13 +257,13 @@ def fill(stored: NDArray[Any], scales: front.KernelScales, /, *, settings: Any, 
         {"kernel": "mmx"},
     ],
 )
-def test_the_front_refuses_what_does_not_fit(other: dict[str, Any]) -> None:
+def test_the_front_refuses_arguments_that_do_not_fit(other: dict[str, Any]) -> None:
     stored, scales, rest = front_of(**other)
     with pytest.raises((ValueError, TypeError)):
         fill(stored, scales, **rest)
 
 
-def test_the_front_takes_what_fits() -> None:
+def test_the_front_takes_arguments_that_fit() -> None:
     stored, scales, rest = front_of()
     fill(stored, scales, **rest)
     assert (rest["status"] == 4).all()
@@ -278,14 +271,14 @@ def test_the_front_takes_what_fits() -> None:
 
 
 @settings(max_examples=50)
-@given(st.lists(st.integers(0, 2**32 - 1), max_size=70), st.integers(0, 3))
-def test_pixels_are_counted_as_numpy_does(bits: list[int], twice: int) -> None:
-    status = np.array(bits, np.uint32).repeat(10 ** (2 * twice) if twice < 2 else twice)
-    for one in (status, status[::2], status[::-1], status.reshape(1, -1)):
-        assert front.count_status(one) == count_status(one)
+@given(st.lists(st.integers(0, 2**32 - 1), max_size=70), st.sampled_from([1, 2, 3, 100]))
+def test_pixels_are_counted_as_numpy_does(bits: list[int], repeats: int) -> None:
+    status = np.array(bits, np.uint32).repeat(repeats)
+    for view in (status, status[::2], status[::-1], status.reshape(1, -1)):
+        assert front.count_status(view) == count_status(view)
 
 
-def test_only_status_bits_are_counted(compiled: ModuleType) -> None:
+def test_status_of_another_type_is_not_counted(compiled: ModuleType) -> None:
     for wrong in (np.zeros(4, np.int32), np.zeros(4, np.float32), np.zeros(4, np.uint64)):
         with pytest.raises(TypeError, match="status"):
             compiled.count_status(available_kernels()[0], wrong)
@@ -300,7 +293,7 @@ def test_each_constant_that_the_kernel_reads_has_a_value(compiled: ModuleType) -
     assert not [name for name, value in constants.items() if math.isnan(value)]
 
 
-def test_the_environment_chooses_among_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_chooses_among_available_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen_kernel.cache_clear()
     monkeypatch.setenv(CHOICE, NUMPY)
     assert chosen_kernel() == NUMPY
@@ -321,16 +314,16 @@ WITHOUT_EXTENSION = (
 )
 
 
-def test_without_the_extension_the_same_files_come_and_one_line_says_so(tmp_path: Path) -> None:
+def test_without_the_extension_the_files_are_the_same_and_one_line_says_that_it_is_missing(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=2).folder
     assert cadtof("resolve", capture, "-o", tmp_path / "fast", "-j", "1").status == 0
     done = program(
         "resolve", capture, "-o", tmp_path / "slow", "-j", "1", before=(sys.executable, "-c", WITHOUT_EXTENSION)
     )
     assert done.status == 0, done.err
-    said = [line for line in done.err.splitlines() if "numpy" in line]
-    assert len(said) == 1
-    assert "without a C compiler" in said[0]
+    notes = [line for line in done.err.splitlines() if "numpy" in line]
+    assert len(notes) == 1
+    assert "without a C compiler" in notes[0]
     kernels = [json.loads((tmp_path / run / "run.json").read_text())["kernel"] for run in ("fast", "slow")]
     assert kernels == [available_kernels()[0], NUMPY]
     for name in ("frame_0.tif", "frame_1.tif"):

@@ -1,6 +1,6 @@
-"""What the extension does with buffers that do not fit: an error that names what is wrong, and never a crash.
+"""The extension module refuses buffers that do not fit: it raises an error that names the fault, and never crashes.
 
-`scripts/sanitize` runs these with the address and undefined-behaviour sanitizers.
+`scripts/sanitize` runs these tests with the address and undefined-behaviour sanitizers.
 """
 
 from importlib import import_module
@@ -37,10 +37,16 @@ def buffers(compiled: ModuleType, pixels: int = PIXELS) -> dict[str, Any]:
     return found
 
 
-def run(compiled: ModuleType, given: dict[str, Any], **options: Any) -> None:
-    level = options.get("level", compiled.levels()[0])
-    order, returns, bits = (options.get(name, usual) for name, usual in (("order", 0), ("returns", 0), ("bits", -1)))
-    compiled.resolve(level, order, returns, bits, *given.values())
+def run(
+    compiled: ModuleType,
+    given: dict[str, Any],
+    *,
+    level: str | None = None,
+    order: int = 0,
+    returns: int = 0,
+    bits: int = -1,
+) -> None:
+    compiled.resolve(compiled.levels()[0] if level is None else level, order, returns, bits, *given.values())
 
 
 def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleType) -> None:
@@ -52,39 +58,39 @@ def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleTy
         assert (given["status"] >= 1).all()
 
 
-def voltages(compiled: ModuleType, sort: str) -> dict[str, Any]:
-    """Return buffers that fit: voltages of a camera whose pixels share everything, with paths in nearly all of them."""
+def voltages(compiled: ModuleType, dtype: str) -> dict[str, Any]:
+    """Return buffers that fit: voltages of a camera without values per pixel; nearly all of its pixels have paths."""
     usual = dict.fromkeys(compiled.constant_names(), 1.0)
     usual |= {f"gain{part}": 1e-4 for part in range(1, 5)} | {f"offset{part}": -1.0 for part in range(1, 5)}
     usual |= {"saturated_low": 0.0, "saturated_high": 16383.0}
     usual |= {"least_power": 0.01, "least_modulus": 0.01, "misfit_limit": 0.0, "most_volts": np.inf}
-    stored = np.random.default_rng(0).integers(5000, 15000, (4, PIXELS)).astype(sort)
+    stored = np.random.default_rng(0).integers(5000, 15000, (4, PIXELS)).astype(dtype)
     found = buffers(compiled) | dict.fromkeys(("own", "other", "constant", "samples", "metres", "shift"))
     return found | {"constants": np.array(list(usual.values())), "stored": stored}
 
 
 @pytest.mark.parametrize("bits", [0, 64, 256, 1 << 20])
-@pytest.mark.parametrize("sort", ["u2", "f4", "f8"])
-def test_bits_of_all_pixels_are_those_of_each(compiled: ModuleType, bits: int, sort: str) -> None:
+@pytest.mark.parametrize("dtype", ["u2", "f4", "f8"])
+def test_bits_given_once_for_all_pixels_do_what_bits_per_pixel_do(compiled: ModuleType, bits: int, dtype: str) -> None:
     for level in compiled.levels():
-        own, alike = voltages(compiled, sort), voltages(compiled, sort)
-        own["status"][:], alike["status"][:] = bits, 1 << 21
-        run(compiled, own, level=level)
-        run(compiled, alike, level=level, bits=bits)
-        np.testing.assert_array_equal(alike["status"], own["status"])
-        np.testing.assert_array_equal(alike["layers"], own["layers"])
-        assert (own["status"] & 16).any() == (bits != 256)
+        per_pixel, shared = voltages(compiled, dtype), voltages(compiled, dtype)
+        per_pixel["status"][:], shared["status"][:] = bits, 1 << 21
+        run(compiled, per_pixel, level=level)
+        run(compiled, shared, level=level, bits=bits)
+        np.testing.assert_array_equal(shared["status"], per_pixel["status"])
+        np.testing.assert_array_equal(shared["layers"], per_pixel["layers"])
+        assert (per_pixel["status"] & 16).any() == (bits != 256)
 
 
-def test_no_pixels_are_no_work(compiled: ModuleType) -> None:
+def test_a_call_with_no_pixels_writes_nothing(compiled: ModuleType) -> None:
     given, beyond = buffers(compiled, 0), {"layers": np.ones((7, 64), "f4"), "status": np.ones((1, 64), "u4")}
     for level in compiled.levels():
         run(
             compiled,
-            given | {name: there[:, :0].reshape(given[name].shape) for name, there in beyond.items()},
+            given | {name: outside[:, :0].reshape(given[name].shape) for name, outside in beyond.items()},
             level=level,
         )
-        assert all((there == 1).all() for there in beyond.values())
+        assert all((outside == 1).all() for outside in beyond.values())
 
 
 @pytest.mark.parametrize("name", PLANES)
@@ -119,7 +125,7 @@ def test_strides_and_odd_addresses_are_refused(compiled: ModuleType, name: str) 
 
 
 @pytest.mark.parametrize("name", ["layers", "status"])
-def test_memory_that_must_not_be_written_is_refused(compiled: ModuleType, name: str) -> None:
+def test_read_only_outputs_are_refused(compiled: ModuleType, name: str) -> None:
     given = buffers(compiled)
     given[name].flags.writeable = False
     with pytest.raises((ValueError, BufferError)):
@@ -132,7 +138,7 @@ def test_memory_that_must_not_be_written_is_refused(compiled: ModuleType, name: 
 
 @pytest.mark.parametrize("name", ["constants", "stored", "layers", "status"])
 @pytest.mark.parametrize("value", [None, 3, "text", [1.0, 2.0]])
-def test_what_is_no_buffer_is_refused(compiled: ModuleType, name: str, value: object) -> None:
+def test_a_value_that_is_no_buffer_is_refused(compiled: ModuleType, name: str, value: object) -> None:
     given = buffers(compiled)
     given[name] = value
     with pytest.raises(TypeError):
@@ -180,7 +186,7 @@ def test_too_few_arguments_are_refused(compiled: ModuleType) -> None:
 def test_arguments_of_another_kind_are_refused_by_every_function(
     compiled: ModuleType, arguments: tuple[object, ...]
 ) -> None:
-    search = import_module("cadtof_cli.resolver.likelihood._search")
+    search = import_module("cadtof_cli.resolver.likelihood._likelihood")
     for module in (compiled, search):
         called = {name: one for name, one in vars(module).items() if callable(one) and not name.startswith("_")}
         for name in set(called) - {"levels", "constant_names", "tail_sizes", "tail_constants"}:
@@ -214,7 +220,7 @@ def test_any_bits_in_buffers_of_any_length_are_an_answer_or_an_error(
     fits = not any(
         given[name] is not None and more
         for name, more in zip(PLANES, lengths, strict=True)
-        if pixels or more > 0  # nothing is one shorter than nothing
+        if pixels or more > 0  # a buffer of 0 values cannot be one value shorter
     )
     fits &= options["order"] in range(3) and options["returns"] in range(3) and stored != "u1"
     if fits:

@@ -1,3 +1,5 @@
+"""Inverse square roots, compared with roots in 40 decimal digits."""
+
 from decimal import Decimal, localcontext
 
 import numpy as np
@@ -7,7 +9,7 @@ from cadtof_cli.resolver.two_path.roots import LEAST, START, inverse_root, inver
 
 
 def numbers(seed: int, size: int) -> np.ndarray:
-    """Numbers of every size from the least normal one on."""
+    """Return normal numbers of every exponent."""
     rng = np.random.default_rng(seed)
     return rng.uniform(1.0, 2.0, size) * 2.0 ** rng.integers(-1022, 1023, size)
 
@@ -22,28 +24,28 @@ def test_inverse_roots_and_the_roots_that_they_make_are_right_to_the_last_digits
             assert abs(Decimal(root) / exact - 1) < Decimal("3e-16")
 
 
-def test_the_start_and_the_cubic_are_as_near_as_they_say() -> None:
+def test_the_start_and_the_cubic_step_have_their_documented_errors() -> None:
     x = np.geomspace(1.0, 4.0, 100_000)
     start = (START - (x.view(np.uint64) >> np.uint64(1))).view(np.float64)
     assert np.abs(start * np.sqrt(x) - 1.0).max() < 0.035
     assert np.abs(rough_inverse_root(x) * np.sqrt(x) - 1.0).max() < 2.7e-5
 
 
-@pytest.mark.parametrize("nothing", [0.0, -0.0, 5e-324, np.nextafter(LEAST, 0.0)])
-def test_what_is_below_the_least_normal_number_has_next_to_no_root_and_no_inverse(nothing: float) -> None:
-    x = np.array([nothing])
+@pytest.mark.parametrize("tiny", [0.0, -0.0, 5e-324, np.nextafter(LEAST, 0.0)])
+def test_numbers_below_the_least_normal_one_have_a_root_near_0_and_an_inverse_of_0(tiny: float) -> None:
+    x = np.array([tiny])
     np.testing.assert_array_equal(inverse_root_or_none(x), 0.0)
     assert 0.0 <= abs((x * inverse_root(x))[0]) < 1e-153
-    assert nothing or (x * inverse_root(x))[0] == 0.0
+    assert tiny or (x * inverse_root(x))[0] == 0.0
 
 
-def test_normal_numbers_have_the_same_inverse_root_either_way() -> None:
+def test_normal_numbers_have_the_same_inverse_root_from_both_functions() -> None:
     x = np.append(numbers(3, 1000), LEAST)
     np.testing.assert_array_equal(inverse_root_or_none(x), inverse_root(x))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_is_no_number_stays_none(bad: float) -> None:
+def test_nan_and_infinity_give_nan(bad: float) -> None:
     with np.errstate(invalid="ignore"):
         assert np.isnan(inverse_root(np.array([bad]))).all()
 

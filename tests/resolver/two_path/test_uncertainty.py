@@ -1,4 +1,4 @@
-"""Table 1 of the paper, and the predicted standard deviations against what is observed."""
+"""The scatter of Table 1 of the paper, and predicted standard deviations against the observed scatter."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,8 @@ from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
 from tests.support.forward import Light, ns_from_rad, phasors_of
 
-# ASR 5, MPI ratio 0.3, n_av 1e5: second path, then the Cramér–Rao bounds of docs/physics.md and the paper's figures, ns
+# ASR 5, MPI ratio 0.3, n_av 1e5. Each row, in ns: delay of the second path, then the standard deviations of direct and
+# second path: the Cramér–Rao bounds of docs/physics.md, and the values of the paper
 TABLE_1 = [
     (16.0, (0.049, 0.165), (0.05, 0.16)),
     (25.0, (0.032, 0.107), (0.03, 0.12)),
@@ -25,7 +26,7 @@ def solve(light: Light, n_av: float, size: int) -> tuple[TwoPaths, NDArray[np.fl
 
 
 def delays_ns(paths: TwoPaths, sigmas: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Delay of the stronger and the weaker path, then their predicted standard deviations."""
+    """Return the delays of the stronger and the weaker path, then their predicted standard deviations."""
     x, y = (
         ns_from_rad(np.arctan2(s, c) % (2 * np.pi)) for c, s in ((paths.cos_x, paths.sin_x), (paths.cos_y, paths.sin_y))
     )
@@ -47,7 +48,7 @@ def test_400_solves_reach_the_bound_and_table_1(
 
 
 @pytest.mark.parametrize("second_ns", [16.0, 25.0, 11.0])
-def test_predicted_sigma_is_what_is_observed_in_table_1(second_ns: float) -> None:
+def test_predicted_sigma_is_the_observed_scatter_in_table_1(second_ns: float) -> None:
     direct, second, sigma_direct, sigma_second = delays_ns(*solve(Light(5.0, 0.3, 5.0, second_ns), 1e5, 4000))
     assert 0.95 < np.median(sigma_direct) / direct.std() < 1.05
     assert 0.95 < np.median(sigma_second) / second.std() < 1.05
@@ -56,7 +57,7 @@ def test_predicted_sigma_is_what_is_observed_in_table_1(second_ns: float) -> Non
 @pytest.mark.parametrize(
     "light", [Light(0.0, 0.3), Light(0.3, 0.3), Light(0.5, 0.5, 5.0, 14.0), Light(2.0, 0.6, 30.0, 38.0)]
 )
-def test_predicted_sigma_holds_where_the_noise_is_far_from_white(light: Light) -> None:
+def test_predicted_sigma_is_the_observed_scatter_if_the_noise_is_far_from_white(light: Light) -> None:
     direct, second, sigma_direct, sigma_second = delays_ns(*solve(light, 1e5, 4000))
     assert 0.94 < np.median(sigma_direct) / direct.std() < 1.06
     assert 0.94 < np.median(sigma_second) / second.std() < 1.06

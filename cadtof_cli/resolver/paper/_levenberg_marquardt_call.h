@@ -1,4 +1,4 @@
-/* The call of the search of Eq. (9) from Python: it checks and fills the buffers. A part of _search.c, see search.py. */
+/* The call of the search of Eq. (9) from Python: it checks and fills the buffers. A part of _likelihood.c, see levenberg_marquardt.py. */
 enum { SHARE_HARMONICS, SHARE_RE, SHARE_IM, PLACES, SHARE_Z, SHARE_COST, SHARE_CONVERGED, SHARE_STEPS, SHARE_BUFFERS };
 static const Wanted SHARE_WANTED[SHARE_BUFFERS] = {
     {"harmonics", "q l ", 8, 0, 0}, {"re", "d ", 8, 0, 0},   {"im", "d ", 8, 0, 0},        {"places", "q l ", 8, 0, 0},

@@ -82,7 +82,7 @@ and more count alike."""
 
 
 @dataclass(frozen=True)
-class Leaning:
+class Bias:
     """What all patches of a frame have in common.
 
     `share` is the share of the lag that the fit misses. `sigma_rad` is the standard deviation of the lag, in rad, once

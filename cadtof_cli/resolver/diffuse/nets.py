@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails
+from cadtof_cli.resolver.diffuse.records import Nets, Tails
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
 from cadtof_cli.resolver.kernels import NUMPY
@@ -140,7 +140,7 @@ def _at_harmonics(path: tuple[Float, Float, Float], harmonics: tuple[int, ...]) 
     return phasors
 
 
-def seen_through(
+def find_nets(
     phasors: Complex,
     lag_rad: Float,
     valid: Bool,
@@ -150,7 +150,7 @@ def seen_through(
     grid: PatchGrid,
     settings: DiffuseSettings,
     kernel: str = NUMPY,
-) -> SeenThrough | None:
+) -> Nets | None:
     """Return the surface that lets light through; None if there is none.
 
     Args:
@@ -190,7 +190,7 @@ def seen_through(
     if found.sum() > LARGEST_COVER * valid.sum():
         return None
     variance = (OFF_SHARE * off_rad) ** 2 + (LAG_SHARE * typical_rad) ** 2
-    return SeenThrough(found, _with_surroundings(near_m, found), tails, variance)
+    return Nets(found, _with_surroundings(near_m, found), tails, variance)
 
 
 def _with_surroundings(near_m: Float, found: Bool) -> Float:

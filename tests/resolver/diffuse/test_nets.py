@@ -1,4 +1,6 @@
-"""Patches with two paths, held against the limits one by one: what counts as something that lets light through."""
+"""Patches with two paths count as a surface that lets light through: each limit, tested on both sides."""
+
+from typing import Any
 
 import numpy as np
 import pytest
@@ -6,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid
-from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails
+from cadtof_cli.resolver.diffuse.nets import find_nets, freed_paths, typical_tail
+from cadtof_cli.resolver.diffuse.records import Nets, Tails
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.diffuse.through import freed_paths, seen_through, typical_tail
 from tests.support.diffuse_frames import M_PER_RAD, OMEGA, Tail
 
 HARMONICS = (1, 2, 3)
@@ -25,7 +27,7 @@ def grid() -> PatchGrid:
 
 
 def wall_m() -> Float:
-    """A wall that faces the camera 3.5 m away, by patch."""
+    """Return the ranges of the patches of a wall that faces the camera 3.5 m away."""
     return np.asarray(3.5 / grid().ray[2])
 
 
@@ -35,7 +37,7 @@ def rectangle(rows: int, columns: int) -> Bool:
     return chosen
 
 
-def looked_at(
+def seen_in(
     net: Bool,
     *,
     share: Float | float = 0.5,
@@ -43,11 +45,11 @@ def looked_at(
     off_m: Float | float = 0.0,
     light: Float | float = 1.0,
     valid: Bool | None = None,
-) -> SeenThrough | None:
-    """Patches of the wall, and of a net so much before it.
+) -> Nets | None:
+    """Return what `find_nets` finds in patches of the wall with a net `delay_ns` before it.
 
-    `off_m` is how far behind the wall the farther paths end, `light` how much more light there is than from the wall alone: one
-    number is that of the net.
+    `share` is the share of the net in the light of its patches. The farther paths end `off_m` behind the wall. `light`
+    is a factor on the light of all patches, or, if it is one number, on that of the net's patches.
     """
     far_m = wall_m() + off_m
     near, later = far_m / M_PER_RAD - delay_ns * OMEGA, delay_ns * OMEGA
@@ -66,61 +68,53 @@ def looked_at(
     )
     every = np.ones(net.shape, bool) if valid is None else valid
     lag_rad = np.angle(phasors[0]) - np.where(net, 1.0, wall_m()) / M_PER_RAD
-    return seen_through(phasors, lag_rad[every], every, TAILS, grid=grid(), settings=SETTINGS)
+    return find_nets(phasors, lag_rad[every], every, TAILS, grid=grid(), settings=SETTINGS)
 
 
-def found_by(
-    net: Bool,
-    *,
-    share: Float | float = 0.5,
-    delay_ns: float = 8.0,
-    off_m: Float | float = 0.0,
-    light: Float | float = 1.0,
-) -> Bool:
-    seen = looked_at(net, share=share, delay_ns=delay_ns, off_m=off_m, light=light)
+def found_by(net: Bool, **options: Any) -> Bool:
+    seen = seen_in(net, **options)
     return np.zeros(net.shape, bool) if seen is None else seen.found
 
 
 @pytest.mark.parametrize(("rows", "columns", "found"), [(2, 6, True), (1, 12, True), (1, 11, False), (2, 5, False)])
-def test_twelve_patches_side_by_side_are_a_net(rows: int, columns: int, found: bool) -> None:
+def test_a_net_has_at_least_twelve_patches_side_by_side(rows: int, columns: int, found: bool) -> None:
     net = rectangle(rows, columns)
     np.testing.assert_array_equal(found_by(net), net & found)
 
 
-def test_corners_count_as_side_by_side_and_gaps_do_not() -> None:
+def test_patches_that_touch_at_corners_are_side_by_side_and_others_are_not() -> None:
     steps = np.zeros(grid().ray.shape[1:], bool)
     for i in range(7):
         steps[2 + i, 3 + 2 * i : 5 + 2 * i] = True
-    steps[2:9, 0] = False
     np.testing.assert_array_equal(found_by(steps), steps)
-    apart = rectangle(2, 12)
-    apart[:, 10:12] = False
-    assert not found_by(apart).any()
+    with_gap = rectangle(2, 12)
+    with_gap[:, 10:12] = False
+    assert not found_by(with_gap).any()
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.24, False), (0.26, True), (0.79, True), (0.86, False)])
-def test_a_quarter_of_the_nearer_and_a_fifth_of_the_farther_path_are_the_least(share: float, found: bool) -> None:
+def test_the_nearer_path_has_at_least_a_quarter_and_the_farther_a_fifth_of_the_light(share: float, found: bool) -> None:
     net = rectangle(4, 6)
     np.testing.assert_array_equal(found_by(net, share=share, light=2.0), net & found)
 
 
 @pytest.mark.parametrize(("light", "found"), [(0.38, False), (0.42, True), (3.0, True)])
-def test_a_fifth_of_the_wall_s_light_are_left_behind_a_net(light: float, found: bool) -> None:
+def test_at_least_a_fifth_of_the_amplitude_of_the_wall_is_left_behind_a_net(light: float, found: bool) -> None:
     net = rectangle(4, 6)
     np.testing.assert_array_equal(found_by(net, share=0.5, light=light), net & found)
 
 
-def test_beside_a_net_less_of_what_is_farther_will_do() -> None:
-    """From 15 % on, where the nearer path goes on within six hundredths."""
+def test_beside_a_net_a_weaker_farther_path_is_enough() -> None:
+    """A farther path of 15 % is enough if the nearer path continues the net within 6 % of its range."""
     net = rectangle(4, 8)
     shares = np.full(net.shape, 0.5)
     shares[3, 5:] = 0.82
     np.testing.assert_array_equal(found_by(net, share=shares), net)
     shares[3, 5:] = 0.87
     np.testing.assert_array_equal(found_by(net, share=shares), net & (shares < 0.8))
-    ends = np.zeros(net.shape)
-    ends[3, 5:] = 0.21
-    np.testing.assert_array_equal(found_by(net, off_m=ends, delay_ns=4.0), net & (ends == 0.0))
+    ends_m = np.zeros(net.shape)
+    ends_m[3, 5:] = 0.21
+    np.testing.assert_array_equal(found_by(net, off_m=ends_m, delay_ns=4.0), net & (ends_m == 0.0))
 
 
 @pytest.mark.parametrize(("off_m", "found"), [(0.14, True), (-0.14, True), (0.16, False), (-0.16, False)])
@@ -130,23 +124,26 @@ def test_the_farther_path_ends_on_the_wall_within_fifteen_centimetres(off_m: flo
 
 
 @pytest.mark.parametrize(("delay_ns", "found"), [(1.9, False), (2.1, True), (17.8, True), (18.2, False)])
-def test_paths_are_two_to_eighteen_nanoseconds_apart(delay_ns: float, found: bool) -> None:
+def test_the_paths_are_two_to_eighteen_nanoseconds_apart(delay_ns: float, found: bool) -> None:
     net = rectangle(4, 6)
     np.testing.assert_array_equal(found_by(net, delay_ns=delay_ns), net & found)
 
 
-def test_patches_that_do_not_count_are_no_net() -> None:
+def test_invalid_patches_are_no_part_of_a_net() -> None:
     net, valid = rectangle(4, 6), np.ones(grid().ray.shape[1:], bool)
     valid[3, 5:9] = False
-    seen = looked_at(net, valid=valid)
+    seen = seen_in(net, valid=valid)
     assert seen is not None
     np.testing.assert_array_equal(seen.found, net & valid)
 
 
-def test_ranges_go_one_patch_beyond_the_net_and_phases_are_as_unsure_as_walls_are_missed() -> None:
-    """Seven tenths of what they are missed by, and a fifth of the lag that the tail brings, squared and added."""
+def test_ranges_extend_one_patch_beyond_the_net_and_the_variance_follows_from_the_wall() -> None:
+    """The variance of the phase is the sum of two squares.
+
+    One standard deviation is .7 of the distance of the farther paths from the wall; the other is .2 of the tail's lag.
+    """
     net, off_m = rectangle(4, 6), 0.1
-    seen = looked_at(net, off_m=off_m)
+    seen = seen_in(net, off_m=off_m)
     assert seen is not None
     near_m = wall_m() + off_m - 8.0 * OMEGA * M_PER_RAD
     assert_allclose(seen.near_m[net], near_m[net], atol=1e-3)
@@ -160,27 +157,27 @@ def test_ranges_go_one_patch_beyond_the_net_and_phases_are_as_unsure_as_walls_ar
     assert seen.tails is TAILS
 
 
-def test_without_light_nothing_is_seen() -> None:
+def test_without_light_no_net_is_found() -> None:
     nothing = np.zeros((3, *grid().ray.shape[1:]), complex)
     none = np.zeros(grid().ray.shape[1:], bool)
-    assert seen_through(nothing, np.empty(0), none, TAILS, grid=grid(), settings=SETTINGS) is None
+    assert find_nets(nothing, np.empty(0), none, TAILS, grid=grid(), settings=SETTINGS) is None
 
 
 def test_the_typical_tail_is_that_of_the_median_values() -> None:
-    """ln|H_h/H_1|, arg H_h − h·arg H_1, then ln|H_1| and arg H_1, of patches whose middle one has this tail."""
-    bare = [np.log(abs(TAIL[1] / TAIL[0])), np.log(abs(TAIL[2] / TAIL[0]))]
-    bare += [
+    """The values are ln|H_h/H_1|, arg H_h − h·arg H_1, ln|H_1| and arg H_1; the middle one of three patches has TAIL."""
+    tail_values = [np.log(abs(TAIL[1] / TAIL[0])), np.log(abs(TAIL[2] / TAIL[0]))]
+    tail_values += [
         np.angle(TAIL[1] / TAIL[0] ** 2),
         np.angle(TAIL[2] / TAIL[0] ** 3),
         np.log(abs(TAIL[0])),
         np.angle(TAIL[0]),
     ]
-    values = np.array(bare)[:, np.newaxis] + np.array([-0.2, 0.0, 0.5])
+    values = np.array(tail_values)[:, np.newaxis] + np.array([-0.2, 0.0, 0.5])
     assert_allclose(typical_tail(values, HARMONICS), TAIL, rtol=1e-9)
 
 
 @pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 4)])
-def test_paths_with_tails_of_their_own_are_freed_of_them(harmonics: tuple[int, ...]) -> None:
+def test_both_paths_are_freed_of_their_tails(harmonics: tuple[int, ...]) -> None:
     near = np.array([1.0 + Tail(0.08, 3.0, 9.0).phasor(h) for h in harmonics])
     far = np.array([1.0 + Tail(0.2, 3.0, 9.0).phasor(h) for h in harmonics])
     rng, h = np.random.default_rng(2), np.array(harmonics)[:, None]
@@ -196,14 +193,14 @@ def test_paths_with_tails_of_their_own_are_freed_of_them(harmonics: tuple[int, .
     assert_allclose(same.phasors, seen / near[:, None])
 
 
-def test_a_net_before_all_that_is_seen_has_no_wall_behind_it() -> None:
-    """Every patch has two paths: no patch is left that walls could go through."""
-    assert looked_at(np.ones(grid().ray.shape[1:], bool)) is None
+def test_a_net_that_covers_the_whole_view_is_not_found() -> None:
+    """Every patch has two paths, so no patch is left to show the wall."""
+    assert seen_in(np.ones(grid().ray.shape[1:], bool)) is None
 
 
-@pytest.mark.parametrize(("light", "found", "others"), [(0.38, False, 0.2), (0.42, True, 5.0)])
-def test_what_a_wall_gives_is_the_median_of_its_patches(light: float, found: bool, others: float) -> None:
-    """Some that are much darker or brighter than most of it, such as pictures, change nothing."""
+@pytest.mark.parametrize(("light", "found", "other_light"), [(0.38, False, 0.2), (0.42, True, 5.0)])
+def test_the_light_of_a_wall_is_the_median_of_its_patches(light: float, found: bool, other_light: float) -> None:
+    """A few patches that are much darker or brighter, such as pictures on the wall, change nothing."""
     net, lit = rectangle(4, 6), np.ones(grid().ray.shape[1:])
-    lit[:3] = others
+    lit[:3] = other_light
     np.testing.assert_array_equal(found_by(net, light=np.where(net, light, lit)), net & found)

@@ -4,9 +4,9 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.nets import freed_paths
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock
 from cadtof_cli.resolver.diffuse.settings import range_from_phase
-from cadtof_cli.resolver.diffuse.through import freed_paths
 from cadtof_cli.resolver.kernels import NUMPY
 
 LEAST_SHARE = 0.1
@@ -17,7 +17,7 @@ OF_NET = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class ThroughPixels:
+class NetPixels:
     """Which of n pixels see through a surface.
 
     Attributes:
@@ -35,29 +35,27 @@ class ThroughPixels:
         return np.where(self.where, self.own_variance, others)
 
 
-def freed_pixels(
-    phasors: Complex, tail: DiffuseBlock, /, *, kernel: str = NUMPY
-) -> tuple[Complex, ThroughPixels | None]:
+def freed_pixels(phasors: Complex, tail: DiffuseBlock, /, *, kernel: str = NUMPY) -> tuple[Complex, NetPixels | None]:
     """Return the phasors (H, n) of a block of a frame's pixels, and which pixels see through a surface.
 
     Phasors of these pixels are freed of tails. If the frame has no such surface, the phasors are those given, and the
     second answer is None.
     """
-    model, through = tail.model, tail.model.through
-    if through is None:
+    model, nets = tail.model, tail.model.nets
+    if nets is None:
         return phasors, None
     count = phasors.shape[1]
-    net_m = through.near_m[model.upsampler.grid.patch_of(tail.pixels.start + np.arange(count))]
+    net_m = nets.near_m[model.upsampler.grid.patch_of(tail.pixels.start + np.arange(count))]
     there = np.isfinite(net_m)
     where = np.zeros(count, np.bool_)
     free, size = phasors.copy(), np.ones(count)
     if there.any():
         seen, net_m = phasors[:, there], net_m[there]
-        paths = freed_paths(seen, through.tails, kernel=kernel)
+        paths = freed_paths(seen, nets.tails, kernel=kernel)
         near_m = range_from_phase(paths.near_rad, model.settings)
         two_paths = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
         two_paths &= np.abs(near_m - net_m) < OF_NET * net_m
         where[there] = two_paths
         free[:, there] = np.where(two_paths, paths.phasors, seen)
         size[there] = np.abs(seen[0]) / np.abs(free[0, there])
-    return free, ThroughPixels(where, size, through.variance)
+    return free, NetPixels(where, size, nets.variance)

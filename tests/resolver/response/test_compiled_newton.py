@@ -1,6 +1,6 @@
-"""The compiled twin of the search under a response against numpy, bit for bit, by every instruction set; and hostile buffers.
+"""The compiled search under a response returns numpy's bits by every instruction set, and refuses unfit buffers.
 
-`scripts/sanitize` runs these with the address and undefined-behaviour sanitizers.
+`scripts/sanitize` runs these tests with the address and undefined-behaviour sanitizers.
 """
 
 from dataclasses import replace
@@ -20,10 +20,11 @@ from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.response.newton import Equations, searched
 from cadtof_cli.resolver.response.table import ENTRIES, STAGES, ResponseBlock, response_block
 from cadtof_cli.resolver.settings import ResolverSettings
+from tests.resolver.compiled import compiled_kernels
 from tests.support.calibrations import made_up_calibration
 from tests.support.hard_pixels import HARD
 
@@ -36,21 +37,15 @@ COUNT = 777
 pytestmark = pytest.mark.usefixtures("compiled")
 
 
-def kernels() -> list[str]:
-    found = [kernel for kernel in available_kernels() if kernel != NUMPY]
-    assert found
-    return found
-
-
 def block(*, phases: bool) -> ResponseBlock:
-    """The response of a triangle, in pixels that turn phases or do not."""
+    """Return the response of a triangle; with `phases`, every pixel adds its own phases to its paths."""
     turned = np.random.default_rng(4).normal(0.0, 0.3, (2, COUNT)) if phases else None
     model = response_block(ideal_response(TRIANGLE), turned)
     return model.block(slice(0, COUNT))
 
 
 def paths(seed: int) -> Float32:
-    """a, x, b, y of COUNT pixels."""
+    """Return a, x, b, y of two paths in COUNT pixels, (4, n)."""
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(0.02, 1.0, (2, COUNT))
     x = rng.uniform(0.0, 2.0 * np.pi, COUNT)
@@ -58,7 +53,7 @@ def paths(seed: int) -> Float32:
 
 
 def recorded(values: Float32, response: ResponseBlock) -> NDArray[np.complex128]:
-    """What paths leave in both harmonics, with noise, (2, n)."""
+    """Return the noisy phasors of the paths in both harmonics, (2, n)."""
     a, x, b, y = values
     rng, rows = np.random.default_rng(9), []
     for row in range(2):
@@ -74,9 +69,9 @@ def assert_same_bits(
     with np.errstate(all="ignore"):
         equations = Equations.of(response, phasors, np.arange(start.shape[1]), NOISE)
         expected = searched(equations, start, steps=steps, stage=stage)
-    for kernel in kernels():
-        there = replace(equations, response=replace(response, kernel=kernel))
-        found = searched(there, start, steps=steps, stage=stage)
+    for kernel in compiled_kernels():
+        of_kernel = replace(equations, response=replace(response, kernel=kernel))
+        found = searched(of_kernel, start, steps=steps, stage=stage)
         np.testing.assert_array_equal(found.done, expected.done, err_msg=kernel)
         for one, other in ((found.values, expected.values), (found.misfit, expected.misfit)):
             np.testing.assert_array_equal(one, other, err_msg=kernel)
@@ -102,13 +97,15 @@ def test_hard_pixels_end_at_the_same_bits(name: str) -> None:
     rng = np.random.default_rng(3)
     with np.errstate(all="ignore"):
         hard = np.stack(HARD[name](rng, COUNT))
-        strange = rng.choice(np.array([0.0, -0.0, 1.0, 1e-30, 1e30, np.nan, np.inf, -1.0, 4.0], np.float32), (4, COUNT))
+        odd_starts = rng.choice(
+            np.array([0.0, -0.0, 1.0, 1e-30, 1e30, np.nan, np.inf, -1.0, 4.0], np.float32), (4, COUNT)
+        )
         assert_same_bits(block(phases=False), hard, paths(5), steps=6)
-        assert_same_bits(block(phases=True), hard, strange, steps=6)
+        assert_same_bits(block(phases=True), hard, odd_starts, steps=6)
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 31, 32, 33])
-def test_a_pixel_ends_at_the_same_bits_whoever_goes_beside_it(count: int) -> None:
+def test_a_pixel_ends_at_the_same_bits_in_a_block_of_any_size(count: int) -> None:
     response = block(phases=False)
     true = paths(1)
     phasors = recorded(true, response)
@@ -134,7 +131,7 @@ def test_maps_of_a_triangle_have_the_same_bits(name: str, calibrated: bool) -> N
         plan = replace(plan, calibration=CalibrationUse(Path("made up"), calibration.digest))
     pixels = prepare_frame(volts(name, size), plan=plan, calibration=calibration)
     expected = resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=NUMPY)
-    for kernel in kernels():
+    for kernel in compiled_kernels():
         for cut in (0, 33):
             parts = [pixels[:cut], pixels[cut:]] if cut else [pixels]
             found = [resolve_pixels(part, plan=plan, calibration=calibration, kernel=kernel) for part in parts]
@@ -188,7 +185,7 @@ def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, name: str) ->
         run(compiled, buffers() | {name: np.repeat(whole, 2)[::2]})
 
 
-def test_what_is_written_shares_no_memory_with_what_is_read(compiled: ModuleType) -> None:
+def test_outputs_that_overlap_inputs_or_are_read_only_are_refused(compiled: ModuleType) -> None:
     given = buffers()
     memory = np.ones(8 * PIXELS, np.float32)
     given["start"], given["values"] = memory[: 4 * PIXELS], memory[PIXELS : 5 * PIXELS]

@@ -1,4 +1,4 @@
-"""Which way two harmonics lean: the numbers of views whose surfaces are known, and what is made of them."""
+"""The bias of two harmonics: the numbers of a view with known surfaces, and the missed share that follows from them."""
 
 from dataclasses import fields, replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.leaning import (
+from cadtof_cli.resolver.diffuse.bias import (
     LEAST,
     MIDDLE,
     MOST,
@@ -22,13 +22,13 @@ ROOM = np.array([-0.3, 0.0, 0.0, -2.0, 2.5, 4.4])
 
 
 def surfaces(range_m: F, normal: F) -> Surfaces:
-    """Surfaces straight ahead at these ranges, (n,), with these normals, (3, n)."""
+    """Return surfaces straight ahead at these ranges, (n,), with these normals, (3, n)."""
     one = np.ones(range_m.size)
     return Surfaces(range_m, normal, np.array([[0.0], [0.0], [1.0]]) * one, one, one)
 
 
 def view(lag_rad: F, *, range_m: F | None = None, amplitude: F | None = None) -> ViewNumbers | None:
-    """The numbers of a view of eleven patches, six of which face the camera and five of which are the floor."""
+    """Return the numbers of a view of eleven patches; six face the camera, and five belong to the floor."""
     ranges = np.linspace(1.0, 2.0, 11) if range_m is None else range_m
     normal = np.zeros((3, 11))
     normal[2, :6], normal[1, 6:] = -1.0, -1.0
@@ -52,22 +52,22 @@ def test_the_numbers_of_a_view_are_those_of_its_surfaces_and_light() -> None:
     assert_allclose([found.albedo, found.decay], [-0.3, 2.5])
 
 
-def test_views_that_do_not_lag_or_whose_patches_are_all_alike_have_no_numbers() -> None:
+def test_views_without_a_lag_or_with_equal_patches_have_no_numbers() -> None:
     assert view(np.zeros(11)) is None
     assert view(np.full(11, -0.1)) is None
     assert view(np.full(11, 0.2), amplitude=np.full(11, 0.3)) is None
     assert view(np.full(11, 0.2), amplitude=np.exp(0.04 * np.tile([-1.0, 1.0], 6)[:11])) is None
 
 
-def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> None:
+def test_the_middle_of_all_views_misses_the_documented_share() -> None:
     assert missed_share(MIDDLE, slowness=1.0) == pytest.approx(0.038)
     assert [MIDDLE.near, MIDDLE.deep] == pytest.approx(np.log([1.5, 2.0]), abs=1e-3)
-    # light that scatters by a quarter
+    # amplitudes scatter by a quarter
     assert MIDDLE.contrast == pytest.approx(np.log(0.25), abs=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("name", "change", "more"),
+    ("name", "change", "increase"),
     [
         ("near", 0.2, 0.0136),
         ("contrast", 0.5, -0.013),
@@ -79,19 +79,19 @@ def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> N
         ("decay", 0.5, 0.012),
     ],
 )
-def test_the_share_changes_in_proportion_up_to_what_rooms_show(name: str, change: float, more: float) -> None:
-    """Less is missed of near rooms, of high albedo and where much of the light is seen; more where surfaces face one way."""
-    there = getattr(MIDDLE, name)
-    assert missed_share(replace(MIDDLE, **{name: there + change}), slowness=1.0) - 0.038 == pytest.approx(more)
+def test_the_missed_share_changes_in_proportion_up_to_its_limits(name: str, change: float, increase: float) -> None:
+    """Less is missed in near rooms, with a high albedo or many seen surfaces; more if surfaces face one way."""
+    middle = getattr(MIDDLE, name)
+    assert missed_share(replace(MIDDLE, **{name: middle + change}), slowness=1.0) - 0.038 == pytest.approx(increase)
     for end, bound in ((LEAST, -0.15 if name == "excess" else -9.0), (MOST, 9.0)):
-        beyond = missed_share(replace(MIDDLE, **{name: there + bound}), slowness=1.0)
+        beyond = missed_share(replace(MIDDLE, **{name: middle + bound}), slowness=1.0)
         assert beyond == pytest.approx(
-            missed_share(replace(MIDDLE, **{name: there + getattr(end, name)}), slowness=1.0)
+            missed_share(replace(MIDDLE, **{name: middle + getattr(end, name)}), slowness=1.0)
         )
 
 
-def test_nothing_is_missed_where_two_paths_say_what_the_tail_says() -> None:
-    """As in a plain corner, where all light that counts is of the two surfaces that are seen."""
+def test_nothing_is_missed_if_two_paths_give_the_lag_of_the_tail() -> None:
+    """A plain corner is an example: nearly all of its MPI comes from the two surfaces that are seen."""
     least = missed_share(replace(MIDDLE, excess=0.27), slowness=1.0)
     assert least > 0.05
     assert missed_share(replace(MIDDLE, excess=0.27 / 3), slowness=1.0) == pytest.approx(least / 3)
@@ -99,8 +99,8 @@ def test_nothing_is_missed_where_two_paths_say_what_the_tail_says() -> None:
     assert missed_share(replace(MIDDLE, excess=-0.5), slowness=1.0) == 0.0
 
 
-def test_what_is_left_of_the_lag_is_common_where_tail_and_two_paths_differ() -> None:
-    """.115 ns, 1.7 cm, where they differ by much; half of that where they do by .067 ns, 1 cm."""
+def test_the_remaining_sigma_grows_with_the_difference_of_tail_and_two_paths() -> None:
+    """The standard deviation is .115 ns, 1.7 cm, if they differ by much, and half of it if by .067 ns, 1 cm."""
     two = np.linspace(0.1, 0.3, 7)
     per_ns = 2.0 * np.pi / 40.0
     assert remaining_sigma_rad(two, two, rad_per_ns=per_ns, slowness=1.0) == 0.0
@@ -113,17 +113,20 @@ def test_what_is_left_of_the_lag_is_common_where_tail_and_two_paths_differ() -> 
         )
 
 
-def test_slow_modulation_misses_less_and_leaves_the_same_phase() -> None:
-    """At 100 ns, 2.5 times as slow as where the numbers were chosen; what is left is a phase, 2.5 times as long."""
+def test_slow_modulation_misses_less_and_has_the_same_remaining_phase() -> None:
+    """A period of 100 ns is 2.5 times as slow as the 40 ns at which the numbers were chosen.
+
+    The remaining error is a phase, so as a length it is 2.5 times as large.
+    """
     assert missed_share(MIDDLE, slowness=2.5) == pytest.approx(0.038 - 1.5 * 0.06)
     assert missed_share(replace(MIDDLE, excess=0.27 / 2), slowness=2.5) < 0.0
     two, per_ns = np.linspace(0.1, 0.3, 7), 2.0 * np.pi / 40.0
-    for more in (0.003, 0.01, 0.1):
-        usual = remaining_sigma_rad(two + more, two, rad_per_ns=per_ns, slowness=1.0)
-        assert remaining_sigma_rad(two + more, two, rad_per_ns=per_ns / 2.5, slowness=2.5) == pytest.approx(usual)
+    for increase in (0.003, 0.01, 0.1):
+        usual = remaining_sigma_rad(two + increase, two, rad_per_ns=per_ns, slowness=1.0)
+        assert remaining_sigma_rad(two + increase, two, rad_per_ns=per_ns / 2.5, slowness=2.5) == pytest.approx(usual)
 
 
-def test_no_view_whatsoever_moves_the_lag_by_a_half() -> None:
+def test_no_view_changes_the_lag_by_a_half() -> None:
     ends = [[getattr(end, field.name) for end in (LEAST, MOST)] for field in fields(ViewNumbers)]
     shares = [
         missed_share(

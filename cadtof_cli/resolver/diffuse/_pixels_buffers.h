@@ -1,5 +1,5 @@
 /* A frame's tail as Python hands it over: buffers in the order of TAIL_WANTED, see tail_buffers in pixels.py. Include this
- * after _tail.h and _buffers.h. */
+ * after _pixels.h and _buffers.h. */
 
 #define LARGEST_SIDE ((int64_t)1 << 20)
 #define LARGEST_NUMBER 1000

@@ -1,9 +1,9 @@
-/* The compiled twins of the search (levenberg_marquardt.py), of the scans for its starts (starts.py) and of the search
- * of Eq. (9) (paper/search.py) as a Python module. Each function reads buffers and fills buffers; the module keeps no
+/* The compiled twins of levenberg_marquardt.py, of the scans in starts.py, and of the search of Eq. (9)
+ * (paper/levenberg_marquardt.py), as a Python module. Each function reads buffers and fills buffers; the module keeps no
  * state.
  *
- * compiled.py and paper/search.py are its Python fronts. The buffers are checked here again: a buffer of the wrong
- * type, size, alignment or layout raises ValueError or TypeError and never crashes.
+ * compiled.py and paper/levenberg_marquardt.py are its Python fronts. The buffers are checked here again: a buffer of
+ * the wrong type, size, alignment or layout raises ValueError or TypeError and never crashes.
  */
 #ifndef Py_GIL_DISABLED
 #define Py_LIMITED_API 0x030b0000 /* one build for every Python from 3.11 on */
@@ -12,9 +12,9 @@
 #include <Python.h>
 
 #include "../_instruction_sets.h"
-#include "_search.h"
-#include "_scan.h"
-#include "../paper/_shares.h"
+#include "_levenberg_marquardt.h"
+#include "_starts.h"
+#include "../paper/_levenberg_marquardt.h"
 #include "../_buffers.h"
 
 typedef struct {
@@ -169,7 +169,7 @@ static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
 
 /* --- Eq. (9) ------------------------------------------------------------------------------------------------------------- */
 
-#include "../paper/_shares_call.h"
+#include "../paper/_levenberg_marquardt_call.h"
 
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
 
@@ -187,14 +187,14 @@ static PyMethodDef METHODS[] = {
     {"shares", search_shares, METH_VARARGS,
      "shares(level, first_start, last_start, most_steps, key, relative, absolute, first_damping, harmonics, re, im, places, z, cost, "
      "converged, steps)\n\n"
-     "Search the shares of two paths by Eq. (9). Everybody but the tests calls it through resolver/paper/search.py."},
+     "Search the shares of two paths by Eq. (9). Everybody but the tests calls it through resolver/paper/levenberg_marquardt.py."},
     LEVELS_METHOD,
     {NULL, NULL, 0, NULL}};
 
 static struct PyModuleDef MODULE = {.m_base = PyModuleDef_HEAD_INIT,
-                                    .m_name = "_search",
+                                    .m_name = "_likelihood",
                                     .m_doc = "Levenberg–Marquardt for many small problems, compiled.",
                                     .m_methods = METHODS,
                                     .m_slots = SLOTS};
 
-PyMODINIT_FUNC PyInit__search(void) { return PyModuleDef_Init(&MODULE); }
+PyMODINIT_FUNC PyInit__likelihood(void) { return PyModuleDef_Init(&MODULE); }

@@ -1,4 +1,4 @@
-/* The search of Eq. (9), SHARE_LANES pixels at a time: the same operations in the same order as search.py,
+/* The search of Eq. (9), SHARE_LANES pixels at a time: the same operations in the same order as levenberg_marquardt.py,
  * equation_9.py and starts.py.
  *
  * A lane holds a pixel and one of its starts. When this search has ended, the next start of the pixel takes the lane.
@@ -56,7 +56,7 @@ static KERNEL_INLINE inline void share_move(const double *moves, double *here, c
     }
 }
 
-/* search.py: MisfitDamped.step. In fresh lanes z does not change. */
+/* levenberg_marquardt.py: MisfitDamped.step. In fresh lanes z does not change. */
 static KERNEL_INLINE inline void share_step(const ShareSearch *search, Shares *at) {
     const ShareLinear *now = &at->now;
     const double relative = search->relative, absolute = search->absolute;
@@ -139,7 +139,7 @@ static KERNEL_INLINE inline void share_linearise(const ShareSearch *search, Shar
     }
 }
 
-/* likelihood/levenberg_marquardt.py: the second part of _stepped; search.py: next_damping. Sets which lanes have
+/* likelihood/levenberg_marquardt.py: the second part of _stepped; levenberg_marquardt.py: next_damping. Sets which lanes have
  * stopped. */
 static KERNEL_INLINE inline void share_judge(const ShareSearch *search, Shares *at) {
     ShareLinear *now = &at->now;

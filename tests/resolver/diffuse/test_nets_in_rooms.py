@@ -1,4 +1,4 @@
-"""Nets in rooms: two paths where the farther one ends on a wall that neighbours see, and nowhere else."""
+"""Nets in rooms: pixels get two paths only if the farther path ends on a wall that neighbouring patches see."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pix
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.resolver.diffuse.nets import freed_paths
 from cadtof_cli.resolver.diffuse.records import Tails
-from cadtof_cli.resolver.diffuse.through import freed_paths
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from tests.support.diffuse_answers import B
 from tests.support.diffuse_frames import M_PER_RAD, OMEGA, F, Tail, Z, hung_before, phasors_of, wall_range
@@ -26,11 +26,11 @@ FWHM_NS = 1.7
 TAIL = Tail(0.25, 3.0, 9.0)
 
 UNEVEN: F = 1.0 + 0.3 * np.sin(np.arange(WIDTH) / 9.0) * np.cos(np.arange(HEIGHT) / 11.0)[:, None]
-"""How much of it there is over the view: what is the same everywhere may be a second path."""
+"""Factor on the tail over the view, because a tail that is the same everywhere may be a second path."""
 
 
-def before_wall(delay_ns: float, share: float, *, harmonics: int = 2) -> tuple[Z, F, B]:
-    """Phasors of a wall with a tail and a net before its middle; their ranges; where the net is."""
+def net_before_wall(delay_ns: float, share: float, *, harmonics: int = 2) -> tuple[Z, F, B]:
+    """Return phasors of a wall with a tail and a net before its middle; the ranges; and where the net is."""
     numbers = tuple(range(1, harmonics + 1))
     frame = phasors_of(WALL, {h: TAIL.phasor(h) for h in numbers}, harmonics=numbers)
     net = WALL - delay_ns * OMEGA * M_PER_RAD
@@ -41,7 +41,7 @@ def before_wall(delay_ns: float, share: float, *, harmonics: int = 2) -> tuple[Z
 def resolved(
     phasors: Z, model: MpiModel = "auto", *, block_pixels: int | None = None, triangle: bool = False
 ) -> ResolvedFrame:
-    """The maps of phasors by the way of `cadtof resolve`."""
+    """Return the maps of phasors as `cadtof resolve` makes them."""
     metadata = CaptureMetadata(
         modulation=Modulation(
             periods_ns=tuple(40.0 / h for h in range(1, len(phasors) + 1)),
@@ -64,12 +64,12 @@ def error_cm(found: ResolvedFrame, range_m: F) -> F:
 
 @pytest.mark.parametrize("harmonics", [2, 3])
 @pytest.mark.parametrize(("delay_ns", "share"), [(7.0, 0.6), (9.0, 0.5), (9.0, 0.6), (12.0, 0.65)])
-def test_a_net_before_a_wall_is_seen_as_a_net(delay_ns: float, share: float, harmonics: int) -> None:
-    phasors, range_m, covered = before_wall(delay_ns, share, harmonics=harmonics)
+def test_a_net_before_a_wall_is_resolved_as_two_paths(delay_ns: float, share: float, harmonics: int) -> None:
+    phasors, range_m, covered = net_before_wall(delay_ns, share, harmonics=harmonics)
     found, discrete = resolved(phasors), resolved(phasors, "discrete")
     assert found.mpi is not None
     assert found.mpi.taken == "diffuse"
-    assert found.mpi.through_patches > 0
+    assert found.mpi.net_patches > 0
     error = error_cm(found, range_m)
     assert np.median(error[covered]) < 3.0
     assert np.median(error[covered]) < 0.8 * np.median(error_cm(discrete, range_m)[covered])
@@ -81,20 +81,23 @@ def test_a_net_before_a_wall_is_seen_as_a_net(delay_ns: float, share: float, har
     assert np.median(np.abs(behind - WALL[covered])) < 0.1
 
 
-def test_a_net_that_is_not_seen_close_to_its_wall_is_less_sure() -> None:
-    """A tail does not fit it, whichever it is, and patch beside patch says so."""
-    phasors, range_m, covered = before_wall(5.0, 0.7)
+def test_a_net_close_to_its_wall_is_not_found_but_has_larger_sigmas() -> None:
+    """No tail fits this net. χ² is large in patches side by side, so their sigma grows."""
+    phasors, range_m, covered = net_before_wall(5.0, 0.7)
     found = resolved(phasors)
     assert found.mpi is not None
-    assert found.mpi.through_patches == 0
+    assert found.mpi.net_patches == 0
     error, sigma_cm = error_cm(found, range_m), 100 * found.maps.layer(DIRECT_SIGMA)
     assert np.median(error[covered]) > 4.0
     assert (error <= 2 * sigma_cm)[covered].mean() > 0.9
     assert np.median(sigma_cm[~covered]) < 4.0
 
 
-def of_a_triangle(phasors: Z) -> Z:
-    """What triangle waves of two periods record of light with these phasors 1, 2, …: (8/π²)·Σ m_kh/k² over k = 1, −3, 5, −7."""
+def recorded_by_a_triangle(phasors: Z) -> Z:
+    """Return what triangle waves of two periods record of light with the phasors m_1, m_2, ….
+
+    This is (8/π²)·Σ m_kh/k² over k = 1, −3, 5, −7.
+    """
 
     def term(k: int, h: int) -> Z:
         left = np.exp(-0.5 * (k * h * OMEGA * FWHM_NS / 2.354820045) ** 2)
@@ -104,12 +107,12 @@ def of_a_triangle(phasors: Z) -> Z:
     return np.asarray([8 / np.pi**2 * sum(term(k, h) for k in (1, -3, 5, -7)) for h in (1, 2)])
 
 
-def test_a_net_is_seen_by_triangle_waves_too() -> None:
-    phasors, range_m, covered = before_wall(9.0, 0.6, harmonics=14)
-    recorded = of_a_triangle(phasors)
+def test_a_net_is_found_with_triangle_modulation_too() -> None:
+    phasors, range_m, covered = net_before_wall(9.0, 0.6, harmonics=14)
+    recorded = recorded_by_a_triangle(phasors)
     found = resolved(recorded, triangle=True)
     assert found.mpi is not None
-    assert found.mpi.through_patches > 0
+    assert found.mpi.net_patches > 0
     error = error_cm(found, range_m)
     assert np.median(error[covered]) < 4.0
     discrete = resolved(recorded, "discrete", triangle=True)
@@ -120,17 +123,17 @@ def test_a_net_is_seen_by_triangle_waves_too() -> None:
     np.testing.assert_array_equal(cut.maps.values, found.maps.values)
 
 
-def test_without_a_net_nothing_is_seen_through() -> None:
+def test_without_a_net_no_patch_is_seen_through() -> None:
     phasors = phasors_of(WALL, {h: np.asarray(UNEVEN * TAIL.phasor(h), np.complex128) for h in (1, 2)})
     found = resolved(phasors)
     assert found.mpi is not None
-    assert found.mpi.through_patches == 0
+    assert found.mpi.net_patches == 0
     assert ((found.maps.status & DIFFUSE) > 0).all()
 
 
 @pytest.mark.parametrize("harmonics", [2, 3])
-def test_amplitudes_of_a_tail_are_those_of_the_wall_and_of_the_rest(harmonics: int) -> None:
-    """A quarter of the modulation is direct light; MPI is so much of it as the tail's phasor is long."""
+def test_amplitudes_of_direct_and_mpi_light_are_those_of_the_wall_and_the_tail(harmonics: int) -> None:
+    """Direct light has a quarter of the modulation amplitude; MPI has |tail phasor| times as much."""
     numbers = tuple(range(1, harmonics + 1))
     found = resolved(
         phasors_of(WALL, {h: np.asarray(UNEVEN * TAIL.phasor(h), np.complex128) for h in numbers}, harmonics=numbers)
@@ -142,41 +145,41 @@ def test_amplitudes_of_a_tail_are_those_of_the_wall_and_of_the_rest(harmonics: i
     np.testing.assert_allclose(np.abs(direct + mpi), found.layer("confidence"), rtol=1e-4)
 
 
-def test_a_surface_whose_second_path_ends_in_front_of_the_wall_is_no_net() -> None:
-    """Light by way of something beside the view, as strong as that of a net, but not from the wall behind."""
-    _, range_m, covered = before_wall(9.0, 0.6)
+def test_a_surface_whose_second_path_ends_before_the_wall_is_no_net() -> None:
+    """The second path comes from something beside the view. It is as strong as behind a net, but ends before the wall."""
+    _, range_m, covered = net_before_wall(9.0, 0.6)
     strong = {
         h: np.where(covered, (1 + TAIL.phasor(h)) * (1 + 0.6 * np.exp(1j * h * OMEGA * 6.0)) - 1, TAIL.phasor(h))
         for h in (1, 2)
     }
     found = resolved(phasors_of(range_m, strong))
     assert found.mpi is not None
-    assert found.mpi.through_patches == 0
+    assert found.mpi.net_patches == 0
 
 
-def test_what_is_left_of_the_wall_must_be_of_its_brightness() -> None:
-    """The second path ends on the wall, but with less than a tenth of the light that the wall sends beside it."""
-    phasors, _, covered = before_wall(9.0, 0.6)
+def test_behind_a_net_the_wall_must_keep_enough_of_its_light() -> None:
+    """The second path ends on the wall, but has less than a tenth of the light that the wall sends where it is seen."""
+    phasors, _, covered = net_before_wall(9.0, 0.6)
     found = resolved(np.where(covered, 0.15 * phasors, phasors))
     assert found.mpi is not None
-    assert found.mpi.through_patches == 0
+    assert found.mpi.net_patches == 0
 
 
-def test_a_tail_that_is_asked_for_is_a_tail() -> None:
-    found = resolved(before_wall(9.0, 0.6)[0], "diffuse")
+def test_a_frame_that_is_forced_to_have_a_tail_has_no_net() -> None:
+    found = resolved(net_before_wall(9.0, 0.6)[0], "diffuse")
     assert ((found.maps.status & DIFFUSE) > 0).all()
 
 
 @pytest.mark.parametrize("block_pixels", [97, 5000])
 def test_blocks_of_any_size_have_the_same_bits(block_pixels: int) -> None:
-    phasors = before_wall(9.0, 0.6)[0]
+    phasors = net_before_wall(9.0, 0.6)[0]
     whole, cut = resolved(phasors), resolved(phasors, block_pixels=block_pixels)
     np.testing.assert_array_equal(cut.maps.values, whole.maps.values)
     np.testing.assert_array_equal(cut.maps.status, whole.maps.status)
 
 
-def test_pixels_without_a_value_stay_without_and_change_no_others_much() -> None:
-    phasors, range_m, covered = before_wall(9.0, 0.6)
+def test_pixels_of_nan_have_no_answer_and_hardly_change_the_others() -> None:
+    phasors, range_m, covered = net_before_wall(9.0, 0.6)
     lost = np.random.default_rng(1).random(covered.shape) < 0.1
     phasors[:, lost] = np.nan
     found = resolved(phasors)
@@ -185,8 +188,8 @@ def test_pixels_without_a_value_stay_without_and_change_no_others_much() -> None
     assert np.median(error_cm(found, range_m)[covered & ~lost]) < 3.0
 
 
-def test_what_is_recorded_is_what_confidence_says() -> None:
-    phasors = before_wall(9.0, 0.6)[0]
+def test_confidence_is_the_magnitude_of_the_recorded_first_phasor() -> None:
+    phasors = net_before_wall(9.0, 0.6)[0]
     np.testing.assert_allclose(resolved(phasors).maps.layer("confidence"), np.abs(phasors[0]), rtol=1e-6)
 
 
@@ -196,18 +199,18 @@ def test_what_is_recorded_is_what_confidence_says() -> None:
     delay_ns=st.floats(6.0, 17.0),
     share=st.floats(0.3, 0.8),
     strength=st.floats(0.0, 0.3),
-    less=st.floats(0.5, 1.0),
+    ratio=st.floats(0.5, 1.0),
 )
 def test_two_paths_with_a_tail_each_are_found(
-    near: float, delay_ns: float, share: float, strength: float, less: float
+    near: float, delay_ns: float, share: float, strength: float, ratio: float
 ) -> None:
-    """What is nearer gets more direct light, so that its tail is the less."""
+    """The nearer surface gets more direct light, so that its tail is weaker in proportion."""
     later, numbers = delay_ns * OMEGA, (1, 2, 3)
-    first, second = (np.array([1 + Tail(s, 3.0, 9.0).phasor(h) for h in numbers]) for s in (less * strength, strength))
+    first, second = (np.array([1 + Tail(s, 3.0, 9.0).phasor(h) for h in numbers]) for s in (ratio * strength, strength))
     h = np.array(numbers)
     phasors = share * np.exp(1j * h * near) * first + (1 - share) * np.exp(1j * h * (near + later)) * second
     found = freed_paths(phasors[:, None], Tails(first, second, numbers))
-    off = np.exp(1j * (found.near_rad[0] - near))
-    assert abs(np.angle(off)) * M_PER_RAD < 0.05
+    difference = np.exp(1j * (found.near_rad[0] - near))
+    assert abs(np.angle(difference)) * M_PER_RAD < 0.05
     assert found.later_rad[0] == pytest.approx(later, abs=0.1)
     assert found.near_share[0] == pytest.approx(share, abs=0.1)

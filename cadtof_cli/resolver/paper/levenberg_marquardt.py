@@ -3,8 +3,8 @@
 The damping is a multiple of the misfit √cost (Fan and Yuan 2005, doi:10.1007/s00607-004-0083-1), for this reason. The
 Jacobian vanishes on all real z in (0, 1), in proportion to the distance from this line. If one path nearly explains the
 light, the misfit is of the order of the distance squared, so √cost has the size of JᵀJ. The usual damping, in units of
-the diagonal of JᵀJ, gives steps near this line that are far too long or nearly 0. `_shares.h` is the compiled twin of
-this module.
+the diagonal of JᵀJ, gives steps near this line that are far too long or nearly 0. `_levenberg_marquardt.h` is the
+compiled twin of this module.
 """
 
 from dataclasses import dataclass

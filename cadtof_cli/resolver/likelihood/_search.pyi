@@ -1,1 +1,0 @@
-"""Compiled from _search.c, whose METHODS list the arguments of each function; see `compiled.compiled_search`."""

@@ -1,3 +1,0 @@
-from tests.resolver.likelihood.conftest import search
-
-__all__ = ["search"]
