@@ -165,7 +165,7 @@ def _model(
     difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[uncovered]
     return DiffuseModel(
         frame.settings,
-        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
+        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit.state), covered),
         variances,
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
@@ -313,8 +313,9 @@ def _covered_error(error: Float) -> Float:
     return covered
 
 
-def _room_numbers(fit: PatchFit) -> RoomNumbers:
-    low, middle, high = quantiles(fit.state, (0.16, 0.5, 0.84))
+def _room_numbers(state: Float) -> RoomNumbers:
+    """Return the medians and the scatter of the states of all patches, (6, n)."""
+    low, middle, high = quantiles(state, (0.16, 0.5, 0.84))
     scatter = 0.5 * (high - low)
     natural = np.exp(middle[:5])
     albedo, beside, later, unseen, decay = (

@@ -91,6 +91,16 @@ def test_even_delays_are_even_with_any_shares(later_ns: F) -> None:
     assert not is_even(second_paths(share, uneven, 5e-4))
 
 
+@pytest.mark.parametrize(("uneven_ns", "even"), [(0.05, True), (0.15, False)])
+def test_delays_may_be_uneven_by_a_tenth_of_a_nanosecond_per_unit_of_the_scatter_of_shares(
+    uneven_ns: float, even: bool
+) -> None:
+    """The logarithms of the shares scatter by .5, so the delays scatter by half of `uneven_ns`."""
+    share = 0.15 * np.exp(0.5 * np.random.default_rng(7).normal(size=COUNT))
+    later_ns = 9.0 + 4.0 * ACROSS + 0.5 * uneven_ns * np.random.default_rng(8).normal(size=COUNT)
+    assert is_even(second_paths(share, later_ns, 1e-4)) == even
+
+
 @pytest.mark.parametrize("sigma", [1e-4, 1e-3, 3e-3, 1e-2])
 @pytest.mark.parametrize("uneven", [0.2, 0.5, 1.0])
 def test_tails_that_change_with_the_surfaces_are_not_even(uneven: float, sigma: float) -> None:

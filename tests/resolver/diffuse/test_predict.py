@@ -341,6 +341,16 @@ def test_the_numbers_of_the_room_are_median_and_scatter_over_its_patches() -> No
     assert found.choice.patches == 12 * 16
 
 
+def test_the_scatter_of_the_numbers_of_a_room_is_the_standard_deviation_of_a_gaussian_state() -> None:
+    """One patch in six lies below the mean by more than the standard deviation, and one above it."""
+    rng = np.random.default_rng(3)
+    state = np.array([-0.4, 0.0, 0.1, -2.5, 2.4, 1.0])[:, None] + 0.1 * rng.standard_normal((6, 4000))
+    room = predict._room_numbers(state)
+    for median, scatter in (room.albedo, room.unseen, room.decay_ns):
+        assert scatter == pytest.approx(0.1 * median, rel=0.05)
+    assert room.start_ns == pytest.approx((1.0, 0.1), rel=0.05)
+
+
 def test_the_variance_of_separate_pixels_is_the_squared_difference_of_tail_and_two_paths() -> None:
     """On a wall with one tail, the lags of the tail and of two paths differ by a number whose square is the variance."""
     tail = Tail(0.4, 3.0, 9.0)

@@ -19,6 +19,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Voltage
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen_kernel, numpy_note
@@ -260,6 +261,15 @@ def fill(stored: NDArray[Any], scales: front.KernelScales, /, *, settings: Any, 
 def test_the_front_refuses_arguments_that_do_not_fit(other: dict[str, Any]) -> None:
     stored, scales, rest = front_of(**other)
     with pytest.raises((ValueError, TypeError)):
+        fill(stored, scales, **rest)
+
+
+@pytest.mark.parametrize("missing", ["other", "constant"])
+def test_the_front_refuses_maps_of_pixels_that_lack_a_part(missing: str) -> None:
+    """The kernel reads all three parts of a map if pixels have maps of their own."""
+    parts: dict[str, Any] = {name: np.ones((2, 2, 40)) for name in ("own", "other", "constant") if name != missing}
+    stored, scales, rest = front_of(stored=np.zeros((2, 2, 40), np.uint16), phasor_map=PhasorMap(**parts))
+    with pytest.raises(ValueError, match="without other or constant"):
         fill(stored, scales, **rest)
 
 
