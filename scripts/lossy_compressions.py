@@ -114,12 +114,13 @@ def main() -> None:
     for way in WAYS:
         moved = [moves(frame, way) for frame in frames]
         volts = max(one[0] for one in moved)
-        depths = " | ".join(f"{_two_digits(median)}, {_two_digits(most)}" for _, median, most in moved)
-        print(f"| {way.name} | {way.dtype} | {_two_digits(1000.0 * volts)} | {depths} |", flush=True)
+        depths = " | ".join(f"{_one_digit(median)}, {_one_digit(most)}" for _, median, most in moved)
+        print(f"| {way.name} | {way.dtype} | {_one_digit(1000.0 * volts)} | {depths} |", flush=True)
 
 
-def _two_digits(value: float) -> str:
-    return f"{float(f'{value:.2g}'):g}"
+def _one_digit(value: float) -> str:
+    """Return a number to one digit: the second digit depends on the version of the codec."""
+    return f"{float(f'{value:.1g}'):g}"
 
 
 def moves(frame: Frame, way: Way) -> tuple[float, float, float]:
