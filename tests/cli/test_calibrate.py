@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cadtof_cli import read_maps
 from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, covered, record_campaign, wall, write
 from tests.support.captures import record
 from tests.support.defects import Defects
@@ -40,7 +41,7 @@ def test_petzval_toml_holds_what_the_design_promises(calibrated: Path) -> None:
 
 @pytest.mark.parametrize("dark_frames", [0, 1])
 def test_petzval_without_a_dark_part_or_with_one_of_a_single_frame(tmp_path: Path, dark_frames: int) -> None:
-    """Without a dark part, or with that of one frame, which has no standard error, only the frames' own noise counts."""
+    """Without a dark part only the frames' own noise counts; with that of one frame, the predicted noise of that frame too."""
     seen = camera(Defects(petzval_m=(0.06, -0.02)))
     walls = [
         write(tmp_path / f"wall_{d:g}", seen, wall(seen, d, count=5, seed=index)) for index, d in enumerate((1.0, 3.0))
@@ -58,6 +59,22 @@ def test_petzval_without_a_dark_part_or_with_one_of_a_single_frame(tmp_path: Pat
     assert abs(errors["k4_m"] + 0.02) < 3 * errors["k4_stderr_m"] < 0.02
     if not dark_frames:
         assert found["residual"]["rms_after_m"] == pytest.approx(found["residual"]["noise_rms_m"], rel=0.05)
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_sigma_contains_the_noise_of_few_dark_frames(tmp_path: Path, frames: int) -> None:
+    """The offsets of one dark frame are as noisy as the frame that they are taken from. Sigma then left this noise out."""
+    seen = camera(Defects(offset_v=0.02))
+    dark = write(tmp_path / "dark", seen, covered(seen, count=frames))
+    lit = write(tmp_path / "wall", seen, wall(seen, 2.0, count=1, seed=5))
+    done = cadtof("calibrate", "dark", dark, "-o", tmp_path / "camera")
+    assert done.status == 0, done.err
+    assert ("not measured but predicted from the integration length (1" in done.out) == (frames == 1)
+    options = ("--mpi-model", "discrete", "--order", "1", "--calibration", tmp_path / "camera")
+    assert cadtof("resolve", lit, "-o", tmp_path / "maps", *options).status == 0
+    maps = read_maps(tmp_path / "maps")
+    off = (maps["direct.depth"] - seen.wall_range_m(2.0)) / maps["direct.sigma"]
+    assert 0.65 < np.nanmean(np.abs(off) < 1.0) < 0.72
 
 
 @pytest.mark.parametrize(("frames", "left"), [(1, 0.91), (2, 0.91), (4, 1.0)])

@@ -164,7 +164,8 @@ def noiseless(
     """Return the response fitted to targets without noise that fill 12 × 16 pixels.
 
     `pixel_phases` are the phases that pixels add at the fundamental, and `term` is a further order k with its value.
-    `dim` of the pixels see no light, and `saturated` of them saturate at the first target. `off_m` is a target and how much farther than stated each pixel sees it.
+    `dim` of the pixels see no light, and `saturated` of them saturate at the first target. `off_m` is a target and how
+    much farther than stated each pixel sees it.
     """
     shape = (12, 16)
     metadata = CaptureMetadata(optics=Optics(focal_length_px=14.0))
