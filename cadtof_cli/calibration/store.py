@@ -56,6 +56,11 @@ class Calibration:
         """A digest of all parts together."""
         return hashlib.sha256(json.dumps(self.digests).encode()).hexdigest()[:DIGEST_LENGTH]
 
+    @property
+    def sine(self) -> bool:
+        """Whether no response was measured, or one that is a pure sine but for the imbalance of SC1 and SC2."""
+        return self.response is None or all(one.linear for one in self.response.responses)
+
     def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /) -> None:
         """Make sure that every part belongs to a capture (see `Origin.require_match`)."""
         for part in self.parts:

@@ -3,12 +3,16 @@
 import json
 import shutil
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cadtof_cli import read_maps
+from cadtof_cli.calibration.store import save_part
+from cadtof_cli.phasors.response import HarmonicResponse
+from tests.support.calibrations import made_up_calibration
 from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, covered, record_campaign, wall, write
 from tests.support.captures import record
 from tests.support.defects import Defects
@@ -151,6 +155,22 @@ def test_a_calibration_that_does_not_fit_is_refused_before_anything_is_written(
         done = cadtof("resolve", *capture, "-o", tmp_path / "maps", "--calibration", folder)
         assert (done.status, done.out) == (2, "")
         assert message in done.err
+    assert not (tmp_path / "maps").exists()
+
+
+def test_a_response_with_which_the_solver_cannot_resolve_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    """Every frame failed on its own, with status 1, and `--dry-run` found nothing wrong."""
+    seen = camera()
+    frames = write(tmp_path / "card", seen, card(seen, count=2, seed=3))
+    made = made_up_calibration(seen.metadata, seen.pixels, {"response"}).response
+    assert made is not None
+    bent = tuple(HarmonicResponse(one.harmonic, (*one.terms, (-3, 0.01 + 0j))) for one in made.responses)
+    save_part(tmp_path / "camera", replace(made, responses=bent))
+    for more in ((), ("--dry-run",)):
+        options = ("--solver", "lm", "--calibration", tmp_path / "camera", *more)
+        done = cadtof("resolve", frames, "-o", tmp_path / "maps", *options)
+        assert (done.status, done.out) == (2, "")
+        assert done.err.startswith(f"Error: {frames}: found harmonics 1, 2, --solver lm")
     assert not (tmp_path / "maps").exists()
 
 
