@@ -12,7 +12,7 @@ from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit, shape_rms
 from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
-from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.metadata import CaptureMetadata, Optics
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.optics import curvature_m, squared_field_radius, wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
@@ -92,7 +92,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     distinct = 1 + sum(b - a > SAME_DISTANCE_M for a, b in itertools.pairwise(distances))
     terms = fit_terms(observed[:: max(1, usable.sum() // TERM_PIXELS)], base, distances=distinct)
     pixels = fit_pixels(observed, terms.terms)
-    _require_one_response(pixels, usable.reshape(origin.pixels), origin)
+    _require_one_response(pixels, usable.reshape(origin.pixels), origin, metadata.optics)
     rest = _fit_rest(every, seen, terms.terms)
     findings = [*terms.findings, *_assumptions(metadata, seen, known_optics)]
     curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
@@ -199,7 +199,7 @@ def _added_rad(curvature: tuple[float, float], where: Bool, metadata: CaptureMet
     return np.asarray(harmonics[:, np.newaxis] * added)
 
 
-def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None:
+def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin, optics: Optics) -> None:
     """Make sure that every target, at its own distance, agrees with the response that fits all targets."""
     metres = metres_per_radian(origin.periods_ns[0])
     misfits = [
@@ -210,11 +210,24 @@ def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None
     if misfits[worst] > LARGEST_MISFIT_M:
         raise SettingsError(
             f"{origin.captures[worst]}: this target differs from the others by {1000 * misfits[worst]:.0f} mm (RMS over the "
-            f"array), expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: it is not flat, is tilted, "
-            "receives light by other ways (MPI: floor, walls, glossy objects), or its distance is wrong; or the dark calibration "
-            "is missing in the folder. Point the camera square at a plain wall, clear the sides, measure the distance, and "
-            "record again"
+            f"array), expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: {_why_targets_differ(optics)}"
         )
+
+
+def _why_targets_differ(optics: Optics) -> str:
+    """Return the likely causes in words. Without a focal length the ranges over the array are wrong for sure."""
+    if optics.focal_length_px is None:
+        return (
+            "no focal length is given, so every pixel of a target counts as equally far: set focal_length_px under [optics], "
+            "and principal_point_px if the optical axis does not meet the middle of the array"
+        )
+    unknown = optics.principal_point_px is None
+    axis = "or the optical axis does not meet the middle of the array (principal_point_px); " if unknown else ""
+    return (
+        "it is not flat, is tilted, receives light by other ways (MPI: floor, walls, glossy objects), or its distance is wrong; "
+        f"{axis}or the dark calibration is missing in the folder. Point the camera square at a plain wall, clear the sides, "
+        "measure the distance, and record again"
+    )
 
 
 def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:

@@ -127,6 +127,22 @@ def test_without_optics_every_pixel_gets_the_stated_distance_and_this_is_reporte
     assert (found.field_curvature_m, found.quality.curvature_stderr_m) == ((0.0, 0.0), (0.0, 0.0))
 
 
+@pytest.mark.parametrize(
+    ("optics", "cause"),
+    [
+        (Optics(), "at most: no focal length is given, so every pixel of a target counts as equally far"),
+        (
+            Optics(focal_length_px=40.0),
+            r"or the optical axis does not meet the middle of the array \(principal_point_px\)",
+        ),
+    ],
+)
+def test_targets_that_differ_by_unknown_optics_are_refused_with_that_cause(optics: Optics, cause: str) -> None:
+    """The focal length is 70 px."""
+    with pytest.raises(SettingsError, match=cause):
+        response_of(Defects(), (0.5, 2.0, 3.5), optics=optics)
+
+
 @pytest.mark.parametrize(("offset_v", "warned"), [(0.0002, False), (0.0005, True), (0.004, True)])
 def test_offsets_that_were_not_removed_are_warned_of(offset_v: float, warned: bool) -> None:
     """The residuals are 1.3, 2.5 and 18 times the noise."""
