@@ -115,6 +115,10 @@ def load_calibration(folder: Path, /) -> Calibration:
         MetadataError: there is no such folder, it holds no part, or a part is damaged or was changed by hand.
     """
     if not is_folder(folder):
+        if os.path.lexists(folder):
+            raise MetadataError(
+                f"{folder}: found a file, expected the folder of a calibration, such as {folder.parent}"
+            )
         raise MetadataError(f"{folder}: no such folder; expected one that `cadtof calibrate … -o {folder}` made")
     found: dict[str, Any] = {
         kind: _load_part(folder, kind) for kind in PART_KINDS if os.path.lexists(folder / f"{kind}.toml")

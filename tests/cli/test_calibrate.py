@@ -150,6 +150,7 @@ def test_a_calibration_that_does_not_fit_is_refused_before_anything_is_written(
         (tmp_path / "dark.toml", (frames,), "dark.toml: not valid TOML"),
         (tmp_path / "petzval.toml", (frames,), "petzval.toml: not a petzval calibration"),
         (tmp_path / "nowhere", (frames,), "nowhere: no such folder"),
+        (calibrated / "dark.toml", (frames,), f"a file, expected the folder of a calibration, such as {calibrated}"),
         (tmp_path / "empty", (frames,), "empty: no calibration in it"),
     ):
         done = cadtof("resolve", *capture, "-o", tmp_path / "maps", "--calibration", folder)

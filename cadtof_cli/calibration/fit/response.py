@@ -40,6 +40,10 @@ LARGEST_MISFIT_M = 0.01
 """A target is refused if the root mean square of its blocks' residuals, as ranges, is larger than this. The residuals
 are those from the response that fits all targets."""
 
+LEAST_IN_COMMON = 0.5
+"""Least length of the mean of all pixels' rotors at the fundamental. Pixels of a camera differ by tenths of a radian, so
+it is near 1. Offsets of frames without light have random phases, so it is near 0."""
+
 LARGEST_LEAN_M = 0.1
 """Targets are refused if one side of the array sees them nearer than the other side by more than this."""
 
@@ -92,6 +96,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     distinct = 1 + sum(b - a > SAME_DISTANCE_M for a, b in itertools.pairwise(distances))
     terms = fit_terms(observed[:: max(1, usable.sum() // TERM_PIXELS)], base, distances=distinct)
     pixels = fit_pixels(observed, terms.terms)
+    _require_light(pixels)
     _require_one_response(pixels, usable.reshape(origin.pixels), origin, metadata.optics)
     rest = _fit_rest(every, seen, terms.terms)
     findings = [*terms.findings, *_assumptions(metadata, seen, known_optics)]
@@ -197,6 +202,17 @@ def _added_rad(curvature: tuple[float, float], where: Bool, metadata: CaptureMet
     point, harmonics = metadata.optics.principal_point(origin.pixels), np.array(origin.harmonics, np.float64)
     added = curvature_m(origin.pixels, point, curvature).ravel()[where] / metres_per_radian(origin.periods_ns[0])
     return np.asarray(harmonics[:, np.newaxis] * added)
+
+
+def _require_light(pixels: PixelFit) -> None:
+    """Make sure that the phases are those of light that reaches all pixels, not those of offsets."""
+    in_common = float(np.abs(np.exp(1j * pixels.phase[0]).mean()))
+    if in_common < LEAST_IN_COMMON:
+        raise SettingsError(
+            f"the phases of the pixels have only {in_common:.2f} in common (1: all are equal), expected {LEAST_IN_COMMON} or "
+            "more: these frames hold offsets, not the light of a target. Was the laser on? If the light is weak, run "
+            "`calibrate dark` first"
+        )
 
 
 def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin, optics: Optics) -> None:

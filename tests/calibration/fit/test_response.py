@@ -155,6 +155,15 @@ def test_offsets_that_move_ranges_by_centimetres_are_refused() -> None:
         response_of(Defects(offset_v=0.02), (0.5, 1.0, 1.7, 2.4, 3.0))
 
 
+def test_offsets_without_light_are_refused() -> None:
+    """They have random phases, which became the phases of the pixels."""
+    phase = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, (2, *PIXELS))
+    offsets = TargetMean(0.01 * np.exp(1j * phase), np.full(2, 1e-4), 1.0)
+    origin = Origin(captures=("laser off",), frames=1, pixels=PIXELS, periods_ns=(40.0, 20.0), waveform="sine")
+    with pytest.raises(SettingsError, match=r"have only 0\.0. in common .*Was the laser on\?"):
+        fit_response([offsets], metadata=camera(Defects()).metadata, origin=origin)
+
+
 def test_a_target_without_a_signal_is_refused() -> None:
     sensor = camera(Defects())
     nothing = TargetMean(np.full((2, *PIXELS), np.nan, np.complex128), np.full(2, 1e-4), 1.0)
