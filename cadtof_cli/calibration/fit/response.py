@@ -87,7 +87,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     volts = np.stack([target.volts.reshape(len(origin.harmonics), -1) for target in targets])
     noise = np.stack([target.noise_v for target in targets])
     seen = _seen(volts, noise)
-    usable = seen.all(axis=0)
+    usable = np.asarray(seen.all(axis=0))
     every = Observations(volts, noise, phase, origin.harmonics)
     observed = every[usable]
     ideal = ideal_response(metadata)
@@ -134,7 +134,7 @@ def _seen(volts: Complex, noise: Float) -> Bool:
 def _fit_rest(every: Observations, seen: Bool, terms: Terms) -> RestFit:
     """Fit the pixels that see some of the targets, but not all of them, to the targets that they see."""
     phase, log_gain = np.zeros((2, len(every.harmonics), seen.shape[1]))
-    where = seen.any(axis=0) & ~seen.all(axis=0)
+    where = np.asarray(seen.any(axis=0) & ~seen.all(axis=0))
     for kind in np.unique(seen[:, where], axis=1).T:
         alike = where & (seen == kind[:, np.newaxis]).all(axis=0)
         some = Observations(every.volts[kind], every.noise_v[kind], every.phase[kind], every.harmonics)
