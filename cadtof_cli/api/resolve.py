@@ -77,7 +77,7 @@ def resolve(
         folder = Path(calibration)
         loaded = _loaded(folder, _stamp(folder))
         loaded.require_match(first.metadata, pixels)
-        use = CalibrationUse(folder, loaded.digest)
+        use = CalibrationUse(folder, loaded.digest, sine=loaded.sine)
     plan = FramePlan(metadata=first.metadata, settings=settings, calibration=use)
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
     maps, _ = answered_maps(resolved, plan, source=first)

@@ -56,6 +56,11 @@ class Calibration:
         """A digest of all parts together."""
         return hashlib.sha256(json.dumps(self.digests).encode()).hexdigest()[:DIGEST_LENGTH]
 
+    @property
+    def sine(self) -> bool:
+        """Whether no response was measured, or one that is a pure sine but for the imbalance of SC1 and SC2."""
+        return self.response is None or all(one.linear for one in self.response.responses)
+
     def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /) -> None:
         """Make sure that every part belongs to a capture (see `Origin.require_match`)."""
         for part in self.parts:
@@ -110,6 +115,10 @@ def load_calibration(folder: Path, /) -> Calibration:
         MetadataError: there is no such folder, it holds no part, or a part is damaged or was changed by hand.
     """
     if not is_folder(folder):
+        if os.path.lexists(folder):
+            raise MetadataError(
+                f"{folder}: found a file, expected the folder of a calibration, such as {folder.parent}"
+            )
         raise MetadataError(f"{folder}: no such folder; expected one that `cadtof calibrate … -o {folder}` made")
     found: dict[str, Any] = {
         kind: _load_part(folder, kind) for kind in PART_KINDS if os.path.lexists(folder / f"{kind}.toml")

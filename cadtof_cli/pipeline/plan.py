@@ -84,12 +84,14 @@ class MapSettings:
 class CalibrationUse:
     """A calibration folder and its digest. A worker gets these instead of the calibration, and reads the folder once.
 
-    `curved` says whether field curvature is taken out of the ranges.
+    `curved` says whether field curvature is taken out of the ranges, `sine` whether the calibrated response is a pure
+    sine, as far as the calibration knows.
     """
 
     folder: Path
     digest: str
     curved: bool = True
+    sine: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +116,8 @@ class FramePlan:
             from cadtof_cli.optics import known_focal_length
 
             known_focal_length(self.metadata.optics)
-        resolver.room(modulation.harmonics, sine=modulation.waveform == "sine")
+        calibrated_sine = self.calibration is None or self.calibration.sine
+        resolver.room(modulation.harmonics, sine=calibrated_sine and modulation.waveform == "sine")
 
     def __hash__(self) -> int:
         """Return a hash of a few values that tell plans apart. Caches ask for it with every frame, so it has to be quick."""

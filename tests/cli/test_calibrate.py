@@ -3,11 +3,16 @@
 import json
 import shutil
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cadtof_cli import read_maps
+from cadtof_cli.calibration.store import save_part
+from cadtof_cli.phasors.response import HarmonicResponse
+from tests.support.calibrations import made_up_calibration
 from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, covered, record_campaign, wall, write
 from tests.support.captures import record
 from tests.support.defects import Defects
@@ -40,7 +45,7 @@ def test_petzval_toml_holds_what_the_design_promises(calibrated: Path) -> None:
 
 @pytest.mark.parametrize("dark_frames", [0, 1])
 def test_petzval_without_a_dark_part_or_with_one_of_a_single_frame(tmp_path: Path, dark_frames: int) -> None:
-    """Without a dark part, or with that of one frame, which has no standard error, only the frames' own noise counts."""
+    """Without a dark part only the frames' own noise counts; with that of one frame, the predicted noise of that frame too."""
     seen = camera(Defects(petzval_m=(0.06, -0.02)))
     walls = [
         write(tmp_path / f"wall_{d:g}", seen, wall(seen, d, count=5, seed=index)) for index, d in enumerate((1.0, 3.0))
@@ -58,6 +63,22 @@ def test_petzval_without_a_dark_part_or_with_one_of_a_single_frame(tmp_path: Pat
     assert abs(errors["k4_m"] + 0.02) < 3 * errors["k4_stderr_m"] < 0.02
     if not dark_frames:
         assert found["residual"]["rms_after_m"] == pytest.approx(found["residual"]["noise_rms_m"], rel=0.05)
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_sigma_contains_the_noise_of_few_dark_frames(tmp_path: Path, frames: int) -> None:
+    """The offsets of one dark frame are as noisy as the frame that they are taken from. Sigma then left this noise out."""
+    seen = camera(Defects(offset_v=0.02))
+    dark = write(tmp_path / "dark", seen, covered(seen, count=frames))
+    lit = write(tmp_path / "wall", seen, wall(seen, 2.0, count=1, seed=5))
+    done = cadtof("calibrate", "dark", dark, "-o", tmp_path / "camera")
+    assert done.status == 0, done.err
+    assert ("not measured but predicted from the integration length (1" in done.out) == (frames == 1)
+    options = ("--mpi-model", "discrete", "--order", "1", "--calibration", tmp_path / "camera")
+    assert cadtof("resolve", lit, "-o", tmp_path / "maps", *options).status == 0
+    maps = read_maps(tmp_path / "maps")
+    off = (maps["direct.depth"] - seen.wall_range_m(2.0)) / maps["direct.sigma"]
+    assert 0.65 < np.nanmean(np.abs(off) < 1.0) < 0.72
 
 
 @pytest.mark.parametrize(("frames", "left"), [(1, 0.91), (2, 0.91), (4, 1.0)])
@@ -129,11 +150,28 @@ def test_a_calibration_that_does_not_fit_is_refused_before_anything_is_written(
         (tmp_path / "dark.toml", (frames,), "dark.toml: not valid TOML"),
         (tmp_path / "petzval.toml", (frames,), "petzval.toml: not a petzval calibration"),
         (tmp_path / "nowhere", (frames,), "nowhere: no such folder"),
+        (calibrated / "dark.toml", (frames,), f"a file, expected the folder of a calibration, such as {calibrated}"),
         (tmp_path / "empty", (frames,), "empty: no calibration in it"),
     ):
         done = cadtof("resolve", *capture, "-o", tmp_path / "maps", "--calibration", folder)
         assert (done.status, done.out) == (2, "")
         assert message in done.err
+    assert not (tmp_path / "maps").exists()
+
+
+def test_a_response_with_which_the_solver_cannot_resolve_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    """Every frame failed on its own, with status 1, and `--dry-run` found nothing wrong."""
+    seen = camera()
+    frames = write(tmp_path / "card", seen, card(seen, count=2, seed=3))
+    made = made_up_calibration(seen.metadata, seen.pixels, {"response"}).response
+    assert made is not None
+    bent = tuple(HarmonicResponse(one.harmonic, (*one.terms, (-3, 0.01 + 0j))) for one in made.responses)
+    save_part(tmp_path / "camera", replace(made, responses=bent))
+    for more in ((), ("--dry-run",)):
+        options = ("--solver", "lm", "--calibration", tmp_path / "camera", *more)
+        done = cadtof("resolve", frames, "-o", tmp_path / "maps", *options)
+        assert (done.status, done.out) == (2, "")
+        assert done.err.startswith(f"Error: {frames}: found harmonics 1, 2, --solver lm")
     assert not (tmp_path / "maps").exists()
 
 

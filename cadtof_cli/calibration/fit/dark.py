@@ -32,8 +32,11 @@ NOISE_RATIO = 2.0
 """Least ratio of an outlier's noise to the noise of the other pixels, or of theirs to its."""
 
 
-def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:
+def fit_dark(mean: FrameMean, /, *, origin: Origin, predicted_noise_v: float) -> DarkCalibration:
     """Return the dark calibration from the mean, in V, of frames of a covered lens.
+
+    `predicted_noise_v` is the noise of a channel of one frame. It is used if there is only one frame, which does not
+    show its own noise.
 
     A pixel is an outlier if its offset is more than `OFFSET_LIMIT` robust standard deviations from the median of its
     plane, or if its variance is outside the limits of χ² around the plane's median variance. With one frame, noise is
@@ -47,7 +50,8 @@ def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:
         raise SettingsError(
             "dark frames: found no pixel that is finite and not saturated in all of them, expected most pixels"
         )
-    variances = np.zeros_like(mean.stored) if mean.variance is None else mean.variance
+    measured = mean.variance if mean.frames > 1 else None
+    variances = np.full_like(mean.stored, predicted_noise_v**2) if measured is None else measured
     defects, dead_are_told = np.zeros(mean.pixels, np.uint32), tells_dead(mean)
     defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)
     for offset, variance in zip(_planes(mean.stored), _planes(variances), strict=True):

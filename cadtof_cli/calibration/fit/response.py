@@ -2,17 +2,17 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, fit_pixels
+from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels
 from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit, shape_rms
 from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
-from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.metadata import CaptureMetadata, Optics
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.optics import curvature_m, squared_field_radius, wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
@@ -40,6 +40,10 @@ LARGEST_MISFIT_M = 0.01
 """A target is refused if the root mean square of its blocks' residuals, as ranges, is larger than this. The residuals
 are those from the response that fits all targets."""
 
+LEAST_IN_COMMON = 0.5
+"""Least length of the mean of all pixels' rotors at the fundamental. Pixels of a camera differ by tenths of a radian, so
+it is near 1. Offsets of frames without light have random phases, so it is near 0."""
+
 LARGEST_LEAN_M = 0.1
 """Targets are refused if one side of the array sees them nearer than the other side by more than this."""
 
@@ -61,6 +65,15 @@ class TargetMean:
     distance_m: float
 
 
+@dataclass(frozen=True, eq=False)
+class RestFit:
+    """Phase and log of the gain, (H, m), of the m pixels `where`, (n,), that see some of the targets only."""
+
+    where: Bool
+    phase: Float
+    log_gain: Float
+
+
 def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata, origin: Origin) -> ResponseCalibration:
     """Return the response that fits all targets, with as many terms as the distances of the targets can determine.
 
@@ -73,20 +86,25 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     phase = ranges.reshape(len(targets), -1) / metres_per_radian(origin.periods_ns[0])
     volts = np.stack([target.volts.reshape(len(origin.harmonics), -1) for target in targets])
     noise = np.stack([target.noise_v for target in targets])
-    usable = _usable(volts, noise)
-    observed = Observations(volts[..., usable], noise, phase[:, usable], origin.harmonics)
+    seen = _seen(volts, noise)
+    usable = np.asarray(seen.all(axis=0))
+    every = Observations(volts, noise, phase, origin.harmonics)
+    observed = every[usable]
     ideal = ideal_response(metadata)
     base = [{k: g / response.main for k, g in response.terms if k != 1} for response in ideal]
     distances = sorted({target.distance_m for target in targets})
     distinct = 1 + sum(b - a > SAME_DISTANCE_M for a, b in itertools.pairwise(distances))
     terms = fit_terms(observed[:: max(1, usable.sum() // TERM_PIXELS)], base, distances=distinct)
     pixels = fit_pixels(observed, terms.terms)
-    _require_one_response(pixels, usable.reshape(origin.pixels), origin)
-    findings = [*terms.findings, *_assumptions(metadata, usable, known_optics)]
+    _require_light(pixels)
+    _require_one_response(pixels, usable.reshape(origin.pixels), origin, metadata.optics)
+    rest = _fit_rest(every, seen, terms.terms)
+    findings = [*terms.findings, *_assumptions(metadata, seen, known_optics)]
     curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
     if known_optics:
         curvature, errors, own = _without_curvature(pixels, usable, metadata, origin)
     if any(curvature):
+        rest = replace(rest, phase=rest.phase - _added_rad(curvature, rest.where, metadata, origin))
         findings.append(
             f"field curvature k2 = {curvature[0]:.4f} m, k4 = {curvature[1]:.4f} m was removed from the phase maps: `resolve` "
             "corrects it by itself, or uses the field curvature of `calibrate petzval` instead"
@@ -97,21 +115,35 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
             "distances right, and is the target flat, still and without multi-path interference?"
         )
     quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
-    return _calibration(pixels, own, terms, ideal, usable, curvature, quality, origin)
+    return _calibration(pixels, own, rest, terms, ideal, usable, curvature, quality, origin)
 
 
-def _usable(volts: Complex, noise: Float) -> Bool:
+def _seen(volts: Complex, noise: Float) -> Bool:
+    """Return in which pixels each target gives a signal, (N, n)."""
     with np.errstate(invalid="ignore"):
-        usable = (np.abs(volts) > LEAST_SIGNAL * noise[:, :, np.newaxis]).all(axis=(0, 1))
-    if usable.mean() < LEAST_USABLE:
+        seen = (np.abs(volts) > LEAST_SIGNAL * noise[:, :, np.newaxis]).all(axis=1)
+    usable = seen.all(axis=0).mean()
+    if usable < LEAST_USABLE:
         raise SettingsError(
-            f"found {usable.mean():.1%} of the pixels with a signal from every target, expected {LEAST_USABLE:.0%} or more: the "
+            f"found {usable:.1%} of the pixels with a signal from every target, expected {LEAST_USABLE:.0%} or more: the "
             "targets must fill most of the view, and must not be saturated"
         )
-    return np.asarray(usable)
+    return np.asarray(seen)
 
 
-def _assumptions(metadata: CaptureMetadata, usable: Bool, known_optics: bool) -> list[str]:
+def _fit_rest(every: Observations, seen: Bool, terms: Terms) -> RestFit:
+    """Fit the pixels that see some of the targets, but not all of them, to the targets that they see."""
+    phase, log_gain = np.zeros((2, len(every.harmonics), seen.shape[1]))
+    where = np.asarray(seen.any(axis=0) & ~seen.all(axis=0))
+    for kind in np.unique(seen[:, where], axis=1).T:
+        alike = where & (seen == kind[:, np.newaxis]).all(axis=0)
+        some = Observations(every.volts[kind], every.noise_v[kind], every.phase[kind], every.harmonics)
+        fit = fit_pixels(some[alike], terms)
+        phase[:, alike], log_gain[:, alike] = fit.phase, fit.log_gain
+    return RestFit(where, phase[:, where], log_gain[:, where])
+
+
+def _assumptions(metadata: CaptureMetadata, seen: Bool, known_optics: bool) -> list[str]:
     said = ["gains are relative to harmonic 1, because its own gain cannot be separated from the target's reflectivity"]
     if known_optics:
         said.append("the targets are assumed to face the camera; their ranges follow from the optics")
@@ -120,8 +152,14 @@ def _assumptions(metadata: CaptureMetadata, usable: Bool, known_optics: bool) ->
             "warning: no focal length given, so the target's distance is used as the range of every pixel; set focal_length_px "
             "under [optics], or the shape of the walls ends up in the phase maps"
         )
-    if not usable.all():
-        said.append(f"{(~usable).sum()} pixels could not be used: they get the mean phase and gain of the array")
+    any_target, every_target = seen.any(axis=0), seen.all(axis=0)
+    if (any_target & ~every_target).any():
+        said.append(
+            f"{(any_target & ~every_target).sum()} pixels are saturated, not finite or without a signal in some of the targets: "
+            "their phase and gain are those of the other targets"
+        )
+    if not any_target.all():
+        said.append(f"{(~any_target).sum()} pixels could not be used: they get the mean phase and gain of the array")
     return said
 
 
@@ -155,11 +193,29 @@ def _without_curvature(
     if not (np.abs(fit.parameters[:2]) > CURVATURE_SIGNIFICANCE * errors[:2]).any():
         return (0.0, 0.0), (0.0, 0.0), pixels.phase
     k2, k4 = float(fit.parameters[0]), float(fit.parameters[1])
-    added = curvature_m(origin.pixels, point, (k2, k4)).ravel()[usable] / metres
-    return (k2, k4), (float(errors[0]), float(errors[1])), pixels.phase - harmonics * added
+    added = _added_rad((k2, k4), usable, metadata, origin)
+    return (k2, k4), (float(errors[0]), float(errors[1])), pixels.phase - added
 
 
-def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None:
+def _added_rad(curvature: tuple[float, float], where: Bool, metadata: CaptureMetadata, origin: Origin) -> Float:
+    """Return what field curvature adds to the phases of some pixels, (H, n)."""
+    point, harmonics = metadata.optics.principal_point(origin.pixels), np.array(origin.harmonics, np.float64)
+    added = curvature_m(origin.pixels, point, curvature).ravel()[where] / metres_per_radian(origin.periods_ns[0])
+    return np.asarray(harmonics[:, np.newaxis] * added)
+
+
+def _require_light(pixels: PixelFit) -> None:
+    """Make sure that the phases are those of light that reaches all pixels, not those of offsets."""
+    in_common = float(np.abs(np.exp(1j * pixels.phase[0]).mean()))
+    if in_common < LEAST_IN_COMMON:
+        raise SettingsError(
+            f"the phases of the pixels have only {in_common:.2f} in common (1: all are equal), expected {LEAST_IN_COMMON} or "
+            "more: these frames hold offsets, not the light of a target. Was the laser on? If the light is weak, run "
+            "`calibrate dark` first"
+        )
+
+
+def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin, optics: Optics) -> None:
     """Make sure that every target, at its own distance, agrees with the response that fits all targets."""
     metres = metres_per_radian(origin.periods_ns[0])
     misfits = [
@@ -170,11 +226,24 @@ def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None
     if misfits[worst] > LARGEST_MISFIT_M:
         raise SettingsError(
             f"{origin.captures[worst]}: this target differs from the others by {1000 * misfits[worst]:.0f} mm (RMS over the "
-            f"array), expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: it is not flat, is tilted, "
-            "receives light by other ways (MPI: floor, walls, glossy objects), or its distance is wrong; or the dark calibration "
-            "is missing in the folder. Point the camera square at a plain wall, clear the sides, measure the distance, and "
-            "record again"
+            f"array), expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: {_why_targets_differ(optics)}"
         )
+
+
+def _why_targets_differ(optics: Optics) -> str:
+    """Return the likely causes in words. Without a focal length the ranges over the array are wrong for sure."""
+    if optics.focal_length_px is None:
+        return (
+            "no focal length is given, so every pixel of a target counts as equally far: set focal_length_px under [optics], "
+            "and principal_point_px if the optical axis does not meet the middle of the array"
+        )
+    unknown = optics.principal_point_px is None
+    axis = "or the optical axis does not meet the middle of the array (principal_point_px); " if unknown else ""
+    return (
+        "it is not flat, is tilted, receives light by other ways (MPI: floor, walls, glossy objects), or its distance is wrong; "
+        f"{axis}or the dark calibration is missing in the folder. Point the camera square at a plain wall, clear the sides, "
+        "measure the distance, and record again"
+    )
 
 
 def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
@@ -225,6 +294,7 @@ def _quality(
 def _calibration(
     pixels: PixelFit,
     own: Float,
+    rest: RestFit,
     terms: TermFit,
     ideal: tuple[HarmonicResponse, ...],
     usable: Bool,
@@ -243,6 +313,8 @@ def _calibration(
         middle = float(np.median(gains))
         phase[row, usable] = np.angle(np.exp(1j * own[row]) / rotor)
         gain[row, usable] = gains / middle
+        phase[row, rest.where] = np.angle(np.exp(1j * rest.phase[row]) / rotor)
+        gain[row, rest.where] = np.exp(rest.log_gain[row]) * nominal[0] / middle
         higher = [(k, middle * value * complex(rotor) ** k) for k, value in terms.terms[row].items()]
         responses.append(HarmonicResponse(response.harmonic, ((1, middle * complex(rotor)), *higher)))
     shape = (len(ideal), *origin.pixels)

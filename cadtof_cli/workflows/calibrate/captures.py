@@ -18,9 +18,13 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
+from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.phasors.plausible import require_plausible
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
+
+ASSUMED_LENGTH = 1e5
+"""Integration length n_av for predicting the noise of a frame if the metadata do not give it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +113,11 @@ def averaged_captures(
         used=earlier.digests if earlier else {},
     )
     return Averaged(averaged, earlier, origin)
+
+
+def predicted_noise_v(metadata: CaptureMetadata, /) -> float:
+    """Return the standard deviation of a channel of one frame in V, for too few frames to measure it."""
+    return ambient_noise_v(metadata, integration_length=metadata.pixel.integration_length or ASSUMED_LENGTH)
 
 
 def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterator[Stored]:

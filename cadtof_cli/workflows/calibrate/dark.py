@@ -11,9 +11,11 @@ from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.workflows.calibrate.captures import (
+    ASSUMED_LENGTH,
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
+    predicted_noise_v,
     save_with_report,
 )
 from cadtof_cli.workflows.progress import Progress
@@ -32,12 +34,18 @@ def calibrate_dark(
         raise SettingsError(f"found {len(averaged.captures)} captures, expected one, recorded with the lens covered")
     capture, mean = averaged.captures[0]
     _require_dark(capture, mean)
-    dark = fit_dark(mean, origin=averaged.origin)
+    metadata = capture.source.metadata
+    dark = fit_dark(mean, origin=averaged.origin, predicted_noise_v=predicted_noise_v(metadata))
     counts = dark.defect_counts()
     known = zip(counts.values(), DEFECT_MEANING.values(), strict=True)
     findings = tuple(f"{count} pixels with {meaning}" for count, meaning in known if count)
     if mean.frames < 2:
-        findings += ("only one frame: the noise was not measured, so noisy and dead pixels were not looked for",)
+        length = metadata.pixel.integration_length
+        source = f"{ASSUMED_LENGTH:g}, as none is given" if length is None else f"{length:g}"
+        findings += (
+            "only one frame: the noise was not measured but predicted from the integration length "
+            f"({source}), and noisy and dead pixels were not looked for",
+        )
     elif not tells_dead(mean):
         findings += (
             f"only {mean.frames} frames: a sound pixel may hold the same count in all of them by chance, so dead pixels were not "

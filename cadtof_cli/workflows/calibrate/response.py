@@ -14,20 +14,17 @@ from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
+    predicted_noise_v,
     save_with_report,
 )
 from cadtof_cli.workflows.progress import Progress
 
 FRAMES_ENOUGH = 3
 """Number of frames that is enough to measure the noise of their mean by their scatter."""
-
-ASSUMED_LENGTH = 1e5
-"""Integration length n_av for predicting the noise if there are fewer frames and the metadata do not give n_av."""
 
 
 def calibrate_response(
@@ -65,9 +62,7 @@ def _mean_noise(capture: Capture, mean: FrameMean) -> Float:
     """Return the standard deviation of the mean's voltages, (H,): measured if there are enough frames, else predicted."""
     if mean.frames >= FRAMES_ENOUGH:
         return np.asarray(mean.frame_noise() / np.sqrt(mean.frames))
-    metadata = capture.source.metadata
-    n_av = metadata.pixel.integration_length or ASSUMED_LENGTH
-    predicted = ambient_noise_v(metadata, integration_length=n_av) / math.sqrt(mean.frames)
+    predicted = predicted_noise_v(capture.source.metadata) / math.sqrt(mean.frames)
     return np.full(mean.stored.shape[0], predicted)
 
 

@@ -307,7 +307,7 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
         f"{folder}: applied {_description(calibration)}",
         *(f"warning: {folder}: {text}" for text in calibration.stale()),
     )
-    return AppliedCalibration(CalibrationUse(folder, calibration.digest), parts, notes)
+    return AppliedCalibration(CalibrationUse(folder, calibration.digest, sine=calibration.sine), parts, notes)
 
 
 def _description(calibration: "Calibration") -> str:

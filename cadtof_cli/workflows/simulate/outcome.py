@@ -63,7 +63,8 @@ def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
     """Return the statistics of all runs."""
     condition, modulation = trials.condition, trials.model.modulation
     mix = condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
-    bounds = time_bounds_ns(mix, modulation, variance_gain=averaging_gain(noise_length(trials.model)))
+    gain, sample_noise_v = averaging_gain(noise_length(trials.model)), trials.model.sample_noise_v
+    bounds = time_bounds_ns(mix, modulation, variance_gain=gain, sample_noise_v=sample_noise_v)
     phasors = runs.voltages_v[:, 0, 0] + 1j * runs.voltages_v[:, 0, 1]
     lag = np.angle(phasors * np.exp(-2j * math.pi * condition.direct_ns / trials.period_ns))
     none = np.full(len(phasors), np.nan)

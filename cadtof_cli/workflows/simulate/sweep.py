@@ -79,7 +79,9 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
             values |= {f"{name}_{column}": value for column, value in vars(path).items()}
         mix = trials.condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
         gain = averaging_gain(noise_length(trials.model))
-        precision = phase_precision_of_mix_rad(mix, trials.model.modulation, variance_gain=gain)
+        precision = phase_precision_of_mix_rad(
+            mix, trials.model.modulation, variance_gain=gain, sample_noise_v=trials.model.sample_noise_v
+        )
         yield values | {
             "confidence_v": outcome.confidence_v,
             "confidence_model_v": outcome.confidence_model_v,

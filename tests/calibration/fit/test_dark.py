@@ -33,7 +33,7 @@ def fitted(mean: FrameMean) -> DarkCalibration:
     origin = Origin(
         captures=("dark",), frames=mean.frames, pixels=mean.pixels, periods_ns=(40.0, 20.0), waveform="sine"
     )
-    return fit_dark(mean, origin=origin)
+    return fit_dark(mean, origin=origin, predicted_noise_v=2 * NOISE_V)
 
 
 def dark_of(frames: NDArray[np.float64], voltage: Voltage | None = None) -> DarkCalibration:
@@ -47,6 +47,14 @@ def test_offsets_scatter_about_the_truth_by_their_standard_error() -> None:
     deviations = np.abs(dark.offset_v - offsets_v()) / stderr
     assert (deviations < 3.0).mean() > 0.994
     assert deviations.max() < 6.0
+    assert not dark.hot.any()
+
+
+def test_one_frame_has_the_predicted_noise_and_standard_error() -> None:
+    """It had a noise and a standard error of 0, so sigma left out the noise of the dark frame."""
+    dark = dark_of(frames_v(1))
+    assert dark.quality()["noise_v"] == pytest.approx(2 * NOISE_V)
+    assert dark.offset_stderr_v() == pytest.approx((2 * NOISE_V,) * 2)
     assert not dark.hot.any()
 
 
@@ -148,12 +156,6 @@ def test_a_saturated_dark_frame_marks_its_pixel() -> None:
     dark = dark_of(frames, Voltage(saturated_counts=(-0.4, 0.4)))
     assert np.argwhere(dark.hot).tolist() == [[4, 5]]
     assert dark.defects[4, 5] & Defect.NOT_FINITE
-
-
-def test_one_frame_gives_offsets_without_noise() -> None:
-    dark = dark_of(frames_v(1))
-    assert not dark.hot.any()
-    assert (dark.noise_v == 0.0).all()
 
 
 def test_whole_numbers_need_volts_per_count() -> None:

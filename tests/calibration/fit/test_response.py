@@ -127,6 +127,22 @@ def test_without_optics_every_pixel_gets_the_stated_distance_and_this_is_reporte
     assert (found.field_curvature_m, found.quality.curvature_stderr_m) == ((0.0, 0.0), (0.0, 0.0))
 
 
+@pytest.mark.parametrize(
+    ("optics", "cause"),
+    [
+        (Optics(), "at most: no focal length is given, so every pixel of a target counts as equally far"),
+        (
+            Optics(focal_length_px=40.0),
+            r"or the optical axis does not meet the middle of the array \(principal_point_px\)",
+        ),
+    ],
+)
+def test_targets_that_differ_by_unknown_optics_are_refused_with_that_cause(optics: Optics, cause: str) -> None:
+    """The focal length is 70 px."""
+    with pytest.raises(SettingsError, match=cause):
+        response_of(Defects(), (0.5, 2.0, 3.5), optics=optics)
+
+
 @pytest.mark.parametrize(("offset_v", "warned"), [(0.0002, False), (0.0005, True), (0.004, True)])
 def test_offsets_that_were_not_removed_are_warned_of(offset_v: float, warned: bool) -> None:
     """The residuals are 1.3, 2.5 and 18 times the noise."""
@@ -137,6 +153,15 @@ def test_offsets_that_were_not_removed_are_warned_of(offset_v: float, warned: bo
 def test_offsets_that_move_ranges_by_centimetres_are_refused() -> None:
     with pytest.raises(SettingsError, match="or the dark calibration is missing in the folder"):
         response_of(Defects(offset_v=0.02), (0.5, 1.0, 1.7, 2.4, 3.0))
+
+
+def test_offsets_without_light_are_refused() -> None:
+    """They have random phases, which became the phases of the pixels."""
+    phase = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, (2, *PIXELS))
+    offsets = TargetMean(0.01 * np.exp(1j * phase), np.full(2, 1e-4), 1.0)
+    origin = Origin(captures=("laser off",), frames=1, pixels=PIXELS, periods_ns=(40.0, 20.0), waveform="sine")
+    with pytest.raises(SettingsError, match=r"have only 0\.0. in common .*Was the laser on\?"):
+        fit_response([offsets], metadata=camera(Defects()).metadata, origin=origin)
 
 
 def test_a_target_without_a_signal_is_refused() -> None:
@@ -156,6 +181,7 @@ def noiseless(
     pixel_phases: np.ndarray | None = None,
     gain: float = 1.0,
     dim: int = 0,
+    saturated: int = 0,
     distances_m: tuple[float, ...] = (0.7, 1.4, 2.4),
     term: tuple[int, complex] = (1, 0j),
     off_m: tuple[int, np.ndarray] | None = None,
@@ -163,7 +189,8 @@ def noiseless(
     """Return the response fitted to targets without noise that fill 12 × 16 pixels.
 
     `pixel_phases` are the phases that pixels add at the fundamental, and `term` is a further order k with its value.
-    `dim` of the pixels see no light. `off_m` is a target and how much farther than stated each pixel sees it.
+    `dim` of the pixels see no light, and `saturated` of them saturate at the first target. `off_m` is a target and how
+    much farther than stated each pixel sees it.
     """
     shape = (12, 16)
     metadata = CaptureMetadata(optics=Optics(focal_length_px=14.0))
@@ -181,6 +208,8 @@ def noiseless(
             planes.append(0.09 / (1 + index) * gain ** (h - 1) * PULSE[h] * wave)
         volts = np.stack(planes)
         volts.reshape(2, -1)[:, pixels_without_light(dim)] = 1e-5
+        if index == 0:
+            volts.reshape(2, -1)[:, pixels_without_light(saturated)] = np.nan
         targets.append(TargetMean(volts, np.full(2, 1e-5), d))
     captures = tuple(f"target {index}" for index in range(len(targets)))
     origin = Origin(captures=captures, frames=30, pixels=shape, periods_ns=(40.0, 20.0), waveform="sine")
@@ -223,6 +252,23 @@ def test_field_curvature_of_either_sign_is_found_among_delays_of_the_pixels(
     errors_m = np.abs(np.array(found.field_curvature_m) - curvature_m)
     assert (errors_m < 4.0 * np.array(found.quality.curvature_stderr_m)).all()
     assert (np.array(found.quality.curvature_stderr_m) < 5e-4).all()
+
+
+def test_pixels_that_saturate_at_one_target_are_measured_with_the_others() -> None:
+    """Such pixels got the mean phase of the array, and with it a range that was wrong by many sigma."""
+    y, x = np.mgrid[:12, :16]
+    rho2 = ((x - 7.5) ** 2 + (y - 5.5) ** 2) / (8.0**2 + 6.0**2)
+    own = np.random.default_rng(2).normal(0.2, 0.002, (12, 16))
+    found = noiseless(pixel_phases=own + RAD_PER_M * 0.05 * rho2, gain=0.8, saturated=40)
+    k2, k4 = found.field_curvature_m
+    assert k2 != 0.0
+    for row, h in enumerate((1, 2)):
+        total = found.phase_rad[row] + np.angle(found.responses[row].main)
+        total = total + h * RAD_PER_M * (k2 * rho2 + k4 * rho2**2)
+        np.testing.assert_allclose(total, h * (own + RAD_PER_M * 0.05 * rho2), atol=1e-5)
+    np.testing.assert_allclose(found.gain, 1.0, rtol=1e-5)
+    assert any(text.startswith("40 pixels are saturated, not finite or") for text in found.quality.findings)
+    assert not any("could not be used" in text for text in found.quality.findings)
 
 
 @pytest.mark.parametrize(("dim", "refused"), [(182, False), (183, True)])

@@ -125,6 +125,16 @@ def test_bound_is_that_of_table_1() -> None:
         np.testing.assert_allclose(bounds, expected, atol=6e-4)
 
 
+def test_bound_contains_the_noise_of_the_samples() -> None:
+    """If that noise is 100 times the photons', the covariance is its own: the bound of white noise, of docs/physics.md."""
+    mix, sample_noise_v = replace(paper_mix(5.0), fwhm_ns=0.0), 100.0 * 0.2746
+    bounds = time_bounds_ns(mix, Modulation(), variance_gain=1e-9, sample_noise_v=sample_noise_v)
+    c, a = math.cos(2 * math.pi * 11.0 / 40.0), 0.2746 / 6.3
+    shape = math.sqrt(13 + 20 * c + 12 * c * c) / (2 * (1 - c) * (2 + c)) * 40.0 / (2 * math.pi)
+    sigma_v = sample_noise_v * math.sqrt(1e-9)
+    np.testing.assert_allclose(bounds, [sigma_v / a * shape, sigma_v / (0.3 * a) * shape], rtol=1e-3)
+
+
 def test_bound_is_infinite_where_paths_coincide_and_absent_without_photons() -> None:
     together = replace(paper_mix(5.0), delays_ns=np.array([5.0, 5.0]))
     same = time_bounds_ns(together, Modulation(), variance_gain=1e-5)

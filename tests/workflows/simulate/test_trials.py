@@ -14,6 +14,7 @@ from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
+from cadtof_cli.workflows.simulate.sweep import SweepCell, rows
 from cadtof_cli.workflows.simulate.trials import (
     Recordings,
     Trials,
@@ -124,6 +125,16 @@ def test_jitter_widens_the_pulse_of_drawn_voltages_and_of_the_bound_alike() -> N
     alone_second = math.sqrt((1 - second[1] / 2) / 2 / (2e5 - 1)) / (second[0] / 2) / 2
     together = 1 / math.sqrt(alone_rad**-2 + alone_second**-2)
     assert found.direct.bound_ns == pytest.approx(together * 40.0 / (2 * math.pi), rel=1e-3)
+
+
+def test_noise_of_the_samples_widens_the_scatter_and_the_bound_alike() -> None:
+    """The bound was that of the photons alone: half of the scatter with a sample noise of .3 V."""
+    model = PixelModel(averaging=Averaging(integration_length=1e5), sample_noise_v=0.3)
+    found = outcome(trials(model=model, runs=4000))
+    assert found.direct.std_ns == pytest.approx(found.direct.bound_ns, rel=0.06)
+    assert found.second.std_ns == pytest.approx(found.second.bound_ns, rel=0.06)
+    [row] = rows([SweepCell(trials(model=model, runs=4000), found)])
+    assert row["phase_std_rad"] == pytest.approx(row["phase_model_std_rad"], rel=0.06)
 
 
 def test_phase_error_does_not_depend_on_asr() -> None:
