@@ -19,7 +19,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import shape_text
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.reading import damage_as_frame_error, in_brief, require_plausible_size
-from cadtof_cli.files.tiff.contents import require_voltages
+from cadtof_cli.files.tiff.contents import require_stored_plainly, require_voltages
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.names import names_of_planes
 from cadtof_cli.files.tiff.pages import require_sound_chain
@@ -112,6 +112,8 @@ class TiffImages:
                 self.names = names_of_planes(self._tiff, series, self.labels, self.sizes)
                 if voltages:
                     require_voltages(path, self._tiff.pages, self.names)
+                else:
+                    require_stored_plainly(path, self._tiff.pages)
                 require_plausible_size(path, page.nbytes, self._tiff.filehandle.size)
             opened.pop_all()
 
