@@ -56,7 +56,7 @@ def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: 
         if not ways:
             raise
         raise FrameError(
-            f"{path}: found an array of {_size_text(array.shape)}, expected axes [T] H C Y X, rows and columns last; {ways}"
+            f"{path}: found an array of {lengths_text(array.shape)}, expected axes [T] H C Y X, rows and columns last; {ways}"
         ) from None
     shape = (len(layout.harmonics), CHANNELS, *array.shape[-2:])
 
@@ -74,7 +74,7 @@ def single_plane(path: Path, array: Mapped, /) -> Stored:
     """
     require_planes(path, array)
     if array.size != array.shape[-2] * array.shape[-1]:
-        raise FrameError(f"{path}: found an array of {_size_text(array.shape)}, expected a single plane")
+        raise FrameError(f"{path}: found an array of {lengths_text(array.shape)}, expected a single plane")
     plane: Stored = _planes(path, array, np.zeros(1, np.intp))[0]
     return plane
 
@@ -109,10 +109,11 @@ def require_planes(path: Path, array: Stored, /) -> None:
     if array.dtype.name not in SAMPLE_TYPES:
         raise FrameError(f"{path}: found values of type {array.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
     if array.ndim < 2 or not array.size:
-        raise FrameError(f"{path}: found an array of {_size_text(array.shape)}, expected planes (…, Y, X)")
+        raise FrameError(f"{path}: found an array of {lengths_text(array.shape)}, expected planes (…, Y, X)")
 
 
-def _size_text(shape: Sequence[int]) -> str:
+def lengths_text(shape: Sequence[int], /) -> str:
+    """Return the lengths of an array's axes for a message."""
     return " × ".join(map(str, shape)) or "one value"
 
 

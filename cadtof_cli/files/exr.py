@@ -18,7 +18,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text
 from cadtof_cli.files.library_output import library_output
-from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader
+from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader, require_different_names
 from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
 from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_through, require_plausible_size
 from cadtof_cli.files.system import codes_of_the_system
@@ -264,7 +264,12 @@ def read_facts(path: Path, /) -> dict[str, str]:
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
-    """Return the channels of the file's first part by name, (Y, X) each, as they are stored."""
-    names = read_parts(path)[0].channels
-    with open_pixels(path, [(0, name) for name in names]) as planes:
-        return {name: plane.copy() for name, plane in zip(names, planes, strict=True)}
+    """Return the channels of all parts by name, (Y, X) each, as they are stored.
+
+    Raises:
+        FrameError: the file cannot be read, is damaged, or two parts have a channel of the same name.
+    """
+    places = [Place(index, name) for index, part in enumerate(read_parts(path)) for name in part.channels]
+    require_different_names(path, [place.channel for place in places])
+    with open_pixels(path, places) as planes:
+        return {place.channel: plane.copy() for place, plane in zip(places, planes, strict=True)}

@@ -70,12 +70,13 @@ def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str)
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     """Return the layers of a map or truth file by name, (Y, X) each, as they are stored; the status becomes uint32.
 
-    Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF. An OME-TIFF holds the
+    Layers are the channels of all parts of an EXR file, or the named channels of an OME-TIFF. An OME-TIFF holds the
     status bits as float numbers.
 
     Raises:
         NotMapsError: the layers have no names.
-        FrameError: the file cannot be read, is damaged, or its status holds numbers that cannot be bits.
+        FrameError: the file cannot be read, is damaged, has two layers of one name, or its status holds numbers that
+            cannot be bits.
     """
     kind = detect_format(path)
     if kind.layers is None:
@@ -84,8 +85,13 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     status = layers.get(STATUS)
     if status is None:
         return layers
-    if not (np.isfinite(status) & (status >= 0) & (status < _STATUS_LIMIT)).all():
-        raise FrameError(f"{path}: damaged maps: their status holds numbers that are no bits")
+    # as float64, because the limit is beyond the range of float16
+    numbers = status.astype(np.float64)
+    if not (np.isfinite(numbers) & (numbers >= 0) & (numbers < _STATUS_LIMIT) & (numbers == np.floor(numbers))).all():
+        raise FrameError(
+            f"{path}: damaged maps: their status holds numbers that are no bits; a program that scales numbers may have"
+            " written them"
+        )
     return layers | {STATUS: status.astype(np.uint32, copy=False)}
 
 

@@ -2,8 +2,10 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -106,3 +108,14 @@ class MapHeader:
 def is_map_layer(name: str, /) -> bool:
     """Return whether a channel with this name belongs to a map and not to a frame."""
     return re.fullmatch(_MAP_LAYER, name) is not None
+
+
+def require_different_names(path: Path, names: Sequence[str], /) -> None:
+    """Make sure that no two layers of a file have the same name.
+
+    Raises:
+        FrameError: two layers have the same name, so it is not known which of them is meant.
+    """
+    repeated = next((name for name, count in Counter(names).items() if count > 1), None)
+    if repeated is not None:
+        raise FrameError(f"{path}: found {repeated} twice, expected it once")

@@ -102,6 +102,14 @@ def is_of_a_plane(name: str, /) -> bool:
     return plane_label(name) is not None or says_a_channel(name)
 
 
+def says_a_harmonic(name: str, /) -> bool:
+    """Return whether a text is a name that gives a harmonic: as a number, as a frequency in MHz, or as a period in ns."""
+    label = plane_label(name)
+    if label is not None:
+        return label.harmonic is not None
+    return _only(_HARMONIC_WORD, name) is not None or _frequency_mhz(_without_channel(name)) is not None
+
+
 def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[int, ...]:
     """Return the harmonic that each name gives: as a number, as a frequency in MHz, or as a period in ns.
 

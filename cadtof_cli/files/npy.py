@@ -9,12 +9,15 @@ from numpy.lib.format import MAGIC_PREFIX
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.array_frames import Mapped, open_array, single_plane
+from cadtof_cli.files.array_frames import Mapped, lengths_text, open_array, single_plane
 from cadtof_cli.files.frames import FrameLayout, Frames
 from cadtof_cli.files.reading import damage_as_frame_error, open_regular
 
 _LONGEST_HEADER = 1000
 """Most bytes of a header that gives type and shape. The time to parse a header grows with the square of its length."""
+
+_LOOKED_AT_AFTER = 4096
+"""Number of bytes after the array that are looked at; a device that writes whole blocks leaves zeros there."""
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
@@ -45,8 +48,14 @@ def _mapped(path: Path) -> Mapped:
             ) from error
         with os.fdopen(open_regular(path), "rb") as file:
             file.seek(array.offset + array.nbytes)
-            if file.read(len(MAGIC_PREFIX)) == MAGIC_PREFIX:
-                raise FrameError(
-                    f"{path}: found several arrays, one after the other, expected one: numpy.save(PATH, numpy.stack(FRAMES))"
-                )
+            after = file.read(_LOOKED_AT_AFTER)
+        if after.startswith(MAGIC_PREFIX):
+            raise FrameError(
+                f"{path}: found several arrays, one after the other, expected one: numpy.save(PATH, numpy.stack(FRAMES))"
+            )
+        if any(after):
+            raise FrameError(
+                f"{path}: found further values after the array of {lengths_text(array.shape)} that its header describes, so the"
+                " header is damaged, or the values were added later; expected a file that ends with its array"
+            )
         return array

@@ -142,6 +142,17 @@ def test_several_arrays_in_a_file_are_refused_but_zeros_after_one_are_not(tmp_pa
     np.testing.assert_array_equal(read_stored(FrameSource("frame", (path,)), LAYOUT), known_frame("u2"))
 
 
+def test_values_that_the_header_of_a_npy_leaves_out_are_not_passed_over(tmp_path: Path) -> None:
+    path, frame = tmp_path / "frame.npy", known_frame("u2")
+    np.save(path, frame)
+    rows, columns = frame.shape[2:]
+    # one digit of the header is damaged, so each row would begin one value too early
+    path.write_bytes(path.read_bytes().replace(f", {columns})".encode(), f", {columns - 1})".encode(), 1))
+    assert message(path).startswith(
+        f"{path}: found further values after the array of 2 × 2 × {rows} × {columns - 1} that its header describes, "
+    )
+
+
 def test_npy_that_is_no_frame(tmp_path: Path) -> None:
     path = tmp_path / "frame.npy"
     np.save(path, np.array([{"not": "numbers"}], object), allow_pickle=True)

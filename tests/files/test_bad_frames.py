@@ -165,6 +165,16 @@ def test_a_message_that_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("colours", [1, 2])
+def test_a_jpeg_xr_header_at_which_the_library_ends_the_process(colours: int, tmp_path: Path) -> None:
+    path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="jpegxr")
+    content = bytearray(path.read_bytes())
+    # the upper four bits of this byte say YUV 4:2:0 or 4:2:2 instead of grey
+    content[content.rindex(b"WMPHOTO\0") + 11] |= colours << 4
+    path.write_bytes(content)
+    assert message(path) == (f"{path}: damaged TIFF: its JPEG XR data declares YUV colours, expected one value a pixel")
+
+
 @pytest.mark.parametrize(
     ("remarks", "text"),
     [

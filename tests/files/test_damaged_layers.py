@@ -1,6 +1,7 @@
 """Layers are read back by the names that they were written with; a damaged file gives no layers."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -51,14 +52,64 @@ def test_channels_named_as_colours_are_layers_like_others(tmp_path: Path) -> Non
         np.testing.assert_array_equal(layers[name], plane)
 
 
-def test_only_the_first_part_of_an_exr_file_holds_maps(tmp_path: Path) -> None:
-    header = {"type": OpenEXR.scanlineimage}
+def _parts(path: Path, *names: str) -> Path:
+    """Write an EXR file with a part for each name, whose only channel has this name."""
     parts = [
-        OpenEXR.Part({**header, "name": name}, {name: np.full(SHAPE, index, np.float32)})
-        for index, name in enumerate(("first", "second"))
+        OpenEXR.Part({"type": OpenEXR.scanlineimage, "name": str(index)}, {name: np.full(SHAPE, index, np.float32)})
+        for index, name in enumerate(names)
     ]
-    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
-    assert list(read_layers(tmp_path / "parts.exr")) == ["first"]
+    OpenEXR.File(parts).write(str(path))
+    return path
+
+
+def test_layers_in_any_part_of_an_exr_file_are_read(tmp_path: Path) -> None:
+    # exrmultipart -convert writes the layers direct, mpi and the rest as three parts
+    layers = read_layers(_parts(tmp_path / "parts.exr", "confidence", "direct.depth", "mpi.depth"))
+    assert {name: plane[0, 0] for name, plane in layers.items()} == {"confidence": 0, "direct.depth": 1, "mpi.depth": 2}
+
+
+def test_two_layers_of_one_name_are_refused(tmp_path: Path) -> None:
+    path = _parts(tmp_path / "parts.exr", "direct.depth", "mpi.depth", "direct.depth")
+    with pytest.raises(FrameError, match=r"parts\.exr: found direct\.depth twice, expected it once"):
+        read_layers(path)
+    # the maps of two frames, joined by another program
+    names = {"Channel": {"Name": ["direct.depth", "mpi.depth"]}}
+    joined = np.random.default_rng(2).normal(size=(2, 2, *SHAPE)).astype(np.float32)
+    tifffile.imwrite(
+        tmp_path / "stack.tif", joined, ome=True, photometric="minisblack", metadata={"axes": "TCYX", **names}
+    )
+    with pytest.raises(FrameError, match=r"stack\.tif: found direct\.depth twice, expected it once"):
+        read_layers(tmp_path / "stack.tif")
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_status_bits_that_a_program_has_scaled_are_refused(dtype: type[np.floating[Any]], tmp_path: Path) -> None:
+    # oiiotool reads whole numbers of 32 bits as 0 … 1
+    scaled = np.full(SHAPE, 4096 / (2**32 - 1), dtype)
+    assert scaled.any()
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": scaled}).write(str(tmp_path / "maps.exr"))
+    with pytest.raises(FrameError, match=r"maps\.exr: damaged maps: their status holds numbers that are no bits; "):
+        read_layers(tmp_path / "maps.exr")
+
+
+def test_status_bits_as_half_floats_are_bits(tmp_path: Path) -> None:
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": np.full(SHAPE, 2112, np.float16)}).write(
+        str(tmp_path / "maps.exr")
+    )
+    assert (read_layers(tmp_path / "maps.exr")["status"] == 2112).all()
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [({"photometric": "miniswhite"}, "min-is-white"), ({"extratags": [(274, 3, 1, 4, True)]}, "found orientation 4")],
+)
+def test_maps_that_are_inverted_or_turned_are_refused(changed: dict[str, Any], told: str, tmp_path: Path) -> None:
+    metadata = {"axes": "CYX", "Channel": {"Name": ["direct.depth", "mpi.depth"]}}
+    planes = np.random.default_rng(3).uniform(size=(2, *SHAPE)).astype(np.float32)
+    options: dict[str, Any] = {"photometric": "minisblack", "ome": True, "metadata": metadata, **changed}
+    tifffile.imwrite(tmp_path / "truth.tif", planes, **options)
+    with pytest.raises(FrameError, match=told):
+        read_layers(tmp_path / "truth.tif")
 
 
 def test_a_tiff_without_names_for_all_its_pages_holds_no_maps(tmp_path: Path) -> None:

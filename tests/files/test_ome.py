@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 import tifffile
 
+from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import MapHeader
 from cadtof_cli.files.tiff.layers import ome_xml
 from cadtof_cli.files.tiff.names import channel_names
 from cadtof_cli.version import __version__
-from tests.files.refusals import message
+from tests.files.forms import known_frame
+from tests.files.refusals import LAYOUT, message
 
 HEADER = MapHeader()
 
@@ -59,6 +61,46 @@ def test_names_that_tifffile_wrote(tmp_path: Path) -> None:
     layers = read_layers(tmp_path / "truth.tif")
     assert list(layers) == ["direct.depth", "a & b"]
     np.testing.assert_array_equal(layers["a & b"], planes[1])
+
+
+NAMES_OF_IMAGES = {
+    "a plane an image": (["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"], None),
+    "a plane an image, in words": (["sc1 25 MHz", "sc2 25 MHz", "sc1 50 MHz", "sc2 50 MHz"], ["DAPI"] * 4),
+    "images are harmonics": (["H1", "H1", "H2", "H2"], ["SC1", "SC2"] * 2),
+    "images are periods": (["40 ns", "40 ns", "20 ns", "20 ns"], ["I", "Q"] * 2),
+    "names of channels win": (["H2", "H2", "H1", "test 40 ns"], ["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"]),
+}
+"""Names of four images in the order H1.SC1, H1.SC2, H2.SC1, H2.SC2, and the names of their channels."""
+
+
+@pytest.mark.parametrize("names", NAMES_OF_IMAGES.values(), ids=NAMES_OF_IMAGES)
+def test_names_of_images_say_which_plane_they_hold(names: tuple[list[str], list[str] | None], tmp_path: Path) -> None:
+    images, channels = names
+    frame, path = known_frame("u2"), tmp_path / "frame.tif"
+    with tifffile.TiffWriter(path, ome=True) as writer:
+        for place in (3, 1, 0, 2):
+            channel = {"Channel": {"Name": channels[place]}} if channels else {}
+            writer.write(
+                frame.reshape(4, *frame.shape[2:])[place], photometric="minisblack",
+                metadata={"axes": "YX", "Name": images[place], **channel},
+            )  # fmt: skip
+    np.testing.assert_array_equal(read_stored(FrameSource("frame", (path,)), LAYOUT), frame)
+
+
+def test_an_image_for_each_harmonic(tmp_path: Path) -> None:
+    frame, path = known_frame("u2"), tmp_path / "frame.tif"
+    with tifffile.TiffWriter(path, ome=True) as writer:
+        for harmonic in (2, 1):
+            metadata = {"axes": "CYX", "Name": f"H{harmonic}", "Channel": {"Name": ["SC1", "SC2"]}}
+            writer.write(frame[harmonic - 1], photometric="minisblack", metadata=metadata)
+    np.testing.assert_array_equal(read_stored(FrameSource("frame", (path,)), LAYOUT), frame)
+
+
+def test_the_name_of_a_lone_image_is_no_name_of_planes(tmp_path: Path) -> None:
+    frame, path = known_frame("u2"), tmp_path / "frame.tif"
+    metadata = {"axes": "ZCYX", "Name": "H2 test, 40 ns", "Channel": {"Name": ["SC1", "SC2"]}}
+    tifffile.imwrite(path, frame, ome=True, photometric="minisblack", metadata=metadata)
+    np.testing.assert_array_equal(read_stored(FrameSource("frame", (path,)), LAYOUT), frame)
 
 
 def test_a_long_description_takes_no_longer_than_a_short_one(tmp_path: Path) -> None:

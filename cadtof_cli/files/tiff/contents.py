@@ -1,7 +1,7 @@
 """Checks that the pages of a TIFF may be voltages: no colour pictures, no inverted or turned images, no maps."""
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import tifffile
@@ -41,36 +41,58 @@ def require_voltages(path: Path, pages: Iterable[Page], names: Sequence[str], /)
     Raises:
         NotAFrameError: the file holds maps, or a colour picture. A picture whose planes have names of voltages is
             accepted.
-        FrameError: the values are stored inverted, or the rows and columns are turned.
+        FrameError: see `require_stored_plainly`.
     """
     layers = list(dict.fromkeys(filter(is_map_layer, names)))
     if layers:
         raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
     named = any(map(plane_label, names))
+    for page in _first_pages(pages):
+        if not named:
+            _require_no_colours(path, page)
+        _require_plain_page(path, page)
+
+
+def require_stored_plainly(path: Path, pages: Iterable[Page], /) -> None:
+    """Make sure that the values of pages are not inverted, and that their rows and columns are not turned.
+
+    Raises:
+        FrameError: a page is min-is-white, or has another orientation than the first row on top.
+    """
+    for page in _first_pages(pages):
+        _require_plain_page(path, page)
+
+
+def _first_pages(pages: Iterable[Page]) -> Iterator[tifffile.TiffPage]:
+    """Yield the first pages of a file that are images in full size."""
     for page in itertools.islice(pages, LOOKED_INTO):
         if isinstance(page, tifffile.TiffPage) or not page.is_virtual:
             whole = page if isinstance(page, tifffile.TiffPage) else page.aspage()
             if is_plain_page(whole):
-                _require_stored_plainly(path, whole, named=named)
+                yield whole
 
 
-def _require_stored_plainly(path: Path, page: tifffile.TiffPage, *, named: bool) -> None:
-    """Make sure that a page is no colour picture, unless its planes are `named`, and neither inverted nor turned."""
+def _require_no_colours(path: Path, page: tifffile.TiffPage) -> None:
+    """Make sure that a page, whose planes have no names, is no colour picture."""
     photometric, samples = int(page.photometric), page.samplesperpixel
     # software that is not told that four planes are no colours stores them as RGBA, with planar configuration 2
     apart = photometric == _RGB and page.planarconfig != _CONTIGUOUS and samples > 3
-    if photometric in _COLOURS and not apart and not named:
+    if photometric in _COLOURS and not apart:
         alpha = "A" if photometric == _RGB and samples == 4 else ""
         raise NotAFrameError(
             f"{path}: holds a colour picture ({_COLOURS[photometric]}{alpha}), expected voltages; software that stores"
             " four channels as RGBA may swap them: write a page for each, or name them H1.SC1, H1.SC2, …"
         )
-    if photometric not in _COLOURS and not _OPACITY.isdisjoint(page.extrasamples) and not named:
+    if photometric not in _COLOURS and not _OPACITY.isdisjoint(page.extrasamples):
         raise NotAFrameError(
             f"{path}: holds grey and opacity, {samples} samples a pixel, expected voltages; write a page for each plane,"
             " or name them H1.SC1, H1.SC2, …"
         )
-    if photometric == _MIN_IS_WHITE:
+
+
+def _require_plain_page(path: Path, page: tifffile.TiffPage) -> None:
+    """Make sure that a page is neither inverted nor turned."""
+    if int(page.photometric) == _MIN_IS_WHITE:
         raise FrameError(
             f"{path}: found min-is-white pages, whose values may be stored inverted; expected min-is-black"
         )

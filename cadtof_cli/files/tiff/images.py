@@ -19,7 +19,8 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import shape_text
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.reading import damage_as_frame_error, in_brief, require_plausible_size
-from cadtof_cli.files.tiff.contents import require_voltages
+from cadtof_cli.files.tiff import jpeg_xr
+from cadtof_cli.files.tiff.contents import require_stored_plainly, require_voltages
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.names import names_of_planes
 from cadtof_cli.files.tiff.pages import require_sound_chain
@@ -31,7 +32,7 @@ from cadtof_cli.files.tiff.series import (
     sound_items,
 )
 
-_PRINTING = frozenset({22610, 34933, 34934})
+_PRINTING = jpeg_xr.COMPRESSIONS | {34933}
 """Compressions whose libraries print their remarks on a damaged page: JPEG XR and PNG."""
 
 _PRIVATE_TAG_MESSAGE = r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b"
@@ -103,6 +104,7 @@ class TiffImages:
                 # tifffile accepts sizes that are no whole numbers
                 self._page_shape = tuple(map(operator.index, page.shape))
                 self._is_printing = page.compression in _PRINTING
+                self._is_jpeg_xr = page.compression in jpeg_xr.COMPRESSIONS
                 self._described_beside = series[0].kind == "ndtiff"
                 self._scattered = ScatteredPlanes(path, series) if is_scattered(series[0]) else None
                 if self._scattered is not None:
@@ -112,6 +114,8 @@ class TiffImages:
                 self.names = names_of_planes(self._tiff, series, self.labels, self.sizes)
                 if voltages:
                     require_voltages(path, self._tiff.pages, self.names)
+                else:
+                    require_stored_plainly(path, self._tiff.pages)
                 require_plausible_size(path, page.nbytes, self._tiff.filehandle.size)
             opened.pop_all()
 
@@ -202,6 +206,8 @@ class TiffImages:
                     stored_type = self.dtype.newbyteorder(self._tiff.byteorder)
                     self._tiff.filehandle.read_array(stored_type, part.size, item, out=part)
                 else:
+                    if self._is_jpeg_xr:
+                        jpeg_xr.require_plain_colours(self.path, item, self._tiff.filehandle.fileno())
                     # one thread, because several frames are read in parallel
                     item.asarray(out=part, maxworkers=1)
         return whole

@@ -18,7 +18,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader, NotMapsError
+from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader, NotMapsError, require_different_names
 from cadtof_cli.files.system import BLOCK_BYTES, codes_of_the_system
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
@@ -191,7 +191,7 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
 
     Raises:
         NotMapsError: the channels have no names.
-        FrameError: the file cannot be read, or is damaged.
+        FrameError: the file cannot be read, is damaged, or two channels have the same name.
     """
     with closing(TiffImages(path, voltages=False)) as images:
         planes = images.planes(np.arange(math.prod(images.sizes)))
@@ -200,4 +200,5 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
         raise NotMapsError(
             f"{path}: found {len(planes)} pages without the names of maps, expected an OME-TIFF as `cadtof resolve` writes it"
         )
+    require_different_names(path, names)
     return dict(zip(names, planes, strict=True))

@@ -3,12 +3,18 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tifffile
 
-from cadtof_cli.files.named_planes import plane_label, says_a_channel
+from cadtof_cli.files.named_planes import is_of_a_plane, plane_label, says_a_channel, says_a_harmonic
 from cadtof_cli.files.tiff.ndtiff import index_names
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+_SEVERAL = 2
 
 _DESCRIPTION = 270
 _PAGE_NAME = 285
@@ -47,7 +53,10 @@ def names_of_planes(
 
 
 def channel_names(xml: str, /) -> tuple[str, ...]:
-    """Return the names of all channels in OME-XML (an empty text: no name); empty if the text is no XML."""
+    """Return the names of all channels in OME-XML (an empty text: no name); empty if the text is no XML.
+
+    If the text describes several images, the names of the images count as well: see `_name_in_image`.
+    """
     from xml.etree import ElementTree
 
     try:
@@ -55,7 +64,31 @@ def channel_names(xml: str, /) -> tuple[str, ...]:
     except ElementTree.ParseError:
         # tifffile logs an error for this, which `reading_tiff` turns into a FrameError
         return ()
-    return tuple(element.get("Name", "") for element in root.iter() if element.tag.rpartition("}")[2] == "Channel")
+    images = _elements(root, "Image")
+    if len(images) < _SEVERAL:
+        return tuple(channel.get("Name", "") for channel in _elements(root, "Channel"))
+    return tuple(
+        _name_in_image(image.get("Name", ""), channel.get("Name", ""))
+        for image in images
+        for channel in _elements(image, "Channel")
+    )
+
+
+def _elements(root: "Element", tag: str) -> list["Element"]:
+    """Return all elements with this tag, with or without a namespace."""
+    return [element for element in root.iter() if element.tag.rpartition("}")[2] == tag]
+
+
+def _name_in_image(image: str, channel: str) -> str:
+    """Return the name of a channel in a file of several images, whose names may say which plane they hold.
+
+    An image H2 with the channel SC1 holds H2.SC1. The name of an image counts as a whole if its channel has none, or
+    has one that says nothing of planes.
+    """
+    if is_of_a_plane(channel):
+        joins = says_a_harmonic(image) and not says_a_channel(image) and not says_a_harmonic(channel)
+        return f"{image}.{channel}" if joins else channel
+    return image if not channel or is_of_a_plane(image) else channel
 
 
 def _channels(names: Sequence[str], axes: str, sizes: Sequence[int]) -> tuple[str, ...]:
