@@ -6,6 +6,7 @@
     panels --seed 98000     192 frames of `inter-reflection`
     drawn --seed 95000      324 frames of panes, patterns, steps and mirrors, whose geometry is drawn
     changing --seed 96500   180 frames whose second paths change from pixel to pixel or from block to block
+    smooth --seed 94000     180 frames whose second paths change smoothly, share and delay on their own
     corners --seed 99200    240 frames of the opposite kind: corners that fill the view, whose MPI is a short tail
 
 It prints a row per kind of scene: the number of frames, the number of those that are taken for tails, and, over the
@@ -39,6 +40,7 @@ LENGTHS = {
     "drawn": (3e3, 5e4, 5e5),
     "corners": (2e3, 1e4, 1e5, 1e6),
     "changing": (1e4, 1e5, 1e6),
+    "smooth": (1e4, 1e5, 1e6),
 }
 """Integration lengths of two harmonics by set of frames; other numbers of harmonics share the same light."""
 
@@ -139,6 +141,29 @@ class Changing(Drawn):
         return values[np.ix_(y, x)]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Smooth(Drawn):
+    """A wall that is bent, before a second path whose delay and share are bent, too: each by waves of its own."""
+
+    def paths(self, across: Float, down: Float) -> tuple[Float, Float, Float]:
+        """Return the ranges of both paths in m, and the light of the second path over that of the first."""
+        rng = np.random.default_rng(self.seed)
+        bent, spread = rng.uniform((0.0, 0.03), (0.15, 0.25)), rng.uniform(0.05, 0.8)
+        near = rng.uniform(1.0, 3.0) * (1.0 + bent[0] * waves(across, down, rng))
+        later = rng.uniform(0.8, 2.5) * (1.0 + bent[1] * waves(across, down, rng))
+        share = np.minimum(self.share * np.exp(spread * waves(across, down, rng)), 0.9)
+        return near, near + np.maximum(later, 0.3), share
+
+
+def waves(across: Float, down: Float, rng: np.random.Generator) -> Float:
+    """Return one to three long waves; together they have a variance of 1."""
+    count = int(rng.integers(1, 4))
+    total = np.zeros_like(across)
+    for per_view, way, turn in rng.uniform((0.25, 0.0, 0.0), (3.0, 2.0 * np.pi, 2.0 * np.pi), (count, 3)):
+        total += np.sin(2.0 * np.pi * per_view * (across * np.cos(way) + down * np.sin(way)) + turn)
+    return np.asarray(total * np.sqrt(2.0 / count))
+
+
 def slopes(camera: Camera) -> tuple[Float, Float]:
     """Return X and Y of the rays of a camera's pixels, (Y, X) each."""
     y, x = np.mgrid[: camera.height, : camera.width].astype(float)
@@ -219,6 +244,17 @@ def changing(seed: int) -> Scenes:
                 seed += 1
 
 
+def smooth(seed: int) -> Scenes:
+    """Return scenes whose second paths change smoothly, with five shares."""
+    for share in (0.03, 0.07, 0.15, 0.3, 0.5):
+        for _ in range(4):
+            for width, height, lens in ((160, 120, 0.72), (320, 240, 0.875), (100, 130, 1.3)):
+                camera = Camera(width=width, height=height, focal_length_px=lens * width)
+                kind = f"smooth, share about {share:g}"
+                yield kind, Smooth(kind=kind, seed=seed, share=share), camera, LENGTHS["smooth"]
+                seed += 1
+
+
 def recordings(
     scene: Scene, camera: Camera, lengths: tuple[float, ...], harmonics: int, seed: int
 ) -> Iterator[tuple[Float, Float, CaptureMetadata]]:
@@ -248,6 +284,7 @@ def main() -> None:
         "drawn": drawn,
         "corners": corners,
         "changing": changing,
+        "smooth": smooth,
     }
     scenes = cards() if chosen.frames == "cards" else by_seed[chosen.frames](chosen.seed)
     counts: dict[str, int] = {}
