@@ -241,6 +241,22 @@ def test_maps_beyond_the_limit_of_file_sizes_leave_nothing_behind(map_format: st
     assert len(list(out.glob(f"frame_?.{map_format}"))) == 3
 
 
+def test_a_record_that_takes_no_more_lines_ends_the_run_like_a_map_that_cannot_be_written(tmp_path: Path) -> None:
+    """Maps of a few pixels fit below the limit, and a line per frame does not."""
+    capture, out = record(tmp_path / "capture", frames=30), tmp_path / "out"
+    words = ("resolve", capture.folder, "-o", out, "-j", 1, "--roi", "0,0,4,4")
+    done = with_small_files(9_000, *words)
+    lines = len(_lines(out))
+    assert 0 < lines < 30
+    assert done.err == (
+        f"Error: {out / 'frames.jsonl'}: cannot be written: File too large; here a file may have 9,000 (ulimit -f), so the run"
+        f" stopped with {lines} frames resolved; remove the cause and continue with --resume\n"
+    )
+    assert done.status == 1
+    assert program(*words, "--resume").status == 0
+    assert len(_lines(out)) == 30
+
+
 def test_a_scene_beyond_the_limit_of_file_sizes_names_the_file(tmp_path: Path) -> None:
     for frame_format in ("tif", "exr"):
         out = tmp_path / frame_format

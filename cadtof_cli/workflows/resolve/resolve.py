@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names
-from cadtof_cli.errors import RunStoppedError
+from cadtof_cli.errors import OutputError, RunStoppedError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Outcome, WorkerDied
 from cadtof_cli.execution.workers import LOCAL
@@ -122,7 +122,9 @@ def resolve_captures(
                     batches = itertools.chain(batches, run.arriving(arrivals, arriving, document))
                 return run.report_all(batches)
         finally:
-            remove_partial_files(settings.out, token=token)
+            # maps bear the token, and the two records bear the number of this process
+            for writer in (token, str(os.getpid())):
+                remove_partial_files(settings.out, token=writer)
 
 
 def _dry_run(
@@ -195,7 +197,7 @@ class _Run:
         """Record, count and show the outcomes of all frames; return the totals of this run.
 
         Raises:
-            RunStoppedError: the output folder takes no more maps.
+            RunStoppedError: the output folder takes no more maps, or no more lines of the record.
             KeyboardInterrupt: the message says how to continue the run.
         """
         settings, totals = self.settings, self.totals
@@ -212,6 +214,10 @@ class _Run:
                     self.progress.say(f"{settings.out}: {counted(count - _NOTES_OF_A_KIND, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
             self.record.finish(totals.seconds)
+        except RunStoppedError:
+            raise
+        except OutputError as error:
+            raise self._stopped(str(error)) from error
         except KeyboardInterrupt as interrupt:
             again = "the same command"
             if not settings.resume:
@@ -226,20 +232,24 @@ class _Run:
         Raises:
             RunStoppedError: the output folder takes no more maps.
         """
-        self.totals.add(report)
         if report.note is not None:
             why = report.note.rpartition(": ")[2]
             self.noted[why] += 1
             if self.noted[why] <= _NOTES_OF_A_KIND:
                 self.progress.say(report.note)
         self.record.add(report)
+        self.totals.add(report)
         self.on_frame(report)
         if report.stops:
-            raise RunStoppedError(
-                f"{self.settings.out}: no more maps can be written there, so the run stopped with "
-                f"{counted(self.totals.ok, 'frame')} resolved; remove the cause and continue with --resume"
-            )
+            raise self._stopped(f"{self.settings.out}: no more maps can be written there")
         self.progress.advance(total=self.expected)
+
+    def _stopped(self, why: str) -> RunStoppedError:
+        """Return the error for a run that cannot go on."""
+        done = counted(self.totals.ok, "frame")
+        return RunStoppedError(
+            f"{why}, so the run stopped with {done} resolved; remove the cause and continue with --resume"
+        )
 
     def _tasks(
         self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
