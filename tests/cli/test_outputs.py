@@ -1,5 +1,6 @@
 """Where maps go: which folders are refused, what a full or read-only disk costs, and how a stopped run is resumed."""
 
+import errno
 import json
 import os
 import re
@@ -96,6 +97,22 @@ def test_nothing_of_the_run_that_is_overwritten_stays(tmp_path: Path) -> None:
     assert len(_files(moved)) == 6
     assert cadtof(*again).status == 1
     assert sorted(_files(moved)) == ["frame_1.exr", "frame_2.exr", "frames.jsonl", "run.json"]
+
+
+def test_a_map_that_cannot_be_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a folder with the sticky bit, maps of another user stay."""
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    unlink = Path.unlink
+
+    def not_that_one(path: Path, missing_ok: bool = False) -> None:
+        if path == out / "frame_1.tif":
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM), str(path))
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", not_that_one)
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--overwrite")
+    _require_refused(done, f"{out / 'frame_1.tif'}: cannot be written: {os.strerror(errno.EPERM)}")
 
 
 def test_what_only_looks_like_a_map_of_the_earlier_run_stays(tmp_path: Path) -> None:

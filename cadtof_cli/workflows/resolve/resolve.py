@@ -100,7 +100,7 @@ def resolve_captures(
     with locked(settings.out):
         resumed = resumes()
         if settings.overwrite or settings.resume:
-            remove_partial_files(settings.out, token="*")
+            remove_partial_files(settings.out)
         notes = [note for one in plans for note in one.notes()]
         notes += calibration.notes if calibration else ()
         notes += [numpy_note()] if document["kernel"] == NUMPY else []
@@ -122,9 +122,8 @@ def resolve_captures(
                     batches = itertools.chain(batches, run.arriving(arrivals, arriving, document))
                 return run.report_all(batches)
         finally:
-            # maps bear the token, and the two records bear the number of this process
-            for writer in (token, str(os.getpid())):
-                remove_partial_files(settings.out, token=writer)
+            # maps bear the token of the run, and the two records bear the number of this process
+            remove_partial_files(settings.out, tokens={token, str(os.getpid())})
 
 
 def _dry_run(
