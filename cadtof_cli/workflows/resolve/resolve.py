@@ -6,7 +6,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
@@ -212,11 +212,8 @@ class _Run:
                 if count > _NOTES_OF_A_KIND:
                     self.progress.say(f"{settings.out}: {counted(count - _NOTES_OF_A_KIND, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
-            self.record.finish(totals.seconds)
-        except RunStoppedError:
-            raise
-        except OutputError as error:
-            raise self._stopped(str(error)) from error
+            with self._needed():
+                self.record.finish(totals.seconds)
         except KeyboardInterrupt as interrupt:
             again = "the same command"
             if not settings.resume:
@@ -236,12 +233,21 @@ class _Run:
             self.noted[why] += 1
             if self.noted[why] <= _NOTES_OF_A_KIND:
                 self.progress.say(report.note)
-        self.record.add(report)
+        with self._needed():
+            self.record.add(report)
         self.totals.add(report)
         self.on_frame(report)
         if report.stops:
             raise self._stopped(f"{self.settings.out}: no more maps can be written there")
         self.progress.advance(total=self.expected)
+
+    @contextmanager
+    def _needed(self) -> Iterator[None]:
+        """Stop the run if something cannot be written without which it cannot go on."""
+        try:
+            yield
+        except OutputError as error:
+            raise self._stopped(str(error)) from error
 
     def _stopped(self, why: str) -> RunStoppedError:
         """Return the error for a run that cannot go on."""
@@ -266,7 +272,7 @@ class _Run:
                 if number > count:
                     self.expected += 1
                 if "/" in task.sources[0].name:
-                    with writing(task.output.parent):
+                    with self._needed(), writing(task.output.parent):
                         task.output.parent.mkdir(parents=True, exist_ok=True)
                 yield task
             self.expected += min(number - count, 0)
