@@ -62,6 +62,9 @@ _CALLED_DASH = {f"{name}=-" if name.startswith("--") else f"{name}-": name for n
 
 _CUT_OFF = "Python has stored bytecode that is cut off; was a disk full?"
 
+RAISED_AGAIN_S = 0.001
+"""Time after which the end of the command is tried again, if Python was in a call that cannot be ended."""
+
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 
@@ -131,6 +134,7 @@ def main() -> NoReturn:
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         # `__main__.py` switched Ctrl-C to the default action during imports; from here on, it raises KeyboardInterrupt
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.unraisablehook = _raised_again
     debug = "--debug" in sys.argv[1:2]
     if instruction := os.environ.get(COMPLETE):
         from click.shell_completion import shell_complete
@@ -220,3 +224,22 @@ def _flush_stderr() -> None:
 def _terminate(number: int, _frame: FrameType | None) -> NoReturn:
     """Exit by SystemExit, as at any other end, so that workers stop and no half-written file stays."""
     sys.exit(128 + number)
+
+
+def _raised_again(dropped: "sys.UnraisableHookArgs") -> None:
+    """Raise once more what a signal raised while Python called a `__del__` or a callback: Python drops what these raise."""
+    ending = dropped.exc_value
+    if (
+        not isinstance(ending, SystemExit | KeyboardInterrupt)
+        or sys.is_finalizing()
+        or not hasattr(signal, "setitimer")
+    ):
+        sys.__unraisablehook__(dropped)
+        return
+
+    def end(_number: int, _frame: FrameType | None) -> NoReturn:
+        raise ending
+
+    signal.signal(signal.SIGALRM, end)
+    # a moment later, because Python drops what is raised here, too
+    signal.setitimer(signal.ITIMER_REAL, RAISED_AGAIN_S)

@@ -40,7 +40,7 @@ class PlaceError(OutputError):
 
 
 class RunStoppedError(PlaceError):
-    """A run that ended before its last frame, because its place takes no more maps.
+    """A run that ended before its last frame, because its place takes no more maps or no more lines of the record.
 
     The maps finished until then are there.
     """

@@ -4,9 +4,11 @@ import itertools
 import os
 import re
 import shlex
+import signal
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -40,10 +42,52 @@ def test_a_cluster_started_by_hand_resolves_a_capture(tmp_path: Path) -> None:
     assert "resolved 3 of 3 frames" in done.stderr
 
 
-def test_the_job_for_slurm(tmp_path: Path) -> None:
+SBATCH = """#!/bin/sh
+cp "$1" "$JOBS/script"
+setsid --fork sh -c 'echo $$ > "$JOBS/job.$$"; exec bash "$JOBS/script"' > "$JOBS/log" 2>&1 < /dev/null
+echo "Submitted batch job 7"
+"""
+"""Starts a job at once, where Slurm would wait for a free node."""
+
+SCANCEL = """#!/bin/sh
+kill -- -$(cat "$JOBS"/job.*)
+"""
+
+
+def require_jobqueue() -> None:
     require_dask()
     if not os.environ.get("CI"):
         pytest.importorskip("dask_jobqueue")
+
+
+def test_a_run_on_slurm_gets_workers(tmp_path: Path) -> None:
+    """The run waits for a worker before it has work for one, so jobs must be asked for in any case."""
+    require_jobqueue()
+    capture = record(tmp_path / "room", frames=3)
+    tools, jobs = tmp_path / "bin", tmp_path / "jobs"
+    tools.mkdir()
+    jobs.mkdir()
+    for name, script in (("sbatch", SBATCH), ("scancel", SCANCEL)):
+        (tools / name).write_text(script)
+        (tools / name).chmod(0o755)
+    command = [sys.executable, str(PLACE / "slurm.py"), str(capture.folder), str(tmp_path / "out"), "--per-job", "1"]
+    environment = {**WITH_TOOLS, "JOBS": str(jobs)}
+    environment["PATH"] = f"{tools}{os.pathsep}{environment['PATH']}"
+    try:
+        done = subprocess.run(
+            [*command, "--workers", "1", "--interface", "lo"],
+            env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False,
+        )  # fmt: skip
+    finally:
+        for job in jobs.glob("job.*"):
+            with suppress(ProcessLookupError):
+                os.killpg(int(job.read_text()), signal.SIGKILL)
+    assert done.returncode == 0, done.stderr
+    assert "resolved 3 of 3 frames" in done.stderr
+
+
+def test_the_job_for_slurm(tmp_path: Path) -> None:
+    require_jobqueue()
     command = [
         sys.executable,
         str(PLACE / "slurm.py"),
@@ -54,6 +98,8 @@ def test_the_job_for_slurm(tmp_path: Path) -> None:
         "--dry-run",
         "--interface",
         "lo",
+        "--walltime",
+        "01:00:00",
     ]
     done = subprocess.run(
         command, env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
@@ -61,11 +107,13 @@ def test_the_job_for_slurm(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     options = dict(re.findall(r"(?m)^#SBATCH (-\w|--[\w-]+)[ =](.+)$", done.stdout))
     assert options["--cpus-per-task"] == "8"
-    assert options["-t"] == "04:00:00"
+    assert options["-t"] == "01:00:00"
     worker = shlex.split(done.stdout.strip().splitlines()[-1])
     worker_options = dict(itertools.pairwise(worker))
     assert (worker_options["--nworkers"], worker_options["--nthreads"]) == ("8", "1")
-    assert worker_options["--lifetime"] == "230m"
+    # a worker leaves after its lifetime, give or take what keeps workers from leaving together
+    lifetime_s, stagger_s = (int(worker_options[name].rstrip("s")) for name in ("--lifetime", "--lifetime-stagger"))
+    assert 3000 < lifetime_s + stagger_s < 3600 - 60
     subprocess.run(["bash", "-n"], input=done.stdout, text=True, check=True, timeout=10)
 
 

@@ -79,6 +79,10 @@ def serve(
     parent_end.close()
     answers = _Answers(connection)
     with finishing(answers.tell_all) as finisher:
-        while message := connection.recv_bytes():
-            answers.add(finisher.attempt(lambda message: function(messages.task(message)), message))
+        try:
+            while message := connection.recv_bytes():
+                answers.add(finisher.attempt(lambda message: function(messages.task(message)), message))
+        except (OSError, EOFError):
+            # the parent has ended, and nobody is there to read a traceback
+            os._exit(1)
         answers.end()

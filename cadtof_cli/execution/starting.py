@@ -33,8 +33,8 @@ def cores_for(processes: int, /) -> tuple[int, ...]:
 
 
 @contextmanager
-def signals_held_back() -> Iterator[None]:
-    """Hold back the signals that end this process while workers start.
+def signals_held_back(start_method: str, /) -> Iterator[None]:
+    """Hold back the signals that end this process while a worker starts.
 
     Until a worker has reached `begin_worker`, it would handle these signals like its parent. If the system cannot hold signals
     back, as on Windows, nothing is done.
@@ -42,6 +42,11 @@ def signals_held_back() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    if start_method != "fork":
+        from multiprocessing import resource_tracker
+
+        # Python starts this helper with the first worker, and then lets the signals through again
+        resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
     try:
         yield

@@ -3,7 +3,7 @@
 import errno
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -151,11 +151,12 @@ def not_written(path: Path, error: OSError, /, *, size: int | None = None) -> Ou
     return kind(f"{path}: cannot be written: {told}")
 
 
-def remove_partial_files(folder: Path, /, *, token: str) -> None:
-    """Remove the temporary files that killed writers with this token (`*`: any) left in a folder or below it."""
+def remove_partial_files(folder: Path, /, *, tokens: Collection[str] | None = None) -> None:
+    """Remove the temporary files that writers with these tokens (None: any) left in a folder or below it."""
     with suppress(OSError):
-        for leftover in folder.rglob(f".*.{token}{PARTIAL_SUFFIX}"):
-            leftover.unlink(missing_ok=True)
+        for leftover in folder.rglob(f".*.*{PARTIAL_SUFFIX}"):
+            if tokens is None or leftover.stem.rpartition(".")[2] in tokens:
+                leftover.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str, /) -> None:

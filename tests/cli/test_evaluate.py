@@ -135,6 +135,18 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
         assert "direct path" in done.out
 
 
+def test_a_map_whose_frame_is_not_known_is_named(tmp_path: Path) -> None:
+    """Else the two lines of the table would be about other frames each."""
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.files[0], "-o", out, "-j", 1).status == 0
+    shutil.copy(out / "frame_0.tif", out / "frame_7.tif")
+    done = cadtof("evaluate", out, "--truth", _truth(tmp_path / "truth.exr"))
+    assert done.status == 0
+    assert done.err == (
+        f"{out / 'frame_7.tif'}: run.json names no recorded frame of it, so the first phasor is left out\n"
+    )
+
+
 def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:
     """Two links to the folder that they lie in make 2⁴⁰ paths before the system reports too many links."""
     capture, out = record(tmp_path / "capture"), tmp_path / "out"

@@ -5,13 +5,14 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cadtof_cli.files.atomic import PartialFile
 from tests.support.captures import record, write_frame
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, cadtof
@@ -102,3 +103,25 @@ def test_a_folder_that_is_replaced_ends_the_run_which_can_go_on(
     assert cadtof("resolve", capture, "-o", out, "-j", 1, "--resume").status == 0
     require_same_run(out, undisturbed)
     assert json.loads((out / "run.json").read_text())["finished"]
+
+
+@pytest.mark.parametrize("name", ["run.json", "frames.jsonl"])
+def test_ctrl_c_while_a_record_is_begun_leaves_no_partial_file(
+    name: str, capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C comes between the creation of a temporary file and the moment in which its writer takes care of it."""
+    out, commit = tmp_path / "out", PartialFile.commit
+
+    def interrupted(partial: PartialFile, let_go: Callable[[], None] = lambda: None, /) -> int:
+        if partial.path.name == name:
+            monkeypatch.undo()
+            raise KeyboardInterrupt
+        return commit(partial, let_go)
+
+    resume: tuple[str, ...] = ()
+    if name == "frames.jsonl":
+        assert cadtof("resolve", capture, "-o", out, "-j", 1).status == 0
+        resume = ("--resume",)
+    monkeypatch.setattr(PartialFile, "commit", interrupted)
+    assert cadtof("resolve", capture, "-o", out, "-j", 1, *resume).status == 130
+    assert not list(out.glob(".*"))

@@ -1,5 +1,6 @@
 """Where maps go: which folders are refused, what a full or read-only disk costs, and how a stopped run is resumed."""
 
+import errno
 import json
 import os
 import re
@@ -96,6 +97,22 @@ def test_nothing_of_the_run_that_is_overwritten_stays(tmp_path: Path) -> None:
     assert len(_files(moved)) == 6
     assert cadtof(*again).status == 1
     assert sorted(_files(moved)) == ["frame_1.exr", "frame_2.exr", "frames.jsonl", "run.json"]
+
+
+def test_a_map_that_cannot_be_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a folder with the sticky bit, maps of another user stay."""
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    unlink = Path.unlink
+
+    def not_that_one(path: Path, missing_ok: bool = False) -> None:
+        if path == out / "frame_1.tif":
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM), str(path))
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", not_that_one)
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--overwrite")
+    _require_refused(done, f"{out / 'frame_1.tif'}: cannot be written: {os.strerror(errno.EPERM)}")
 
 
 def test_what_only_looks_like_a_map_of_the_earlier_run_stays(tmp_path: Path) -> None:
@@ -239,6 +256,22 @@ def test_maps_beyond_the_limit_of_file_sizes_leave_nothing_behind(map_format: st
     # without the limit the run goes on
     assert program(*words, "--resume").status == 0
     assert len(list(out.glob(f"frame_?.{map_format}"))) == 3
+
+
+def test_a_record_that_takes_no_more_lines_ends_the_run_like_a_map_that_cannot_be_written(tmp_path: Path) -> None:
+    """Maps of a few pixels fit below the limit, and a line per frame does not."""
+    capture, out = record(tmp_path / "capture", frames=30), tmp_path / "out"
+    words = ("resolve", capture.folder, "-o", out, "-j", 1, "--roi", "0,0,4,4")
+    done = with_small_files(9_000, *words)
+    lines = len(_lines(out))
+    assert 0 < lines < 30
+    assert done.err == (
+        f"Error: {out / 'frames.jsonl'}: cannot be written: File too large; here a file may have 9,000 (ulimit -f), so the run"
+        f" stopped with {lines} frames resolved; remove the cause and continue with --resume\n"
+    )
+    assert done.status == 1
+    assert program(*words, "--resume").status == 0
+    assert len(_lines(out)) == 30
 
 
 def test_a_scene_beyond_the_limit_of_file_sizes_names_the_file(tmp_path: Path) -> None:

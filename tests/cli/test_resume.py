@@ -180,6 +180,30 @@ def test_the_record_of_a_resumed_run_is_that_of_one_run(tmp_path: Path) -> None:
     assert run_of(out)["totals"]["frames"] == 3
 
 
+def test_maps_keep_their_lines_if_their_frames_do_not_come_again(tmp_path: Path) -> None:
+    """A run that follows a camera is started again, and gets only the paths of new frames."""
+    capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
+    paths = sorted(map(str, capture.folder.glob("*.tif")))
+    words = ("resolve", "-", "-o", out, "-j", 1)
+    assert program(*words, stdin="\n".join(paths[:2])).status == 0
+    before = (out / "frames.jsonl").read_text()
+    assert program(*words, "--resume", stdin="\n".join(paths[2:])).status == 0
+    lines = (out / "frames.jsonl").read_text()
+    assert lines.startswith(before)
+    assert [Path(json.loads(line)["source"]).name for line in lines.splitlines()] == [
+        f"frame_{i}.tif" for i in range(4)
+    ]
+    assert json.loads((out / "run.json").read_text())["totals"]["ok"] == 4
+    # the maps of a frame that is gone keep their line, too; a map that is gone has none
+    Path(paths[0]).unlink()
+    (out / "frame_3.tif").unlink()
+    assert program(*words, "--resume", stdin=paths[2]).status == 0
+    lines = (out / "frames.jsonl").read_text()
+    assert [Path(json.loads(line)["source"]).name for line in lines.splitlines()] == [
+        f"frame_{i}.tif" for i in range(3)
+    ]
+
+
 def test_a_folder_that_was_moved_and_copied_is_the_same_run(tmp_path: Path) -> None:
     capture, out, other = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "other"
     assert _resolve(capture.folder, "-o", out).status == 0

@@ -95,9 +95,9 @@ def test_only_partial_files_with_the_token_are_removed(tmp_path: Path) -> None:
     names = [".a.tif.one.partial", ".a.tif.two.partial", "a.tif", "a.one.partial"]
     for name in names:
         (tmp_path / name).touch()
-    remove_partial_files(tmp_path, token="one")
+    remove_partial_files(tmp_path, tokens={"one"})
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names[1:])
-    remove_partial_files(tmp_path, token="*")
+    remove_partial_files(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.one.partial", "a.tif"]
 
 

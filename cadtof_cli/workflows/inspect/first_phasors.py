@@ -76,11 +76,13 @@ class FirstPhasors:
             direct: its direct depth, (Y, X); NaN where there is no answer.
 
         Returns:
-            None if the frame is not known. None, with a note, if it cannot be read any more, or has changed since the run.
+            None if no frame is known. None, with a note, if this frame is not known, cannot be read any more, or has changed.
         """
         name = self.run.name(file)
         task = self.tasks.get(name)
         if task is None:
+            if self.tasks:
+                self.say(f"{file}: run.json names no recorded frame of it, {NOT_EVALUATED}")
             return None
         try:
             frame, recording = read_frame(task)

@@ -197,7 +197,8 @@ def _remove_map(out: Path, place: Path, report: FrameReport) -> None:
         inside = Path(real_path(place.parent)).is_relative_to(real_path(out))
         is_map = place.suffix in MAP_SUFFIXES and stat.S_ISREG(found.st_mode)
         if inside and is_map and found.st_size == report.output_bytes:
-            place.unlink()
+            with writing(place):
+                place.unlink(missing_ok=True)
 
 
 def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:

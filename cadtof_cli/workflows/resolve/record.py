@@ -171,6 +171,7 @@ class RunRecorder:
 
     A line is appended to `frames.jsonl` as soon as its frame is finished. A run that continues an earlier one appends too. When
     such a run ends, the lines are put into the order of the frames, one line per frame, as if there had been no interruption.
+    Before these come the lines of earlier maps for which this run had no frame: paths on stdin may be others than before.
 
     Attributes:
         path: path of `frames.jsonl`.
@@ -188,6 +189,8 @@ class RunRecorder:
     _totals: RunTotals = field(default_factory=RunTotals)
     _before: dict[str, int] = field(default_factory=dict)
     _places: "array[int]" = field(default_factory=lambda: array("q"))
+    _not_met: set[str] = field(default_factory=set)
+    _failed: set[str] = field(default_factory=set)
 
     def before(self, output: Path, /) -> FrameReport | None:
         """Return the report of an earlier run on the frame whose maps it wrote into `output`; None: there is none."""
@@ -219,6 +222,9 @@ class RunRecorder:
             raise not_written(self.path, error) from error
         if self.resumed:
             self._places.append(place)
+            self._not_met.discard(place_in(self.path.parent, Path(line.output or "")))
+            if line.status == "failed":
+                self._failed.add(line.source)
 
     def _known_place(self, output: str | None) -> int | None:
         """Return where the earlier run's line about the maps in `output` begins, in bytes; None: there is no such line."""
@@ -230,11 +236,20 @@ class RunRecorder:
             self._require_there()
             os.fsync(self.lines.fileno())
         if self.resumed:
+            self._places = array("q", self._kept_places()) + self._places
             with atomic_write(self.path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, self._places))
         totals = asdict(replace(self._totals, seconds=seconds))
         del totals["already_there"]  # always 0: kept maps count by the line of the run that made them
         write_json(self.path.with_name(RUN_FILE), {**self.document, "finished": True, "totals": totals})
+
+    def _kept_places(self) -> Iterator[int]:
+        """Yield where the lines begin whose maps are there, and for which this run had no frame. Count their frames."""
+        for name in filter(self._not_met.__contains__, self._before):
+            report = report_of(self._line_at(self._before[name]))
+            if report and report.source not in self._failed and (self.path.parent / name).is_file():
+                self._totals.add(report)
+                yield self._before[name]
 
     def find_lines(self, out: Path, /) -> None:
         """Find the lines of frames that have maps. Cut off a last line that is incomplete because the run was killed.
@@ -257,6 +272,7 @@ class RunRecorder:
                     self._before[place_in(out, Path(report.output))] = end
                 end += len(line)
             self.lines.truncate(end)
+        self._not_met = set(self._before)
 
     def _line_at(self, place: int) -> bytes:
         """Return the line that begins at a place of the file, given in bytes."""

@@ -6,7 +6,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names
-from cadtof_cli.errors import RunStoppedError
+from cadtof_cli.errors import OutputError, RunStoppedError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Outcome, WorkerDied
 from cadtof_cli.execution.workers import LOCAL
@@ -100,7 +100,7 @@ def resolve_captures(
     with locked(settings.out):
         resumed = resumes()
         if settings.overwrite or settings.resume:
-            remove_partial_files(settings.out, token="*")
+            remove_partial_files(settings.out)
         notes = [note for one in plans for note in one.notes()]
         notes += calibration.notes if calibration else ()
         notes += [numpy_note()] if document["kernel"] == NUMPY else []
@@ -122,7 +122,8 @@ def resolve_captures(
                     batches = itertools.chain(batches, run.arriving(arrivals, arriving, document))
                 return run.report_all(batches)
         finally:
-            remove_partial_files(settings.out, token=token)
+            # maps bear the token of the run, and the two records bear the number of this process
+            remove_partial_files(settings.out, tokens={token, str(os.getpid())})
 
 
 def _dry_run(
@@ -195,7 +196,7 @@ class _Run:
         """Record, count and show the outcomes of all frames; return the totals of this run.
 
         Raises:
-            RunStoppedError: the output folder takes no more maps.
+            RunStoppedError: the output folder takes no more maps, or no more lines of the record.
             KeyboardInterrupt: the message says how to continue the run.
         """
         settings, totals = self.settings, self.totals
@@ -211,7 +212,8 @@ class _Run:
                 if count > _NOTES_OF_A_KIND:
                     self.progress.say(f"{settings.out}: {counted(count - _NOTES_OF_A_KIND, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
-            self.record.finish(totals.seconds)
+            with self._needed():
+                self.record.finish(totals.seconds)
         except KeyboardInterrupt as interrupt:
             again = "the same command"
             if not settings.resume:
@@ -226,20 +228,33 @@ class _Run:
         Raises:
             RunStoppedError: the output folder takes no more maps.
         """
-        self.totals.add(report)
         if report.note is not None:
             why = report.note.rpartition(": ")[2]
             self.noted[why] += 1
             if self.noted[why] <= _NOTES_OF_A_KIND:
                 self.progress.say(report.note)
-        self.record.add(report)
+        with self._needed():
+            self.record.add(report)
+        self.totals.add(report)
         self.on_frame(report)
         if report.stops:
-            raise RunStoppedError(
-                f"{self.settings.out}: no more maps can be written there, so the run stopped with "
-                f"{counted(self.totals.ok, 'frame')} resolved; remove the cause and continue with --resume"
-            )
+            raise self._stopped(f"{self.settings.out}: no more maps can be written there")
         self.progress.advance(total=self.expected)
+
+    @contextmanager
+    def _needed(self) -> Iterator[None]:
+        """Stop the run if something cannot be written without which it cannot go on."""
+        try:
+            yield
+        except OutputError as error:
+            raise self._stopped(str(error)) from error
+
+    def _stopped(self, why: str) -> RunStoppedError:
+        """Return the error for a run that cannot go on."""
+        done = counted(self.totals.ok, "frame")
+        return RunStoppedError(
+            f"{why}, so the run stopped with {done} resolved; remove the cause and continue with --resume"
+        )
 
     def _tasks(
         self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
@@ -257,7 +272,7 @@ class _Run:
                 if number > count:
                     self.expected += 1
                 if "/" in task.sources[0].name:
-                    with writing(task.output.parent):
+                    with self._needed(), writing(task.output.parent):
                         task.output.parent.mkdir(parents=True, exist_ok=True)
                 yield task
             self.expected += min(number - count, 0)
