@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
-from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures
+from cadtof_cli.capture.discovery import OUTPUT_FILES, absolute, find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -104,15 +104,41 @@ class Run:
     def optics(self, file: Path, /) -> Optics:
         """Return the optics of a map's recorded frame from the run's record. Without a record they are unknown.
 
-        Below the run's folder, the maps lie in the same folders as the captures below the folder that all captures share.
+        They are also unknown if the map may belong to several captures whose optics differ.
         """
         captures = [] if self.record is None else self.record.get("captures", [])
         beside = Path(self.name(file)).parent.parts
-        for capture in captures:
-            folder = Path(capture["root"]).parts
-            if len(captures) == 1 or (beside and folder[-len(beside) :] == beside):
-                return _optics_of(capture)
-        return Optics()
+        # the maps of a capture lie in folders with the names of the last folders above its frames
+        found = [
+            (one, place)
+            for one, (root, place) in zip(captures, self._capture_places, strict=True)
+            if len(captures) == 1 or not beside or root.parts[-len(beside) :] == beside
+        ]
+        if len(found) > 1:
+            found = [(one, place) for one, place in found if place.parts == beside] or found
+        several = [_optics_of(one) for one, _ in found]
+        return several[0] if several and all(one == several[0] for one in several) else Optics()
+
+    @cached_property
+    def _capture_places(self) -> list[tuple[Path, Path]]:
+        """For each capture of the record: its absolute folder, and the path of its maps from the run's folder.
+
+        Below the run's folder, the maps lie in the same folders as the captures below the folder that all inputs share
+        (`find_placed_captures`).
+        """
+        if self.record is None or not self.record.get("captures"):
+            return []
+        arguments = self.record["arguments"]
+        typed = [Path(path) for path in arguments["inputs"]]
+        inputs = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
+        # an absolute path is the folder in which the run was started, and then the path as it was typed
+        ends = zip(typed, inputs, strict=False)
+        start = next((Path(*whole.parts[: -len(one.parts) or None]) for one, whole in ends if one != whole), Path())
+        roots = [absolute(start / capture["root"]) for capture in self.record["captures"]]
+        folders = [absolute(path) for path in inputs]
+        folders = [path if any(root.is_relative_to(path) for root in roots) else path.parent for path in folders]
+        shared = os.path.commonpath([*folders, *roots])
+        return [(root, root.relative_to(shared)) for root in roots]
 
     def reports(self) -> tuple[FrameReport, ...]:
         """Return the valid lines of `frames.jsonl`; no lines if there is no such file.
@@ -267,6 +293,8 @@ def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:
         x0, y0, x1, y1 = map(operator.index, roi)
         if not (0 <= x0 < x1 and 0 <= y0 < y1):
             raise ValueError(f"found the roi {roi}")
+    for path in (*arguments["inputs"], *arguments.get("absolute_inputs", ())):
+        Path(path)
     for capture in record.get("captures", []):
         Path(capture["root"])
         _optics_of(capture)
