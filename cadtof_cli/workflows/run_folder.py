@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
-from cadtof_cli.capture.discovery import OUTPUT_FILES, absolute, find_placed_captures
+from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures, steps_below
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -24,6 +24,7 @@ from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.reading import is_folder, read_bytes, real_path
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
+from cadtof_cli.workflows.resolve.places import capture_folders, shared_folder
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, place_in, read_record, report_of
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
@@ -115,30 +116,17 @@ class Run:
             if len(captures) == 1 or not beside or root.parts[-len(beside) :] == beside
         ]
         if len(found) > 1:
-            found = [(one, place) for one, place in found if place.parts == beside] or found
+            found = [(one, place) for one, place in found if place == beside] or found
         several = [_optics_of(one) for one, _ in found]
         return several[0] if several and all(one == several[0] for one in several) else Optics()
 
     @cached_property
-    def _capture_places(self) -> list[tuple[Path, Path]]:
-        """For each capture of the record: its absolute folder, and the path of its maps from the run's folder.
-
-        Below the run's folder, the maps lie in the same folders as the captures below the folder that all inputs share
-        (`find_placed_captures`).
-        """
+    def _capture_places(self) -> list[tuple[Path, tuple[str, ...]]]:
+        """For each capture of the record: its absolute folder, and the folders of its maps in the run's folder."""
         if self.record is None or not self.record.get("captures"):
             return []
-        arguments = self.record["arguments"]
-        typed = [Path(path) for path in arguments["inputs"]]
-        inputs = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
-        # an absolute path is the folder in which the run was started, and then the path as it was typed
-        ends = zip(typed, inputs, strict=False)
-        start = next((Path(*whole.parts[: -len(one.parts) or None]) for one, whole in ends if one != whole), Path())
-        roots = [absolute(start / capture["root"]) for capture in self.record["captures"]]
-        folders = [absolute(path) for path in inputs]
-        folders = [path if any(root.is_relative_to(path) for root in roots) else path.parent for path in folders]
-        shared = os.path.commonpath([*folders, *roots])
-        return [(root, root.relative_to(shared)) for root in roots]
+        shared = shared_folder(self.folder, self.record)
+        return [(root, steps_below(root, shared)) for root in capture_folders(self.record)]
 
     def reports(self) -> tuple[FrameReport, ...]:
         """Return the valid lines of `frames.jsonl`; no lines if there is no such file.
