@@ -15,11 +15,19 @@ from tests.support.shell import shell
 WATCH = "cadtof resolve - -o live -j 1 --json"
 
 
+def _until(file: str) -> str:
+    """Commands of a shell that wait for a file with something in it, so that what follows arrives during the run."""
+    return f"for i in $(seq 300); do [ -s {file} ] && break; sleep 0.1; done;"
+
+
+UNTIL_RECORDED = _until("live/frames.jsonl")
+
+
 def _sources(text: str) -> list[tuple[str, str]]:
     return [(line["source"], line["status"]) for line in map(json.loads, text.splitlines())]
 
 
-@pytest.mark.parametrize("before", ["", "echo cam/frame_0.tif; sleep 1.2; "])
+@pytest.mark.parametrize("before", ["", "echo cam/frame_0.tif; " + UNTIL_RECORDED])
 def test_a_frame_that_is_gone_takes_no_other_frame_with_it(before: str, tmp_path: Path) -> None:
     """The three paths come together, at the beginning of the run or later. Only the frame that is gone fails."""
     record(tmp_path / "cam", frames=3)
@@ -45,7 +53,7 @@ def test_a_frame_that_would_replace_another_takes_no_other_frame_with_it(tmp_pat
     capture = record(tmp_path / "cam", frames=3)
     (tmp_path / "cam" / "frame_0.tiff").write_bytes(capture.files[1].read_bytes())
     later = f"printf 'cam/frame_0.tiff\\ncam/frame_2.tif\\n{capture.files[0]}\\n'"
-    done = shell(f"{{ echo cam/frame_0.tif; sleep 1.2; {later}; }} | {WATCH}", tmp_path)
+    done = shell(f"{{ echo cam/frame_0.tif; {UNTIL_RECORDED} {later}; }} | {WATCH}", tmp_path)
     assert done.status == 1
     assert "cam/frame_0.tiff would be written as live/frame_0, as" in done.err
     assert sorted(_sources(done.out))[-4:] == [
@@ -61,7 +69,9 @@ def test_a_watcher_that_is_started_again_keeps_what_is_recorded(tmp_path: Path) 
     record(tmp_path / "cam", frames=4)
     first = "cam/frame_0.tif\\ncam/gone.tif\\ncam/frame_1.tif\\n"
     assert shell(f"printf '{first}' | {WATCH}", tmp_path).status == 1
-    done = shell(f"{{ echo cam/frame_2.tif; sleep 1.2; echo cam/frame_3.tif; }} | {WATCH} --resume", tmp_path)
+    done = shell(
+        f"{{ echo cam/frame_2.tif; {_until('live/frame_2.tif')} echo cam/frame_3.tif; }} | {WATCH} --resume", tmp_path
+    )
     assert done.status == 0, done.err
     undisturbed = WATCH.replace("live", "fresh")
     assert shell(f"printf '{first}cam/frame_2.tif\\ncam/frame_3.tif\\n' | {undisturbed}", tmp_path).status == 1
@@ -91,7 +101,7 @@ def test_a_frame_that_is_named_again_has_one_line(tmp_path: Path) -> None:
     whole = capture.files[1].read_bytes()
     capture.files[1].write_bytes(whole[:-50])
     (tmp_path / "whole.tif").write_bytes(whole)
-    script = "cat cam.txt; sleep 1.2; cp whole.tif cam/frame_1.tif; echo cam/frame_1.tif; echo cam/frame_2.tif"
+    script = f"cat cam.txt; {UNTIL_RECORDED} cp whole.tif cam/frame_1.tif; echo cam/frame_1.tif; echo cam/frame_2.tif"
     (tmp_path / "cam.txt").write_text("cam/frame_0.tif\ncam/frame_1.tif\n")
     done = shell(f"{{ {script}; }} | {WATCH}", tmp_path)
     assert done.status == 1
@@ -122,6 +132,18 @@ def test_a_watcher_that_is_started_again_writes_into_the_same_folders(tmp_path: 
     for name, layer in layers_of(tmp_path / "right" / "frame_0.tif").items():
         np.testing.assert_array_equal(layer, layers_of(tmp_path / "live" / "right" / "frame_0.tif")[name])
     assert [line["status"] for line in lines_of(tmp_path / "live")] == ["ok", "ok"]
+
+
+def test_frames_that_wait_for_their_mean_keep_their_order_and_names(tmp_path: Path) -> None:
+    """Frames 9 and 10 wait for frame 11. Their mean is named after frame 9, as in a run that knows all three at once."""
+    rng = np.random.default_rng(5)
+    record(tmp_path / "cam")
+    for index in (7, 8, 9, 10, 11, 12):
+        write_frame(tmp_path / "cam" / f"frame_{index}.tif", step_frame(rng))
+    first = f"for i in 0 7 8 9 10; do echo cam/frame_$i.tif; done; {UNTIL_RECORDED}"
+    done = shell(f"{{ {first} echo cam/frame_11.tif; echo cam/frame_12.tif; }} | {WATCH} --average 3", tmp_path)
+    assert done.status == 0, done.err
+    assert _sources(done.out) == [(f"cam/frame_{index}.tif", "ok") for index in (0, 9, 12)]
 
 
 def test_a_record_without_inputs_is_not_continued(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from cadtof_cli.capture.discovery import absolute, find_placed_captures, is_existing_folder
 from cadtof_cli.capture.frames import Capture
-from cadtof_cli.errors import CadtofError, CaptureError
+from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.places import capture_folders, shared_folder
@@ -104,8 +104,8 @@ class Arrivals:
             if other == first or absolute(other) == absolute(first):
                 own.append(frame)
                 continue
-            reason = f"{first} would be written as {self.settings.out}/{frame.name}, as {other} was"
-            self.on_failure(FrameReport(str(frame), None, "failed", reason, 0.0))
+            error = OutputError(f"{first} would be written as {self.settings.out}/{frame.name}, as {other} was")
+            self.on_failure(FrameReport(str(frame), None, "failed", str(error), 0.0))
         if len(own) == len(plan.capture.frames):
             return plan
         return replace(plan, capture=replace(plan.capture, frames=tuple(own)))
@@ -182,7 +182,7 @@ def keep_earlier_inputs(
 
 
 def without_incomplete_frames(
-    captures: Sequence[Capture], paths: Iterable[Path], settings: ResolveSettings, /
+    captures: Sequence[Capture], paths: Sequence[Path], settings: ResolveSettings, /
 ) -> tuple[tuple[Capture, ...], list[Path]]:
     """Return captures without the frames that have to wait, and the files of the frames that wait.
 
@@ -196,7 +196,8 @@ def without_incomplete_frames(
         if files:
             frames = tuple(one for one in frames if len(one.paths) == 1 or given.issuperset(map(absolute, one.paths)))
             frames = frames[: len(frames) - len(frames) % settings.maps.average]
-            waiting += sorted(files.difference(absolute(path) for frame in frames for path in frame.paths))
+            files = files.difference(absolute(path) for frame in frames for path in frame.paths)
+            waiting += [path for path in paths if absolute(path) in files]
         if frames:
             whole.append(replace(capture, frames=frames))
     return tuple(whole), waiting
