@@ -188,11 +188,14 @@ class Run:
         try:
             inputs = self._inputs(arguments)
             settings = arguments.get("settings")
+            # inputs that were moved with the run lie below another folder
+            is_moved = list(map(str, inputs)) != arguments.get("absolute_inputs")
             captures, _ = find_placed_captures(
                 inputs,
                 overrides=arguments["overrides"],
                 settings_file=Path(settings) if settings else None,
                 recursive=bool(arguments.get("recursive")),
+                base=None if is_moved else shared_folder(self.folder, self.record),
             )
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:

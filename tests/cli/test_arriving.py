@@ -86,7 +86,8 @@ def test_a_watcher_that_is_started_elsewhere_keeps_what_is_recorded(tmp_path: Pa
     again = "cadtof resolve - -o ../live -j 1 --resume"
     done = shell(f"printf 'frame_2.tif\\nframe_1.tif\\n' | {again}", tmp_path / "cam")
     assert done.status == 0, done.err
-    assert [line["output"] for line in lines_of(tmp_path / "live")] == ["frame_0.tif", "frame_2.tif", "frame_1.tif"]
+    assert [line["output"] for line in lines_of(tmp_path / "live")] == ["frame_0.tif", "frame_1.tif", "frame_2.tif"]
+    assert {Path(line["source"]).name for line in lines_of(tmp_path / "live")} == {f"frame_{n}.tif" for n in range(3)}
     run = run_of(tmp_path / "live")
     assert run["arguments"]["inputs"][:2] == [str(tmp_path / "cam" / f"frame_{index}.tif") for index in (0, 1)]
     assert run["totals"]["ok"] == 3
@@ -132,6 +133,28 @@ def test_a_watcher_that_is_started_again_writes_into_the_same_folders(tmp_path: 
     for name, layer in layers_of(tmp_path / "right" / "frame_0.tif").items():
         np.testing.assert_array_equal(layer, layers_of(tmp_path / "live" / "right" / "frame_0.tif")[name])
     assert [line["status"] for line in lines_of(tmp_path / "live")] == ["ok", "ok"]
+    done = shell("cadtof evaluate live --truth live/frame_0.tif --json", tmp_path)
+    assert json.loads(done.out)["first_phasor"] is not None
+
+
+def test_folders_stay_the_same_wherever_a_watcher_is_started_again(tmp_path: Path) -> None:
+    """Started in other folders, and stopped in between, it puts the frames of two cameras where the first run put them."""
+    for index, place in enumerate(("left", "right")):
+        record(tmp_path / "cam" / place, frames=3, seed=index)
+    both = "printf 'cam/left/frame_0.tif\\ncam/right/frame_0.tif\\n'"
+    assert shell(f"{both} | {WATCH}", tmp_path).status == 0
+    again = "cadtof resolve - -o ../live -j 1 --resume"
+    holder = """$(sed 's/.*"pid": \\([0-9]*\\).*/\\1/' ../live/.cadtof.lock)"""
+    stopped = f"echo right/frame_1.tif; {_until('../live/right/frame_1.tif')} kill -INT {holder}; sleep 1"
+    assert shell(f"{{ {stopped}; }} | {again}", tmp_path / "cam").status == 130
+    done = shell(f"printf 'frame_2.tif\\n' | {again.replace('..', '../..')}", tmp_path / "cam" / "left")
+    assert done.status == 0, done.err
+    maps = {path.relative_to(tmp_path / "live").as_posix() for path in (tmp_path / "live").rglob("*.tif")}
+    assert maps == {f"{place}.tif" for place in ("left/frame_0", "left/frame_2", "right/frame_0", "right/frame_1")}
+    lines = [json.loads(line) for line in (tmp_path / "live" / "frames.jsonl").read_text().splitlines()]
+    assert {line["output"] for line in lines} == {f"../../live/{name}" for name in maps}
+    done = shell("cadtof report live -o page.html; cadtof export live -o points.ply", tmp_path)
+    assert (done.status, len(done.out.splitlines())) == (0, 5), done.err
 
 
 def test_frames_that_wait_for_their_mean_keep_their_order_and_names(tmp_path: Path) -> None:

@@ -1,13 +1,16 @@
 """Where the captures of a run lie, and in which folders their maps are: found out from the record of the run."""
 
+import json
 import os
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.discovery import absolute
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, FrameReport, place_in, report_of
+from cadtof_cli.files.atomic import atomic_write, writing
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, FrameReport, report_of
 
 
 def capture_folders(record: Mapping[str, Any], /) -> list[Path]:
@@ -33,8 +36,9 @@ def shared_folder(out: Path, record: Mapping[str, Any], /) -> Path:
         LookupError, TypeError: it is not the record of a run.
     """
     arguments, roots = record["arguments"], capture_folders(record)
-    if first := _first_with_maps(out):
-        place = Path(place_in(Path(arguments.get("out", "")), Path(str(first.output)))).parent.parts
+    called = Path(arguments.get("out", ""))
+    if first := _first_with_maps(out, called):
+        place = Path(str(first.output)).relative_to(called).parent.parts
         source = absolute(_start_folder(arguments) / first.source)
         # a frame belongs to the deepest capture above it
         for root in sorted(roots, key=lambda one: len(one.parts), reverse=True):
@@ -54,8 +58,40 @@ def _start_folder(arguments: Mapping[str, Any]) -> Path:
     return Path()
 
 
-def _first_with_maps(out: Path) -> FrameReport | None:
-    """Return the first line of `frames.jsonl` whose frame has maps; None: there is no such line."""
+def _first_with_maps(out: Path, called: Path) -> FrameReport | None:
+    """Return the first line of `frames.jsonl` with maps in the folder that its run `called` so; None: there is no such line."""
     with suppress(OSError), (out / FRAMES_FILE).open("rb") as lines:
-        return next((one for one in map(report_of, lines) if one and one.output), None)
+        reports = (one for one in map(report_of, lines) if one and one.output)
+        return next((one for one in reports if Path(str(one.output)).is_relative_to(called)), None)
     return None
+
+
+def rename_lines(out: Path, earlier: Mapping[str, Any], /) -> None:
+    """Name frames and maps in `frames.jsonl` as a run does that is started here and calls its folder `out`.
+
+    The lines of frames that a continued run does not name again are kept. Their paths are relative to the folder in which the
+    earlier run was started.
+
+    Args:
+        out: folder of both runs.
+        earlier: content of the earlier run's `run.json`.
+
+    Raises:
+        LookupError, TypeError: it is not the record of a run.
+        OutputError: the file cannot be written.
+    """
+    called, start = Path(earlier["arguments"]["out"]), _start_folder(earlier["arguments"])
+    is_here = start in (Path(), Path.cwd())
+    path = out / FRAMES_FILE
+    if (called == out and is_here) or not path.is_file():
+        return
+    with writing(path), path.open("rb") as lines, atomic_write(path) as temporary, temporary.open("wb") as renamed:
+        for line in lines:
+            if report := report_of(line):
+                output = report.output and Path(report.output)
+                if output and output.is_relative_to(called):
+                    report = replace(report, output=str(out / output.relative_to(called)))
+                if not is_here:
+                    report = replace(report, source=str(start / report.source))
+                line = json.dumps(report.as_json()).encode() + b"\n"
+            renamed.write(line)

@@ -161,7 +161,6 @@ class RunRecorder:
     say: Callable[[str], None]
     _totals: RunTotals = field(default_factory=RunTotals)
     _before: dict[str, int] = field(default_factory=dict)
-    _earlier_out: Path = Path()
     _earlier_places: "array[int]" = field(default_factory=lambda: array("q"))
     _places: "array[int]" = field(default_factory=lambda: array("q"))
 
@@ -214,20 +213,18 @@ class RunRecorder:
         write_json(self.path.with_name(RUN_FILE), {**self.document, "finished": True, "totals": counts})
 
     def _last_lines(self) -> tuple["array[int]", RunTotals]:
-        """Return where the last line about each frame begins, in the lines of the earlier run and of this one; and totals."""
-        last, source_of, totals = dict[str, int](), dict[str, str](), RunTotals()
-        for out, places in ((self._earlier_out, self._earlier_places), (self.path.parent, self._places)):
-            for place, report in zip(places, map(report_of, map(self._line_at, places)), strict=True):
-                assert report is not None
-                name = report.output
-                if name and Path(name).is_relative_to(out):
-                    # the earlier run may have been given the same frame by another path
-                    name = str(Path(name).relative_to(out))
-                for source in filter(None, (report.source, name and source_of.get(name))):
-                    last.pop(source, None)
-                if name:
-                    source_of[name] = report.source
-                last[report.source] = place
+        """Return where the last line about each frame begins, and their totals. A frame is known by its file and by its map."""
+        last, key_of, totals = dict[str, int](), dict[str, str](), RunTotals()
+        for place in (*self._earlier_places, *self._places):
+            report = report_of(self._line_at(place))
+            assert report is not None
+            names = [name for name in (report.output, report.source) if name]
+            key, *others = [*dict.fromkeys(key_of[name] for name in names if name in key_of), report.source]
+            for other in others:
+                if other != key:
+                    last.pop(other, None)
+            key_of.update(dict.fromkeys(names, key))
+            last[key] = place
         for report in filter(None, map(report_of, map(self._line_at, last.values()))):
             totals.add(report)
         return array("q", last.values()), totals
@@ -240,7 +237,7 @@ class RunRecorder:
         Raises:
             OutputError: a line is not a report on a frame.
         """
-        end, self._earlier_out = 0, out
+        end = 0
         with writing(self.path), self.path.open("rb") as lines:
             for line in lines:
                 if not line.endswith(b"\n"):
@@ -309,7 +306,8 @@ def recorded_run(
         if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
             raise not_written(path, OSError("found no regular file there"))
         if resume:
-            recorder.find_lines(Path(read_record(out)["arguments"]["out"]))
+            # the lines of a run with arriving frames have been renamed (`rename_lines`)
+            recorder.find_lines(out if arriving else Path(read_record(out)["arguments"]["out"]))
             write_json(run, document)
         try:
             yield recorder

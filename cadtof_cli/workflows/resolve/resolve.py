@@ -136,12 +136,8 @@ def _first_captures(
 
     The last two are empty unless the run is open: unless more inputs arrive later.
     """
-    found = partial(
-        find_placed_captures,
-        overrides=overrides,
-        settings_file=settings.settings_file,
-        recursive=settings.recursive,
-    )
+    chosen, recursive = settings.settings_file, settings.recursive
+    found = partial(find_placed_captures, overrides=overrides, settings_file=chosen, recursive=recursive)
     if not is_open:
         return *found(inputs), (), []
     # imported only when it is needed: each module takes a third of a millisecond
@@ -170,13 +166,19 @@ def _notes(
 def _keep_earlier(document: dict[str, Any], plans: Sequence[CapturePlan], settings: ResolveSettings) -> Collection[str]:
     """Add the inputs of the run that is continued to the record of this run; return them, with links resolved.
 
+    Its lines get the names that this run uses.
+
     Raises:
         OutputError: the record of that run cannot be read.
     """
     from cadtof_cli.workflows.resolve.arrivals import keep_earlier_inputs
+    from cadtof_cli.workflows.resolve.places import rename_lines
 
     try:
-        return keep_earlier_inputs(document, plans, read_record(settings.out))
+        earlier = read_record(settings.out)
+        known = keep_earlier_inputs(document, plans, earlier)
+        rename_lines(settings.out, earlier)
+        return known
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         path = settings.out / RUN_FILE
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
