@@ -60,7 +60,11 @@ def _start_folder(arguments: Mapping[str, Any]) -> Path:
 
 def _first_with_maps(out: Path, called: Path) -> FrameReport | None:
     """Return the first line of `frames.jsonl` with maps in the folder that its run `called` so; None: there is no such line."""
-    with suppress(OSError), (out / FRAMES_FILE).open("rb") as lines:
+    path = out / FRAMES_FILE
+    if not path.is_file():
+        # opening a FIFO would wait for ever
+        return None
+    with suppress(OSError), path.open("rb") as lines:
         reports = (one for one in map(report_of, lines) if one and one.output)
         return next((one for one in reports if Path(str(one.output)).is_relative_to(called)), None)
     return None
