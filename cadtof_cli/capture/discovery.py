@@ -135,14 +135,18 @@ def find_placed_captures(
         base = Path(os.path.commonpath(map(os.path.abspath, folders)))
     placed = []
     for one in captures:
-        steps = [step for step in Path(os.path.relpath(one.root, base)).parts if step != os.pardir]
-        below, frames = "".join(f"{step}/" for step in steps), one.frames
+        below, frames = "".join(f"{step}/" for step in steps_below(one.root, base)), one.frames
         if isinstance(frames, FrameFileList):
             frames = replace(frames, below=below)
         else:
             frames = tuple(replace(frame, name=below + frame.name) for frame in frames)
         placed.append(replace(one, frames=frames))
     return tuple(placed), base
+
+
+def steps_below(root: Path, base: Path, /) -> tuple[str, ...]:
+    """Return the folders from `base` to the folder of a capture, without the steps `..` of a capture that lies outside."""
+    return tuple(step for step in Path(os.path.relpath(root, base)).parts if step != os.pardir)
 
 
 def absolute(path: Path, /) -> Path:
@@ -172,11 +176,10 @@ _SourceOf = Callable[[Path], MetadataSource]
 """Returns the metadata that a folder's captures have; it looks for the `capture.toml` of each folder once."""
 
 
-def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
-    """Return the folder of the capture to which an input belongs, and whether the input is that folder itself."""
+def is_existing_folder(path: Path, /) -> bool:
+    """Return whether an input is a folder, not a file; raise CaptureError if it does not exist or cannot be reached."""
     try:
-        if stat.S_ISDIR(path.stat().st_mode):
-            return path, True
+        return stat.S_ISDIR(path.stat().st_mode)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise CaptureError(f"{path}: no such file or folder; expected a capture folder or a frame") from error
     except OSError as error:
@@ -188,6 +191,12 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
         raise CaptureError(
             f"{first}: this is not a possible file name ({error}); expected one path per line{hint}"
         ) from error
+
+
+def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
+    """Return the folder of the capture to which an input belongs, and whether the input is that folder itself."""
+    if is_existing_folder(path):
+        return path, True
     depth = (source_of(path.parent).metadata.layout.pattern or "").count("/")
     return (path.parent if depth == 0 else absolute(path).parents[depth]), False
 

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
-from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures
+from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures, steps_below
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -24,6 +24,7 @@ from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.reading import is_folder, read_bytes, real_path
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
+from cadtof_cli.workflows.resolve.places import capture_folders, shared_folder
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, place_in, read_record, report_of
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
@@ -104,15 +105,28 @@ class Run:
     def optics(self, file: Path, /) -> Optics:
         """Return the optics of a map's recorded frame from the run's record. Without a record they are unknown.
 
-        Below the run's folder, the maps lie in the same folders as the captures below the folder that all captures share.
+        They are also unknown if the map may belong to several captures whose optics differ.
         """
         captures = [] if self.record is None else self.record.get("captures", [])
         beside = Path(self.name(file)).parent.parts
-        for capture in captures:
-            folder = Path(capture["root"]).parts
-            if len(captures) == 1 or (beside and folder[-len(beside) :] == beside):
-                return _optics_of(capture)
-        return Optics()
+        # the maps of a capture lie in folders with the names of the last folders above its frames
+        found = [
+            (one, place)
+            for one, (root, place) in zip(captures, self._capture_places, strict=True)
+            if len(captures) == 1 or not beside or root.parts[-len(beside) :] == beside
+        ]
+        if len(found) > 1:
+            found = [(one, place) for one, place in found if place == beside] or found
+        several = [_optics_of(one) for one, _ in found]
+        return several[0] if several and all(one == several[0] for one in several) else Optics()
+
+    @cached_property
+    def _capture_places(self) -> list[tuple[Path, tuple[str, ...]]]:
+        """For each capture of the record: its absolute folder, and the folders of its maps in the run's folder."""
+        if self.record is None or not self.record.get("captures"):
+            return []
+        shared = shared_folder(self.folder, self.record)
+        return [(root, steps_below(root, shared)) for root in capture_folders(self.record)]
 
     def reports(self) -> tuple[FrameReport, ...]:
         """Return the valid lines of `frames.jsonl`; no lines if there is no such file.
@@ -174,11 +188,14 @@ class Run:
         try:
             inputs = self._inputs(arguments)
             settings = arguments.get("settings")
+            # inputs that were moved with the run lie below another folder
+            is_moved = list(map(str, inputs)) != arguments.get("absolute_inputs")
             captures, _ = find_placed_captures(
                 inputs,
                 overrides=arguments["overrides"],
                 settings_file=Path(settings) if settings else None,
                 recursive=bool(arguments.get("recursive")),
+                base=None if is_moved else shared_folder(self.folder, self.record),
             )
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
@@ -267,6 +284,8 @@ def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:
         x0, y0, x1, y1 = map(operator.index, roi)
         if not (0 <= x0 < x1 and 0 <= y0 < y1):
             raise ValueError(f"found the roi {roi}")
+    for path in (*arguments["inputs"], *arguments.get("absolute_inputs", ())):
+        Path(path)
     for capture in record.get("captures", []):
         Path(capture["root"])
         _optics_of(capture)

@@ -1,6 +1,7 @@
 """`cadtof export`, opened again by trimesh, plyfile, pypcd4, OpenCV, Pillow and numpy."""
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -217,6 +218,24 @@ def test_no_file_is_written_if_one_of_several_exists(tmp_path: Path) -> None:
     (tmp_path / "table_frame_2.csv").touch()
     assert cadtof("export", out, "-o", tmp_path / "table.csv").status == 2
     assert [file.name for file in tmp_path.glob("table*")] == ["table_frame_2.csv"]
+
+
+@pytest.mark.parametrize("inputs", [("-r", "rec"), ("rec/2024/cam", "rec/cam", "rec")])
+def test_each_capture_has_its_own_optics(
+    inputs: Sequence[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Captures in folders of the same name, and one above the others, have different lenses: so have their points."""
+    monkeypatch.chdir(tmp_path)
+    focal = {"2024/cam": 20.0, "cam": 40.0, ".": 80.0}
+    for place, focal_px in focal.items():
+        settings = record(tmp_path / "rec" / place).folder / "capture.toml"
+        settings.write_text(settings.read_text().replace("= 28.0", f"= {focal_px}"))
+    assert cadtof("resolve", *inputs, "-o", "out", "-j", 1, "-q", "--mpi-model", "discrete").status == 0
+    for place, focal_px in focal.items():
+        cloud = _ply(_exported(tmp_path / "a.ply", Path("out") / place / "frame_0.tif", "--overwrite"))
+        columns = cloud["x"].astype(np.float64) / cloud["z"] * focal_px + 15.0
+        np.testing.assert_allclose(columns, np.round(columns), atol=1e-3, err_msg=place)
+        assert (round(columns.min()), round(columns.max())) == (0, 31), place
 
 
 def test_hostile_names_and_given_optics(tmp_path: Path) -> None:

@@ -6,13 +6,14 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import absolute, find_placed_captures
+from cadtof_cli.capture.discovery import absolute, find_placed_captures, is_existing_folder
 from cadtof_cli.capture.frames import Capture
-from cadtof_cli.errors import CadtofError, OutputError
+from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
-from cadtof_cli.workflows.resolve.record import FrameReport
+from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines, shared_folder
+from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, new_frames, plan_captures
+from cadtof_cli.workflows.resolve.record import RUN_FILE, FrameReport, read_record
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 
@@ -56,9 +57,12 @@ class Arrivals:
             yield self._planned(left, last=True)
 
     def _planned(self, paths: Iterable[Path], *, last: bool = False) -> list[CapturePlan]:
-        paths, self.waiting = [*self.waiting, *paths], []
+        there, gone = existing(self.waiting + list(paths))
+        for report in gone:
+            self.on_failure(report)
+        self.waiting = []
         found: list[CapturePlan] = []
-        for folder, named in _by_folder(paths).items():
+        for folder, named in _by_folder(there).items():
             try:
                 captures, _ = find_placed_captures(
                     named,
@@ -85,30 +89,117 @@ class Arrivals:
             for one in captures
             if (known := self.known.get(one.root))
         ] + new
-        for frame in (frame for one in plans for frame in one.capture.frames):
-            other = self.sources.get(frame.name, frame.paths[0])
-            if other != frame.paths[0]:
-                raise OutputError(
-                    f"{frame.paths[0]} would be written as {self.settings.out}/{frame.name}, as {other} was"
-                )
-        self.meet(plans)
-        return plans
+        own = []
+        for one in plans:
+            own.append(self._with_own_places(one))
+            self.meet(own[-1:])
+        return own
+
+    def _with_own_places(self, plan: CapturePlan) -> CapturePlan:
+        """Return a plan without the frames whose maps would replace those of another frame. Each is reported as failed."""
+        own = []
+        for frame in plan.capture.frames:
+            first = frame.paths[0]
+            other = self.sources.get(frame.name, first)
+            if other == first or absolute(other) == absolute(first):
+                own.append(frame)
+                continue
+            error = OutputError(f"{first} would be written as {self.settings.out}/{frame.name}, as {other} was")
+            self.on_failure(FrameReport(str(frame), None, "failed", str(error), 0.0))
+        if len(own) == len(plan.capture.frames):
+            return plan
+        return replace(plan, capture=replace(plan.capture, frames=tuple(own)))
+
+
+def existing(paths: Iterable[Path], /) -> tuple[list[Path], list[FrameReport]]:
+    """Return the paths that exist, and for each of the others the report on a frame that failed.
+
+    A program that watches a folder also names files that are removed or renamed a moment later.
+    """
+    there, gone = list[Path](), list[FrameReport]()
+    for path in paths:
+        try:
+            is_existing_folder(path)
+            there.append(path)
+        except CaptureError as error:
+            gone.append(FrameReport(str(path), None, "failed", str(error), 0.0))
+    return there, gone
 
 
 def recorded_arrivals(
     batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any], out: Path
 ) -> Iterator[tuple[Path, ...]]:
-    """Yield the batches of paths, after adding each batch to the inputs that `run.json` will name."""
+    """Yield the batches of paths, after adding each batch to the inputs that `run.json` will name, each path once."""
+    arguments = document["arguments"]
+    known = set(arguments["resolved_inputs"])
     for paths in batches:
-        document["arguments"]["inputs"] += map(str, paths)
-        document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
-        document["arguments"]["inputs_from_out"] += (os.path.relpath(path, out) for path in paths)
-        document["arguments"]["resolved_inputs"] += map(real_path, paths)
+        for path in paths:
+            if (real := real_path(path)) not in known:
+                known.add(real)
+                arguments["inputs"].append(str(path))
+                arguments["absolute_inputs"].append(str(path.absolute()))
+                arguments["inputs_from_out"].append(os.path.relpath(path, out))
+                arguments["resolved_inputs"].append(real)
         yield paths
 
 
+def earlier_shared_folder(out: Path, /) -> Path | None:
+    """Return the folder whose tree the run in `out` mirrors; None: there is no run in it whose record can be read.
+
+    A run that continues it may begin with other frames, whose own shared folder would put maps into other places.
+    """
+    try:
+        record = read_record(out)
+        return shared_folder(out, record) if record["captures"] else None
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return None
+
+
+def keep_earlier(document: Mapping[str, Any], plans: Iterable[CapturePlan], out: Path, /) -> frozenset[str]:
+    """Add what is recorded of the run in `out`, which is continued, to the `document` of this run.
+
+    The lines of that run get the names that this run uses. Return the inputs of that run, with links resolved.
+
+    Raises:
+        OutputError: the record of that run cannot be read.
+    """
+    try:
+        earlier = read_record(out)
+        known = _keep_earlier_inputs(document, plans, earlier)
+        rename_lines(out, earlier)
+        return known
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise OutputError(f"{out / RUN_FILE}: not the record of a run, so it cannot be resumed ({error})") from error
+
+
+def _keep_earlier_inputs(
+    document: Mapping[str, Any], plans: Iterable[CapturePlan], earlier: Mapping[str, Any], /
+) -> frozenset[str]:
+    """Put the inputs and captures of the run that is continued before those in the `document` of this run.
+
+    Paths of a run that was started in another folder become absolute. Return the inputs of that run, with links resolved.
+    """
+    then, now = earlier["arguments"], document["arguments"]
+    known = frozenset[str](then["resolved_inputs"])
+    is_here = [str(Path(typed).absolute()) for typed in then["inputs"]] == then["absolute_inputs"]
+    new = [place for place, real in enumerate(now["resolved_inputs"]) if real not in known]
+    for name in ("inputs", "absolute_inputs", "inputs_from_out", "resolved_inputs"):
+        before = then["absolute_inputs"] if name == "inputs" and not is_here else then[name]
+        now[name] = [*before, *(now[name][place] for place in new)]
+    captures = {one["resolved_root"]: one for one in earlier["captures"]}
+    if not is_here:
+        folders = zip(earlier["captures"], capture_folders(earlier), strict=True)
+        captures = {one["resolved_root"]: {**one, "root": str(folder)} for one, folder in folders}
+    for one, plan in zip(document["captures"], plans, strict=True):
+        before = captures.get(one["resolved_root"], {"files": 0})
+        one["files"] = max(before["files"] + new_frames(plan.capture.frames, known), one["files"])
+        captures[one["resolved_root"]] = one
+    document["captures"][:] = captures.values()
+    return known
+
+
 def without_incomplete_frames(
-    captures: Sequence[Capture], paths: Iterable[Path], settings: ResolveSettings, /
+    captures: Sequence[Capture], paths: Sequence[Path], settings: ResolveSettings, /
 ) -> tuple[tuple[Capture, ...], list[Path]]:
     """Return captures without the frames that have to wait, and the files of the frames that wait.
 
@@ -122,7 +213,8 @@ def without_incomplete_frames(
         if files:
             frames = tuple(one for one in frames if len(one.paths) == 1 or given.issuperset(map(absolute, one.paths)))
             frames = frames[: len(frames) - len(frames) % settings.maps.average]
-            waiting += sorted(files.difference(absolute(path) for frame in frames for path in frame.paths))
+            files = files.difference(absolute(path) for frame in frames for path in frame.paths)
+            waiting += [path for path in paths if absolute(path) in files]
         if frames:
             whole.append(replace(capture, frames=frames))
     return tuple(whole), waiting

@@ -252,8 +252,11 @@ def run_document(
     return document
 
 
-def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -> None:
-    """Add captures to the content of `run.json`; of a capture that is there already, only the number of files grows."""
+def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan], counted: Collection[str] = ()) -> None:
+    """Add captures to the content of `run.json`; of a capture that is there already, only the number of files grows.
+
+    Frames are not counted again if their first file is among those that an earlier run has `counted`.
+    """
     for one in plans:
         capture = one.capture
         known = next((entry for entry in document["captures"] if entry["root"] == str(capture.root)), None)
@@ -267,7 +270,12 @@ def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -
                 "lossy_compression": one.lossy_compression,
             }
             document["captures"].append(known)
-        known["files"] += len(capture.frames)
+        known["files"] += new_frames(capture.frames, counted)
+
+
+def new_frames(frames: Sequence[FrameSource], counted: Collection[str], /) -> int:
+    """Return how many frames have a first file that is none of the files in `counted`, whose links are resolved."""
+    return sum(real_path(frame.paths[0]) not in counted for frame in frames) if counted else len(frames)
 
 
 def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:

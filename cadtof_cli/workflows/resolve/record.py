@@ -18,6 +18,7 @@ from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writi
 from cadtof_cli.files.reading import read_text
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
 from cadtof_cli.records import dataclass
+from cadtof_cli.workflows.resolve.totals import RunTotals
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
@@ -119,38 +120,6 @@ def report_of(line: bytes, /) -> FrameReport | None:
     return report if report.is_valid else None
 
 
-@dataclass
-class RunTotals:
-    """Counts of frames and pixels by their outcome.
-
-    `diffuse_frames` counts the frames whose MPI was taken for diffuse. `already_there` counts the frames that were skipped
-    because their maps were there.
-    """
-
-    frames: int = 0
-    ok: int = 0
-    failed: int = 0
-    skipped: int = 0
-    already_there: int = 0
-    one_path: int = 0
-    two_paths: int = 0
-    more_paths: int = 0
-    diffuse: int = 0
-    diffuse_frames: int = 0
-    invalid: int = 0
-    seconds: float = 0.0
-
-    def add(self, report: FrameReport) -> None:
-        """Count one more frame."""
-        self.frames += 1
-        setattr(self, report.status, getattr(self, report.status) + 1)
-        if report.status == "skipped":
-            self.already_there += report.is_already_there
-        for kind in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
-            setattr(self, kind, getattr(self, kind) + (getattr(report, kind) or 0))
-        self.diffuse_frames += bool(report.diffuse)
-
-
 def read_record(folder: Path, /) -> dict[str, Any]:
     """Return the content of the `run.json` of a folder.
 
@@ -171,13 +140,17 @@ class RunRecorder:
 
     A line is appended to `frames.jsonl` as soon as its frame is finished. A run that continues an earlier one appends too. When
     such a run ends, the lines are put into the order of the frames, one line per frame, as if there had been no interruption.
-    Before these come the lines of earlier maps for which this run had no frame: paths on stdin may be others than before.
+    Before these come the lines of earlier maps for which this run had no frame, because their recorded frames were removed.
+
+    If frames arrive during the run, it may name frames twice, or not name those of the earlier run. Then the lines of both
+    runs stay, but of several lines about a frame only the last.
 
     Attributes:
         path: path of `frames.jsonl`.
         document: content of `run.json`.
         lines: the open file at `path`. It is not buffered, so that closing it has nothing to write and cannot fail.
         resumed: whether the run continues an earlier one.
+        arriving: whether frames arrive during the run.
         say: called with messages for the user.
     """
 
@@ -185,9 +158,11 @@ class RunRecorder:
     document: Mapping[str, Any]
     lines: BinaryIO
     resumed: bool
+    arriving: bool
     say: Callable[[str], None]
     _totals: RunTotals = field(default_factory=RunTotals)
     _before: dict[str, int] = field(default_factory=dict)
+    _earlier_places: "array[int]" = field(default_factory=lambda: array("q"))
     _places: "array[int]" = field(default_factory=lambda: array("q"))
     _not_met: set[str] = field(default_factory=set)
     _failed: set[str] = field(default_factory=set)
@@ -220,7 +195,7 @@ class RunRecorder:
                     raise
         except OSError as error:
             raise not_written(self.path, error) from error
-        if self.resumed:
+        if self.resumed or self.arriving:
             self._places.append(place)
             self._not_met.discard(place_in(self.path.parent, Path(line.output or "")))
             if line.status == "failed":
@@ -235,21 +210,45 @@ class RunRecorder:
         with writing(self.path):
             self._require_there()
             os.fsync(self.lines.fileno())
-        if self.resumed:
-            self._places = array("q", self._kept_places()) + self._places
+        places, totals = self._last_lines() if self.arriving else self._lines_in_order()
+        if self.resumed or len(places) < len(self._places):
             with atomic_write(self.path) as temporary, temporary.open("wb") as ordered:
-                ordered.writelines(map(self._line_at, self._places))
-        totals = asdict(replace(self._totals, seconds=seconds))
-        del totals["already_there"]  # always 0: kept maps count by the line of the run that made them
-        write_json(self.path.with_name(RUN_FILE), {**self.document, "finished": True, "totals": totals})
+                ordered.writelines(map(self._line_at, places))
+        counts = asdict(replace(totals, seconds=seconds))
+        del counts["already_there"]  # always 0: kept maps count by the line of the run that made them
+        write_json(self.path.with_name(RUN_FILE), {**self.document, "finished": True, "totals": counts})
 
-    def _kept_places(self) -> Iterator[int]:
-        """Yield where the lines begin whose maps are there, and for which this run had no frame. Count their frames."""
+    def _last_lines(self) -> tuple["array[int]", RunTotals]:
+        """Return where the last line about each frame begins, and their totals. A frame is known by its file and by its map.
+
+        A line whose map has been removed since an earlier run does not count.
+        """
+        out, last, key_of, totals = self.path.parent, dict[str, int](), dict[str, str](), RunTotals()
+        for place in (*self._earlier_places, *self._places):
+            report = report_of(self._line_at(place))
+            assert report is not None
+            if report.output and not (out / place_in(out, Path(report.output))).exists():
+                continue
+            names = [name for name in (report.output, report.source) if name]
+            key, *others = [*dict.fromkeys(key_of[name] for name in names if name in key_of), report.source]
+            for other in others:
+                if other != key:
+                    last.pop(other, None)
+            key_of.update(dict.fromkeys(names, key))
+            last[key] = place
+        for report in filter(None, map(report_of, map(self._line_at, last.values()))):
+            totals.add(report)
+        return array("q", last.values()), totals
+
+    def _lines_in_order(self) -> tuple["array[int]", RunTotals]:
+        """Return where lines begin, and their totals: those of maps without a frame in this run, then those of this run."""
+        kept, totals = array("q"), replace(self._totals)
         for name in filter(self._not_met.__contains__, self._before):
             report = report_of(self._line_at(self._before[name]))
             if report and report.source not in self._failed and (self.path.parent / name).is_file():
-                self._totals.add(report)
-                yield self._before[name]
+                totals.add(report)
+                kept.append(self._before[name])
+        return kept + self._places, totals
 
     def find_lines(self, out: Path, /) -> None:
         """Find the lines of frames that have maps. Cut off a last line that is incomplete because the run was killed.
@@ -268,6 +267,7 @@ class RunRecorder:
                 if report is None:
                     found = line[:40].decode(errors="replace").rstrip()
                     raise OutputError(f"{self.path}: not the record of a run, so it cannot be resumed (found: {found})")
+                self._earlier_places.append(end)
                 if report.output is not None:
                     self._before[place_in(out, Path(report.output))] = end
                 end += len(line)
@@ -308,7 +308,7 @@ def place_in(out: Path, output: Path, /) -> str:
 
 @contextmanager
 def recorded_run(
-    out: Path, document: Mapping[str, Any], /, *, resume: bool, say: Callable[[str], None]
+    out: Path, document: Mapping[str, Any], /, *, resume: bool, arriving: bool = False, say: Callable[[str], None]
 ) -> Iterator[RunRecorder]:
     """Write a run's `run.json`, and yield a recorder that holds its `frames.jsonl` open for the reports on its frames.
 
@@ -323,12 +323,13 @@ def recorded_run(
         if not resume:
             path.unlink(missing_ok=True)
         lines = os.fdopen(os.open(path, OPEN_OR_CREATE_FLAGS, 0o666), "r+b", buffering=0)
-    recorder = RunRecorder(path, document, lines, resume, say)
+    recorder = RunRecorder(path, document, lines, resume, arriving, say)
     try:
         if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
             raise not_written(path, OSError("found no regular file there"))
         if resume:
-            recorder.find_lines(Path(read_record(out)["arguments"]["out"]))
+            # the lines of a run with arriving frames have been renamed (`rename_lines`)
+            recorder.find_lines(out if arriving else Path(read_record(out)["arguments"]["out"]))
             write_json(run, document)
         try:
             yield recorder

@@ -31,6 +31,7 @@ from cadtof_cli.workflows.resolve.output import (
     require_own_places,
 )
 from cadtof_cli.workflows.resolve.plans import (
+    AppliedCalibration,
     CapturePlan,
     plan_captures,
     pooling_notes,
@@ -38,8 +39,14 @@ from cadtof_cli.workflows.resolve.plans import (
     run_document,
     use_calibration,
 )
-from cadtof_cli.workflows.resolve.record import ALREADY_THERE, FrameReport, RunRecorder, RunTotals, recorded_run
+from cadtof_cli.workflows.resolve.record import (
+    ALREADY_THERE,
+    FrameReport,
+    RunRecorder,
+    recorded_run,
+)
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
+from cadtof_cli.workflows.resolve.totals import RunTotals
 
 if TYPE_CHECKING:
     from cadtof_cli.workflows.resolve.arrivals import Arrivals
@@ -79,33 +86,22 @@ def resolve_captures(
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
-    captures, base = find_placed_captures(
-        inputs, overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
-    )
-    waiting: list[Path] = []
-    if arriving is not None:
-        # imported only when it is needed: each module takes a third of a millisecond
-        from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
-
-        captures, waiting = without_incomplete_frames(captures, inputs, settings)
+    is_open = arriving is not None
+    captures, base, gone, waiting = _first_captures(inputs, settings, overrides, is_open=is_open)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
     require_own_places(captures, settings.out)
     document = run_document(inputs, overrides, settings, plans, calibration)
-    resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=arriving is not None)
+    resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=is_open)
     if settings.dry_run:
         resumes()
-        return _dry_run(plans, settings, captures, on_frame)
+        return _dry_run(plans, settings, captures, gone, on_frame)
     make_folder(settings.out)
     with locked(settings.out):
         resumed = resumes()
         if settings.overwrite or settings.resume:
             remove_partial_files(settings.out)
-        notes = [note for one in plans for note in one.notes()]
-        notes += calibration.notes if calibration else ()
-        notes += [numpy_note()] if document["kernel"] == NUMPY else []
-        notes += pooling_notes(plans, settings) if settings.maps.pool > 1 else ()
-        for note in notes:
+        for note in _notes(plans, calibration, settings, kernel=document["kernel"]):
             progress.say(note)
         token = os.urandom(8).hex()
         try:
@@ -114,26 +110,74 @@ def resolve_captures(
             first = run.outcomes(plans, partial(frame_names, captures))
             if settings.overwrite:
                 remove_run(settings.out)
-            with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
+            known: Collection[str] = ()
+            if resumed and is_open:
+                from cadtof_cli.workflows.resolve.arrivals import keep_earlier
+
+                known = keep_earlier(document, plans, settings.out)
+            record = recorded_run(settings.out, document, resume=resumed, arriving=is_open, say=progress.say)
+            with record as run.record:
                 batches: Iterable[Outcomes] = [first]
+                for report in gone:
+                    run.report(report)
                 if arriving is not None:
+                    from cadtof_cli.workflows.resolve.arrivals import Arrivals
+
                     arrivals = Arrivals(settings, overrides, calibration, base, run.report, waiting)
                     arrivals.meet(plans)
-                    batches = itertools.chain(batches, run.arriving(arrivals, arriving, document))
+                    batches = itertools.chain(batches, run.arriving(arrivals, arriving, document, known))
                 return run.report_all(batches)
         finally:
             # maps bear the token of the run, and the two records bear the number of this process
             remove_partial_files(settings.out, tokens={token, str(os.getpid())})
 
 
+def _first_captures(
+    inputs: Sequence[Path], settings: ResolveSettings, overrides: Mapping[str, Any], *, is_open: bool
+) -> tuple[Sequence[Capture], Path, Sequence[FrameReport], list[Path]]:
+    """Return the captures of the inputs, the folder whose tree OUT mirrors, reports on inputs that are gone, and files that wait.
+
+    The last two are empty unless the run is open: unless more inputs arrive later.
+    """
+    chosen, recursive = settings.settings_file, settings.recursive
+    found = partial(find_placed_captures, overrides=overrides, settings_file=chosen, recursive=recursive)
+    if not is_open:
+        return *found(inputs), (), []
+    # imported only when it is needed: each module takes a third of a millisecond
+    from cadtof_cli.workflows.resolve.arrivals import earlier_shared_folder, existing, without_incomplete_frames
+
+    there, gone = existing(inputs)
+    base = earlier_shared_folder(settings.out) if settings.resume else None
+    captures, base = found(there or inputs, base=base)
+    captures, waiting = without_incomplete_frames(captures, inputs, settings)
+    return captures, base, gone, waiting
+
+
+def _notes(
+    plans: Sequence[CapturePlan], calibration: AppliedCalibration | None, settings: ResolveSettings, *, kernel: str
+) -> Iterator[str]:
+    """Yield what the user should know before the run begins."""
+    for one in plans:
+        yield from one.notes()
+    yield from calibration.notes if calibration else ()
+    if kernel == NUMPY:
+        yield numpy_note()
+    if settings.maps.pool > 1:
+        yield from pooling_notes(plans, settings)
+
+
 def _dry_run(
     plans: Sequence[CapturePlan],
     settings: ResolveSettings,
     captures: Sequence[Capture],
+    gone: Iterable[FrameReport],
     on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
     """Report every file that a run would write, after the checks of a run. Nothing is written."""
     totals = RunTotals()
+    for report in gone:
+        totals.add(report)
+        on_frame(report)
     for one in plans:
         for task in one.tasks(settings, taken=partial(frame_names, captures)):
             report = task.report("ok", None, 0.0)
@@ -183,13 +227,17 @@ class _Run:
         return probe
 
     def arriving(
-        self, arrivals: "Arrivals", paths: Iterable[tuple[Path, ...]], document: Mapping[str, Any]
+        self,
+        arrivals: "Arrivals",
+        paths: Iterable[tuple[Path, ...]],
+        document: Mapping[str, Any],
+        known: Collection[str],
     ) -> Iterator[Outcomes]:
-        """Yield the outcomes of the frames that arrive, batch by batch."""
+        """Yield the outcomes of the frames that arrive, batch by batch. An earlier run has counted the `known` files."""
         from cadtof_cli.workflows.resolve.arrivals import recorded_arrivals
 
         for plans in arrivals.plans(recorded_arrivals(paths, document, self.settings.out)):
-            record_captures(document, plans)
+            record_captures(document, plans, known)
             yield self.outcomes(plans, lambda: arrivals.sources)
 
     def report_all(self, batches: Iterable[Outcomes]) -> RunTotals:
