@@ -216,7 +216,7 @@ class _Pool(Generic[Task, Result]):
             daemon=True,
         )
         try:
-            with signals_held_back(self._context.get_start_method()), current_folder_left_out():
+            with current_folder_left_out(), signals_held_back(self._context.get_start_method()):
                 process.start()
         except (OSError, EOFError) as error:
             # EOFError: the fork server has ended
