@@ -218,10 +218,11 @@ def _jointly_fitted(
     """
     split = shares.shape[1]
     state = _start(second, shares, delays)
+    of_one_path = (observed * observed / noise).sum(axis=0)
     for _ in range(STEPS):
         residual, slopes = _residual(observed, shares @ state[:split], delays @ state[split:])
         chi_squared = (residual * residual / noise).sum(axis=0)
-        far = OUTLIER_CHI_SQUARED * float(median(chi_squared)) / median_of_noise(2)
+        far = OUTLIER_CHI_SQUARED * float(median(np.minimum(chi_squared, of_one_path))) / median_of_noise(2)
         weight = (1.0 / (1.0 + chi_squared / far) ** 2) / noise
         columns = np.concatenate([slopes[:, 0, :, None] * shares, slopes[:, 1, :, None] * delays], axis=2)
         state = state + _least_squares(columns.reshape(-1, state.size), weight.ravel(), residual.ravel())

@@ -218,3 +218,11 @@ def test_patches_at_the_edge_of_a_panel_do_not_hide_the_place_of_its_light() -> 
     with np.errstate(all="ignore"):
         found = SecondPaths.of(with_panel)
         assert are_even(found, with_panel, places)
+
+
+@pytest.mark.parametrize("part", [0.45, 0.5, 0.55, 0.8])
+@pytest.mark.parametrize(("share", "later_ns"), [(0.4, 10.7), (0.2, 7.0), (0.1, 14.0)])
+def test_any_part_of_the_view_may_have_the_second_path(part: float, share: float, later_ns: float) -> None:
+    """The patches without a second path are judged as such. So they do not hide how well the others fit."""
+    left = np.where(np.quantile(ACROSS, part) > ACROSS, share, 0.0)
+    assert is_even(second_paths(left, later_ns, 5e-4))
