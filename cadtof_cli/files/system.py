@@ -45,11 +45,18 @@ def flush_c_streams() -> None:
 
 
 def read_at(descriptor: int, count: int, place: int, /) -> bytes:
-    """Return `count` bytes of an open file, beginning at byte `place`, or fewer if the file ends before."""
+    """Return `count` bytes of an open file, beginning at byte `place`, or fewer if the file ends before.
+
+    The position of the file does not change: a library may have the same file open and go on reading there.
+    """
     if hasattr(os, "pread"):
         return os.pread(descriptor, count, place)
+    before = os.lseek(descriptor, 0, os.SEEK_CUR)
     os.lseek(descriptor, place, os.SEEK_SET)
-    return os.read(descriptor, count)
+    try:
+        return os.read(descriptor, count)
+    finally:
+        os.lseek(descriptor, before, os.SEEK_SET)
 
 
 def read_parts(descriptor: int, parts: Sequence[memoryview], /) -> bool:

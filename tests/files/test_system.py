@@ -135,7 +135,9 @@ def test_parts_are_written_and_read_as_one_file(vectors: bool, tmp_path: Path, m
     found = [bytearray(len(piece)) for piece in pieces]
     with FileIO(path) as file:
         assert read_parts(file.fileno(), [memoryview(one) for one in found])
+        place = file.tell()
         assert read_at(file.fileno(), 6, 2) == b"ad\x00\x01\x02\x03"
+        assert file.tell() == place
     assert found == [bytearray(piece) for piece in pieces]
     with FileIO(path) as file:
         assert not read_parts(file.fileno(), [memoryview(bytearray(path.stat().st_size + 1))])
