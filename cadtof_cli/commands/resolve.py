@@ -1,5 +1,6 @@
 """`cadtof resolve`."""
 
+import itertools
 import json
 from collections.abc import Mapping
 from functools import partial
@@ -122,9 +123,11 @@ def resolve(
     if settings.workers.scheduler != LOCAL:
         note_given({"jobs", "start_method"}, "with --scheduler, whose workers are started elsewhere")
     paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
+    # a list of what would be written is complete only if all paths have arrived
+    first = tuple(itertools.chain.from_iterable(paths)) if settings.dry_run else next(paths)
     with progress_bar("resolving", "frames", quiet=quiet, log=log) as bar:
         totals = resolve_captures(
-            next(paths),
+            first,
             arriving=paths if STDIN in inputs else None,
             settings=settings,
             overrides=overrides,

@@ -49,6 +49,12 @@ def test_only_frames_that_are_gone(tmp_path: Path) -> None:
     assert (done.status, sorted(_sources(done.out))) == (1, [("cam/frame_0.tif", "ok"), ("cam/gone.tif", "failed")])
 
 
+def test_a_dry_run_lists_the_paths_that_arrive_late(tmp_path: Path) -> None:
+    record(tmp_path / "cam", frames=2)
+    done = shell(f"{{ echo cam/frame_0.tif; sleep 2; echo cam/frame_1.tif; }} | {WATCH} --dry-run", tmp_path)
+    assert (done.status, _sources(done.out)) == (0, [("cam/frame_0.tif", "ok"), ("cam/frame_1.tif", "ok")])
+
+
 def test_a_frame_that_would_replace_another_takes_no_other_frame_with_it(tmp_path: Path) -> None:
     capture = record(tmp_path / "cam", frames=3)
     (tmp_path / "cam" / "frame_0.tiff").write_bytes(capture.files[1].read_bytes())

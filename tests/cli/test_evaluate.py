@@ -264,3 +264,15 @@ def test_a_limit_of_the_median_fails_if_no_pixel_has_an_answer(tmp_path: Path) -
     done = cadtof("evaluate", out, "--truth", _truth(tmp_path / "truth.exr"), "--max-median", 5)
     assert done.status == 1
     assert "failed: found no pixel with truth and an answer, expected at most 5 cm (--max-median)" in done.err
+
+
+@pytest.mark.parametrize("per_metre", [1000.0, 100.0])
+def test_truth_in_another_unit_is_refused(per_metre: float, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    truth = _truth(tmp_path / "truth.exr")
+    write_exr(truth, {"direct.depth": per_metre * layers_of(truth)["direct.depth"]})
+    done = cadtof("evaluate", out, "--truth", truth)
+    assert done.status == 2
+    assert f"{truth}: found true depths of " in done.err
+    assert "expected metres: are they in mm or cm?" in done.err

@@ -28,6 +28,10 @@ from cadtof_cli.workflows.run_folder import Run
 Layers = Mapping[str, NDArray[Any]]
 """Layers of a map by name, (Y, X) each, as they are stored."""
 
+OTHER_UNIT = 30.0
+"""True depths whose median is more than this many times that of the maps, and more than this many metres, are in another unit:
+centimetres give a ratio of 100."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class GivenOptics:
@@ -137,11 +141,12 @@ class Truth:
             direct: its direct depth, (Y, X).
 
         Raises:
-            CadtofError: the truth cannot be read, or has another size.
+            CadtofError: the truth cannot be read, has another size, or is in another unit.
         """
         file = self.file(map_file)
         known = self.run.cropped(self._read(file))
         require_same_size(direct, known.shape, map_file, file)
+        _require_metres(file, known, direct)
         return known
 
     def tell_of_captures(self, files: Sequence[Path], say: Callable[[str], None], /) -> None:
@@ -152,6 +157,23 @@ class Truth:
                 f"{self.given}: the frames of {captures} captures are compared with this one truth; a folder may hold a truth for"
                 " each"
             )
+
+
+def _require_metres(file: Path, known: Float, direct: NDArray[Any], /) -> None:
+    """Make sure that true depths are not in millimetres or centimetres.
+
+    Raises:
+        CaptureError: their median is too large, see `OTHER_UNIT`.
+    """
+    both = np.isfinite(known) & np.isfinite(direct)
+    if not both.any():
+        return
+    true, found = float(np.median(known[both])), float(np.median(direct[both]))
+    if true > OTHER_UNIT * max(found, 1.0):
+        raise CaptureError(
+            f"{file}: found true depths of {true:.4g} at the median where the maps have {found:.3g} m; expected metres: are they"
+            " in mm or cm?"
+        )
 
 
 def require_truth(path: Path, /) -> None:
