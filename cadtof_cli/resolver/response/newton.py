@@ -140,7 +140,9 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
 def stepped(values: Float32, step: Float32, /) -> Float32:
     """Return values + step, (4, m); amplitudes stay above 0."""
     after = values + step
-    np.maximum(after[::2], np.float32(LARGEST_LOSS) * values[::2], out=after[::2])
+    amplitudes, least = after[::2], np.float32(LARGEST_LOSS) * values[::2]
+    # not `np.maximum`: which of 0 and -0 it returns depends on the processor
+    np.copyto(amplitudes, least, where=amplitudes <= least)
     return after
 
 

@@ -21,6 +21,9 @@ stages are closer together towards the end, because there, paths that lie near e
 STEP = 2.0 * np.pi / ENTRIES
 """Phase between neighbouring entries of a table, rad."""
 
+FARTHEST = np.float32(1e9)
+"""Number of entries from phase 0 beyond which a phase takes the entry of 0: single precision does not know it to a turn."""
+
 
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -69,8 +72,8 @@ class ResponseTable:
         nearest = np.rint(place)
         place -= nearest
         place *= np.float32(STEP / self.harmonic)
-        with np.errstate(invalid="ignore"):
-            index = nearest.astype(np.int32)
+        # what a conversion makes of NaN and of numbers beyond int32 depends on the processor
+        index = np.where(np.abs(nearest) < FARTHEST, nearest, np.float32(0.0)).astype(np.int32)
         index &= ENTRIES - 1
         re, im, slope_re, slope_im = (plane.take(index) for plane in self.planes)
         re += place * slope_re

@@ -98,7 +98,7 @@ def test_hard_pixels_end_at_the_same_bits(name: str) -> None:
     with np.errstate(all="ignore"):
         hard = np.stack(HARD[name](rng, COUNT))
         odd_starts = rng.choice(
-            np.array([0.0, -0.0, 1.0, 1e-30, 1e30, np.nan, np.inf, -1.0, 4.0], np.float32), (4, COUNT)
+            np.array([0.0, -0.0, 1.0, 1e-30, 5e5, 1e30, np.nan, np.inf, -1.0, 4.0], np.float32), (4, COUNT)
         )
         assert_same_bits(block(phases=False), hard, paths(5), steps=6)
         assert_same_bits(block(phases=True), hard, odd_starts, steps=6)
