@@ -15,6 +15,10 @@ FIRST_PHASOR = "first phasor"
 TRUTH = "truth"
 """Names of layers of depths that are in no file of maps."""
 
+ERROR = "error"
+FIRST_PHASOR_ERROR = "error of first phasor"
+"""Names of the errors of the direct depth and of the first phasor. The page computes them (`page/decode.js`)."""
+
 Planes = Mapping[str, NDArray[Any]]
 """Layers by name, (Y, X) each: the layers of a map, and `FIRST_PHASOR` if the recorded frame still exists."""
 

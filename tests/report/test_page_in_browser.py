@@ -271,6 +271,51 @@ def test_the_ends_of_the_colours_can_be_dragged_and_typed(shown: Shown) -> None:
     np.testing.assert_array_equal(_canvas(browser), before)
 
 
+def test_colours_of_errors_suit_all_frames_of_the_run(browser: Browser, tmp_path: Path) -> None:
+    """The first frame is 1 mm off, the second frame up to 1 m: its errors can be told apart, too."""
+    maps, truth = tmp_path / "maps", np.full((HEIGHT, WIDTH), 2.0, np.float32)
+    maps.mkdir()
+    far = truth + np.linspace(0.0, 1.0, WIDTH, dtype=np.float32)
+    for name, depth in (("a", truth + np.float32(1e-3)), ("b", far)):
+        write_exr(maps / f"{name}.exr", {"direct.depth": depth, "status": np.full(depth.shape, 8, np.uint32)})
+    write_exr(tmp_path / "truth.exr", {"direct.depth": truth})
+    page = tmp_path / "page.html"
+    assert cadtof("report", maps, "-o", page, "--truth", tmp_path / "truth.exr").status == 0
+    browser.open(page)
+    _show_layer(browser, "error")
+    assert _number(browser.find("#high-text").text) == pytest.approx(1.0, abs=0.04)
+    browser.click("#next")
+    browser.wait("return document.querySelector('#frame-name').textContent.startsWith('b')")
+    browser.click("#scale-fit")
+    browser.settle()
+    assert _number(browser.find("#high-text").text) == pytest.approx(np.quantile(far - truth, 0.98), abs=0.04)
+
+
+def test_a_line_that_was_begun_stays_at_its_pixel_in_a_frame_of_other_size(browser: Browser, tmp_path: Path) -> None:
+    """Two frames of a run may have different sizes: the begin of a line then lies within both."""
+    for name, shape in (("a", (HEIGHT, WIDTH)), ("b", (8, 8))):
+        write_exr(tmp_path / f"{name}.exr", {"direct.depth": np.full(shape, 2.0, np.float32)})
+    assert cadtof("report", tmp_path, "-o", tmp_path / "page.html").status == 0
+    browser.open(tmp_path / "page.html")
+    browser.point("#map", _place(WIDTH - 1, HEIGHT - 1))
+    browser.press("#map", "ENTER", "PAGE_DOWN")
+    browser.wait("return document.querySelector('#frame-name').textContent.startsWith('b')")
+    browser.press("#map", "ARROW_LEFT")
+    assert browser.find("#profile-title").text == "Profile from pixel 7, 7 to 6, 7"
+
+
+def test_a_page_of_a_region_says_that_its_points_need_the_principal_point(browser: Browser, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=1)
+    out, page = tmp_path / "out", tmp_path / "page.html"
+    settings = capture.folder / "capture.toml"
+    kept = [line for line in settings.read_text().splitlines() if not line.startswith("principal_point_px")]
+    settings.write_text("\n".join(kept))
+    assert cadtof("resolve", capture.folder, "-o", out, "--roi", "4,4,20,20", "-j", 1, "-q").status == 0
+    assert cadtof("report", out, "-o", page, "--focal-length-px", 100).status == 0
+    browser.open(page)
+    assert "--principal-point-px" in browser.find("#cloud-note").text
+
+
 def test_status_bits_lie_over_the_pixels_that_have_them(shown: Shown) -> None:
     browser = shown.browser
     status = shown.frames[0]["status"].astype(int)
@@ -299,7 +344,7 @@ def test_the_points_turn_and_come_back(shown: Shown) -> None:
     np.testing.assert_array_equal(browser.picture("#cloud"), start)
 
 
-@pytest.mark.parametrize(("width", "dark"), [(360, True), (768, False), (2560, True)])
+@pytest.mark.parametrize(("width", "dark"), [(320, False), (360, True), (768, False), (2560, True)])
 def test_the_page_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bool) -> None:
     browser = shown.browser
     browser.look(width=width, dark=dark)

@@ -36,7 +36,7 @@ function drawCloud(frame, points, layer, view) {
   const image = new ImageData(width, height);
   const pixels = new Uint32Array(image.data.buffer);
   const nearest = new Float32Array(width * height).fill(Infinity);
-  const [colours, range, table] = [frame.layers.get(layer).values, rangeOf(frame, layer), coloursOf(layer)];
+  const [colours, range, table] = [frame.layers.get(layer).values, rangeOf(layer), coloursOf(layer)];
   const [cy, sy, cp, sp] = [Math.cos(view.yaw), Math.sin(view.yaw), Math.cos(view.pitch), Math.sin(view.pitch)];
   const scale = (view.zoom * Math.min(width, height) * 1.1) / points.size;
   const spacing = (1.2 * frame.step) / frame.optics.focal_length_px;

@@ -35,9 +35,9 @@ const chosenRanges = new Map();
 const startRanges = new Map();
 
 // The range of a layer's colours before anybody drags its ends, and how far they can be dragged. All frames of the run share it.
-function startRange(frame, name) {
+function startRange(name) {
   const key = rangeKey(name);
-  if (!startRanges.has(key)) startRanges.set(key, isError(name) ? errorRange(frame) : layerRange(key));
+  if (!startRanges.has(key)) startRanges.set(key, isError(name) ? errorRange() : layerRange(key));
   return startRanges.get(key);
 }
 
@@ -55,13 +55,14 @@ function layerRange(key) {
   return { low, high, lowest: Math.min(low, Math.max(lowest, low - width)), highest: Math.max(high, Math.min(highest, high + width)) };
 }
 
-function errorRange(frame) {
-  const layers = [ERROR, FIRST_PHASOR_ERROR].map((name) => frame.layers.get(name)).filter(Boolean);
-  const most = Math.max(1e-3, ...layers.map((layer) => quantile(layer.values.map(Math.abs), 0.98) || 0));
+// Errors of both signs get as many colours.
+function errorRange() {
+  const [low, high] = limitsOf(ERROR);
+  const most = Math.max(1e-3, Math.abs(low), Math.abs(high));
   return { low: -most, high: most, lowest: -2 * most, highest: 2 * most };
 }
 
-const rangeOf = (frame, name) => chosenRanges.get(rangeKey(name)) ?? startRange(frame, name);
+const rangeOf = (name) => chosenRanges.get(rangeKey(name)) ?? startRange(name);
 
 function colourOf(value, range, table) {
   if (Number.isNaN(value)) return NO_ANSWER_COLOUR;

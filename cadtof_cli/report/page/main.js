@@ -40,7 +40,7 @@ function setPoints() {
   state.cloudLayer = showOptions(byId("cloud-layer"), depths, state.cloudLayer);
   const note = byId("cloud-note");
   note.hidden = Boolean(frame.optics);
-  note.textContent = "The focal length is not known, so the points cannot be computed: write the page with --focal-length-px.";
+  note.textContent = "The optics are not known, so the points cannot be computed: write the page with --focal-length-px, and for maps of a --roi also with --principal-point-px.";
   cloudCanvas.hidden = !frame.optics;
   points = frame.optics ? pointsOf(frame, state.cloudLayer) : null;
 }
@@ -85,6 +85,7 @@ async function showFrame(number) {
   state.layer = showOptions(byId("layer"), [...frame.layers.keys()].filter((name) => name !== STATUS), state.layer);
   const middle = [Math.floor(frame.columns / 2), Math.floor(frame.rows / 2)];
   setPixel(before && state.pixel ? moved(state.pixel, before) : middle);
+  state.begun &&= moved(state.begun, before);
   setProfile(before && state.line ? state.line.map((end) => moved(end, before)) : rowLine(middle));
   showOverlays(frame, state.bits, redraw);
   showSampling(frame);

@@ -19,7 +19,7 @@ function statusColours(frame, bits) {
 function mapImage(frame, name, { otherName, split, bits }) {
   const layer = frame.layers.get(name);
   const other = otherName ? frame.layers.get(otherName) : null;
-  const range = rangeOf(frame, name);
+  const range = rangeOf(name);
   const table = coloursOf(name);
   const over = statusColours(frame, bits);
   const image = new ImageData(frame.columns, frame.rows);

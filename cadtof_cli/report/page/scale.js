@@ -5,8 +5,8 @@ const handles = { low: byId("scale-low"), high: byId("scale-high") };
 const LEAST_WIDTH = 1e-4;
 
 function drawScale(frame, name) {
-  const { lowest, highest } = startRange(frame, name);
-  const range = rangeOf(frame, name);
+  const { lowest, highest } = startRange(name);
+  const range = rangeOf(name);
   const unit = frame.layers.get(name).unit;
   const canvas = byId("scale-bar");
   canvas.width = 512;
@@ -29,9 +29,9 @@ function drawScale(frame, name) {
 }
 
 // Move one end of the colours. It stops a little before the other end.
-function moveEnd(frame, name, end, value) {
-  const { lowest, highest } = startRange(frame, name);
-  const range = { ...rangeOf(frame, name) };
+function moveEnd(name, end, value) {
+  const { lowest, highest } = startRange(name);
+  const range = { ...rangeOf(name) };
   const least = LEAST_WIDTH * (highest - lowest);
   const [from, to] = end === "low" ? [lowest, range.high - least] : [range.low + least, highest];
   range[end] = Math.max(from, Math.min(to, value));
@@ -44,16 +44,16 @@ function fitToFrame(frame, name) {
   const ends = isError(name) ? [-1, 1].map((sign) => sign * quantile(values.map(Math.abs), 0.98)) : [0.005, 0.995].map((share) => quantile(values, share));
   if (Number.isNaN(ends[0])) return;
   chosenRanges.delete(rangeKey(name));
-  moveEnd(frame, name, "low", ends[0]);
-  moveEnd(frame, name, "high", ends[1]);
+  moveEnd(name, "low", ends[0]);
+  moveEnd(name, "high", ends[1]);
 }
 
 function onScale(shown, changed) {
   for (const end of ["low", "high"]) {
     const handle = handles[end];
     const move = (value) => {
-      const { frame, layer } = shown();
-      moveEnd(frame, layer, end, value(startRange(frame, layer), rangeOf(frame, layer)));
+      const { layer } = shown();
+      moveEnd(layer, end, value(startRange(layer), rangeOf(layer)));
       changed();
     };
     handle.addEventListener("pointerdown", (event) => handle.setPointerCapture(event.pointerId));

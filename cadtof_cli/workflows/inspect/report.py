@@ -13,7 +13,17 @@ from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.records import setting
 from cadtof_cli.report.colours import LayerLimits, small_plane
-from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
+from cadtof_cli.report.frames import (
+    ERROR,
+    FIRST_PHASOR,
+    FIRST_PHASOR_ERROR,
+    TRUTH,
+    EmbeddedFrame,
+    Planes,
+    Shares,
+    embedded_frame,
+    planned_shares,
+)
 from cadtof_cli.report.page import ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
 from cadtof_cli.workflows.inspect.layers import GivenOptics, Truth, layer_of
@@ -160,6 +170,9 @@ class _Gathered:
             return None
         first, sigma = planes.get(FIRST_PHASOR), planes.get(DIRECT_SIGMA)
         self.against_truth.add(planes[DIRECT_DEPTH], truth_m, sigma_m=sigma, first_phasor_m=first)
+        self.limits.add(ERROR, planes[DIRECT_DEPTH] - truth_m)
+        if first is not None:
+            self.limits.add(FIRST_PHASOR_ERROR, first - truth_m)
         key = frame.truth_file, step
         if key not in self.truths:
             self.truths[key] = embedded_frame({TRUTH: truth_m}, step=step)
