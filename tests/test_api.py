@@ -270,6 +270,11 @@ def test_frames_are_counted_from_0(frames: Any) -> None:
         next(read_frames(CORNER, frames=frames))
 
 
+def test_frames_may_be_chosen_by_numbers_of_numpy() -> None:
+    chosen: Any = slice(np.int64(0), np.int64(1))
+    assert [str(frame) for frame in read_frames(CORNER, frames=chosen)] == ["frame_0000.tif"]
+
+
 def test_options_are_the_fields_of_the_records() -> None:
     """ResolveOptions repeats names and types for type checkers; they must be those of the records."""
     resolver, maps = get_type_hints(ResolverSettings), get_type_hints(MapSettings)
@@ -308,7 +313,7 @@ def test_maps_are_read_from_files_and_folders(tmp_path: Path, suffix: str) -> No
     assert "32 × 24 pixels" in repr(maps)
     with pytest.raises(KeyError, match=r"direct\.deep: found layers .*direct\.depth"):
         maps["direct.deep"]
-    with pytest.raises(CaptureError, match="found 2 files of maps"):
+    with pytest.raises(CaptureError, match="found 2 files that may hold maps, expected one; name one of them"):
         read_maps(tmp_path / "out")
     files[1].unlink()
     assert list(read_maps(tmp_path / "out")) == list(maps)
@@ -369,6 +374,24 @@ def test_an_unknown_scene_or_setting_is_refused() -> None:
         simulate_scene("wall", opening_deg=80)
     with pytest.raises(SettingsError, match=r"modulation\.amplitude_v"):
         simulate_scene("wall", modulation={"amplitude_v": -1.0})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frames": 1.5}, "simulate_scene: found frames=1.5, expected a whole number"),
+        ({"frames": 0}, "frames: found 0, expected 1 or more"),
+        ({"seed": "3"}, "simulate_scene: found seed='3', expected a whole number"),
+        ({"integration_length": 0}, "pixel.integration_length: found 0.0, expected a finite number above 1"),
+        ({"integration_length": "many"}, "simulate_scene: found integration_length='many', expected a number"),
+        ({"fwhm_ns": -1}, "pulse.fwhm_ns: found -1.0, expected 0, or 1e-06 or more, in ns"),
+        ({"fwhm_ns": "1"}, "Pulse: found fwhm_ns='1', expected a number"),
+    ],
+)
+def test_a_value_that_a_scene_cannot_have_is_a_settings_error(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        simulate_scene("wall", camera={"width": 8, "height": 6}, **options)
+    assert str(caught.value) == message
 
 
 def test_importing_the_package_loads_nothing() -> None:

@@ -155,7 +155,7 @@ def read_frames(
 
 def _counts_from_0(frames: slice) -> bool:
     parts = (frames.start, frames.stop, frames.step)
-    return all(part is None or (isinstance(part, int) and 0 <= part <= sys.maxsize) for part in parts)
+    return all(part is None or (isinstance(part, int | np.integer) and 0 <= part <= sys.maxsize) for part in parts)
 
 
 def _overrides(metadata: Mapping[str, Any] | None) -> dict[str, Any]:

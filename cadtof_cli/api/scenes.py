@@ -59,18 +59,24 @@ def simulate_scene(
         SettingsError: the scene or a field does not exist, or a value is not allowed.
     """
     require(name in SCENES, "simulate_scene", repr(name), f"one of {', '.join(SCENES)}")
-    given = {"seed": seed, **scene} if "seed" in SCENES[name].__dataclass_fields__ else scene
-    exposure = scene_exposure(
-        _record(SCENES[name], given),
-        _record(Camera, camera or {}),
-        modulation=_record(Modulation, modulation or {}),
-        pulse=Pulse(fwhm_ns=fwhm_ns),
-        integration_length=integration_length,
-        counts=True,
-        seed=seed,
-    )
+    numbers = {"frames": frames, "seed": seed, "integration_length": integration_length}
+    own = as_declared(numbers, {"frames": int, "seed": int, "integration_length": float}, of="simulate_scene")
+    given = {"seed": own["seed"], **scene} if "seed" in SCENES[name].__dataclass_fields__ else scene
+    try:
+        exposure = scene_exposure(
+            _record(SCENES[name], given),
+            _record(Camera, camera or {}),
+            modulation=_record(Modulation, modulation or {}),
+            pulse=_record(Pulse, {"fwhm_ns": fwhm_ns}),
+            integration_length=own["integration_length"],
+            counts=True,
+            seed=own["seed"],
+        )
+    except InvalidValueError as error:
+        raise SettingsError(str(error)) from error
+    settings = RecordSettings(exposure=exposure, frames=own["frames"])
     whole = expose(exposure)
-    voltages = frames_of(RecordSettings(exposure=exposure, frames=frames), whole)
+    voltages = frames_of(settings, whole)
     recorded = tuple(
         Frame(exposure.camera.counts_from_voltages(volts), exposure.metadata, f"frame_{index:04d}")
         for index, volts in enumerate(voltages)
@@ -83,7 +89,4 @@ def _record(kind: Any, given: Mapping[str, Any]) -> Any:
     """Return a settings record with some of its fields given."""
     unknown = given.keys() - kind.__dataclass_fields__.keys()
     require(not unknown, kind.__name__, ", ".join(sorted(unknown)), f"some of {', '.join(kind.__dataclass_fields__)}")
-    try:
-        return kind(**as_declared(given, get_type_hints(kind), of=kind.__name__))
-    except InvalidValueError as error:
-        raise SettingsError(str(error)) from error
+    return kind(**as_declared(given, get_type_hints(kind), of=kind.__name__))

@@ -194,9 +194,12 @@ class _Pool(Generic[Task, Result]):
         return min(AHEAD + math.ceil(2.0 * PAUSE_S / max(self._task_s, 1e-4)), SHORT_AHEAD)
 
     def _start_fresh(self) -> _Worker[Task, Result]:
-        """Return a new worker. If there is no place for it, it replaces an idle one, which may be dead without our knowing it."""
-        if len(self._workers) == self._max_workers:
-            self._end(self._workers[-1])
+        """Return a new worker after the end of all others, which are idle.
+
+        They may be dead without our knowing it, or hold memory that the new worker needs.
+        """
+        for worker in tuple(self._workers):
+            self._end(worker)
         return self._start()
 
     def _end(self, worker: _Worker[Task, Result]) -> None:

@@ -55,9 +55,9 @@ def test_bash_completes_commands_and_options(typed: tuple[str, ...], completed: 
 
 
 @pytest.mark.parametrize(("typed", "completed"), [("cadtof res", "resolve"), ("cadtof resolve --recu", "--recursive")])
-def test_fish_completes_commands_and_options(typed: str, completed: str, tmp_path: Path) -> None:
-    (tmp_path / ".config/fish/completions").mkdir(parents=True)
-    script = f"{_line('fish').replace('_CADTOF', 'env _CADTOF')}; complete -C '{typed}'"
+def test_fish_completes_commands_and_options(typed: str, completed: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    script = f"{_line('fish')}; complete -C '{typed}'"
     done = subprocess.run(
         [needed_program("fish"), "-c", script], capture_output=True, text=True, timeout=60, check=True
     )

@@ -54,12 +54,23 @@ def deadly_once_for_all(task: tuple[int, Path]) -> int:
     if number == 1 and not seen.exists():
         time.sleep(0.2)
         seen.touch()
-        children = Path(f"/proc/{os.getppid()}/task/{os.getppid()}/children").read_text().split()
-        ours = Path("/proc/self/cmdline").read_bytes()
-        # a helper of spawned workers is a child too, but no worker
-        siblings = [int(child) for child in children if Path(f"/proc/{child}/cmdline").read_bytes() == ours]
-        for process in sorted(siblings, key=os.getpid().__eq__):
+        for process in sorted(worker_processes(), key=os.getpid().__eq__):
             os.kill(process, signal.SIGKILL)
+    return number
+
+
+def worker_processes() -> list[int]:
+    """Return the processes of all workers, from within one of them."""
+    children = Path(f"/proc/{os.getppid()}/task/{os.getppid()}/children").read_text().split()
+    ours = Path("/proc/self/cmdline").read_bytes()
+    # a helper of spawned workers is a child too, but no worker
+    return [int(child) for child in children if Path(f"/proc/{child}/cmdline").read_bytes() == ours]
+
+
+def deadly_beside_another(number: int) -> int:
+    """Task 1 dies if there is another worker, as if their memory together were more than the system gives."""
+    if number == 1 and len(worker_processes()) > 1:
+        os._exit(1)
     return number
 
 
@@ -122,6 +133,12 @@ def test_processes_that_die_together_cost_nothing_even_if_one_was_idle(tmp_path:
     tasks = [(number, tmp_path / "seen") for number in range(2)]
     outcomes = list(run_ordered(deadly_once_for_all, tasks, workers=Workers(jobs=2, start_method="fork")))
     assert [outcome.result for outcome in outcomes] == [0, 1]
+
+
+@pytest.mark.parametrize("jobs", [2, 3])
+def test_a_task_that_is_tried_again_has_all_memory_for_itself(jobs: int) -> None:
+    outcomes = list(run_ordered(deadly_beside_another, range(3), workers=Workers(jobs=jobs, start_method="fork")))
+    assert [outcome.result for outcome in outcomes] == [0, 1, 2]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
