@@ -6,7 +6,7 @@ modules in this order:
     settings      what is asked for
     grid          rays of pixels, and the patches that a frame is cut into
     light         the data of a patch
-    choice        the model of a frame: does it have a tail, or second paths? Asks second_paths, even_paths, one_place
+    choice        the model of a frame: does it have a tail, or second paths? Asks second_paths, even_paths
                   and smoothness
     planes        the surface of a patch
     beyond, box   surfaces outside the view: continued ones, and guessed walls
@@ -16,6 +16,7 @@ modules in this order:
     model_error   what the model gets wrong
     condition     Gaussian conditioning
     patch_fit     the state of the frame and of its patches; patch_steps holds the operations on each patch
+    variation     whether the data vary over the view as the tail would
     nets          surfaces that let light through, before walls that are seen beside them; walls finds these walls
     bias          the bias of two harmonics
     coarse        what the patches hand to the pixels

@@ -167,7 +167,7 @@ def patch_kinds(
         reason = "no MPI to be seen"
     elif are_two_paths(
         PatchData.of(means, lit, variances, settings.harmonics),
-        PatchPlaces(grid.even[lit], means.phase_rad[lit], lit, settings.rad_per_ns, alike),
+        PatchPlaces(grid.even[lit], lit, settings.rad_per_ns, alike),
         kernel=kernel,
     ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=settings, kernel=kernel):
         reason = "separate paths"

@@ -2,9 +2,8 @@
 
 The q_2 of a patch tells the share and the delay of a second path, if there is one. If the light comes by one even
 surface, the delays lie on a + b·X + c·Y + d/cos, whatever the shares. In rooms, the delays follow from many surfaces.
-If a mirror or a bright surface beside the view sends the light, the delays are nearly even, and this one place explains
-them. If noise hides the delay of each patch, all patches together still tell: two paths with even shares and delays
-explain them, apart from noise.
+If noise hides the delay of each patch, all patches together still tell: two paths with even shares and delays explain
+them, apart from noise.
 """
 
 import numpy as np
@@ -12,9 +11,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.one_place import residual_after_one_place
 from cadtof_cli.resolver.diffuse.second_paths import (
-    LEAST_KNOWN,
     PatchData,
     Scatter,
     SecondPaths,
@@ -26,13 +23,6 @@ from cadtof_cli.resolver.diffuse.tail import wrapped
 EVEN_NS = 0.1
 """Threshold on the scatter of delays about an even function of the view, in ns for every unit that the logarithm of the
 share scatters. Below it, delays are even. 518 rendered rooms and corners have .2 and more, at any light."""
-
-NEARLY_EVEN_NS = 0.3
-"""Threshold on the same number, below which one place is looked for that sends the light."""
-
-ONE_PLACE_NS = 0.125
-"""Threshold on the same number for the delays minus those by this place. Below it, there is such a place. 2016 frames
-of rooms have .17 and more; only a dozen of them have delays that are even enough to look for a place."""
 
 ALLOWED_UNEVENNESS = (0.012, 0.04)
 """Standard deviations by which two true paths may differ from evenness: logarithm of their share, and ns. The least
@@ -80,14 +70,12 @@ class PatchPlaces:
     Attributes:
         columns: what is even over the view at each patch, (n, 4): 1, the slopes X and Y of its ray, and 1/cos, by which
             all ranges of a plane across the view grow.
-        phase_rad: arg p1, (n,).
         lit: which patches of the frame these are, (rows, columns).
         rad_per_ns: ω of the fundamental.
         noise_correlation: correlation of the noise of neighbours.
     """
 
     columns: Float
-    phase_rad: Float
     lit: Bool
     rad_per_ns: float
     noise_correlation: float = 0.0
@@ -115,15 +103,13 @@ class _JointFit:
 
 
 def are_even(second: SecondPaths, data: PatchData, places: PatchPlaces, /) -> bool:
-    """Return whether second paths lie evenly over the view, or come by one place.
+    """Return whether second paths lie evenly over the view.
 
     This is asked of each patch by itself first. If that does not decide, the patches are fitted together.
     """
     if second.known.any():
         uneven = _unevenness(second, places, second.known)
         if uneven.most < (EVEN_NS * places.rad_per_ns) ** 2 * second.log_share_scatter.least:
-            return True
-        if _are_by_one_place(second, places):
             return True
         if uneven.least > (ALLOWED_UNEVENNESS[1] * places.rad_per_ns) ** 2:
             return False
@@ -136,45 +122,10 @@ def _unevenness(second: SecondPaths, places: PatchPlaces, patches: Bool) -> Scat
     return Scatter.of(delays - columns @ _even_part(delays, noise, columns), noise)
 
 
-def _are_by_one_place(second: SecondPaths, places: PatchPlaces) -> bool:
-    """Return whether one place explains the nearly even delays of the patches that show one surface each."""
-    surrounded = _surrounded(second.known, places.lit)
-    if np.count_nonzero(surrounded) < LEAST_KNOWN:
-        return False
-    scatter = Scatter.of(second.log_share[surrounded], second.noise[0, surrounded]).least * places.rad_per_ns**2
-    if not _unevenness(second, places, surrounded).most < NEARLY_EVEN_NS**2 * scatter:
-        return False
-    delays, noise = _unwrapped(second.later_rad[surrounded]), second.noise[1, surrounded]
-    residual = residual_after_one_place(delays, noise, _positions(places, surrounded))
-    return Scatter.of(residual, noise).most < ONE_PLACE_NS**2 * scatter
-
-
-def _surrounded(known: Bool, lit: Bool) -> Bool:
-    """Return which of the known patches, (n,), have a known patch or the border of the view on all four sides.
-
-    Other patches may show the edge of one surface before another.
-    """
-    image: Bool = np.zeros(lit.shape, np.bool_)
-    image[lit] = known
-    around = np.pad(image, 1, constant_values=True)
-    whole: Bool = image & around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:]
-    return whole[lit]
-
-
 def _unwrapped(delays_rad: Float) -> Float:
     """Return delays, (n,), within half a turn of their circular mean, so that delays a turn apart become neighbours."""
     middle = float(np.arctan2(np.sin(delays_rad).sum(), np.cos(delays_rad).sum()))
     return middle + wrapped(delays_rad - middle)
-
-
-def _positions(places: PatchPlaces, patches: Bool) -> Float:
-    """Return the positions of some patches' surfaces, (3, n), in rad of phase along the way from the camera.
-
-    They come from arg p1, which is near enough.
-    """
-    _, across, down, slant = places.columns[patches].T
-    range_rad = np.mod(places.phase_rad[patches], 2.0 * np.pi) / 2.0
-    return np.asarray(np.stack([across, down, np.ones_like(slant)]) * (range_rad / slant))
 
 
 def _are_even_together(second: SecondPaths, data: PatchData, places: PatchPlaces) -> bool:

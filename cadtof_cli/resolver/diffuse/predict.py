@@ -32,6 +32,7 @@ from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, fur
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
+from cadtof_cli.resolver.diffuse.variation import varies_like_the_tail
 from cadtof_cli.resolver.kernels import NUMPY
 
 LEAST_RATIO = 0.05
@@ -133,7 +134,8 @@ def _model(
     model, term_model = _tail_models(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
     rule = pattern(model.light.direct)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), NO_RATIO)), np.angle(ratios)])
-    error = _error(ratios, amplitude, means.pixels[valid], frame)
+    modelled, noise = model_error(ratios), _noise(ratios, amplitude, means.pixels[valid], frame)
+    error = modelled + noise
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
     fit = fitted_patches(data, error, model, rule, known_optics=known, kernel=frame.kernel)
     phasors = patch_phasors(means, harmonics=frame.settings.harmonics)
@@ -149,6 +151,10 @@ def _model(
     if auto:
         by_two_paths = _two_path_chi_squared(means, valid, frame)
         if not tail_fits(posterior.chi_squared[uncovered], by_two_paths[uncovered], len(data)):
+            return None
+        foretold, _ = model.values(fit.room[:, None] + rule)
+        # phasors that two paths have freed of other terms do not vary as a tail yet
+        if term_model is None and not varies_like_the_tail(data, foretold, noise, modelled, uncovered):
             return None
     guessed = surfaces_guessed(planes.surfaces, valid, frame.grid, seen=seen)
     lags = _lag_parts(fit, model, seen, guessed, frame, mpi_share(ratios))
@@ -293,16 +299,15 @@ def _term_variance(tails: TermTails, settings: DiffuseSettings) -> Float32:
     return variance
 
 
-def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:
-    """Return the covariance of the errors of the patches' values, (data + 2, data + 2, n): of the model, and noise."""
+def _noise(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:
+    """Return the covariance of the patches' data by noise, (data + 2, data + 2, n); it is 0 among the last two values."""
     strength = np.concatenate([np.ones((1, ratios.shape[1])), np.maximum(np.abs(ratios), LEAST_RATIO)]) * amplitude
     relative = frame.variances[:, None] / (strength**2 * pixels)
     count = 2 * len(ratios)
-    covariance = model_error(ratios)
+    covariance = np.zeros((count + 2, count + 2, amplitude.size))
     for (i, j), value in noise_covariance(list(relative), harmonics=frame.settings.harmonics).items():
         if i < count:
-            covariance[i, j] += value
-            covariance[j, i] = covariance[i, j]
+            covariance[i, j] = covariance[j, i] = value
     return covariance
 
 

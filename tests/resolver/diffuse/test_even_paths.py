@@ -1,17 +1,13 @@
 """Second paths whose shares and delays change evenly over the view are told from tails, which never change evenly."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.resolver.diffuse import even_paths
+from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.resolver.diffuse.choice import are_two_paths
 from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, has_one_share, of_two_paths
-from cadtof_cli.units import C_M_PER_NS
 from tests.support.diffuse_frames import OMEGA, F, Tail
 from tests.support.diffuse_patches import LIT, PATCHES, patch_data
 
@@ -27,7 +23,7 @@ COUNT = ROWS * COLUMNS
 
 SLANT: Float = np.sqrt(1.0 + ACROSS**2 + DOWN**2)
 
-PLACES = PatchPlaces(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), np.ones(COUNT), LIT, OMEGA)
+PLACES = PatchPlaces(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), LIT, OMEGA)
 
 
 def second_paths(
@@ -149,75 +145,6 @@ def test_light_without_mpi_or_noise_raises_no_error() -> None:
         with np.errstate(all="ignore"):
             assert not are_two_paths(patch_data(nothing, nothing, sigma=sigma), PLACES)
             assert are_two_paths(second_paths(0.1, 8.0, sigma), PLACES) == (sigma > 0.0)
-
-
-def by_a_mirror(
-    sigma: float, *, step_m: float = 0.3, largest_share: float = 0.06, added_rad: float = 0.0
-) -> tuple[PatchData, PatchPlaces]:
-    """Return a wall at 1.5 m, of which a part stands before the rest, with light by way of a surface at its right.
-
-    `step_m` is how far the part stands before the rest. `largest_share` is the share of this light at distance 0; the
-    share falls with the distance. `added_rad` is added to all delays.
-    """
-    range_m = 1.5 * SLANT - step_m * (np.abs(DOWN) < 0.15)
-    wall = range_m * np.stack([ACROSS, DOWN, np.ones(COUNT)]) / SLANT
-    place = np.array([1.6, 0.1, 0.5])
-    distance_m = np.sqrt(((place[:, np.newaxis] - wall) ** 2).sum(axis=0))
-    later = OMEGA * (np.sqrt(place @ place) + distance_m - range_m) / C_M_PER_NS + added_rad
-    share = largest_share * np.exp(-2.0 * distance_m)
-    turn = np.exp(1j * later)
-    straight = OMEGA * 2.0 * range_m / C_M_PER_NS
-    phase = straight + np.angle(1.0 + share * turn)
-    data = patch_data(share * turn, share * turn**2, sigma=sigma)
-    return data, replace(PLACES, phase_rad=np.asarray(np.angle(np.exp(1j * phase))))
-
-
-@pytest.mark.parametrize(("largest_share", "added_rad"), [(0.06, 0.0), (0.06, 2.0), (1.0, 0.0)])
-def test_delays_by_way_of_one_place_are_two_paths_although_not_even(
-    largest_share: float, added_rad: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """This holds even if some delays exceed half a period and so appear negative, and if MPI turns arg p_1 by much."""
-    data, places = by_a_mirror(2e-5, largest_share=largest_share, added_rad=added_rad)
-    with np.errstate(all="ignore"):
-        found = SecondPaths.of(data)
-        assert are_even(found, data, places)
-        assert not are_even(found, data, replace(places, phase_rad=np.ones(COUNT)))
-        monkeypatch.setattr(even_paths, "NEARLY_EVEN_NS", 0.0)
-        assert not are_even(found, data, places)
-
-
-def test_no_place_is_looked_for_if_delays_are_far_from_even(monkeypatch: pytest.MonkeyPatch) -> None:
-    data, places = by_a_mirror(5e-6, step_m=0.6)
-    with np.errstate(all="ignore"):
-        found = SecondPaths.of(data)
-        assert not are_even(found, data, places)
-        monkeypatch.setattr(even_paths, "NEARLY_EVEN_NS", 3.0)
-        assert are_even(found, data, places)
-
-
-def test_without_surrounded_patches_no_place_is_found() -> None:
-    data, places = by_a_mirror(2e-5)
-    seen_patches: Bool = (np.add.outer(np.arange(ROWS), np.arange(COLUMNS)) % 2 == 0).ravel()
-    thinned = replace(data, ratios=np.where(seen_patches, data.ratios, 1.0))
-    with np.errstate(all="ignore"):
-        assert not are_even(SecondPaths.of(thinned), thinned, places)
-
-
-def test_patches_at_the_edge_of_a_panel_do_not_hide_the_place_of_its_light() -> None:
-    """Patches at the edge also hold light of the wall behind the panel, so that they seem to have another delay."""
-    data, places = by_a_mirror(5e-6, step_m=0.0)
-    panel: Bool = (np.abs(ACROSS) < 0.4) & (np.abs(DOWN) < 0.35)
-    inner: Bool = (np.abs(ACROSS) < 0.36) & (np.abs(DOWN) < 0.3)
-    without_mpi = patch_data(*[np.zeros(COUNT, np.complex128)] * 2, sigma=5e-6)
-    mixed = np.where(panel & ~inner, 0.8 * data.ratios + 0.2 * np.exp(1.5j), data.ratios)
-    with_panel = replace(
-        data,
-        ratios=np.where(panel, mixed, without_mpi.ratios),
-        relative=np.where(panel, data.relative, without_mpi.relative),
-    )
-    with np.errstate(all="ignore"):
-        found = SecondPaths.of(with_panel)
-        assert are_even(found, with_panel, places)
 
 
 @pytest.mark.parametrize("part", [0.45, 0.5, 0.55, 0.8])

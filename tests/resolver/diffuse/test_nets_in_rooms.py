@@ -25,8 +25,8 @@ FWHM_NS = 1.7
 
 TAIL = Tail(0.25, 3.0, 9.0)
 
-UNEVEN: F = 1.0 + 0.3 * np.sin(np.arange(WIDTH) / 9.0) * np.cos(np.arange(HEIGHT) / 11.0)[:, None]
-"""Factor on the tail over the view, because a tail that is the same everywhere may be a second path."""
+UNEVEN: F = (WALL / WALL.mean()) ** 2 + 0.2 * np.sin(np.arange(WIDTH) / 9.0) * np.cos(np.arange(HEIGHT) / 11.0)[:, None]
+"""Factor on the tail over the view: there is more of it where there is little direct light, and it is not even."""
 
 
 def net_before_wall(delay_ns: float, share: float, *, harmonics: int = 2) -> tuple[Z, F, B]:

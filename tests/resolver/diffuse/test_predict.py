@@ -185,6 +185,19 @@ def test_second_paths_of_different_shares_and_delays_are_not_taken_for_a_tail(mo
         assert (found.taken, found.reason) == ("discrete", reason)
 
 
+def test_second_paths_that_change_smoothly_do_not_vary_as_a_tail_would(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bent surface before second paths whose share and delay have waves of their own: some tail fits each patch."""
+    x, y = slopes(96, 128, 110.0)
+    wall = 1.8 * (1.0 + 0.1 * np.sin(5.0 * x + 2.0 * y)) * np.sqrt(1 + x * x + y * y)
+    share, delay_ns = 0.1 * np.exp(0.6 * np.sin(6.0 * y - 3.0 * x + 1.0)), 10.0 + 1.5 * np.sin(7.0 * x + 4.0 * y)
+    p = phasors_of(wall, {h: np.asarray(share * np.exp(1j * h * OMEGA * delay_ns)) for h in (1, 2)})
+    found = model_of(p, focal_px=110.0, second_paths=True)
+    assert isinstance(found, DiffuseChoice)
+    assert (found.taken, found.reason) == ("discrete", "no tail fits")
+    monkeypatch.setattr(predict, "varies_like_the_tail", lambda *_: True)
+    assert isinstance(model_of(p, focal_px=110.0, second_paths=True), DiffuseModel)
+
+
 def test_only_pixels_of_separate_patches_are_left_to_two_paths() -> None:
     tail = Tail(0.3, 3.0, 8.0)
     mpi = {h: np.full((48, 64), tail.phasor(h)) for h in (1, 2)}
@@ -329,7 +342,7 @@ def uneven_tails(seed: int = 4) -> tuple[F, Z]:
 
 def test_the_numbers_of_the_room_are_median_and_scatter_over_its_patches() -> None:
     _, p = uneven_tails()
-    found = model_of(p, n_av=1e6)
+    found = model_of(p, n_av=1e6, model="diffuse")
     assert isinstance(found, DiffuseModel)
     room = found.choice.room
     assert room is not None
