@@ -279,7 +279,6 @@ def _drawn(description: str, unit: str) -> Iterator["RichProgress"]:
         progress.add_task(description, total=None)
         try:
             yield progress
-        except BaseException:
+        finally:
             # a bar that showed no step is removed from the terminal
             progress.live.transient = not any(task.completed for task in progress.tasks)
-            raise

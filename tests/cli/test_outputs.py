@@ -205,6 +205,21 @@ def test_resume_in_an_empty_folder_is_a_run(tmp_path: Path) -> None:
     assert [line["status"] for line in _lines(out)] == ["ok", "ok"]
 
 
+def test_resume_needs_the_same_version(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    record_file = out / "run.json"
+    document = json.loads(record_file.read_text())
+    record_file.write_text(json.dumps(document | {"cadtof": "0.0.1"}))
+    before = _files(out)
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume")
+    _require_refused(
+        done, f"{record_file}: cannot resume: version of cadtof was '0.0.1' and is '{document['cadtof']}' now"
+    )
+    assert "use that version, or --overwrite" in done.err
+    assert _files(out) == before
+
+
 def test_resume_needs_the_same_settings(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0

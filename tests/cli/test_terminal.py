@@ -92,6 +92,14 @@ def test_info_shows_a_bar_while_it_reads(tmp_path: Path) -> None:
     assert "frames" in out
 
 
+def test_a_bar_that_showed_no_step_is_gone_at_the_end(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1)
+    _, shown = on_terminal("info", tmp_path / "out" / "frame_0.tif")
+    # the line of the bar is erased, and nothing is written after that
+    assert shown.rpartition("\x1b[2K")[2].strip() == ""
+
+
 def test_quiet_is_quiet_on_a_terminal_too(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3)
     assert on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-q") == ("", "")

@@ -47,7 +47,7 @@ _CHANGES_NO_MAP = frozenset(
 )
 """Arguments that may differ when a run is resumed. What they lead to is compared instead, such as the metadata of captures."""
 
-_INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
+_INPUTS, _FOLDERS, _VERSION = "resolved_inputs", "folders of the frames", "version of cadtof"
 
 
 @contextmanager
@@ -231,7 +231,7 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
         if before.get(name) != value:
             raise OutputError(
                 f"{path}: cannot resume: {name} was {before.get(name)!r} and is {value!r} now; "
-                "give the same options, or --overwrite"
+                f"{'use that version' if name == _VERSION else 'give the same options'}, or --overwrite"
             )
 
 
@@ -244,7 +244,7 @@ def _range_of_frames(chosen: Sequence[int | None] | None) -> tuple[float, float]
 def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return everything that decides the maps of a run (inputs, options, metadata, calibration), by names that a user knows."""
     captures = document["captures"]
-    deciding: dict[str, Any] = {"version of cadtof": document["cadtof"]}
+    deciding: dict[str, Any] = {_VERSION: document["cadtof"]}
     deciding[_FOLDERS] = [capture.get("resolved_root") for capture in captures]
     arguments = document["arguments"]
     deciding |= {name: value for name, value in arguments.items() if name not in _CHANGES_NO_MAP}
