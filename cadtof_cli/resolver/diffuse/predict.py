@@ -149,19 +149,18 @@ def _model(
         nets = max(filter(None, candidates), key=lambda one: one.found.sum(), default=nets)
     posterior = patch_posterior(data, error, fit)
     if auto:
-        by_two_paths = _two_path_chi_squared(means, valid, frame)
-        if not tail_fits(posterior.chi_squared[uncovered], by_two_paths[uncovered], len(data)):
+        by_two_paths = _two_path_chi_squared(means, valid, frame)[uncovered]
+        if not tail_fits(posterior.chi_squared[uncovered], by_two_paths, len(data)):
             return None
         foretold, _ = model.values(fit.room[:, None] + rule)
+        snr = amplitude / np.sqrt(frame.variances[0])
         # phasors that two paths have freed of other terms do not vary as a tail yet
-        if term_model is None and not varies_like_the_tail(data, foretold, noise, modelled, uncovered):
+        if term_model is None and not varies_like_the_tail(data, foretold, noise, modelled, snr, uncovered):
             return None
     guessed = surfaces_guessed(planes.surfaces, valid, frame.grid, seen=seen)
     lags = _lag_parts(fit, model, seen, guessed, frame, mpi_share(ratios))
     two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
-    bias = None
-    if len(ratios) == 1:
-        bias = _bias(fit, seen, amplitude, lags.seen_rad, two_path_rad, uncovered, frame)
+    bias = _bias(fit, seen, amplitude, lags.seen_rad, two_path_rad, uncovered, frame) if len(ratios) == 1 else None
     coarse = coarse_planes(fit, posterior, lags, valid, bias, slowness=frame.settings.slowness)
     coarse = coarse.weighted_by(kinds.mpi_probability)
     term_tails = None if term_model is None else _term_tails(term_model, fit, coarse, planes, valid, frame)

@@ -24,6 +24,11 @@ MODEL_ERROR_SHARE = 0.5
 """Share of the variance of the model's error that counts as error of the data. Differences between patches that are
 smaller than the model's error come out in any order, although the tail is right."""
 
+LEAST_SNR, CLEAR_SHARE = 7.0, 0.9
+"""Smallest amplitude of a patch, in units of the noise of one pixel, and the share of the patches that must have it.
+The noise of the data is known to first order. With less light it is larger by a fifth and more, and the data are biased:
+then the correlation says nothing."""
+
 SPREAD_OF_NORMAL = 1.4826
 """Standard deviation of normal numbers over their median distance from their median."""
 
@@ -31,7 +36,9 @@ NO_VARIANCE = 1e-30
 """Keeps data that are the same in all patches from dividing by zero."""
 
 
-def varies_like_the_tail(data: Float, foretold: Float, noise: Float, model_error: Float, patches: Bool, /) -> bool:
+def varies_like_the_tail(
+    data: Float, foretold: Float, noise: Float, model_error: Float, snr: Float, patches: Bool, /
+) -> bool:
     """Return whether the data vary over the view as the state of the room foretells, as far as that can be told.
 
     Each kind of data has a rank correlation with what is foretold, which errors of the data make smaller by √reliability.
@@ -42,8 +49,11 @@ def varies_like_the_tail(data: Float, foretold: Float, noise: Float, model_error
         foretold: what the model expects of each patch if it knows only the state of the room, (data, n) or more.
         noise: covariance of the data by noise, (data, data, n) or more; only the variances are used.
         model_error: covariance by errors of the model, likewise.
+        snr: amplitude of each patch, in units of the noise of one pixel, (n,).
         patches: which of them to use, (n,).
     """
+    if np.mean(snr[patches] > LEAST_SNR) < CLEAR_SHARE:
+        return True
     errors = noise + MODEL_ERROR_SHARE * model_error
     reliability, correlation = np.empty(len(data)), np.empty(len(data))
     for i in range(len(data)):
