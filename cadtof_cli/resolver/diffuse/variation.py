@@ -9,12 +9,13 @@ this order. Two true paths have an order of their own.
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 from cadtof_cli.quantiles import median
 
 LEAST_CORRELATION = 0.2
 """Smallest correlation of the data with what the room foretells, over all kinds of data. Below it, the frame has no tail.
-208 rendered rooms with two and three harmonics, at integration lengths of 500 and more, have .25 and more. Frames of two
-true paths have −1 to .3, but for panes, which get their light by the inverse-square law of a tail."""
+208 rendered rooms with two and three harmonics, at integration lengths of 500 and more, have .25 and more. Most frames of
+two true paths have −.9 to .2. Panes may have .8: their light follows the inverse-square law, as that of a tail does."""
 
 LEAST_RELIABILITY = 0.25
 """Smallest share of the variance over the view, in the mean over all kinds of data, that must not be due to errors. Below
@@ -28,9 +29,6 @@ LEAST_SNR, CLEAR_SHARE = 7.0, 0.9
 """Smallest amplitude of a patch, in units of the noise of one pixel, and the share of the patches that must have it.
 The noise of the data is known to first order. With less light it is larger by a fifth and more, and the data are biased:
 then the correlation says nothing."""
-
-SPREAD_OF_NORMAL = 1.4826
-"""Standard deviation of normal numbers over their median distance from their median."""
 
 NO_VARIANCE = 1e-30
 """Keeps data that are the same in all patches from dividing by zero."""
@@ -69,7 +67,7 @@ def varies_like_the_tail(
 
 def _robust_variance(values: Float) -> float:
     """Return the variance of values, (n,), that are normal but for some outliers."""
-    return (SPREAD_OF_NORMAL * float(median(np.abs(values - float(median(values)))))) ** 2
+    return (float(median(np.abs(values - float(median(values))))) / MAD_PER_SIGMA) ** 2
 
 
 def _ranks(values: Float) -> Float:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cadtof_cli import resolve, simulate_scene
 from cadtof_cli.arrays import Float32
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.diffuse import choice, predict
@@ -11,6 +12,7 @@ from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.status import StatusBit
 from tests.support.diffuse_answers import answers, model_of, predicted
 from tests.support.diffuse_frames import (
     M_PER_RAD,
@@ -196,6 +198,37 @@ def test_second_paths_that_change_smoothly_do_not_vary_as_a_tail_would(monkeypat
     assert (found.taken, found.reason) == ("discrete", "no tail fits")
     monkeypatch.setattr(predict, "varies_like_the_tail", lambda *_: True)
     assert isinstance(model_of(p, focal_px=110.0, second_paths=True), DiffuseModel)
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[F]:
+    """The signal-to-noise ratios of all patches, each time that the order of the MPI is asked."""
+    ratios: list[F] = []
+
+    def record(*given: F) -> bool:
+        ratios.append(given[-2])
+        return True
+
+    monkeypatch.setattr(predict, "varies_like_the_tail", record)
+    return ratios
+
+
+def test_the_order_of_the_mpi_is_asked_with_the_noise_of_a_pixel(asked: list[F]) -> None:
+    model_of(phasors_of(corner_range(), tail_of(Tail(0.3, 3.0, 8.0)), n_av=1e4), n_av=1e4)
+    (snr,) = asked
+    np.testing.assert_allclose(snr, 0.25 * abs(1 + Tail(0.3, 3.0, 8.0).phasor(1)) / np.sqrt(variance(1e4)), rtol=0.03)
+
+
+@pytest.mark.parametrize(("waveform", "times"), [("sine", 1), ("triangle", 0)])
+def test_the_order_of_the_mpi_is_not_asked_if_the_waveform_is_no_sine(
+    waveform: str, times: int, asked: list[F]
+) -> None:
+    """The first phasors are then freed of other terms as if there were two paths."""
+    (frame,) = simulate_scene(
+        "corner", camera={"width": 64, "height": 48}, modulation={"waveform": waveform}, integration_length=1e5
+    ).frames
+    assert (resolve(frame).status & StatusBit.DIFFUSE_MPI).any()
+    assert len(asked) == times
 
 
 def test_only_pixels_of_separate_patches_are_left_to_two_paths() -> None:
