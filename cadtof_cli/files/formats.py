@@ -162,7 +162,7 @@ FRAME_SUFFIXES = tuple(suffix for one in FORMATS if one.magics and one.whole for
 MAP_SUFFIXES = tuple(suffix for one in FORMATS if one.layers for suffix in one.suffixes)
 
 FRAME_FORMATS = tuple(one.name for one in reversed(FORMATS) if one.recording)
-"""Names of the formats in which a simulated camera can record; the first is the default."""
+"""Names of the formats in which a simulated camera can record."""
 
 MAP_FORMATS = tuple(one.name for one in FORMATS if one.layers)
 """Names of the formats in which maps can be written."""

@@ -15,7 +15,7 @@ import numpy as np
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
-from cadtof_cli.maps.layers import ALWAYS
+from cadtof_cli.maps.layers import ALWAYS, AVERAGED
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.plausible import is_without_noise
@@ -34,6 +34,7 @@ from cadtof_cli.pipeline.stages import (
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
+from cadtof_cli.resolver.settings import CLOSED_FORM
 from cadtof_cli.resolver.status import StatusBit, has_answer
 
 if TYPE_CHECKING:
@@ -145,7 +146,7 @@ def resolve_pixels(
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     kernel = kernel or chosen_kernel()
     maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
-    in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
+    in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(ALWAYS) :] in ((), (AVERAGED,))
     if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
@@ -165,7 +166,7 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.response, pixels.tail
-    step = plan.block_pixels or (BLOCK_PIXELS if stages.room == "two_path" else SEARCHED_BLOCK_PIXELS)
+    step = plan.block_pixels or (BLOCK_PIXELS if stages.solver_module == CLOSED_FORM else SEARCHED_BLOCK_PIXELS)
     for start in range(0, pixels.stored.shape[2], step):
         here = slice(start, start + step)
         block = pixels[here]

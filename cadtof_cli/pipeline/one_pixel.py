@@ -130,8 +130,10 @@ def _fit(
     settings = plan.resolver
     try:
         if count > settings.max_paths:
-            solver_name = "two-path" if settings.solver == "one-path" else settings.solver
-            settings = replace(settings, solver=solver_name, order="auto", paths=max(count, settings.paths))
+            settings = replace(settings, order="auto", paths=max(count, settings.paths))
+        if count > settings.max_paths:
+            # the solver itself finds fewer paths
+            settings = replace(settings, solver="two-path")
         make_solver = solver_for(settings, harmonics, sine=response is None)
     except SettingsError:
         return None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import dataclass, setting
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.settings import CLOSED_FORM, ResolverSettings
 from cadtof_cli.units import size_text
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ class FramePlan:
 
             known_focal_length(self.metadata.optics)
         calibrated_sine = self.calibration is None or self.calibration.sine
-        resolver.room(modulation.harmonics, sine=calibrated_sine and modulation.waveform == "sine")
+        resolver.solver_module(modulation.harmonics, sine=calibrated_sine and modulation.waveform == "sine")
 
     def __hash__(self) -> int:
         """Return a hash of a few values that tell plans apart. Caches ask for it with every frame, so it has to be quick."""
@@ -152,7 +152,7 @@ class FramePlan:
         from cadtof_cli.maps.layers import wanted_layers
 
         resolver, averaged = self.settings.resolver, self.settings.pool > 1 or self.settings.average > 1
-        searched = resolver.room(self.metadata.modulation.harmonics, sine=True) != "two_path"
+        searched = resolver.solver_module(self.metadata.modulation.harmonics, sine=True) != CLOSED_FORM
         return wanted_layers(paths=resolver.paths, searched=searched, averaged=averaged)
 
     def expected_seconds(self, pixels: int, /) -> float:

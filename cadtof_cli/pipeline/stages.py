@@ -48,7 +48,7 @@ class FrameStages:
         depth: how paths become metres and volts.
         resolver: settings of the resolver, with the least confidence in units of the modulation amplitude.
         response: response with which pixels are resolved; pooled pixels have no phase of their own. None for a sine.
-        room: name of the resolver's room with the solver for these frames.
+        solver_module: module of the resolver with the solver for these frames.
         layers: layers of the maps, besides the status.
         noise: noise of a recorded pixel; None: it is estimated from each frame.
         diffuse: how diffuse MPI is predicted; None: MPI is always taken for separate paths.
@@ -59,7 +59,7 @@ class FrameStages:
     depth: DepthScale
     resolver: ResolverSettings
     response: "ResponseBlock | None"
-    room: str
+    solver_module: str
     layers: tuple[Layer, ...]
     noise: NoiseModel | None
     diffuse: DiffusePlan | None
@@ -111,13 +111,13 @@ def frame_stages(
     response = correction.response
     if response is not None and plan.settings.pool > 1:
         response = response.without_phases
-    room = resolver.room(metadata.modulation.harmonics, sine=response is None)
+    solver = resolver.solver_module(metadata.modulation.harmonics, sine=response is None)
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
     may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
     diffuse = _diffuse_plan(metadata, size, resolver, correction) if may_be_diffuse else None
     saturated = metadata.voltage.saturated_counts
-    return sealed(FrameStages(saturated, correction, depth, resolver, response, room, plan.layers, noise, diffuse))
+    return sealed(FrameStages(saturated, correction, depth, resolver, response, solver, plan.layers, noise, diffuse))
 
 
 def _diffuse_plan(

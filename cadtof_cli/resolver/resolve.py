@@ -108,13 +108,13 @@ def _predicted(
 
 
 def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sine: bool) -> Callable[..., Solver]:
-    """Return the function that makes a solver, from the room that the settings choose.
+    """Return the class of the solver, from the module that the settings choose.
 
     Raises:
-        SettingsError: see `ResolverSettings.room`.
+        SettingsError: see `ResolverSettings.solver_module`.
     """
-    made: Callable[..., Solver]
-    made = import_module(f"cadtof_cli.resolver.{settings.room(harmonics, sine=sine)}.solver").solver
+    name = settings.solver_module(harmonics, sine=sine)
+    made: Callable[..., Solver] = import_module(f"cadtof_cli.resolver.{name}").solver
     return made
 
 
@@ -162,10 +162,9 @@ def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings,
     """Overwrite the fit in the pixels `where` by two paths, from phasors `free` of a pure sine without tails."""
     chosen = np.flatnonzero(where)
     if chosen.size:
-        from cadtof_cli.resolver.two_path.solver import solver
+        from cadtof_cli.resolver.two_path.solver import ClosedForm
 
-        closed_form = solver(free[:, chosen], noise=noise, settings=settings, response=None, first=0)
-        _, two = closed_form.fit(2, np.ones(chosen.size, np.bool_), limit=None)
+        _, two = ClosedForm(free[:, chosen], noise=noise).fit(2, np.ones(chosen.size, np.bool_), limit=None)
         fit[chosen] = with_direct_first(two, settings, noise[chosen], slice(None))
 
 

@@ -11,6 +11,9 @@ Return = Literal["first", "strongest", "last"]
 MpiModel = Literal["auto", "discrete", "diffuse"]
 
 SOLVERS: tuple[SolverName, ...] = get_args(SolverName)
+CLOSED_FORM = "two_path.solver"
+"""The module of the closed form, which the compiled kernel does too."""
+
 ORDERS: tuple[str, ...] = ("auto", "1", "2")
 """Allowed values of `order` with two paths. With more paths, all numbers up to the number of paths are allowed."""
 
@@ -94,8 +97,7 @@ class ResolverSettings:
             raise SettingsError(f"--seed: found {self.seed}, expected 0 or more")
         if self.solver == "lm" and self.paths > 2:
             raise SettingsError(f"--solver lm finds two paths, not --paths {self.paths}: use --solver two-path")
-        most = 1 if self.solver == "one-path" else self.paths
-        orders = ("auto", *map(str, range(1, most + 1)))
+        orders = ("auto", *map(str, range(1, self._solvers_paths + 1)))
         if self.order not in orders:
             raise SettingsError(
                 f"--order: found {self.order!r}, expected one of {', '.join(orders)} "
@@ -103,11 +105,14 @@ class ResolverSettings:
             )
 
     @property
+    def _solvers_paths(self) -> int:
+        """Largest number of paths that the solver may fit."""
+        return 1 if self.solver == "one-path" else self.paths
+
+    @property
     def max_paths(self) -> int:
         """Largest number of paths that a pixel may get."""
-        if self.order != "auto":
-            return int(self.order)
-        return 1 if self.solver == "one-path" else self.paths
+        return self._solvers_paths if self.order == "auto" else int(self.order)
 
     def may_be_diffuse(self, harmonics: tuple[int, ...], /) -> bool:
         """Whether a frame's MPI may be taken for diffuse: default solver, paths and order, and not the last return.
@@ -117,8 +122,8 @@ class ResolverSettings:
         free = (self.solver, self.paths, self.order) == ("two-path", 2, "auto") and self.returns != "last"
         return free and self.mpi_model != "discrete" and harmonics[:2] == (1, 2)
 
-    def room(self, harmonics: tuple[int, ...], /, *, sine: bool) -> str:
-        """Return the room of the resolver whose module `solver` fits the paths; `sine`: the response is a pure sine.
+    def solver_module(self, harmonics: tuple[int, ...], /, *, sine: bool) -> str:
+        """Return the module of the resolver whose `solver` fits the paths; `sine`: the response is a pure sine.
 
         Raises:
             SettingsError: there are fewer harmonics than paths; or there are two harmonics that are not 1 and 2, to
@@ -138,14 +143,14 @@ class ResolverSettings:
             )
         in_closed_form = harmonics == (1, 2) and self.solver != "lm"
         if sine:
-            by_search = "paper" if self.solver == "lm" and self.max_paths == 2 else "likelihood"
-            return "two_path" if in_closed_form else by_search
+            by_search = "paper.solver" if self.solver == "lm" and self.max_paths == 2 else "likelihood.solver"
+            return CLOSED_FORM if in_closed_form else by_search
         if not in_closed_form:
             raise SettingsError(
                 f"{found}, --solver {self.solver}, --paths {self.paths}; the waveform or calibrated response is not a pure sine, "
                 "and needs the periods T1 and T1/2, --solver two-path or one-path, and at most two paths"
             )
-        return "response"
+        return "response.solver"
 
     def seconds_per_pixel(self, harmonics: int, /) -> float:
         """Return roughly how long one core takes for a pixel, in s, as measured by `scripts/benchmark_solvers.py`."""

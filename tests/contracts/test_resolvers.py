@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.settings import CLOSED_FORM, ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import ns_from_rad
 from tests.support.mixtures import C, F, Mixture, noise_of
@@ -258,7 +258,7 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(res
     same = (mean.status & ~np.uint32(StatusBit.POOLED)) == long.status
     assert same.mean() > 0.95
     assert (mean.status & StatusBit.POOLED).all()
-    exact = resolver.settings.room(resolver.harmonics, sine=True) == "two_path"
+    exact = resolver.settings.solver_module(resolver.harmonics, sine=True) == CLOSED_FORM
     for one, other in zip(mean.paths[:2], long.paths[:2], strict=True):
         ratio = (one.sigma_rad / other.sigma_rad)[np.isfinite(other.sigma_rad)]
         difference = (np.abs(one.phase_rad - other.phase_rad) / other.sigma_rad)[np.isfinite(other.sigma_rad)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
+from cadtof_cli.maps.layers import ALWAYS, Layer
 from cadtof_cli.phasors.frame_mean import frame_mean
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
@@ -69,3 +70,12 @@ def test_min_confidence_is_compared_with_the_confidence_in_volts() -> None:
     low = (resolve_frame(frame, plan=plan).maps.status & StatusBit.LOW_CONFIDENCE) > 0
     pulse = np.exp(-((2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)  # confidence is corrected for it
     np.testing.assert_array_equal(low, confidence_v / pulse < min_confidence_v)
+
+
+def test_a_layer_that_the_compiled_kernel_does_not_know_has_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    far = Layer("mpi.behind", "m", lambda source: (source.resolved.paths.phase_rad[1], source.metres))
+    monkeypatch.setattr("cadtof_cli.maps.layers.wanted_layers", lambda **_: (*ALWAYS, far))
+    plan = FramePlan(metadata=CaptureMetadata(pixel=Pixel(integration_length=1e5)), block_pixels=17)
+    maps = resolve_frame(frames(1)[0], plan=plan).maps
+    assert np.isfinite(maps.layer("mpi.behind")).any()
+    np.testing.assert_array_equal(maps.layer("mpi.behind"), maps.layer("mpi.depth"))

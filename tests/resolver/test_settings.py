@@ -89,7 +89,7 @@ def test_max_paths_follows_from_solver_paths_and_order(options: dict[str, Any], 
 def test_the_room_follows_from_solver_order_and_harmonics(
     options: dict[str, Any], harmonics: tuple[int, ...], room: str
 ) -> None:
-    assert ResolverSettings(**options).room(harmonics, sine=True) == room
+    assert ResolverSettings(**options).solver_module(harmonics, sine=True) == f"{room}.solver"
 
 
 @pytest.mark.parametrize(
@@ -114,10 +114,10 @@ def test_harmonics_that_cannot_separate_the_paths_are_refused(
 ) -> None:
     settings = ResolverSettings(**options)
     if words is None:
-        settings.room(harmonics, sine=True)
+        settings.solver_module(harmonics, sine=True)
         return
     with pytest.raises(SettingsError, match=words):
-        settings.room(harmonics, sine=True)
+        settings.solver_module(harmonics, sine=True)
 
 
 @pytest.mark.parametrize(
@@ -135,10 +135,10 @@ def test_a_response_that_is_no_sine_is_refused_with_most_solvers(
 ) -> None:
     settings = ResolverSettings(**options)
     if possible:
-        assert settings.room(harmonics, sine=False) == "response"
+        assert settings.solver_module(harmonics, sine=False) == "response.solver"
         return
     with pytest.raises(SettingsError, match="waveform or calibrated response is not a pure sine"):
-        settings.room(harmonics, sine=False)
+        settings.solver_module(harmonics, sine=False)
 
 
 def test_the_expected_time_per_pixel_follows_what_was_measured() -> None:

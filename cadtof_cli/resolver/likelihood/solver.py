@@ -9,7 +9,6 @@ from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.likelihood.k_paths import found_paths, most_likely
 from cadtof_cli.resolver.likelihood.mixture import Measured
 from cadtof_cli.resolver.paths import Fit
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame
 from cadtof_cli.resolver.two_path.one_path import one_path
 
@@ -20,9 +19,12 @@ light that was found cannot fall below the threshold."""
 
 
 class Likelihood:
-    """Maximum likelihood as a solver. It gathers the pixels to be fitted, because that costs less than one step."""
+    """Maximum likelihood as a solver for a block of phasors, complex128 (H, n).
 
-    def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
+    It gathers the pixels to be fitted, because that costs less than one step.
+    """
+
+    def __init__(self, phasors: Complex, /, *, noise: NoiseModel, **_others: object) -> None:
         self.measured, self.noise = Measured.of_phasors(phasors, harmonics=noise.harmonics), noise
         self.powers = [re * re + im * im for re, im in zip(self.measured.re, self.measured.im, strict=True)]
         self.modulus = np.sqrt(self.powers[0])
@@ -41,12 +43,7 @@ class Likelihood:
         return chosen, most_likely(self.measured[chosen], found, noise=self.noise[chosen]).fit()
 
 
-def solver(
-    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None, first: int
-) -> Likelihood:
-    """Return the solver for a block of phasors, complex128 (H, n)."""
-    del settings, response, first
-    return Likelihood(phasors, noise)
+solver = Likelihood
 
 
 def surely_more_paths(measured: Measured, count: int, /, *, most: Float, noise: NoiseModel) -> Bool:

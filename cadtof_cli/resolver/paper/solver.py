@@ -18,10 +18,12 @@ from cadtof_cli.resolver.settings import ResolverSettings
 
 
 class PaperWay:
-    """Eq. (9) as a solver."""
+    """Eq. (9) as a solver for a block of phasors, complex128 (H, n), whose first pixel has the flat index `first`."""
 
-    def __init__(self, phasors: Complex, noise: NoiseModel, settings: ResolverSettings, first: int, /) -> None:
-        self._likelihood, self._settings = Likelihood(phasors, noise), settings
+    def __init__(
+        self, phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, first: int, **_others: object
+    ) -> None:
+        self._likelihood, self._settings = Likelihood(phasors, noise=noise), settings
         self._first = first
         self.modulus, self.powers = self._likelihood.modulus, self._likelihood.powers
 
@@ -41,12 +43,7 @@ class PaperWay:
         return chosen, likely.fit()
 
 
-def solver(
-    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None, first: int
-) -> PaperWay:
-    """Return the solver for a block of phasors, complex128 (H, n), whose first pixel has the flat index `first`."""
-    del response
-    return PaperWay(phasors, noise, settings, first)
+solver = PaperWay
 
 
 @dataclass(frozen=True)

@@ -22,14 +22,23 @@ ONE_PATH_STEPS = 6
 
 
 class FullResponse:
-    """The solver for a response; its iterations start from the answers of the closed form.
+    """The solver for a block of phasors, complex128 (2, n), and the response of the same pixels.
+
+    Its iterations start from the answers of the closed form.
 
     The order test compares fits with the full response, because with a pure sine, a triangle's third harmonic looks
     like a second path.
     """
 
     def __init__(
-        self, phasors: Complex, noise: NoiseModel, response: ResponseBlock, settings: ResolverSettings, /
+        self,
+        phasors: Complex,
+        /,
+        *,
+        noise: NoiseModel,
+        settings: ResolverSettings,
+        response: ResponseBlock,
+        **_others: object,
     ) -> None:
         self._phasors, self._noise, self._response = phasors, noise, response
         self._always_two = settings.order == "2"
@@ -69,9 +78,4 @@ class FullResponse:
         return Paths(two.amplitude, phase_rad, sigma_rad)
 
 
-def solver(
-    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: ResponseBlock, first: int
-) -> FullResponse:
-    """Return the solver for a block of phasors, complex128 (2, n); `response` is for the same pixels."""
-    del first
-    return FullResponse(phasors, noise, response, settings)
+solver = FullResponse

@@ -5,7 +5,6 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float, SomePixels
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.one_path import one_path
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, two_path_sigmas
@@ -20,9 +19,9 @@ ONE_PATH_STEPS = 6
 
 
 class ClosedForm:
-    """The closed form as a solver."""
+    """The closed form as a solver for a block of phasors, complex128 (2, n)."""
 
-    def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
+    def __init__(self, phasors: Complex, /, *, noise: NoiseModel, **_others: object) -> None:
         self._frame, self._noise = fundamental_frame(*phasors), noise
         self.modulus, self.powers = self._frame.u, self._frame.powers
 
@@ -50,12 +49,7 @@ class ClosedForm:
         return chosen, fit
 
 
-def solver(
-    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None, first: int
-) -> ClosedForm:
-    """Return the solver for a block of phasors, complex128 (2, n)."""
-    del settings, response, first
-    return ClosedForm(phasors, noise)
+solver = ClosedForm
 
 
 def fit_of_two(paths: Paths, sin_half: Float, converged: Bool, /) -> Fit:

@@ -13,7 +13,7 @@ from cadtof_cli.capture.toml import FILE_NAME, toml_text
 from cadtof_cli.errors import require
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
-from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
+from cadtof_cli.files.formats import FRAME_FORMATS, TIFF, format_by_name
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.layers import write_layers
 from cadtof_cli.records import setting
@@ -32,9 +32,7 @@ class RecordSettings:
 
     exposure: Exposure
     frames: int = setting(1, "Number of frames of the capture.")
-    frame_format: str = setting(
-        FRAME_FORMATS[0], "File format of the frames.", option="--format", choices=FRAME_FORMATS
-    )
+    frame_format: str = setting(TIFF.name, "File format of the frames.", option="--format", choices=FRAME_FORMATS)
     compress: bool = setting(False, "Compress the frames: Deflate in TIFF, ZIP in EXR.")
 
     def __post_init__(self) -> None:

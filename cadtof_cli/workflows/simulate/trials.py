@@ -73,7 +73,7 @@ class Trials:
         require(2 <= self.runs <= MOST_RUNS, "runs", self.runs, f"2 to {MOST_RUNS}")
         require(self.seed >= 0, "seed", self.seed, "0 or more")
         self.condition.mix(self.period_ns)
-        self.resolver.room(self.model.modulation.harmonics, sine=True)
+        self.resolver.solver_module(self.model.modulation.harmonics, sine=True)
         if self.model.dead_time_ns > 0 and not self.photon_by_photon:
             raise SettingsError(
                 "dead time: found without --photons, expected both: it has an effect only on single photons"
@@ -194,7 +194,7 @@ def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordi
 
 
 def _steps(phasors: Complex, settings: ResolverSettings, harmonics: tuple[int, ...], first: int) -> Float:
-    if settings.room(harmonics, sine=True) != "paper":
+    if settings.solver_module(harmonics, sine=True) != "paper.solver":
         return np.empty((0, phasors.shape[1]))
     places, starts = np.arange(first, first + phasors.shape[1]), RandomStarts(settings.starts, settings.seed)
     with np.errstate(all="ignore"):

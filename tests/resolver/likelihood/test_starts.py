@@ -44,6 +44,6 @@ def test_three_paths_begin_where_the_first_three_harmonics_have_them_exactly() -
 
 def test_the_confidence_is_the_length_of_the_fundamental_and_every_harmonic_has_its_power() -> None:
     exact = Mixture((1.0, 0.8), (5.0, 14.0)).exact(HARMONICS, 3)
-    solver = Likelihood(exact, noise_of(HARMONICS, n_av=1e5))
+    solver = Likelihood(exact, noise=noise_of(HARMONICS, n_av=1e5))
     assert_allclose(solver.modulus, np.abs(exact[0]))
     assert_allclose(solver.powers, np.abs(exact) ** 2)

@@ -178,7 +178,9 @@ def test_one_path_gets_six_steps_alone_and_two_before_a_second_path() -> None:
     start = one_path(fundamental_frame(*p), noise=NOISE, steps=1)
     for order, steps in (("1", 6), ("auto", 2), ("2", 2)):
         settings = ResolverSettings(order=order)
-        pixels, fit = FullResponse(p, NOISE, block(), settings).fit(1, np.ones(PIXELS, np.bool_), limit=None)
+        pixels, fit = FullResponse(p, noise=NOISE, response=block(), settings=settings).fit(
+            1, np.ones(PIXELS, np.bool_), limit=None
+        )
         expected = one_path_of_response(start, p, response=block(), noise=NOISE, steps=steps)
         np.testing.assert_array_equal(fit.paths.amplitude[0], expected.amplitude)
         assert np.asarray(pixels).tolist() == list(range(PIXELS))
