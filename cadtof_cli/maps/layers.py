@@ -93,14 +93,6 @@ ALWAYS = (
 _SEARCHED = Layer("chi_squared", "", lambda source: (source.resolved.chi_squared, 1.0))
 """The layer of the misfit, χ²."""
 
-def _behind(source: LayerSource) -> Factors:
-    phase = source.resolved.paths.phase_rad
-    return phase[1] - phase[0], source.metres
-
-
-_BEHIND = Layer("mpi.behind", "m", _behind)
-"""The layer of how far the MPI path lies behind the direct path."""
-
 AVERAGED = Layer(EFFECTIVE_PIXELS, "", lambda source: (source.samples, 1.0))
 """The layer of the number of recorded pixels that each pixel is a mean of."""
 
@@ -118,7 +110,7 @@ def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = Fa
         averaged: whether pixels are means over frames or neighbours.
     """
     others = (_of_path(path, quantity) for path in range(2, paths) for quantity in _QUANTITIES)
-    return (*ALWAYS, _BEHIND, *others, *(_SEARCHED,) * searched, *(AVERAGED,) * averaged)
+    return (*ALWAYS, *others, *(_SEARCHED,) * searched, *(AVERAGED,) * averaged)
 
 
 def error_unit(unit: str, /) -> tuple[float, str]:
@@ -129,6 +121,6 @@ def error_unit(unit: str, /) -> tuple[float, str]:
 
 def layer_unit(name: str, /) -> str:
     """Return the unit of a layer's values by its name; empty if they are pure numbers."""
-    units = {layer.name: layer.unit for layer in (*ALWAYS, _BEHIND, _SEARCHED, AVERAGED)} | _UNITS_BESIDE_MAPS
+    units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, AVERAGED)} | _UNITS_BESIDE_MAPS
     units |= {quantity: unit for quantity, (unit, _) in _QUANTITIES.items()}
     return units.get(name, units.get(name.rpartition(".")[2], ""))
