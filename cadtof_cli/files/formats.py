@@ -135,17 +135,6 @@ TIFF = Format(
 
 NPY = Format(name="npy", title="NPY", suffixes=(".npy",), magics=(b"\x93NUMPY",), stacks=True, frames=_module("npy"))
 
-NPZ = Format(
-    name="npz",
-    title="NPZ",
-    suffixes=(".npz",),
-    magics=(b"PK\x03\x04",),
-    stacks=False,
-    frames=_module("npz"),
-    layers=_module("npz"),
-    recording=_module("npz"),
-)
-
 PNG = Format(
     name="png",
     title="PNG",
@@ -165,7 +154,7 @@ RAW = Format(
     frames=_module("raw"),
 )
 
-FORMATS = (EXR, TIFF, NPY, NPZ, PNG, RAW)
+FORMATS = (EXR, TIFF, NPY, PNG, RAW)
 
 FRAME_SUFFIXES = tuple(suffix for one in FORMATS if one.magics and one.whole for suffix in one.suffixes)
 """Suffixes of the files that count as frames in every folder, without any metadata."""
