@@ -6,7 +6,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import dataclass, setting
 from cadtof_cli.units import counted
 
-SolverName = Literal["two-path", "one-path", "lm", "first-phasor"]
+SolverName = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
 MpiModel = Literal["auto", "discrete", "diffuse"]
 
@@ -48,8 +48,7 @@ class ResolverSettings:
     solver: SolverName = setting(
         "two-path",
         "How to find the paths. two-path: closed form with two periods, maximum likelihood with more periods or --paths. "
-        "one-path: maximum likelihood. lm: the paper's Levenberg–Marquardt from random starts. "
-        "first-phasor: the phase of the fundamental alone.",
+        "one-path: maximum likelihood. lm: the paper's Levenberg–Marquardt from random starts.",
     )
     paths: int = setting(
         2,
@@ -108,7 +107,7 @@ class ResolverSettings:
     @property
     def _solvers_paths(self) -> int:
         """Largest number of paths that the solver may fit."""
-        return 1 if self.solver in ("one-path", "first-phasor") else self.paths
+        return 1 if self.solver == "one-path" else self.paths
 
     @property
     def max_paths(self) -> int:
@@ -142,8 +141,6 @@ class ResolverSettings:
                 f"modulation.periods_ns: {found} of the first period; with two periods, two paths have a unique solution only if "
                 "the second period is half of the first, such as [40.0, 20.0]: record a third period, or use --solver one-path"
             )
-        if self.solver == "first-phasor":
-            return "first_phasor"
         in_closed_form = harmonics == (1, 2) and self.solver != "lm"
         if sine:
             by_search = "paper.solver" if self.solver == "lm" and self.max_paths == 2 else "likelihood.solver"
