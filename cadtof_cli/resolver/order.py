@@ -80,7 +80,10 @@ def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
     pixel in a hundred would be split into two paths that nearly coincide, and these pixels would double the error over
     all pixels.
     """
-    worth: Bool = direct.sigma_rad < 3.0 * fewer.sigma_rad
+    difference = np.abs(direct.phase_rad - fewer.phase_rad)
+    difference = np.minimum(difference, FULL_TURN - difference)
+    cost = np.square(direct.sigma_rad) - np.square(fewer.sigma_rad)
+    worth: Bool = difference * difference > 2.0 * cost
     return worth
 
 
