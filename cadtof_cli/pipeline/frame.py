@@ -109,17 +109,14 @@ def prepare_frame(
     diffuse MPI."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
     height, width = recorded.shape[2:]
-    kernel = kernel or chosen_kernel()
-    stages = frame_stages(plan, calibration, frame.dtype, (height, width))
+    stages = frame_stages(plan, calibration, frame.dtype, (height, width), kernel or chosen_kernel())
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
     noise = stages.noise
     if noise is None:
         from cadtof_cli.pipeline.neighbours import estimated_noise
 
-        noise = estimated_noise(
-            recorded, samples, dtype=frame.dtype, metadata=plan.metadata, stages=stages, kernel=kernel
-        )
+        noise = estimated_noise(recorded, samples, stages, dtype=frame.dtype)
     same, correction = is_without_noise(stored, noise), stages.correction
     if correction.noise is not None and not noise.estimated:
         noise = _with_noise_of_calibration(noise, stored, samples, correction.phasor_map, correction.noise)
@@ -129,9 +126,9 @@ def prepare_frame(
     if plan.settings.pool > 1:
         from cadtof_cli.pipeline.neighbours import pooled_pixels
 
-        pixels = pooled_pixels(pixels, stages, window=plan.settings.pool, kernel=kernel)
+        pixels = pooled_pixels(pixels, stages)
     if stages.diffuse is not None:
-        pixels = _with_predicted_mpi(pixels, stages, stages.diffuse, plan.settings.pool, kernel)
+        pixels = _with_predicted_mpi(pixels, stages, stages.diffuse)
     return pixels
 
 
@@ -143,14 +140,13 @@ def resolve_pixels(
     The answer of a pixel does not depend on the pixels that are resolved with it, so neither the size of the blocks nor
     the size of the part changes a bit of it.
     """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
-    kernel = kernel or chosen_kernel()
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size, kernel or chosen_kernel())
     maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
     in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(ALWAYS) :] in ((), (AVERAGED,))
-    if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
-        _fill_by_kernel(maps, pixels, plan, stages, kernel)
+    if stages.kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
+        _fill_by_kernel(maps, pixels, stages)
     else:
-        _fill_by_blocks(maps, pixels, plan, stages, kernel)
+        _fill_by_blocks(maps, pixels, stages)
         longest = stages.response.longest if stages.response else 1.0
         clear_impossible(maps, noise=pixels.noise, amplitude_v=stages.depth.amplitude_v, longest=longest)
     if stages.depth.lamp is not None:
@@ -160,12 +156,12 @@ def resolve_pixels(
     return maps
 
 
-def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
-    """Fill the maps of prepared pixels block by block, in numpy, with the compiled twins of single steps that `kernel`
-    has."""
+def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -> None:
+    """Fill the maps of prepared pixels block by block, in numpy, with the compiled twins of single steps that the
+    kernel has."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
-    response, tail = stages.response, pixels.tail
+    plan, response, tail = stages.plan, stages.response, pixels.tail
     step = plan.block_pixels or (BLOCK_PIXELS if stages.solver_module == CLOSED_FORM else SEARCHED_BLOCK_PIXELS)
     for start in range(0, pixels.stored.shape[2], step):
         here = slice(start, start + step)
@@ -176,10 +172,10 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
             status=stages.status(block),
             settings=stages.resolver,
             noise=block.noise,
-            response=response.block(there, kernel=kernel) if response else None,
+            response=response.block(there, kernel=stages.kernel) if response else None,
             first=block.first,
             tail=tail.block(there) if tail else None,
-            kernel=kernel,
+            kernel=stages.kernel,
         )
         if plan.calibration is not None:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
@@ -187,10 +183,10 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         write_block(maps, here, source, layers=stages.layers)
 
 
-def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
+def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -> None:
     """Fill the maps of prepared pixels in one call of the compiled kernel, with the bits that `_fill_by_blocks` gives."""
     status, samples = maps.status.reshape(-1), pixels.noise.samples
-    common = int(StatusBit.CALIBRATED) if plan.calibration is not None else 0
+    common = int(StatusBit.CALIBRATED) if stages.plan.calibration is not None else 0
     bits: int | None = common
     # the kernel itself finds saturated pixels, if it gets stored values
     if stages.correction.hot is not None or samples is not None:
@@ -202,7 +198,7 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     make = kernel_of_frame if own else kernel_of_frames
     source = pixels.stored if pixels.pooled is None else pixels.pooled
     values = maps.pages[:-1].reshape(len(maps.names), -1)
-    make(stages, pixels.first, status.size, pixels.noise, source.dtype, kernel, pixels.tail).fill(
+    make(stages, pixels.first, status.size, pixels.noise, source.dtype, pixels.tail).fill(
         source, layers=values[: len(ALWAYS)], status=status, bits=bits
     )
     if len(values) > len(ALWAYS):
@@ -237,24 +233,19 @@ def _with_noise_of_calibration(
     return calibration_noise.added_to(noise, powers=powers, frames=frames)
 
 
-def _with_predicted_mpi(
-    pixels: FramePixels, stages: FrameStages, plan: DiffusePlan, window: int, kernel: str
-) -> FramePixels:
-    """Choose a frame's model of MPI; if it is diffuse, predict the tail from the frame's own geometry.
-
-    `window` is the side, in pixels, of the square of neighbours over which the pixels were pooled; 1 without pooling.
-    """
+def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffusePlan) -> FramePixels:
+    """Choose a frame's model of MPI; if it is diffuse, predict the tail from the frame's own geometry."""
     from cadtof_cli.phasors.pooling import shared_noise
     from cadtof_cli.pipeline.samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
-    noise, settings = pixels.noise, plan.settings
+    noise, settings, kernel, window = pixels.noise, plan.settings, stages.kernel, stages.plan.settings.pool
     look_at = look_at_frames if noise.samples is None else look_at_frame
-    look = look_at(stages, noise, pixels.stored.dtype, kernel) if pixels.pooled is None else None
+    look = look_at(stages, noise, pixels.stored.dtype) if pixels.pooled is None else None
     sampled: FrameSamples | None = None
     if look is None:
-        sampled = frame_samples(pixels, stages, plan.grid, kernel=kernel)
+        sampled = frame_samples(pixels, stages, plan.grid)
         light = sampled.light()
     else:
         light = compiled_light(pixels.stored, look, plan.grid, kernel=kernel)

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Stored
-from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, most_integration, noise_model
 from cadtof_cli.phasors.pooling import pooled_phasors
@@ -19,14 +18,7 @@ BLOCK_PIXELS = 32768
 
 
 def estimated_noise(
-    recorded: Stored,
-    samples: Float | None,
-    /,
-    *,
-    dtype: np.dtype[np.generic],
-    metadata: CaptureMetadata,
-    stages: FrameStages,
-    kernel: str,
+    recorded: Stored, samples: Float | None, stages: FrameStages, /, *, dtype: np.dtype[np.generic]
 ) -> NoiseModel:
     """Return the noise of one recording, estimated from the scatter of the pixels of a frame, (H, 2, Y, X).
 
@@ -37,15 +29,14 @@ def estimated_noise(
     Args:
         recorded: stored values, or their mean over frames.
         samples: number of frames that each pixel is a mean of, (Y·X,); None: one.
-        dtype: type in which the values were recorded.
-        metadata: metadata of the capture.
         stages: stages of the frame.
-        kernel: the kernel with which paths are resolved, one of `available_kernels`.
+        dtype: type in which the values were recorded.
 
     Raises:
         FrameError: too few of the frame's pixels are finite and not saturated.
     """
     stored, size = recorded.reshape(*recorded.shape[:2], -1), (recorded.shape[2], recorded.shape[3])
+    metadata = stages.plan.metadata
     phasors = phasors_from_stored(stored, stages.correction.phasor_map)
     phasors[:, saturated_pixels(stored, stages.saturated_counts)] = np.nan
 
@@ -69,24 +60,24 @@ def estimated_noise(
 
     first = noise_of(without_own_phases(phasors, single_path(phasors[0], response=response), response=response))
     noise = first if samples is None else replace(first, samples=samples)
-    return noise_of(_without_own_phases(phasors, FramePixels(stored, dtype, size, 0, noise), stages, kernel))
+    return noise_of(_without_own_phases(phasors, FramePixels(stored, dtype, size, 0, noise), stages))
 
 
-def pooled_pixels(pixels: FramePixels, stages: FrameStages, /, *, window: int, kernel: str) -> FramePixels:
-    """Return the pixels of a frame, pooled over neighbours with the same light in a square of `window` × `window` pixels."""
-    phasors, samples = _without_own_phases(stages.phasors(pixels), pixels, stages, kernel), pixels.noise.samples
+def pooled_pixels(pixels: FramePixels, stages: FrameStages, /) -> FramePixels:
+    """Return the pixels of a frame, pooled over neighbours with the same light."""
+    phasors, samples = _without_own_phases(stages.phasors(pixels), pixels, stages), pixels.noise.samples
     pooled = pooled_phasors(
         phasors.reshape(-1, *pixels.size),
         usable=(np.isfinite(phasors).all(axis=0) & (stages.status(pixels) == 0)).reshape(pixels.size),
         samples=(np.ones(pixels.size) if samples is None else samples).reshape(pixels.size),
         noise=pixels.noise,
-        window=window,
+        window=stages.plan.settings.pool,
     )
     noise = replace(pixels.noise, samples=pooled.samples.ravel())
     return replace(pixels, noise=noise, pooled=pooled.phasors.reshape(len(phasors), -1))
 
 
-def _without_own_phases(phasors: Complex, pixels: FramePixels, stages: FrameStages, kernel: str) -> Complex:
+def _without_own_phases(phasors: Complex, pixels: FramePixels, stages: FrameStages) -> Complex:
     """Return the phasors of a frame, (H, n), that pixels without phases of their own would have recorded.
 
     With a sine, the phasor map has removed these phases already. With other responses, the phasors follow from the
@@ -101,7 +92,7 @@ def _without_own_phases(phasors: Complex, pixels: FramePixels, stages: FrameStag
     alike = np.empty_like(phasors)
     for start in range(0, phasors.shape[1], BLOCK_PIXELS):
         here = slice(start, min(start + BLOCK_PIXELS, phasors.shape[1]))
-        block, own, seen = pixels[here], response.block(here, kernel=kernel), phasors[:, here]
+        block, own, seen = pixels[here], response.block(here, kernel=stages.kernel), phasors[:, here]
         status = stages.status(block)
         found = resolve_paths(seen, status=status, settings=stages.resolver, noise=block.noise, response=own)
         alike[:, here] = without_own_phases(seen, found.paths, response=own)

@@ -15,6 +15,7 @@ from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import FrameStages, frame_stages
 from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
+from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.order import with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths, solver_for
@@ -85,20 +86,20 @@ def pixel_evidence(
     Raises:
         SettingsError: the plan does not fit the frame's type.
     """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size, chosen_kernel())
     here = slice(index, index + 1)
     pixel = pixels[here]
     tail, response, phasors = pixels.tail, stages.response, stages.phasors(pixel)
     resolved = resolve_paths(
         phasors,
         status=stages.status(pixel),
-        settings=plan.resolver,
+        settings=stages.resolver,
         noise=pixel.noise,
         response=response.block(here) if response else None,
         tail=tail.block(here) if tail else None,
     )
     free, nets = (phasors, None) if tail is None or response else freed_pixels(phasors, tail.block(here))
-    fits = {count: _fit(free, count, pixel, here, plan, stages) for count in (1, 2)}
+    fits = {count: _fit(free, count, pixel, here, stages) for count in (1, 2)}
     one, two = fits[1], fits[2]
     answered_by_tail = bool(resolved.status[0] & StatusBit.DIFFUSE_MPI)
     extra = tail.separate_variance if tail and not answered_by_tail else 0.0
@@ -109,32 +110,29 @@ def pixel_evidence(
         for count, fit in fits.items()
         if fit is not None
     }
-    asked = plan.resolver.order == "auto" and plan.resolver.max_paths > 1
+    asked = stages.resolver.order == "auto" and stages.resolver.max_paths > 1
     return PixelEvidence(
         phasors[:, 0],
         _covariance(phasors, resolved.paths, pixel.noise),
         pixel.noise,
         None if one is None else (numbers[1][0], float(one.chi_squared[0])),
         None if two is None else (numbers[2][0], numbers[2][1]),
-        _order_test(one, two, plan, pixel.noise, stages.depth.metres(here)) if asked and one and two else None,
+        _order_test(one, two, stages, pixel.noise, stages.depth.metres(here)) if asked and one and two else None,
         resolved,
         None if tail is None else _is_separate(tail, index, pixels.size) or (nets is not None and bool(nets.where[0])),
     )
 
 
-def _fit(
-    phasors: Complex, count: int, pixel: FramePixels, here: slice, plan: FramePlan, stages: FrameStages
-) -> Fit | None:
+def _fit(phasors: Complex, count: int, pixel: FramePixels, here: slice, stages: FrameStages) -> Fit | None:
     """Return the fit of a number of paths to one pixel, by the same solver as in the driver; None if it has no such fit."""
-    harmonics, response = pixel.noise.harmonics, stages.response
-    settings = plan.resolver
+    settings, response = stages.resolver, stages.response
     try:
         if count > settings.max_paths:
             settings = replace(settings, order="auto", paths=max(count, settings.paths))
         if count > settings.max_paths:
             # the solver itself finds fewer paths
             settings = replace(settings, solver="two-path")
-        make_solver = solver_for(settings, harmonics, sine=response is None)
+        make_solver = solver_for(settings, pixel.noise.harmonics, sine=response is None)
     except SettingsError:
         return None
     with np.errstate(all="ignore"):
@@ -166,7 +164,7 @@ def _numbers(
     return PathNumbers(depth, amplitude, sigma_m)
 
 
-def _order_test(one: Fit, two: Fit, plan: FramePlan, noise: NoiseModel, metres: Float | float) -> OrderTest:
+def _order_test(one: Fit, two: Fit, stages: FrameStages, noise: NoiseModel, metres: Float | float) -> OrderTest:
     direct, single = two.paths[0], one.paths[0]
     lead = np.abs(direct.phase_rad - single.phase_rad)
     with np.errstate(invalid="ignore"):
@@ -174,9 +172,9 @@ def _order_test(one: Fit, two: Fit, plan: FramePlan, noise: NoiseModel, metres: 
         cost = 2.0 * (np.square(direct.sigma_rad) - np.square(single.sigma_rad))
         moved, needed = np.minimum(lead, 2.0 * np.pi - lead) * metres, np.sqrt(cost) * metres
         worth = bool(worth_another(direct, single)[0])
-    threshold = chi_squared_threshold(plan.resolver.false_alarm, pairs=len(noise.harmonics) - 1)
+    threshold = chi_squared_threshold(stages.resolver.false_alarm, pairs=len(noise.harmonics) - 1)
     chi_squared = float(one.chi_squared[0])
-    return OrderTest(chi_squared, threshold, plan.resolver.false_alarm, float(moved[0]), float(needed[0]), worth)
+    return OrderTest(chi_squared, threshold, stages.resolver.false_alarm, float(moved[0]), float(needed[0]), worth)
 
 
 def _covariance(phasors: Complex, paths: Paths, noise: NoiseModel) -> Float:

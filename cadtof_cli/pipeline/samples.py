@@ -66,8 +66,8 @@ class FrameSamples:
         return first_phase(self.recorded[0], response=self.response)
 
 
-def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /, *, kernel: str) -> FrameSamples:
-    """Return the sampled pixels of a frame. This is numpy, apart from a search for paths by `kernel`."""
+def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /) -> FrameSamples:
+    """Return the sampled pixels of a frame. This is numpy, apart from a search for paths by the kernel."""
     places = _sampled(pixels.size)
     chosen = places.ravel()
     phasors, noise, response = stages.phasors(pixels, chosen), pixels.noise[chosen], stages.response
@@ -81,7 +81,7 @@ def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /, 
         if response is not None:
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
-            response = response.block(chosen, kernel=kernel)
+            response = response.block(chosen, kernel=stages.kernel)
             found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
             of_paths = phasors_of_sine(phasors, found.paths, response=response)
     return FrameSamples(places, phasors, of_paths, np.asarray(status == 0), response, noise.harmonics, grid)

@@ -43,6 +43,8 @@ class FrameStages:
     """Everything that all blocks of frames of one plan, type and size share.
 
     Attributes:
+        plan: what decides the maps of the frames.
+        kernel: the kernel that does the work, one of `available_kernels`.
         saturated_counts: stored values at or beyond these limits are saturated; None: no value is.
         correction: correction of the stored values.
         depth: how paths become metres and volts.
@@ -54,6 +56,8 @@ class FrameStages:
         diffuse: how diffuse MPI is predicted; None: MPI is always taken for separate paths.
     """
 
+    plan: FramePlan
+    kernel: str
     saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
@@ -89,9 +93,9 @@ def _some(planes: Stored, chosen: SomePixels) -> Stored:
 
 @lru_cache(maxsize=4)
 def frame_stages(
-    plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int]
+    plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int], kernel: str
 ) -> FrameStages:
-    """Return the stages of all frames of one plan, type and size.
+    """Return the stages of all frames of one plan, type and size, which the kernel of this name resolves.
 
     Raises:
         SettingsError: the frames do not fit the plan or the calibration.
@@ -117,7 +121,9 @@ def frame_stages(
     may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
     diffuse = _diffuse_plan(metadata, size, resolver, correction) if may_be_diffuse else None
     saturated = metadata.voltage.saturated_counts
-    return sealed(FrameStages(saturated, correction, depth, resolver, response, solver, plan.layers, noise, diffuse))
+    return sealed(
+        FrameStages(plan, kernel, saturated, correction, depth, resolver, response, solver, plan.layers, noise, diffuse)
+    )
 
 
 def _diffuse_plan(
@@ -145,7 +151,6 @@ def kernel_of_frame(
     count: int,
     noise: NoiseModel,
     source_type: np.dtype[np.generic],
-    kernel: str,
     tail: "DiffuseModel | None" = None,
 ) -> FrameKernel:
     """Return the compiled kernel for `count` pixels of a frame, from the flat index `first` on.
@@ -170,7 +175,7 @@ def kernel_of_frame(
         noise_volts=noise_v,
     )
     return FrameKernel(
-        scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type, kernel=kernel
+        scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type, kernel=stages.kernel
     )
 
 
@@ -178,7 +183,7 @@ kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
 """`kernel_of_frame` with a cache, for frames that have nothing of their own in it: no tail and no samples."""
 
 
-def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic], kernel: str) -> "Look | None":
+def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic]) -> "Look | None":
     """Return the `Look` with which the compiled kernel judges the light of a frame; None if only numpy can do that."""
     from cadtof_cli.resolver.diffuse.light import Look
 
@@ -186,7 +191,7 @@ def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.ge
     if correction.response is not None:
         return None
     return Look.of(
-        stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored, kernel=kernel
+        stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored, kernel=stages.kernel
     )
 
 

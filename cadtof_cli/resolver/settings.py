@@ -97,7 +97,8 @@ class ResolverSettings:
             raise SettingsError(f"--seed: found {self.seed}, expected 0 or more")
         if self.solver == "lm" and self.paths > 2:
             raise SettingsError(f"--solver lm finds two paths, not --paths {self.paths}: use --solver two-path")
-        orders = ("auto", *map(str, range(1, self._solvers_paths + 1)))
+        most = 1 if self.solver == "one-path" else self.paths
+        orders = ("auto", *map(str, range(1, most + 1)))
         if self.order not in orders:
             raise SettingsError(
                 f"--order: found {self.order!r}, expected one of {', '.join(orders)} "
@@ -105,14 +106,11 @@ class ResolverSettings:
             )
 
     @property
-    def _solvers_paths(self) -> int:
-        """Largest number of paths that the solver may fit."""
-        return 1 if self.solver == "one-path" else self.paths
-
-    @property
     def max_paths(self) -> int:
         """Largest number of paths that a pixel may get."""
-        return self._solvers_paths if self.order == "auto" else int(self.order)
+        if self.order != "auto":
+            return int(self.order)
+        return 1 if self.solver == "one-path" else self.paths
 
     def may_be_diffuse(self, harmonics: tuple[int, ...], /) -> bool:
         """Whether a frame's MPI may be taken for diffuse: default solver, paths and order, and not the last return.
