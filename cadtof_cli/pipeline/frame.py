@@ -161,8 +161,8 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -
     kernel has."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
-    plan, response, tail = stages.plan, stages.response, pixels.tail
-    step = plan.block_pixels or (BLOCK_PIXELS if stages.solver_module == CLOSED_FORM else SEARCHED_BLOCK_PIXELS)
+    response, tail = stages.response, pixels.tail
+    step = BLOCK_PIXELS if stages.solver_module == CLOSED_FORM else SEARCHED_BLOCK_PIXELS
     for start in range(0, pixels.stored.shape[2], step):
         here = slice(start, start + step)
         block = pixels[here]
@@ -177,7 +177,7 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -
             tail=tail.block(there) if tail else None,
             kernel=stages.kernel,
         )
-        if plan.calibration is not None:
+        if stages.plan.calibration is not None:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
         source = stages.depth.source(resolved, there, samples=block.noise.samples)
         write_block(maps, here, source, layers=stages.layers)

@@ -102,13 +102,11 @@ class FramePlan:
         metadata: how the frames were recorded.
         settings: the choices of the user.
         calibration: the calibration that is applied to the frames; None: none.
-        block_pixels: number of pixels in a block; None: a number that suits the solver.
     """
 
     metadata: CaptureMetadata
     settings: MapSettings = field(default_factory=MapSettings)
     calibration: CalibrationUse | None = None
-    block_pixels: int | None = None
 
     def __post_init__(self) -> None:
         modulation, resolver = self.metadata.modulation, self.settings.resolver
@@ -121,9 +119,7 @@ class FramePlan:
 
     def __hash__(self) -> int:
         """Return a hash of a few values that tell plans apart. Caches ask for it with every frame, so it has to be quick."""
-        return hash(
-            (self.metadata.pixel.integration_length, self.settings.pool, self.settings.depth, self.block_pixels)
-        )
+        return hash((self.metadata.pixel.integration_length, self.settings.pool, self.settings.depth))
 
     @cached_property
     def resolver(self) -> ResolverSettings:

@@ -9,7 +9,9 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.settings import ResolverSettings
+from tests.support.blocks import blocks_of
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, Form, counts_of, record
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import program
@@ -44,12 +46,11 @@ def test_the_same_maps_for_any_size_of_blocks(order: str, known: bool) -> None:
         voltage=Voltage(zero_counts=ZERO_COUNTS, volts_per_count=VOLTS_PER_COUNT, saturated_counts=(0, 16383)),
         pixel=Pixel(integration_length=1e5 if known else None),
     )
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order)))
     results = []
     for pixels in (1, 5, 64, 91, 10_000):
-        plan = FramePlan(
-            metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order)), block_pixels=pixels
-        )
-        maps = resolve_frame(counts, plan=plan).maps
+        with blocks_of(pixels):
+            maps = resolve_frame(counts, plan=plan, kernel=NUMPY).maps
         results.append((maps.values.tobytes(), maps.status.tobytes()))
     assert np.isfinite(np.frombuffer(results[0][0], np.float32)).any()
     assert all(result == results[0] for result in results)

@@ -21,6 +21,7 @@ from cadtof_cli.simulation.scene.rooms.cornell import CornellBox
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wall
 from cadtof_cli.workflows.simulate.record import expose
+from tests.support.blocks import blocks_of
 from tests.support.diffuse_frames import F
 
 DIFFUSE = 2048
@@ -326,7 +327,8 @@ def test_tails_with_triangle_modulation_have_the_same_bits_in_all_kernels_blocks
     for kernel in available_kernels():
         other = resolve_frame(volts, plan=FramePlan(metadata=metadata), kernel=kernel)
         np.testing.assert_array_equal(other.maps.values, whole.maps.values, kernel)
-    cut = resolve_frame(volts, plan=FramePlan(metadata=metadata, block_pixels=997))
+    with blocks_of(997):
+        cut = resolve_frame(volts, plan=FramePlan(metadata=metadata))
     np.testing.assert_array_equal(cut.maps.values, whole.maps.values)
     pixels = prepare_frame(volts, plan=FramePlan(metadata=metadata))
     parts = [resolve_pixels(part, plan=FramePlan(metadata=metadata)) for part in pixels.parts(5)]

@@ -13,7 +13,9 @@ from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.pipeline.stages import frame_stages
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
 from cadtof_cli.resolver.kernels import NUMPY
+from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
+from tests.support.blocks import blocks_of
 from tests.support.forward import step_frame
 
 SIZE = (13, 7)
@@ -76,7 +78,10 @@ def test_min_confidence_is_compared_with_the_confidence_in_volts() -> None:
 def test_a_layer_that_the_compiled_kernel_does_not_know_has_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:
     far = Layer("mpi.behind", "m", lambda source: (source.resolved.paths.phase_rad[1], source.metres))
     monkeypatch.setattr("cadtof_cli.maps.layers.wanted_layers", lambda **_: (*ALWAYS, far))
-    plan = FramePlan(metadata=CaptureMetadata(pixel=Pixel(integration_length=1e5)), block_pixels=17)
-    maps = resolve_frame(frames(1)[0], plan=plan).maps
+    # no other test has this plan, whose stages are kept
+    settings = MapSettings(resolver=ResolverSettings(false_alarm=0.0123))
+    plan = FramePlan(metadata=CaptureMetadata(pixel=Pixel(integration_length=1e5)), settings=settings)
+    with blocks_of(17):
+        maps = resolve_frame(frames(1)[0], plan=plan).maps
     assert np.isfinite(maps.layer("mpi.behind")).any()
     np.testing.assert_array_equal(maps.layer("mpi.behind"), maps.layer("mpi.depth"))

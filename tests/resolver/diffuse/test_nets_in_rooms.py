@@ -12,6 +12,7 @@ from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.diffuse.nets import freed_paths
 from cadtof_cli.resolver.diffuse.records import Tails
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from tests.support.blocks import blocks_of
 from tests.support.diffuse_answers import B
 from tests.support.diffuse_frames import M_PER_RAD, OMEGA, F, Tail, Z, hung_before, phasors_of, wall_range
 
@@ -38,9 +39,7 @@ def net_before_wall(delay_ns: float, share: float, *, harmonics: int = 2) -> tup
     return phasors, np.where(covered, net, WALL), covered
 
 
-def resolved(
-    phasors: Z, model: MpiModel = "auto", *, block_pixels: int | None = None, triangle: bool = False
-) -> ResolvedFrame:
+def resolved(phasors: Z, model: MpiModel = "auto", *, triangle: bool = False) -> ResolvedFrame:
     """Return the maps of phasors as `cadtof resolve` makes them."""
     metadata = CaptureMetadata(
         modulation=Modulation(
@@ -52,9 +51,7 @@ def resolved(
         pulse=Pulse(fwhm_ns=FWHM_NS if triangle else 0.0),
         optics=Optics(focal_length_px=FOCAL),
     )
-    plan = FramePlan(
-        metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=model)), block_pixels=block_pixels
-    )
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=model)))
     return resolve_frame(np.stack([phasors.real, phasors.imag], axis=1), plan=plan)
 
 
@@ -119,7 +116,8 @@ def test_a_net_is_found_with_triangle_modulation_too() -> None:
     assert np.median(error[covered]) < 0.5 * np.median(error_cm(discrete, range_m)[covered])
     assert np.median(error[~covered]) < 1.5
     assert ((found.maps.status & TWO_PATHS) > 0)[covered].mean() > 0.9
-    cut = resolved(recorded, triangle=True, block_pixels=997)
+    with blocks_of(997):
+        cut = resolved(recorded, triangle=True)
     np.testing.assert_array_equal(cut.maps.values, found.maps.values)
 
 
@@ -173,7 +171,9 @@ def test_a_frame_that_is_forced_to_have_a_tail_has_no_net() -> None:
 @pytest.mark.parametrize("block_pixels", [97, 5000])
 def test_blocks_of_any_size_have_the_same_bits(block_pixels: int) -> None:
     phasors = net_before_wall(9.0, 0.6)[0]
-    whole, cut = resolved(phasors), resolved(phasors, block_pixels=block_pixels)
+    whole = resolved(phasors)
+    with blocks_of(block_pixels):
+        cut = resolved(phasors)
     np.testing.assert_array_equal(cut.maps.values, whole.maps.values)
     np.testing.assert_array_equal(cut.maps.status, whole.maps.status)
 

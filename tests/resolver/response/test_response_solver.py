@@ -17,6 +17,7 @@ from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.response.table import response_block
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
+from tests.support.blocks import blocks_of
 from tests.support.campaign import camera, card
 from tests.support.defects import DefectiveCamera, Defects, smeared
 
@@ -192,7 +193,8 @@ def test_blocks_of_any_size_give_the_same_bits(block_pixels: int) -> None:
     sensor = camera(Defects(), waveform="triangle")
     frame = card(sensor, count=1, seed=5, separations_ns=(2.0, 20.0))[0]
     whole = resolve_frame(frame, plan=plan_for(sensor)).maps
-    parts = resolve_frame(frame, plan=replace(plan_for(sensor), block_pixels=block_pixels)).maps
+    with blocks_of(block_pixels):
+        parts = resolve_frame(frame, plan=plan_for(sensor)).maps
     np.testing.assert_array_equal(whole.values, parts.values)
     np.testing.assert_array_equal(whole.status, parts.status)
 
