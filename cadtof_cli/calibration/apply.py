@@ -1,6 +1,7 @@
 """A calibration prepared for frames of one size and type: the correction that the pipeline applies to every block."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -57,9 +58,11 @@ class CalibrationNoise:
 def _with_calibration(
     noise: NoiseModel, left: CalibrationNoise, powers: tuple[float, ...], frames: float
 ) -> NoiseModel:
-    return noise.with_more(
-        [frames * (dark + share * power) for dark, share, power in zip(left.dark, left.response, powers, strict=True)]
+    each = tuple(
+        replace(one, floor=float(one.floor + frames * (dark + share * power)))
+        for one, dark, share, power in zip(noise.each, left.dark, left.response, powers, strict=True)
     )
+    return replace(noise, each=each)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
 """Worker processes that get their tasks one by one: a worker that is lost or hangs costs only its current task."""
 
+import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -288,15 +288,14 @@ def run_in_pool(
     """
     waiting, most = iter(tasks), workers.jobs * TASKS_PER_WORKER
     in_order: deque[_Job[Task, Result]] = deque()
-    with _pool(function, workers, shared) as pool:
+    pool = _Pool(function, workers, shared)
+    try:
         while True:
-            while len(in_order) < most:
-                try:
-                    in_order.append(_Job(next(waiting)))
-                except StopIteration:
-                    break
+            for task in itertools.islice(waiting, most - len(in_order)):
+                in_order.append(_Job(task))
                 pool.add(in_order[-1])
             if not in_order:
+                pool.dismiss()
                 return
             while not in_order[0].done:
                 pool.attend()
@@ -305,13 +304,5 @@ def run_in_pool(
                 raise job.error
             assert job.outcome is not None
             yield job.outcome
-
-
-@contextmanager
-def _pool(function: Work[Task, Result], workers: Workers, shared: Sequence[object]) -> Iterator[_Pool[Task, Result]]:
-    pool = _Pool(function, workers, shared)
-    try:
-        yield pool
-        pool.dismiss()
     finally:
         pool.close()

@@ -1,7 +1,6 @@
 """The noise of phasors, known from the integration length or estimated from a frame, and thresholds on χ²."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
@@ -110,14 +109,6 @@ class NoiseModel:
 
     def __getitem__(self, pixels: SomePixels, /) -> "NoiseModel":
         return self if self.samples is None else replace(self, samples=self.samples[pixels])
-
-    def with_more(self, variances: Sequence[float], /) -> "NoiseModel":
-        """Return the noise with a further variance per channel for each harmonic of a recorded pixel, independent of
-        the light."""
-        each = tuple(
-            replace(one, floor=float(one.floor + more)) for one, more in zip(self.each, variances, strict=True)
-        )
-        return replace(self, each=each)
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:

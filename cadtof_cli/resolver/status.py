@@ -68,15 +68,6 @@ class StatusCounts:
     invalid: int
 
 
-def count_status(status: Status, /) -> StatusCounts:
-    """Count the pixels of a status map of any shape by how they were resolved."""
-    bits = map(int, (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.DIFFUSE_MPI))
-    # most frames lack some kinds of pixels: bits that no pixel has are not counted
-    there = int(np.bitwise_or.reduce(status, axis=None))
-    one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) if there & bit else 0 for bit in bits)
-    return StatusCounts(one, two, more, diffuse, status.size - one - two - more - diffuse)
-
-
 def why_no_answer(status: Status, /) -> str:
     """Return why no pixel of a status map has an answer: the bits that are set, with their shares of the pixels."""
     bits = (

@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.status import (
     MEANING,
     StatusBit,
-    count_status,
     describe_status,
     has_answer,
     why_no_answer,
 )
+from cadtof_cli.resolver.two_path.kernel import count_status
 
 README = Path(__file__).parents[2] / "README.md"
 
@@ -29,7 +30,7 @@ def test_the_numbers_and_names_of_status_bits_are_those_of_the_readme() -> None:
 
 def test_every_pixel_counts_as_one_of_the_kinds_of_answers() -> None:
     status = np.array([[8, 8 | 64, 16], [16 | 32, 512, 2048], [1, 4, 0]], np.uint32)
-    counts = count_status(status)
+    counts = count_status(status, kernel=NUMPY)
     assert (counts.one_path, counts.two_paths, counts.more_paths, counts.diffuse, counts.invalid) == (2, 2, 1, 1, 3)
 
 

@@ -80,8 +80,7 @@ class Envelope:
 
         Returns:
             One part, a piece of `image`, if the head takes exactly one block and the tail fits behind the pixels.
-            Otherwise
-            three parts: head, pixels, tail.
+            Otherwise three parts: head, pixels, tail.
         """
         head, tail = self.head.replace(old, new), self.tail.replace(old, new)
         behind = BLOCK_BYTES + self.pixels

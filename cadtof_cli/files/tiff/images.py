@@ -163,8 +163,7 @@ class TiffImages:
         """Return the envelope around these planes.
 
         None: the planes do not lie in one run, in this order and in native byte order; or the envelope is too large; or
-            another
-        file (an NDTiff index) says which plane is which, because it may say something else for the next file.
+        another file (an NDTiff index) says which plane is which, because it may say something else for the next file.
         """
         native = self.dtype.newbyteorder(self._tiff.byteorder) == self.dtype
         plain = self._scattered is None and self._samples == 1 and not self._described_beside

@@ -238,7 +238,7 @@ INLINE void resolve_pixels(const Frame *restrict frame) {
     }
 }
 
-/* status.py: count_status. The number of pixels with each of four bits. */
+/* kernel.py: count_status. The number of pixels with each of four bits. */
 INLINE void count_pixels(const uint32_t *restrict status, int64_t pixels, int64_t counts[4]) {
     enum { AT_ONCE = 4096 }; /* sums over so few pixels fit into 32 bits */
     for (int64_t start = 0; start < pixels; start += AT_ONCE) {

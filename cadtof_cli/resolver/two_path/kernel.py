@@ -18,8 +18,7 @@ from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings
-from cadtof_cli.resolver.status import StatusCounts
-from cadtof_cli.resolver.status import count_status as status_counts
+from cadtof_cli.resolver.status import StatusBit, StatusCounts
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms
 
 Buffers = tuple[NDArray[Any] | None, ...]
@@ -141,11 +140,14 @@ class FrameKernel:
         )
 
 
-def count_status(status: Status, /) -> StatusCounts:
-    """Count the pixels of a status map of any shape as `resolver.status.count_status` does, but in one pass."""
-    if chosen_kernel() == NUMPY:
-        return status_counts(status)
-    one, two, more, diffuse = extension().count_status(chosen_kernel(), np.ascontiguousarray(status))
+def count_status(status: Status, /, *, kernel: str | None = None) -> StatusCounts:
+    """Count the pixels of a status map of any shape by how they were resolved; all kernels count the same."""
+    kernel = kernel or chosen_kernel()
+    if kernel == NUMPY:
+        bits = (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.DIFFUSE_MPI)
+        one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) for bit in bits)
+    else:
+        one, two, more, diffuse = extension().count_status(kernel, np.ascontiguousarray(status))
     return StatusCounts(one, two, more, diffuse, status.size - one - two - more - diffuse)
 
 

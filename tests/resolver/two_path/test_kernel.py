@@ -24,7 +24,6 @@ from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixe
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen_kernel, numpy_note
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
-from cadtof_cli.resolver.status import count_status
 from cadtof_cli.resolver.two_path import kernel as front
 from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.calibrations import made_up_calibration
@@ -285,7 +284,7 @@ def test_the_front_takes_arguments_that_fit() -> None:
 def test_pixels_are_counted_as_numpy_does(bits: list[int], repeats: int) -> None:
     status = np.array(bits, np.uint32).repeat(repeats)
     for view in (status, status[::2], status[::-1], status.reshape(1, -1)):
-        assert front.count_status(view) == count_status(view)
+        assert front.count_status(view) == front.count_status(view, kernel=NUMPY)
 
 
 def test_status_of_another_type_is_not_counted(compiled: ModuleType) -> None:
