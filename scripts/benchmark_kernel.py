@@ -19,6 +19,7 @@ from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixe
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from tests.support.kernels import by_kernel
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_data"
 
@@ -58,9 +59,9 @@ def diffuse_rows(repeats: int) -> Iterator[Row]:
         stored, plan = recorded(SAMPLES / name, mpi_model="auto")
         prepared, kernels = prepare_frame(stored, plan=plan), available_kernels()
         works: dict[str, Callable[[], object]] = {
-            f"pixels {kernel}": partial(resolve_pixels, prepared, plan=plan, kernel=kernel) for kernel in kernels
+            f"pixels {kernel}": partial(by_kernel, kernel, resolve_pixels, prepared, plan=plan) for kernel in kernels
         }
-        works |= {f"frame {kernel}": partial(resolve_frame, stored, plan=plan, kernel=kernel) for kernel in kernels}
+        works |= {f"frame {kernel}": partial(by_kernel, kernel, resolve_frame, stored, plan=plan) for kernel in kernels}
         times = least_seconds(works, repeats)
         for kernel in (one for one in kernels if one != NUMPY):
             ours, numpys = times[f"pixels {kernel}"], times[f"pixels {NUMPY}"]
@@ -93,7 +94,7 @@ def triangle_rows(place: Path, repeats: int) -> Iterator[Row]:
 
 def _frame_rows(what: str, stored: Stored, plan: FramePlan, repeats: int) -> Iterator[Row]:
     """Measure one frame by every kernel and numpy; `what` is its name in the row and in `ASKED`."""
-    works = {kernel: partial(resolve_frame, stored, plan=plan, kernel=kernel) for kernel in available_kernels()}
+    works = {kernel: partial(by_kernel, kernel, resolve_frame, stored, plan=plan) for kernel in available_kernels()}
     times = least_seconds(works, repeats)
     for kernel in (name for name in works if name != NUMPY):
         asked, faster = ASKED.get((what, kernel)), times[NUMPY] / times[kernel]
@@ -117,7 +118,7 @@ def recorded(folder: Path, mpi_model: MpiModel = "discrete") -> tuple[Stored, Fr
 
 def differing(stored: Stored, plan: FramePlan, kernel: str) -> int:
     """Return how many 32-bit words of a frame's maps differ from numpy's."""
-    ours, numpys = (resolve_frame(stored, plan=plan, kernel=one).maps for one in (kernel, NUMPY))
+    ours, numpys = (by_kernel(one, resolve_frame, stored, plan=plan).maps for one in (kernel, NUMPY))
     words = (ours.values.view(np.uint32) != numpys.values.view(np.uint32)).sum()
     return int(words + (ours.status != numpys.status).sum())
 

@@ -33,6 +33,7 @@ from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages
 from cadtof_cli.simulation.scene.scenes import Wall
 from cadtof_cli.units import C_M_PER_NS
 from cadtof_cli.workflows.simulate.record import expose
+from tests.support.kernels import by_kernel
 from tests.support.mixtures import C, F, Mixture, recorded
 
 CARD = Path(__file__).resolve().parent.parent / "sample_data" / "card"
@@ -312,7 +313,7 @@ def _frame(
     plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), settings=MapSettings(resolver=settings, pool=pool))
     stored = np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, 240, 320)
     stored *= plan.metadata.modulation.amplitude_v
-    return lambda: resolve_frame(stored.astype(np.float32), plan=plan, kernel=kernel)
+    return lambda: by_kernel(kernel, resolve_frame, stored.astype(np.float32), plan=plan)
 
 
 def main() -> None:

@@ -76,7 +76,6 @@ def resolve_frame(
     *,
     plan: FramePlan,
     calibration: "Calibration | None" = None,
-    kernel: str | None = None,
 ) -> ResolvedFrame:
     """Return the maps of one frame of stored values, (H, 2, Y, X), or of the mean of several.
 
@@ -84,15 +83,13 @@ def resolve_frame(
         frame: stored values, or their mean.
         plan: what to do with the frame.
         calibration: the calibration that the plan names.
-        kernel: the kernel, one of `available_kernels`, which all give the same bits; None: the one that `chosen_kernel`
-            returns.
 
     Raises:
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
         SettingsError: the plan does not fit the frame's type, or lacks the optics that it needs.
     """
-    pixels = prepare_frame(frame, plan=plan, calibration=calibration, kernel=kernel)
-    maps = resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=kernel)
+    pixels = prepare_frame(frame, plan=plan, calibration=calibration)
+    maps = resolve_pixels(pixels, plan=plan, calibration=calibration)
     pages, status = maps.pages.reshape(-1, *pixels.size), maps.status.reshape(pixels.size)
     return ResolvedFrame(replace(maps, pages=pages, status=status), pixels.noise, pixels.choice)
 
@@ -103,13 +100,12 @@ def prepare_frame(
     *,
     plan: FramePlan,
     calibration: "Calibration | None" = None,
-    kernel: str | None = None,
 ) -> FramePixels:
     """Do all that couples the pixels of a frame: estimate its noise if that is unknown, pool neighbours, predict
     diffuse MPI."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
     height, width = recorded.shape[2:]
-    stages = frame_stages(plan, calibration, frame.dtype, (height, width), kernel or chosen_kernel())
+    stages = frame_stages(plan, calibration, frame.dtype, (height, width), chosen_kernel())
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
     noise = stages.noise
@@ -132,15 +128,13 @@ def prepare_frame(
     return pixels
 
 
-def resolve_pixels(
-    pixels: FramePixels, /, *, plan: FramePlan, calibration: "Calibration | None" = None, kernel: str | None = None
-) -> DepthMaps:
+def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: "Calibration | None" = None) -> DepthMaps:
     """Return the maps, (1, n), of a prepared frame's pixels, or of a part of them, resolved block by block.
 
     The answer of a pixel does not depend on the pixels that are resolved with it, so neither the size of the blocks nor
     the size of the part changes a bit of it.
     """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size, kernel or chosen_kernel())
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size, chosen_kernel())
     maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
     in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(ALWAYS) :] in ((), (AVERAGED,))
     if stages.kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
@@ -172,10 +166,9 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -
             status=stages.status(block),
             settings=stages.resolver,
             noise=block.noise,
-            response=response.block(there, kernel=stages.kernel) if response else None,
+            response=response.block(there) if response else None,
             first=block.first,
             tail=tail.block(there) if tail else None,
-            kernel=stages.kernel,
         )
         if stages.plan.calibration is not None:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)

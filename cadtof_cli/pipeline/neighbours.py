@@ -92,7 +92,7 @@ def _without_own_phases(phasors: Complex, pixels: FramePixels, stages: FrameStag
     alike = np.empty_like(phasors)
     for start in range(0, phasors.shape[1], BLOCK_PIXELS):
         here = slice(start, min(start + BLOCK_PIXELS, phasors.shape[1]))
-        block, own, seen = pixels[here], response.block(here, kernel=stages.kernel), phasors[:, here]
+        block, own, seen = pixels[here], response.block(here), phasors[:, here]
         status = stages.status(block)
         found = resolve_paths(seen, status=status, settings=stages.resolver, noise=block.noise, response=own)
         alike[:, here] = without_own_phases(seen, found.paths, response=own)

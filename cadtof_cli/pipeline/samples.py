@@ -81,7 +81,7 @@ def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /) 
         if response is not None:
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
-            response = response.block(chosen, kernel=stages.kernel)
+            response = response.block(chosen)
             found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
             of_paths = phasors_of_sine(phasors, found.paths, response=response)
     return FrameSamples(places, phasors, of_paths, np.asarray(status == 0), response, noise.harmonics, grid)

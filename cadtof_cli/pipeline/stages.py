@@ -44,7 +44,7 @@ class FrameStages:
 
     Attributes:
         plan: what decides the maps of the frames.
-        kernel: the kernel that does the work, one of `available_kernels`.
+        kernel: the kernel that was chosen, one of `available_kernels`.
         saturated_counts: stored values at or beyond these limits are saturated; None: no value is.
         correction: correction of the stored values.
         depth: how paths become metres and volts.
@@ -174,9 +174,7 @@ def kernel_of_frame(
         most_volts=most_v,
         noise_volts=noise_v,
     )
-    return FrameKernel(
-        scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type, kernel=stages.kernel
-    )
+    return FrameKernel(scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type)
 
 
 kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
-from cadtof_cli.resolver.kernels import NUMPY
+from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.order import Solver, fewest_paths, with_direct_first
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -31,7 +31,6 @@ def resolve_paths(
     response: "ResponseBlock | None" = None,
     tail: "DiffuseBlock | None" = None,
     first: int = 0,
-    kernel: str = NUMPY,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
 
@@ -41,8 +40,7 @@ def resolve_paths(
 
     `response` is the response of the channel pairs if it is no pure sine. `tail` is the model of the frame's diffuse
     MPI: it answers all pixels except those of patches with separate paths. `first` is the flat index in the frame of
-    the first of the n pixels; the starts of a random search depend on it and on the seed. `kernel`, one of
-    `available_kernels`, answers the pixels with a tail; all kernels give the same bits.
+    the first of the n pixels; the starts of a random search depend on it and on the seed.
 
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
@@ -53,7 +51,7 @@ def resolve_paths(
     tail_first = tail is None or response is None or tail.model.nets is None
     before, after = (tail, None) if tail_first else (None, tail)
     with np.errstate(all="ignore"):
-        free, nets = _freed(phasors, before, kernel)
+        free, nets = _freed(phasors, before)
         start = partial(make_solver, free, noise=noise, settings=settings, response=response, first=first)
         solver: Solver | None = start() if before is None else None
         powers = list(free.real**2 + free.imag**2) if solver is None else solver.powers
@@ -65,7 +63,7 @@ def resolve_paths(
         predicted = None
         if before is not None:
             usable = answered if nets is None else answered & ~nets.where
-            predicted = _predicted(phasors, before, usable, noise, response, kernel)
+            predicted = _predicted(phasors, before, usable, noise, response)
             answered &= ~predicted.answered
             if not answered.any():
                 bits = status | predicted.answered * np.uint32(StatusBit.DIFFUSE_MPI)
@@ -75,10 +73,10 @@ def resolve_paths(
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            free, nets = _freed(sine, after, kernel)
+            free, nets = _freed(sine, after)
             usable = answered if nets is None else answered & ~nets.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
-            predicted = _predicted(phasors, after, usable, noise, response, kernel)
+            predicted = _predicted(phasors, after, usable, noise, response)
         bits = _bits(fit)
         if not answered.all():
             bits = np.where(answered, bits, status)
@@ -91,12 +89,7 @@ def resolve_paths(
 
 
 def _predicted(
-    phasors: Complex,
-    tail: "DiffuseBlock",
-    usable: Bool,
-    noise: NoiseModel,
-    response: "ResponseBlock | None",
-    kernel: str,
+    phasors: Complex, tail: "DiffuseBlock", usable: Bool, noise: NoiseModel, response: "ResponseBlock | None"
 ) -> "DiffusePixels":
     """Return the answers that the tail's model gives for the usable pixels."""
     from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels, pixels_of_sine
@@ -104,7 +97,7 @@ def _predicted(
     samples = noise.samples
     if response is not None:
         phasors, samples = pixels_of_sine(phasors, tail=tail, response=response, samples=samples)
-    return diffuse_pixels(phasors, tail=tail, usable=usable, samples=samples, kernel=kernel)
+    return diffuse_pixels(phasors, tail=tail, usable=usable, samples=samples, kernel=chosen_kernel())
 
 
 def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sine: bool) -> Callable[..., Solver]:
@@ -118,7 +111,7 @@ def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sin
     return made
 
 
-def _freed(phasors: Complex, tail: "DiffuseBlock | None", kernel: str) -> "tuple[Complex, NetPixels | None]":
+def _freed(phasors: Complex, tail: "DiffuseBlock | None") -> "tuple[Complex, NetPixels | None]":
     """Return the phasors with the tails subtracted in pixels that look through a net, and the record of these pixels.
 
     Without a tail, or without a net in the frame, return the given phasors and None.
@@ -127,7 +120,7 @@ def _freed(phasors: Complex, tail: "DiffuseBlock | None", kernel: str) -> "tuple
         return phasors, None
     from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 
-    return freed_pixels(phasors, tail, kernel=kernel)
+    return freed_pixels(phasors, tail, kernel=chosen_kernel())
 
 
 def _resolved(fit: Fit, confidence: Float, bits: Status, noise: NoiseModel) -> ResolvedPaths:

@@ -14,6 +14,7 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.blocks import blocks_of
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, Form, counts_of, record
 from tests.support.forward import step_frame
+from tests.support.kernels import by_kernel
 from tests.support.run_cadtof import program
 from tests.support.runs import maps_of
 
@@ -50,7 +51,7 @@ def test_the_same_maps_for_any_size_of_blocks(order: str, known: bool) -> None:
     results = []
     for pixels in (1, 5, 64, 91, 10_000):
         with blocks_of(pixels):
-            maps = resolve_frame(counts, plan=plan, kernel=NUMPY).maps
+            maps = by_kernel(NUMPY, resolve_frame, counts, plan=plan).maps
         results.append((maps.values.tobytes(), maps.status.tobytes()))
     assert np.isfinite(np.frombuffer(results[0][0], np.float32)).any()
     assert all(result == results[0] for result in results)

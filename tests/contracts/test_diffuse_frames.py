@@ -14,6 +14,7 @@ from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.kernels import NUMPY
 from tests.support.blocks import blocks_of
+from tests.support.kernels import by_kernel
 
 CORNER = Path(__file__).parents[2] / "sample_data" / "corner"
 
@@ -47,7 +48,7 @@ def test_blocks_of_any_size_have_the_same_bits(corner: tuple[Stored, FramePlan],
     stored, plan = corner
     whole = resolve_frame(stored, plan=plan).maps
     with blocks_of(block_pixels):
-        cut = resolve_frame(stored, plan=plan, kernel=NUMPY).maps
+        cut = by_kernel(NUMPY, resolve_frame, stored, plan=plan).maps
     np.testing.assert_array_equal(cut.values, whole.values)
     np.testing.assert_array_equal(cut.status, whole.status)
 

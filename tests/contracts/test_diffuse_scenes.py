@@ -23,6 +23,7 @@ from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wa
 from cadtof_cli.workflows.simulate.record import expose
 from tests.support.blocks import blocks_of
 from tests.support.diffuse_frames import F
+from tests.support.kernels import by_kernel
 
 DIFFUSE = 2048
 
@@ -325,7 +326,7 @@ def test_tails_with_triangle_modulation_have_the_same_bits_in_all_kernels_blocks
     volts, _, metadata = of_triangles("room")
     whole = resolve_frame(volts, plan=FramePlan(metadata=metadata))
     for kernel in available_kernels():
-        other = resolve_frame(volts, plan=FramePlan(metadata=metadata), kernel=kernel)
+        other = by_kernel(kernel, resolve_frame, volts, plan=FramePlan(metadata=metadata))
         np.testing.assert_array_equal(other.maps.values, whole.maps.values, kernel)
     with blocks_of(997):
         cut = resolve_frame(volts, plan=FramePlan(metadata=metadata))

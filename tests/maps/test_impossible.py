@@ -15,6 +15,7 @@ from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
+from tests.support.kernels import by_kernel
 from tests.support.mixtures import Mixture, recorded
 
 AMPLITUDE_V = 0.2746
@@ -38,7 +39,7 @@ def resolved(
     plan = FramePlan(
         metadata=metadata or recorded(harmonics, n_av=1e5), settings=MapSettings(resolver=ResolverSettings(**options))
     )
-    return resolve_frame(stored, plan=plan, kernel=kernel).maps
+    return by_kernel(kernel, resolve_frame, stored, plan=plan).maps
 
 
 def assert_impossible(maps: DepthMaps) -> None:

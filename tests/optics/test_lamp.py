@@ -12,6 +12,7 @@ from cadtof_cli.optics import LampBeside
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from tests.support.diffuse_frames import F, phasors_of, slopes
+from tests.support.kernels import by_kernel
 from tests.support.run_cadtof import cadtof
 
 OFFSETS = [(0.1, 0.0, 0.0), (0.0, -0.05, 0.0), (0.02, 0.03, 0.1), (0.0, 0.0, -0.2)]
@@ -76,7 +77,7 @@ def test_maps_hold_depth_from_the_camera(depth: str, kernel: str | None) -> None
     range_m = np.full(SIZE, 0.8)
     truth = range_m * rays()[2] if depth == "z" else range_m
     plan = FramePlan(metadata=metadata(offset), settings=MapSettings(depth="z" if depth == "z" else "range"))
-    found = resolve_frame(volts(half_way(range_m, offset)), plan=plan, kernel=kernel).maps.layer(DIRECT_DEPTH)
+    found = by_kernel(kernel, resolve_frame, volts(half_way(range_m, offset)), plan=plan).maps.layer(DIRECT_DEPTH)
     # the noise of one pixel is some 3 mm; the lamp moves the depth by 3 mm to 3 cm
     assert abs(np.median(found - truth)) < 2e-4
     left, right = (np.median((found - truth)[:, part]) for part in (slice(0, 16), slice(48, 64)))

@@ -14,6 +14,7 @@ from cadtof_cli.resolver.status import (
     why_no_answer,
 )
 from cadtof_cli.resolver.two_path.kernel import count_status
+from tests.support.kernels import by_kernel
 
 README = Path(__file__).parents[2] / "README.md"
 
@@ -30,7 +31,7 @@ def test_the_numbers_and_names_of_status_bits_are_those_of_the_readme() -> None:
 
 def test_every_pixel_counts_as_one_of_the_kinds_of_answers() -> None:
     status = np.array([[8, 8 | 64, 16], [16 | 32, 512, 2048], [1, 4, 0]], np.uint32)
-    counts = count_status(status, kernel=NUMPY)
+    counts = by_kernel(NUMPY, count_status, status)
     assert (counts.one_path, counts.two_paths, counts.more_paths, counts.diffuse, counts.invalid) == (2, 2, 1, 1, 3)
 
 

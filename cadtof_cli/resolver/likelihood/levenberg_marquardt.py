@@ -156,15 +156,13 @@ class Descent(ABC):
 class LevenbergMarquardt(Descent):
     """The method with damping in units of the matrix's diagonal."""
 
-    def solve(
-        self, problem: Compilable, starts: Float, /, *, samples: Float | None = None, kernel: str | None = None
-    ) -> Minimum:
+    def solve(self, problem: Compilable, starts: Float, /, *, samples: Float | None = None) -> Minimum:
         """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge.
 
         `samples`, (n,): each problem is the mean of so many recordings, and the cost is in units of the noise of one
-        recording (None: 1). `kernel`: one of `available_kernels` (None: the chosen one); all give the same bits.
+        recording (None: 1). All kernels give the same bits.
         """
-        kernel = kernel or chosen_kernel()
+        kernel = chosen_kernel()
         if kernel != NUMPY:
             ends = compiled_ends(
                 problem.planes(starts),

@@ -143,11 +143,9 @@ class WeightedFit:
     weights: Float
 
     @classmethod
-    def around(
-        cls, measured: Measured, paths: Mixture, /, *, noise: NoiseModel, kernel: str | None = None
-    ) -> "WeightedFit":
-        """Return the fit with the noise that light of the given paths has; every `kernel` gives the same bits."""
-        harmonics, kernel = measured.harmonics, kernel or chosen_kernel()
+    def around(cls, measured: Measured, paths: Mixture, /, *, noise: NoiseModel) -> "WeightedFit":
+        """Return the fit with the noise that light of the given paths has; all kernels give the same bits."""
+        harmonics, kernel = measured.harmonics, chosen_kernel()
         if kernel != NUMPY:
             terms = np.array([one.covariance_terms for one in noise.each])
             weights = compiled_weights(paths.points, harmonics=harmonics, noise=terms, kernel=kernel)

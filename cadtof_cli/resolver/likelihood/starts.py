@@ -62,11 +62,11 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     return Mixture(np.maximum(amplitudes, 0.0), np.cos(grid)[pair], np.sin(grid)[pair])
 
 
-def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool, kernel: str | None = None) -> Scanned:
-    """Return the path, or the pair, of the grid that explains most; every `kernel` gives the same bits."""
+def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool) -> Scanned:
+    """Return the path, or the pair, of the grid that explains most; all kernels give the same bits."""
     harmonics = measured.harmonics
     factors, lags = _factors(harmonics, tuple(weights)), _lags(harmonics, tuple(weights))
-    kernel = kernel or chosen_kernel()
+    kernel = chosen_kernel()
     if kernel != NUMPY:
         found = compiled_scan(factors, lags, measured.re, measured.im, harmonics=harmonics, pairs=pairs, kernel=kernel)
         if found is not None:

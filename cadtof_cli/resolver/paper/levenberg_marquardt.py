@@ -85,14 +85,13 @@ def best_ends(
     *,
     numbers: range | None = None,
     stopping: MisfitDamped = DAMPED,
-    kernel: str | None = None,
 ) -> Ends:
     """Return the best end of n pixels over all starts, or only over the starts with the given numbers.
 
     `places` are the flat indices of the pixels in the frame, (n,). Pixels of NaN have no end, and their cost is
-    infinite. `kernel`: one of `available_kernels` (None: the chosen one); all give the same bits.
+    infinite. All kernels give the same bits.
     """
-    kernel, numbers = kernel or chosen_kernel(), range(starts.count) if numbers is None else numbers
+    kernel, numbers = chosen_kernel(), range(starts.count) if numbers is None else numbers
     if kernel != NUMPY:
         found = compiled_best_ends(equations, places, starts, numbers=numbers, stopping=stopping, kernel=kernel)
         if found is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.kernels import NUMPY, extension
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
 from cadtof_cli.resolver.response.table import STEP, Answer, ResponseBlock
 
 LARGEST_TURN = 0.4
@@ -177,9 +177,9 @@ def _minors(fields: Fields) -> tuple[Float32, ...]:
 
 
 def searched(equations: Equations, start: Float32, /, *, steps: int, stage: int = -1) -> SearchState:
-    """Return the result of `search`, computed by the kernel of the response's block; all kernels give the same bits."""
-    response = equations.response
-    if response.kernel == NUMPY:
+    """Return the result of `search`, computed by the chosen kernel; all kernels give the same bits."""
+    response, kernel = equations.response, chosen_kernel()
+    if kernel == NUMPY:
         return search(equations, start, steps=steps, stage=stage)
     tables = response.stages[stage]
     numbers = [table.harmonic for table in tables]
@@ -189,7 +189,7 @@ def searched(equations: Equations, start: Float32, /, *, steps: int, stage: int 
     phase = None if response.phase_rad is None else response.phase_rad[:, equations.pixels]
     given = (*(table.entries for table in tables), phase, equations.observed, equations.enough, start)
     extension().search(
-        response.kernel,
+        kernel,
         steps,
         np.array(constants, np.float32),
         *(None if array is None else np.ascontiguousarray(array) for array in given),

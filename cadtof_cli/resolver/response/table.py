@@ -1,7 +1,6 @@
 """The response of the channel pairs as tables, so that its evaluation costs the same for any number of terms."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float, Float32, SomePixels, sealed
 from cadtof_cli.phasors.response import NEGLIGIBLE_TERM, HarmonicResponse
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.kernels import NUMPY
 
 ENTRIES = 1 << 14
 """Entries per turn. For a triangle, the error of linear interpolation is then less than 1e-7 of the amplitude."""
@@ -86,13 +84,12 @@ class ResponseBlock:
     """A response for n pixels.
 
     `stages` are the tables of every stage, `phase_rad` is the own phase that each pixel adds, (H, n), or None, and
-    `rotors` are its rotors. `kernel`, one of `available_kernels`, searches for paths.
+    `rotors` are its rotors.
     """
 
     stages: tuple[tuple[ResponseTable, ...], ...]
     phase_rad: Float32 | None
     rotors: Complex | None
-    kernel: str = NUMPY
 
     @cached_property
     def longest(self) -> float:
@@ -103,13 +100,13 @@ class ResponseBlock:
     @property
     def without_phases(self) -> "ResponseBlock":
         """The same response for pixels without own phases."""
-        return ResponseBlock(self.stages, None, None, self.kernel)
+        return ResponseBlock(self.stages, None, None)
 
-    def block(self, pixels: SomePixels, /, *, kernel: str = NUMPY) -> "ResponseBlock":
-        """Return the response for some of the pixels, with `kernel` as the kernel that searches."""
+    def block(self, pixels: SomePixels, /) -> "ResponseBlock":
+        """Return the response for some of the pixels."""
         if self.phase_rad is None or self.rotors is None:
-            return replace(self, kernel=kernel)
-        return ResponseBlock(self.stages, self.phase_rad[:, pixels], self.rotors[:, pixels], kernel)
+            return self
+        return ResponseBlock(self.stages, self.phase_rad[:, pixels], self.rotors[:, pixels])
 
     def observed(self, phasors: Complex, /) -> tuple[tuple[Float32, Float32], ...]:
         """Return phasors, (H, n), as the pixels recorded them, before they were turned by the pixels' own phases.

@@ -64,7 +64,6 @@ class FrameKernel:
         noise: noise of the pixels, and the number of recorded pixels that each is a mean of.
         count: number of pixels, n.
         source_type: type of the stored values or phasors.
-        kernel: one of `available_kernels` except `numpy`; None: the kernel chosen for this process.
 
     Raises:
         ValueError: an array has the wrong shape.
@@ -79,10 +78,9 @@ class FrameKernel:
         noise: NoiseModel,
         count: int,
         source_type: np.dtype[np.generic],
-        kernel: str | None = None,
     ) -> None:
         self._tail, self._source_type, self._compiled = scales.tail or (), source_type, extension()
-        self._options = (kernel or chosen_kernel(), ORDERS.index(_order(settings)), RETURNS.index(settings.returns))
+        self._options = (chosen_kernel(), ORDERS.index(_order(settings)), RETURNS.index(settings.returns))
         self._shapes = (2, count) if scales.phasor_map is None else (2, 2, count), (7, count), (count,)
         own, other, constant = _own_maps(scales.phasor_map)
         arrays = {
@@ -140,9 +138,9 @@ class FrameKernel:
         )
 
 
-def count_status(status: Status, /, *, kernel: str | None = None) -> StatusCounts:
+def count_status(status: Status, /) -> StatusCounts:
     """Count the pixels of a status map of any shape by how they were resolved; all kernels count the same."""
-    kernel = kernel or chosen_kernel()
+    kernel = chosen_kernel()
     if kernel == NUMPY:
         bits = (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.DIFFUSE_MPI)
         one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) for bit in bits)

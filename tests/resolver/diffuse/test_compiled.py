@@ -20,6 +20,7 @@ from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.diffuse_answers import model_of
 from tests.support.diffuse_frames import OMEGA, F, Tail, Z, corner_range, phasors_of
 from tests.support.hard_pixels import HARD
+from tests.support.kernels import by_kernel
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -145,7 +146,7 @@ def plan_of(metadata: CaptureMetadata = METADATA, **options: Any) -> FramePlan:
 
 
 def resolved_bits(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
-    return bits_of(resolve_pixels(pixels, plan=plan, kernel=kernel))
+    return bits_of(by_kernel(kernel, resolve_pixels, pixels, plan=plan))
 
 
 def assert_same_maps(stored: Any, plan: FramePlan) -> Any:

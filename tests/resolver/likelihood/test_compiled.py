@@ -9,17 +9,15 @@ import pytest
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.kernels import NUMPY
-from cadtof_cli.resolver.likelihood import levenberg_marquardt
 from cadtof_cli.resolver.likelihood.compiled import WHITE, Minimum, Planes, compiled_ends
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Compilable, LevenbergMarquardt
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.starts import scanned
-from cadtof_cli.resolver.paper import levenberg_marquardt as search_of_shares
-from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.resolver.compiled import assert_refused
 from tests.support import mixtures
+from tests.support.kernels import by_kernel
 from tests.support.mixtures import C, noise_of
 
 SOLVERS = (
@@ -61,9 +59,9 @@ def assert_every_level_agrees(search: ModuleType, problem: Compilable, starts: F
     samples = np.random.default_rng(1).uniform(1.0, 400.0, size=(starts.shape[1],))
     with np.errstate(all="ignore"):
         for solver in SOLVERS:
-            expected = solver.solve(problem, starts, samples=samples, kernel=NUMPY)
+            expected = by_kernel(NUMPY, solver.solve, problem, starts, samples=samples)
             for level in search.levels():
-                assert_same_bits(expected, solver.solve(problem, starts, samples=samples, kernel=level))
+                assert_same_bits(expected, by_kernel(level, solver.solve, problem, starts, samples=samples))
 
 
 @pytest.mark.parametrize("white", [True, False])
@@ -76,9 +74,9 @@ def test_mixtures_end_in_the_same_bits(search: ModuleType, harmonics: tuple[int,
 
 def test_a_problem_ends_the_same_whichever_others_are_solved_with_it(search: ModuleType) -> None:
     problem, starts = mixture_problem((1, 2, 3), 2, 501, white=True)
-    whole = SOLVERS[0].solve(problem, starts, kernel=search.levels()[0])
+    whole = by_kernel(search.levels()[0], SOLVERS[0].solve, problem, starts)
     some = np.random.default_rng(2).permutation(501)[:77]
-    alone = SOLVERS[0].solve(problem[some], starts[:, some], kernel=search.levels()[0])
+    alone = by_kernel(search.levels()[0], SOLVERS[0].solve, problem[some], starts[:, some])
     assert_same_bits(alone, Minimum(*(part[..., some] for part in vars(whole).values())))
 
 
@@ -91,9 +89,9 @@ def test_weights_are_the_same_bits(search: ModuleType, harmonics: tuple[int, ...
         light = Mixture.of_points(5.0 * rows.real)
         measured = Measured.of_phasors(hard_phasors(len(harmonics), count, rng), harmonics=harmonics)
         with np.errstate(all="ignore"):
-            expected = WeightedFit.around(measured, light, noise=noise_of(harmonics, n_av=1e4), kernel=NUMPY)
+            expected = by_kernel(NUMPY, WeightedFit.around, measured, light, noise=noise_of(harmonics, n_av=1e4))
             for level in search.levels():
-                found = WeightedFit.around(measured, light, noise=noise_of(harmonics, n_av=1e4), kernel=level)
+                found = by_kernel(level, WeightedFit.around, measured, light, noise=noise_of(harmonics, n_av=1e4))
                 np.testing.assert_array_equal(found.weights, expected.weights)
 
 
@@ -120,9 +118,9 @@ def test_scans_find_the_same_bits(search: ModuleType, harmonics: tuple[int, ...]
         phasors[:, 40::50] = 0.1  # several places of the grid are equally good
         measured, weights = Measured.of_phasors(phasors, harmonics=harmonics), tuple(range(3, 3 + len(harmonics)))
         with np.errstate(all="ignore"):
-            expected = scanned(measured, weights=weights, pairs=pairs, kernel=NUMPY)
+            expected = by_kernel(NUMPY, scanned, measured, weights=weights, pairs=pairs)
             for level in search.levels():
-                assert_same_bits(expected, scanned(measured, weights=weights, pairs=pairs, kernel=level))
+                assert_same_bits(expected, by_kernel(level, scanned, measured, weights=weights, pairs=pairs))
 
 
 def test_buffers_of_scans_that_do_not_fit_are_errors(search: ModuleType) -> None:
@@ -149,20 +147,15 @@ def test_buffers_of_scans_that_do_not_fit_are_errors(search: ModuleType) -> None
 
 
 @pytest.mark.parametrize("settings", [ResolverSettings(paths=3), ResolverSettings(solver="lm", order="2")])
-def test_resolved_paths_have_the_bits_of_numpy(
-    search: ModuleType, settings: ResolverSettings, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resolved_paths_have_the_bits_of_numpy(search: ModuleType, settings: ResolverSettings) -> None:
     light = mixtures.Mixture((1.0, 0.5), (5.0, 14.0))
     drawn = light.phasors((1, 2, 3), n_av=1e4, size=500, rng=np.random.default_rng(3))
 
-    def resolved(kernel: str) -> ResolvedPaths:
-        for module in (levenberg_marquardt, search_of_shares):
-            monkeypatch.setattr(module, "chosen_kernel", lambda: kernel)
-        return resolve_paths(
-            drawn, status=np.zeros(500, np.uint32), settings=settings, noise=noise_of((1, 2, 3), n_av=1e4)
-        )
-
-    one, other = resolved(NUMPY), resolved(search.levels()[0])
+    status, noise = np.zeros(500, np.uint32), noise_of((1, 2, 3), n_av=1e4)
+    one, other = (
+        by_kernel(kernel, resolve_paths, drawn, status=status, settings=settings, noise=noise)
+        for kernel in (NUMPY, search.levels()[0])
+    )
     assert_same_bits(one.paths, other.paths)
     np.testing.assert_array_equal(one.status, other.status)
     np.testing.assert_array_equal(one.chi_squared, other.chi_squared)

@@ -1,5 +1,6 @@
 """The compiled search, weights and scans receive the problem unchanged, and their answer is returned unchanged."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,14 @@ from tests.support.mixtures import noise_of
 HARMONICS, COUNT, OTHER_KERNEL = (1, 2, 4), 5, "elsewhere"
 
 SOLVER = LevenbergMarquardt(max_steps=17, relative=0.02, absolute=0.3, first_damping=0.005)
+
+
+def by_kernel(name: str, function: Callable[..., Any], *given: Any, **options: Any) -> Any:
+    """Return the result of a function that takes the kernel of this name, which need not exist, for the chosen one."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (levenberg_marquardt, mixture, starts):
+            patch.setattr(module, "chosen_kernel", lambda: name)
+        return function(*given, **options)
 
 
 class Recorder:
@@ -44,7 +53,7 @@ def problems() -> dict[str, tuple[Compilable, Float, Planes]]:
     """Return each kind of problem with its starts and the planes that the compiled search must receive."""
     seen, light = measured(), paths()
     white = np.array([3.0, 2.0, 1.0])
-    weighted = WeightedFit.around(seen, light, noise=noise_of(HARMONICS, n_av=1e4), kernel=NUMPY)
+    weighted = by_kernel(NUMPY, WeightedFit.around, seen, light, noise=noise_of(HARMONICS, n_av=1e4))
     return {
         "white": (WhiteFit(seen, (3.0, 2.0, 1.0)), light.points, Planes(0, 2, HARMONICS, seen.re, seen.im, white)),
         "weighted": (weighted, light.points, Planes(1, 2, HARMONICS, seen.re, seen.im, weighted.weights)),
@@ -58,7 +67,7 @@ def test_the_compiled_search_receives_the_problem_unchanged(kind: str, monkeypat
     recorder = Recorder(ends)
     monkeypatch.setattr(levenberg_marquardt, "compiled_ends", recorder)
     samples = np.linspace(1.0, 3.0, COUNT)
-    found = SOLVER.solve(problem, begins, samples=samples, kernel=OTHER_KERNEL)
+    found = by_kernel(OTHER_KERNEL, SOLVER.solve, problem, begins, samples=samples)
     (given, given_starts), options = recorder.call
     assert (given.kind, given.paths, given.harmonics) == (planes.kind, planes.paths, planes.harmonics)
     for received, sent in ((given.re, planes.re), (given.im, planes.im), (given_starts, begins)):
@@ -78,7 +87,7 @@ def test_numpy_searches_if_the_compiled_search_declines(kind: str, monkeypatch: 
     problem, begins, _ = problems()[kind]
     recorder = Recorder(None)
     monkeypatch.setattr(levenberg_marquardt, "compiled_ends", recorder)
-    unaided, expected = (SOLVER.solve(problem, begins, kernel=kernel) for kernel in (OTHER_KERNEL, NUMPY))
+    unaided, expected = (by_kernel(kernel, SOLVER.solve, problem, begins) for kernel in (OTHER_KERNEL, NUMPY))
     assert recorder.call[0]
     np.testing.assert_array_equal(unaided.points, expected.points)
     np.testing.assert_array_equal(unaided.steps, expected.steps)
@@ -88,7 +97,7 @@ def test_the_compiled_weights_receive_the_paths_and_their_noise(monkeypatch: pyt
     noise, answer = noise_of(HARMONICS, n_av=1e4), np.ones((3, len(HARMONICS), COUNT))
     recorder = Recorder(answer)
     monkeypatch.setattr(mixture, "compiled_weights", recorder)
-    fit = WeightedFit.around(measured(), paths(), noise=noise, kernel=OTHER_KERNEL)
+    fit = by_kernel(OTHER_KERNEL, WeightedFit.around, measured(), paths(), noise=noise)
     assert fit.weights is answer
     (points,), options = recorder.call
     np.testing.assert_array_equal(points, paths().points)
@@ -96,7 +105,8 @@ def test_the_compiled_weights_receive_the_paths_and_their_noise(monkeypatch: pyt
     assert options == {"harmonics": HARMONICS, "kernel": OTHER_KERNEL}
     monkeypatch.setattr(mixture, "compiled_weights", Recorder(None))
     unaided, expected = (
-        WeightedFit.around(measured(), paths(), noise=noise, kernel=kernel).weights for kernel in (OTHER_KERNEL, NUMPY)
+        by_kernel(kernel, WeightedFit.around, measured(), paths(), noise=noise).weights
+        for kernel in (OTHER_KERNEL, NUMPY)
     )
     np.testing.assert_array_equal(unaided, expected)
 
@@ -107,7 +117,7 @@ def test_the_compiled_scan_receives_its_grid(pairs: bool, monkeypatch: pytest.Mo
     seen, weights, answer = measured(), (3.0, 2.0, 1.0), Scanned.empty(COUNT)
     recorder = Recorder(answer)
     monkeypatch.setattr(starts, "compiled_scan", recorder)
-    assert starts.scanned(seen, weights=weights, pairs=pairs, kernel=OTHER_KERNEL) is answer
+    assert by_kernel(OTHER_KERNEL, starts.scanned, seen, weights=weights, pairs=pairs) is answer
     (factors, lags, re, im), options = recorder.call
     turn = 2.0 * np.pi * np.arange(32)[:, np.newaxis] / 32
     waves = np.array(weights) * np.exp(1j * np.array(HARMONICS) * turn)
@@ -119,7 +129,7 @@ def test_the_compiled_scan_receives_its_grid(pairs: bool, monkeypatch: pytest.Mo
     assert options == {"harmonics": HARMONICS, "pairs": pairs, "kernel": OTHER_KERNEL}
     monkeypatch.setattr(starts, "compiled_scan", Recorder(None))
     unaided, expected = (
-        starts.scanned(seen, weights=weights, pairs=pairs, kernel=one) for one in (OTHER_KERNEL, NUMPY)
+        by_kernel(one, starts.scanned, seen, weights=weights, pairs=pairs) for one in (OTHER_KERNEL, NUMPY)
     )
     np.testing.assert_array_equal(unaided.first, expected.first)
     np.testing.assert_array_equal(unaided.peak, expected.peak)

@@ -12,6 +12,7 @@ from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.levenberg_marquardt import Ends, MisfitDamped, best_ends, compiled_best_ends
 from cadtof_cli.resolver.paper.starts import RandomStarts
 from tests.resolver.compiled import assert_refused
+from tests.support.kernels import by_kernel
 
 STOPPINGS = (
     MisfitDamped(),
@@ -51,9 +52,9 @@ def test_searches_end_in_the_same_bits(search: ModuleType, harmonics: tuple[int,
         for count in COUNTS:
             equations, places = equations_of(harmonics, count), np.arange(count)[::-1] * 1000003
             for numbers in (None, range(2, 3)):
-                expected = best_ends(equations, places, starts, numbers=numbers, stopping=stopping, kernel=NUMPY)
+                expected = by_kernel(NUMPY, best_ends, equations, places, starts, numbers=numbers, stopping=stopping)
                 for level in search.levels():
-                    found = best_ends(equations, places, starts, numbers=numbers, stopping=stopping, kernel=level)
+                    found = by_kernel(level, best_ends, equations, places, starts, numbers=numbers, stopping=stopping)
                     assert_same_bits(expected, found)
 
 
@@ -61,9 +62,9 @@ def test_any_bits_end_in_the_same_bits(search: ModuleType) -> None:
     bits = np.random.default_rng(3).integers(-(2**63), 2**63, (2, 4000), np.int64).view(np.float64)
     equations, places, starts = EliminatedPath((2,), ((bits[0], bits[1]),)), np.arange(4000), RandomStarts(3, 0)
     with np.errstate(all="ignore"):
-        expected = best_ends(equations, places, starts, kernel=NUMPY)
+        expected = by_kernel(NUMPY, best_ends, equations, places, starts)
         for level in search.levels():
-            assert_same_bits(expected, best_ends(equations, places, starts, kernel=level))
+            assert_same_bits(expected, by_kernel(level, best_ends, equations, places, starts))
 
 
 def test_a_pixel_ends_the_same_whichever_others_are_solved_with_it(search: ModuleType) -> None:
@@ -71,8 +72,8 @@ def test_a_pixel_ends_the_same_whichever_others_are_solved_with_it(search: Modul
     some: Index = np.random.default_rng(2).permutation(501)[:77]
     for level in (NUMPY, search.levels()[0]):
         with np.errstate(all="ignore"):
-            whole = best_ends(equations, places, starts, kernel=level)
-            part = best_ends(equations[some], places[some], starts, kernel=level)
+            whole = by_kernel(level, best_ends, equations, places, starts)
+            part = by_kernel(level, best_ends, equations[some], places[some], starts)
         assert_same_bits(part, Ends(whole.z[:, some], whole.cost[some], whole.converged[some], whole.steps[some]))
 
 

@@ -27,6 +27,7 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from tests.resolver.compiled import compiled_kernels
 from tests.support.calibrations import made_up_calibration
 from tests.support.hard_pixels import HARD
+from tests.support.kernels import by_kernel
 
 TRIANGLE = CaptureMetadata(modulation=Modulation(waveform="triangle"), pixel=Pixel(integration_length=1e5))
 
@@ -68,10 +69,9 @@ def assert_same_bits(
 ) -> NDArray[np.bool_]:
     with np.errstate(all="ignore"):
         equations = Equations.of(response, phasors, np.arange(start.shape[1]), NOISE)
-        expected = searched(equations, start, steps=steps, stage=stage)
+        expected = by_kernel(NUMPY, searched, equations, start, steps=steps, stage=stage)
     for kernel in compiled_kernels():
-        of_kernel = replace(equations, response=replace(response, kernel=kernel))
-        found = searched(of_kernel, start, steps=steps, stage=stage)
+        found = by_kernel(kernel, searched, equations, start, steps=steps, stage=stage)
         np.testing.assert_array_equal(found.done, expected.done, err_msg=kernel)
         for one, other in ((found.values, expected.values), (found.misfit, expected.misfit)):
             np.testing.assert_array_equal(one, other, err_msg=kernel)
@@ -130,11 +130,11 @@ def test_maps_of_a_triangle_have_the_same_bits(name: str, calibrated: bool) -> N
     if calibration is not None:
         plan = replace(plan, calibration=CalibrationUse(Path("made up"), calibration.digest))
     pixels = prepare_frame(volts(name, size), plan=plan, calibration=calibration)
-    expected = resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=NUMPY)
+    expected = by_kernel(NUMPY, resolve_pixels, pixels, plan=plan, calibration=calibration)
     for kernel in compiled_kernels():
         for cut in (0, 33):
             parts = [pixels[:cut], pixels[cut:]] if cut else [pixels]
-            found = [resolve_pixels(part, plan=plan, calibration=calibration, kernel=kernel) for part in parts]
+            found = [by_kernel(kernel, resolve_pixels, part, plan=plan, calibration=calibration) for part in parts]
             values = np.concatenate([maps.values for maps in found], axis=-1)
             np.testing.assert_array_equal(values.view(np.uint32), expected.values.view(np.uint32), err_msg=kernel)
             np.testing.assert_array_equal(np.concatenate([maps.status for maps in found], axis=-1), expected.status)

@@ -20,6 +20,7 @@ from cadtof_cli.resolver.status import StatusBit
 from tests.support.blocks import blocks_of
 from tests.support.campaign import camera, card
 from tests.support.defects import DefectiveCamera, Defects, smeared
+from tests.support.kernels import by_kernel
 
 
 def plan_for(sensor: DefectiveCamera, **settings: Any) -> FramePlan:
@@ -79,7 +80,7 @@ def test_two_paths_that_coincide_keep_the_answer_before_a_step_of_nan(kernel: st
     )
     counts = np.array([[8361, 7561], [7731, 7855]], np.uint16).reshape(2, 2, 1, 1)
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order="2")))
-    maps = resolve_frame(counts, plan=plan, kernel=kernel).maps
+    maps = by_kernel(kernel, resolve_frame, counts, plan=plan).maps
     assert maps.status[0, 0] & StatusBit.TWO_PATHS
     assert np.isfinite(maps.layer("direct.depth")).all()
     assert np.isfinite(maps.layer("mpi.depth")).all()

@@ -29,6 +29,7 @@ from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import record
 from tests.support.hard_pixels import HARD
+from tests.support.kernels import by_kernel
 from tests.support.run_cadtof import cadtof, program
 
 FLOATS = CaptureMetadata(pixel=Pixel(integration_length=1e5))
@@ -63,9 +64,9 @@ def counts(dtype: str = "u2", pixels: int = 20 * WIDTH, seed: int = 4) -> NDArra
 
 def assert_same_bits(stored: Any, plan: FramePlan, calibration: Calibration | None = None) -> DepthMaps:
     """Resolve by numpy and by every compiled kernel, compare every bit, and return the maps."""
-    maps = resolve_frame(stored, plan=plan, calibration=calibration, kernel=NUMPY).maps
+    maps = by_kernel(NUMPY, resolve_frame, stored, plan=plan, calibration=calibration).maps
     for kernel in compiled_kernels():
-        found = resolve_frame(stored, plan=plan, calibration=calibration, kernel=kernel).maps
+        found = by_kernel(kernel, resolve_frame, stored, plan=plan, calibration=calibration).maps
         np.testing.assert_array_equal(bits_of(found), bits_of(maps), err_msg=kernel)
     return maps
 
@@ -182,9 +183,9 @@ def test_a_pixel_has_the_same_bits_wherever_a_part_begins_and_ends(cut: int, nam
     plan = plan_of()
     pixels = prepare_frame(frame(hard_voltages(name, 12 * WIDTH)), plan=plan)
     for kernel in available_kernels():
-        whole = bits_of(resolve_pixels(pixels, plan=plan, kernel=kernel))
+        whole = bits_of(by_kernel(kernel, resolve_pixels, pixels, plan=plan))
         parts = [pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :]]
-        joined = [bits_of(resolve_pixels(part, plan=plan, kernel=kernel)) for part in parts]
+        joined = [bits_of(by_kernel(kernel, resolve_pixels, part, plan=plan)) for part in parts]
         np.testing.assert_array_equal(np.concatenate(joined, axis=-1), whole)
 
 
@@ -234,9 +235,8 @@ def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, 
 
 
 def fill(stored: NDArray[Any], scales: front.KernelScales, /, *, settings: Any, noise: Any, **rest: Any) -> None:
-    kernel = rest.pop("kernel", None)
-    known = {"settings": settings, "noise": noise, "count": 40, "source_type": stored.dtype, "kernel": kernel}
-    front.FrameKernel(scales, **known).fill(stored, **rest)
+    kernel = front.FrameKernel(scales, settings=settings, noise=noise, count=40, source_type=stored.dtype)
+    kernel.fill(stored, **rest)
 
 
 @pytest.mark.parametrize(
@@ -253,8 +253,6 @@ def fill(stored: NDArray[Any], scales: front.KernelScales, /, *, settings: Any, 
         {"metres": np.ones(39)},
         {"metres": np.ones(40, np.float32)},
         {"phase_offset_rad": np.ones((1, 40))},
-        {"kernel": "numpy"},
-        {"kernel": "mmx"},
     ],
 )
 def test_the_front_refuses_arguments_that_do_not_fit(other: dict[str, Any]) -> None:
@@ -284,7 +282,7 @@ def test_the_front_takes_arguments_that_fit() -> None:
 def test_pixels_are_counted_as_numpy_does(bits: list[int], repeats: int) -> None:
     status = np.array(bits, np.uint32).repeat(repeats)
     for view in (status, status[::2], status[::-1], status.reshape(1, -1)):
-        assert front.count_status(view) == front.count_status(view, kernel=NUMPY)
+        assert front.count_status(view) == by_kernel(NUMPY, front.count_status, view)
 
 
 def test_status_of_another_type_is_not_counted(compiled: ModuleType) -> None:
