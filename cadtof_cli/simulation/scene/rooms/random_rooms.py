@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -41,6 +42,7 @@ _CAMERA_ROOM_M = 0.5
 _FLOOR = 3
 
 
+@lru_cache(maxsize=4)
 def random_room(
     seed: int, /, *, furniture: int | None = None, albedo: float | None = None, beam_deg: float | None = None
 ) -> Room:

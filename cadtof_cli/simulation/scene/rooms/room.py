@@ -68,7 +68,7 @@ class RandomRoom:
     @property
     def room(self) -> Room:
         """The room that the seed draws, without a net."""
-        return _drawn(self.seed, self.furniture, self.albedo, self.beam_deg)
+        return random_room(self.seed, furniture=self.furniture, albedo=self.albedo, beam_deg=self.beam_deg)
 
     @property
     def net(self) -> Net | None:
@@ -126,8 +126,3 @@ def median_irradiance(view: View, /) -> float:
     rays: Float = view.camera.rays(slice(None))[:, ::COARSE, ::COARSE].reshape(3, -1)
     direct = view.direct(view.meet(rays))
     return float(np.median(direct[direct > 0])) if (direct > 0).any() else 1.0
-
-
-@lru_cache(maxsize=4)
-def _drawn(seed: int, furniture: int | None, albedo: float | None, beam_deg: float | None) -> Room:
-    return random_room(seed, furniture=furniture, albedo=albedo, beam_deg=beam_deg)

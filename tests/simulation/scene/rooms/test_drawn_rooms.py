@@ -101,6 +101,7 @@ def test_cornell_s_box_is_lit_from_the_camera() -> None:
 def test_a_room_that_has_no_place_for_its_furniture_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """The room is drawn again, but only so many times."""
     kind = random_room(2003, furniture=12).summary.split(" of ")[0]
+    random_room.cache_clear()
     monkeypatch.setattr("cadtof_cli.simulation.scene.rooms.random_rooms.TRIES", 0)
     message = f"furniture: found 12 pieces, expected few enough that the {kind} of seed 2003 holds them"
     with pytest.raises(SettingsError, match=message):
