@@ -115,6 +115,7 @@ class FramePlan:
 
             known_focal_length(self.metadata.optics)
         calibrated_sine = self.calibration is None or self.calibration.sine
+        # raises an error if no solver fits
         resolver.solver_module(modulation.harmonics, sine=calibrated_sine and modulation.waveform == "sine")
 
     def __hash__(self) -> int:

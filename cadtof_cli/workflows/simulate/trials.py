@@ -73,6 +73,7 @@ class Trials:
         require(2 <= self.runs <= MOST_RUNS, "runs", self.runs, f"2 to {MOST_RUNS}")
         require(self.seed >= 0, "seed", self.seed, "0 or more")
         self.condition.mix(self.period_ns)
+        # raises an error if no solver fits
         self.resolver.solver_module(self.model.modulation.harmonics, sine=True)
         if self.model.dead_time_ns > 0 and not self.photon_by_photon:
             raise SettingsError(
