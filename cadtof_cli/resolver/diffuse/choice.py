@@ -177,18 +177,14 @@ def patch_kinds(
 def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMPY) -> bool:
     """Return whether the patches have two true paths each.
 
-    One share of the light shows it. Otherwise further harmonics show it, if they can tell; if they cannot, evenness shows it.
+    Further harmonics show it, if they can tell. If they cannot, one share of the light or evenness shows it.
     """
     with np.errstate(all="ignore"):
         # if a patch has one path, the delay of the other is NaN
         second = SecondPaths.of(data, kernel=kernel)
-        if has_one_share(second, rad_per_ns=places.rad_per_ns):
-            return True
-        return (
-            predict_further_harmonics(second, data)
-            if further_harmonics_tell(second, data)
-            else are_even(second, data, places)
-        )
+        if further_harmonics_tell(second, data):
+            return predict_further_harmonics(second, data)
+        return has_one_share(second, rad_per_ns=places.rad_per_ns) or are_even(second, data, places)
 
 
 def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:
