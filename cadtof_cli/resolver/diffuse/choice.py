@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
-from cadtof_cli.quantiles import median
+from cadtof_cli.quantiles import median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
@@ -111,6 +111,17 @@ class RoomNumbers:
     unseen: tuple[float, float]
     decay_ns: tuple[float, float]
     start_ns: tuple[float, float]
+
+    @classmethod
+    def of(cls, state: Float, /) -> "RoomNumbers":
+        """Return the medians and the scatter of the states of all patches, (6, n)."""
+        low, middle, high = quantiles(state, (0.16, 0.5, 0.84))
+        scatter = 0.5 * (high - low)
+        natural = np.exp(middle[:5])
+        albedo, beside, later, unseen, decay = (
+            (float(value), float(value * s)) for value, s in zip(natural, scatter, strict=False)
+        )
+        return cls(albedo, beside, later, unseen, decay, (float(middle[5]), float(scatter[5])))
 
 
 @dataclass(frozen=True)
