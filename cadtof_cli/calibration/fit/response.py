@@ -14,7 +14,7 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics import curvature_m, squared_field_radius, wall_range_m
+from cadtof_cli.optics import LampBeside, curvature_m, squared_field_radius, wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.units import metres_per_radian
 
@@ -82,8 +82,9 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     """
     known_optics = metadata.optics.focal_length_px is not None
     per_metre = wall_range_m(metadata.optics, origin.pixels, distance_m=1.0) if known_optics else np.ones(origin.pixels)
-    ranges = np.stack([target.distance_m * per_metre for target in targets])
-    phase = ranges.reshape(len(targets), -1) / metres_per_radian(origin.periods_ns[0])
+    ranges = np.stack([target.distance_m * per_metre.ravel() for target in targets])
+    lamp = LampBeside.of(metadata.optics, origin.pixels)
+    phase = (ranges if lamp is None else lamp.half_way_m(ranges)) / metres_per_radian(origin.periods_ns[0])
     volts = np.stack([target.volts.reshape(len(origin.harmonics), -1) for target in targets])
     noise = np.stack([target.noise_v for target in targets])
     seen = _seen(volts, noise)
