@@ -169,7 +169,8 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
     distances = ranges / np.sqrt(1.0 + start[2] * (u**2 + v**2))
     for index, wall in enumerate(walls):
         start[3 + 3 * index] = np.median(distances[whose == index]) if wall.distance_m is None else wall.distance_m
-        free[3 + 3 * index] = wall.distance_m is None
+        # a wall on one row or one column of pixels shows no tilt across it
+        free[3 + 3 * index :][:3] = wall.distance_m is None, np.ptp(u) > 0.0, np.ptp(v) > 0.0
     return _Problem(
         u=u,
         v=v,

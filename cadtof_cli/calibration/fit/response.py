@@ -185,10 +185,14 @@ def _without_curvature(
     shapes = np.stack([squared, squared**2, np.ones_like(squared), columns, rows], axis=1)
     shapes[:, 3:] /= max(origin.pixels)
 
-    def residual(parameters: Float) -> tuple[Float, Float]:
-        return (ranges - shapes @ parameters) / sigma, shapes / sigma[:, np.newaxis]
+    # an array of one row or one column shows no lean across it
+    free = np.ptp(shapes, axis=0) > 0.0
+    free[2] = True
 
-    fit = robust_fit(residual, np.zeros(5))
+    def residual(parameters: Float) -> tuple[Float, Float]:
+        return (ranges - shapes @ parameters) / sigma, shapes[:, free] / sigma[:, np.newaxis]
+
+    fit = robust_fit(residual, np.zeros(5), free=free)
     _require_flat(fit, sigma, usable.reshape(origin.pixels))
     errors = np.sqrt(np.diag(fit.covariance))
     if not (np.abs(fit.parameters[:2]) > CURVATURE_SIGNIFICANCE * errors[:2]).any():
@@ -249,7 +253,8 @@ def _why_targets_differ(optics: Optics) -> str:
 
 def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
     """Make sure that the maps of phase and gain show no object of the scene: it would change every corrected frame."""
-    lean = float(np.hypot(*fit.parameters[3:]))
+    height, width = where.shape
+    lean = float(np.hypot(*fit.parameters[3:] * (width, height))) / max(where.shape)
     shape = shape_rms(fit.residual * sigma, where)
     if lean > LARGEST_LEAN_M:
         raise SettingsError(

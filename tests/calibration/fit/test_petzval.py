@@ -402,3 +402,19 @@ def test_a_very_long_focal_length_is_refused_or_fitted_positive(seed: int) -> No
     found = fitted(*walls, optics=Optics())
     assert found.quality.focal_length_px > 0.0
     assert np.isfinite([wall.slopes for wall in found.quality.walls]).all()
+
+
+def test_a_single_row_of_pixels_shows_the_curvature_of_a_wall_that_leans_along_it() -> None:
+    across, row = np.arange(320) - 159.5, (1, 320)
+    optics = Optics(focal_length_px=280.0)
+    rho2 = across**2 / (0.25 * (320.0**2 + 1.0))
+    ray = across / 280.0
+    walls = []
+    for seed, (distance_m, slope) in enumerate(((1.0, 0.05), (3.0, -0.04))):
+        noise = np.random.default_rng(seed).normal(0.0, SIGMA_M / 10, row)
+        ranges = distance_m * np.sqrt(1.0 + ray**2) / (1.0 + slope * ray) + K2_M * rho2 + K4_M * rho2**2 + noise
+        walls.append(WallRanges(ranges, np.full(row, SIGMA_M / 10), None))
+    origin = Origin(captures=("a", "b"), frames=2, pixels=row, periods_ns=(40.0, 20.0), waveform="sine")
+    found = fit_petzval(walls, optics=optics, origin=origin)
+    assert max(deviations(found)) < 3.0
+    assert found.quality.walls[0].slopes == pytest.approx((0.05, 0.0), abs=2e-3)
