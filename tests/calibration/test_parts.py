@@ -111,8 +111,9 @@ def test_an_impossible_response_is_refused(wrong: str) -> None:
         phase[1, 2, 3] = np.nan
     elif wrong == "zero":
         gain[0, 0, 0] = 0.0
+    quality = response_quality(2 - (wrong == "quality"))
     with pytest.raises(ValueError, match=r"found|gain"):
-        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), response_quality(2 - (wrong == "quality")))
+        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), (0.0, 0.0), quality)
 
 
 def test_a_part_measured_with_another_dark_part_is_stale() -> None:

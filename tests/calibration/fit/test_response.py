@@ -315,7 +315,7 @@ def test_a_term_of_every_candidate_order_is_found(k: int) -> None:
 
 RAD_PER_M = 2 * np.pi / 40.0 * 2 / 0.299792458
 
-ACROSS, DOWN = np.broadcast_arrays((np.arange(16) - 7.5) / 16, ((np.arange(12) - 5.5) / 12)[:, np.newaxis])
+ACROSS, DOWN = np.broadcast_arrays((np.arange(16) - 7.5) / 16, ((np.arange(12) - 5.5) / 16)[:, np.newaxis])
 """Positions in the array, in units of its longer side."""
 
 CHEQUERED = np.where((np.arange(16) // 2 + (np.arange(12) // 2)[:, np.newaxis]) % 2, 1.0, -1.0)
@@ -328,7 +328,7 @@ CHEQUERED = np.where((np.arange(16) // 2 + (np.arange(12) // 2)[:, np.newaxis]) 
 def test_targets_that_lean_by_more_than_ten_centimetres_are_refused(
     right_m: float, down_m: float, refused: bool
 ) -> None:
-    """The lean is the difference of range from one side of the array to the other, which all targets have in common."""
+    """The lean is the difference of range over the longer side of the array, which all targets have in common."""
     pixel_phases = RAD_PER_M * (right_m * ACROSS + down_m * DOWN)
     if refused:
         lean = round(1000 * float(np.hypot(right_m, down_m)))
