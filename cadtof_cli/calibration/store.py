@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -108,8 +108,8 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
     return tuple(written)
 
 
-def load_calibration(folder: Path, /) -> Calibration:
-    """Read all parts that a calibration folder holds.
+def load_calibration(folder: Path, /, *, kinds: Sequence[PartKind] = PART_KINDS) -> Calibration:
+    """Read the parts of these kinds that a calibration folder holds.
 
     Raises:
         MetadataError: there is no such folder, it holds no part, or a part is damaged or was changed by hand.
@@ -121,7 +121,7 @@ def load_calibration(folder: Path, /) -> Calibration:
             )
         raise MetadataError(f"{folder}: no such folder; expected one that `cadtof calibrate … -o {folder}` made")
     found: dict[str, Any] = {
-        kind: _load_part(folder, kind) for kind in PART_KINDS if os.path.lexists(folder / f"{kind}.toml")
+        kind: _load_part(folder, kind) for kind in kinds if os.path.lexists(folder / f"{kind}.toml")
     }
     if not found:
         expected = ", ".join(f"{kind}.toml" for kind in PART_KINDS)
