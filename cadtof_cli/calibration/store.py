@@ -160,7 +160,10 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
         # the text of a TypeError is about Python code; the cause is an unknown key, or a value of another kind
         what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
         what = "a key is unknown, or its value is of another kind" if isinstance(error, TypeError) else what
-        raise MetadataError(f"{path}: not a {kind} calibration: {what}") from error
+        raise MetadataError(
+            f"{path}: not a {kind} calibration: {what}; if another version of cadtof made it, repeat "
+            f"`cadtof calibrate {kind}` with --overwrite"
+        ) from error
     if digest != recorded:
         raise MetadataError(
             f"{path}: does not match its digest {recorded}: it, or the maps beside it, were changed or belong to another "
