@@ -44,6 +44,7 @@ class ResponseCalibration:
     first harmonic. The gain of the first harmonic is 1, because it cannot be told from the target's reflectivity.
     `field_curvature_m` (k2, k4) describes the length that the lens adds to the range. It was taken out of the phase
     maps; `resolve` uses it if there is no Petzval calibration. Its ρ counts from `principal_point_px` (column, row).
+    `lamp_offset_m` is the place of the lamp with which the ways of the targets' light were computed.
     """
 
     kind: ClassVar[PartKind] = "response"
@@ -55,6 +56,7 @@ class ResponseCalibration:
     field_curvature_m: tuple[float, float]
     principal_point_px: tuple[float, float]
     quality: ResponseQuality
+    lamp_offset_m: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         shape = (len(self.origin.harmonics), *self.origin.pixels)
@@ -87,7 +89,10 @@ class ResponseCalibration:
         }
         k2, k4 = self.field_curvature_m
         tables["field_curvature"] = {"k2_m": k2, "k4_m": k4, "k2_stderr_m": k2_error, "k4_stderr_m": k4_error}
-        tables["field_curvature"]["principal_point_px"] = list(self.principal_point_px)
+        tables["optics"] = {
+            "principal_point_px": list(self.principal_point_px),
+            "lamp_offset_m": list(self.lamp_offset_m),
+        }
         return tables | {"quality": quality}
 
     def maps(self) -> dict[str, NDArray[Any]]:
@@ -99,7 +104,7 @@ class ResponseCalibration:
     def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
         """Build the calibration from its tables and maps."""
         quality, curved = tables["quality"], tables["field_curvature"]
-        column, row = curved["principal_point_px"]
+        column, row = tables["optics"]["principal_point_px"]
         return cls(
             origin,
             tuple(
@@ -119,4 +124,5 @@ class ResponseCalibration:
                 (float(curved["k2_stderr_m"]), float(curved["k4_stderr_m"])),
                 tuple(quality["findings"]),
             ),
+            tuple(map(float, tables["optics"]["lamp_offset_m"])),
         )

@@ -17,7 +17,7 @@ from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.errors import FrameError, MetadataError
+from cadtof_cli.errors import FrameError, MetadataError, SettingsError
 from cadtof_cli.files.atomic import make_folder, require_new, write_text
 from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.files.reading import is_folder
@@ -62,9 +62,18 @@ class Calibration:
         return self.response is None or all(one.linear for one in self.response.responses)
 
     def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /) -> None:
-        """Make sure that every part belongs to a capture (see `Origin.require_match`)."""
+        """Make sure that every part belongs to a capture (see `Origin.require_match`), and that it has the same lamp."""
         for part in self.parts:
             part.origin.require_match(metadata, pixels, kind=part.kind)
+        lamp = metadata.optics.lamp_offset_m or (0.0, 0.0, 0.0)
+        if self.response is not None and lamp != self.response.lamp_offset_m:
+            found, expected = list(lamp), list(self.response.lamp_offset_m)
+            raise SettingsError(
+                f"the response calibration does not belong to this capture: lamp_offset_m is {found} in the capture and "
+                f"{expected} in the calibration, made {self.response.origin.created} from "
+                f"{', '.join(self.response.origin.captures)}; its maps would be wrong by the way of the lamp's light; give both "
+                "the same lamp_offset_m under [optics], or --lamp-offset-m"
+            )
 
     def stale(self) -> tuple[str, ...]:
         """Return a sentence for each part that was measured with another version of an earlier part than the folder has."""

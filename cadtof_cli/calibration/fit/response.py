@@ -117,7 +117,8 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
         )
     quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
     lens = curvature, metadata.optics.principal_point(origin.pixels)
-    return _calibration(pixels, own, rest, terms, ideal, usable, lens, quality, origin)
+    found = _calibration(pixels, own, rest, terms, ideal, usable, lens, quality, origin)
+    return replace(found, lamp_offset_m=metadata.optics.lamp_offset_m or found.lamp_offset_m)
 
 
 def _seen(volts: Complex, noise: Float) -> Bool:

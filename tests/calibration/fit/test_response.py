@@ -387,6 +387,7 @@ def test_a_lamp_beside_the_camera_is_not_taken_for_a_delay_of_the_pixels() -> No
         targets.append(mean_of(sensor, half_way, distance_m, seed=seed))
     metadata = replace(sensor.metadata, optics=replace(optics, lamp_offset_m=(0.1, 0.0, 0.02)))
     found = fit_response(targets, metadata=metadata, origin=origin_of(targets))
+    assert found.lamp_offset_m == (0.1, 0.0, 0.02)
     assert orders(found) == {1}
     assert found.phase_rad.std(axis=(1, 2)) == pytest.approx(found.quality.phase_stderr_rad, rel=0.2)
 
