@@ -173,8 +173,7 @@ def _earlier_parts(
         if earlier:
             progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
         return None
-    everything = load_calibration(folder)
-    parts = replace(everything, **{name: None for name in PART_KINDS if name not in earlier})
+    parts = load_calibration(folder, kinds=earlier)
     parts.require_match(metadata, pixels)
     progress.say(f"applied to the frames first: {', '.join(part.kind for part in parts.parts)} of {folder}")
     return parts
