@@ -30,8 +30,7 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
     from cadtof_cli.commands.terminal import Bar
-    from cadtof_cli.workflows.resolve.record import FrameReport
-    from cadtof_cli.workflows.resolve.totals import RunTotals
+    from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
 
 _worker = partial(setting_option, Workers)
 

@@ -13,7 +13,8 @@ from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines, shared_folder
 from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, new_frames, plan_captures
-from cadtof_cli.workflows.resolve.record import RUN_FILE, FrameReport, read_record
+from cadtof_cli.workflows.resolve.record import RUN_FILE, read_record
+from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 

@@ -25,7 +25,7 @@ from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.units import counted
 from cadtof_cli.version import __version__
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
-from cadtof_cli.workflows.resolve.record import FrameReport
+from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:

@@ -39,14 +39,9 @@ from cadtof_cli.workflows.resolve.plans import (
     run_document,
     use_calibration,
 )
-from cadtof_cli.workflows.resolve.record import (
-    ALREADY_THERE,
-    FrameReport,
-    RunRecorder,
-    recorded_run,
-)
+from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
+from cadtof_cli.workflows.resolve.reports import ALREADY_THERE, FrameReport, RunTotals
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-from cadtof_cli.workflows.resolve.totals import RunTotals
 
 if TYPE_CHECKING:
     from cadtof_cli.workflows.resolve.arrivals import Arrivals
