@@ -114,7 +114,7 @@ def _task(
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     (plan,) = plan_captures(captures, settings, calibration)
     maps = 0
-    for task in plan.tasks(settings):
+    for task in plan.tasks():
         if maps == place:
             return task, (*plan.notes(), *(calibration.notes if calibration else ()))
         maps += 1

@@ -25,7 +25,7 @@ from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status
-from cadtof_cli.workflows.resolve.reports import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
+from cadtof_cli.workflows.resolve.reports import FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
@@ -70,6 +70,10 @@ class FrameTask:
         """Return the report on the frame."""
         output = str(self.output) if status == "ok" else None
         return FrameReport(str(self.sources[0]), output, status, reason, round(seconds, 6), **more)
+
+    def kept(self, line: FrameReport, seconds: float, /) -> FrameReport:
+        """Return the report on a frame whose maps stay as an earlier run made them; `line` is its line in the record."""
+        return self.report("skipped", f"{self.output} exists already", seconds, line=line)
 
     def files(self) -> tuple[SourceFile, ...] | None:
         """Return the files that the frame lies in, as they are now; None: a file is missing."""
@@ -228,7 +232,7 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
         if recording.digest != before.digest:
             return None
     line = replace(before, source=str(task.sources[0]), output=str(task.output), files=files)
-    return task.report("skipped", f"{task.output} {ALREADY_THERE}", time.monotonic() - began, line=line)
+    return task.kept(line, time.monotonic() - began)
 
 
 def _why_again(task: FrameTask) -> str | None:

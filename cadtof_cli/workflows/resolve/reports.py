@@ -7,9 +7,6 @@ from typing import Any, Literal, get_args
 
 from cadtof_cli.records import dataclass
 
-ALREADY_THERE = "exists already"
-"""End of the reason of a frame that is skipped because its maps are there."""
-
 FrameStatus = Literal["ok", "failed", "skipped"]
 
 
@@ -78,7 +75,7 @@ class FrameReport:
     @property
     def is_already_there(self) -> bool:
         """Whether the frame was skipped because an earlier run has made its maps."""
-        return self.status == "skipped" and str(self.reason).endswith(ALREADY_THERE)
+        return self.line is not None
 
     def as_json(self) -> dict[str, Any]:
         """Return the line as a JSON object."""
@@ -129,8 +126,7 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
-        if report.status == "skipped":
-            self.already_there += report.is_already_there
+        self.already_there += report.is_already_there
         for kind in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
             setattr(self, kind, getattr(self, kind) + (getattr(report, kind) or 0))
         self.diffuse_frames += bool(report.diffuse)
