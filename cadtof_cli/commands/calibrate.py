@@ -14,8 +14,8 @@ from cadtof_cli.commands.options import (
     Decorator,
     RecordOptions,
     capture_options,
+    declared_options,
     input_paths,
-    setting_option,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
@@ -115,10 +115,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
             "settings",
             CalibrateSettings,
             settings_option(),
-            setting_option(
-                CalibrateSettings, "out", "Calibration folder; this part is added to it.", option="-o --out"
-            ),
-            setting_option(CalibrateSettings, "overwrite", "Replace this part if the folder already has it."),
+            *declared_options(CalibrateSettings).values(),
             *more,
         ),
         click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),

@@ -8,13 +8,14 @@ from typing import Any
 import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.map_options import MAP_HEADING, calibration_option, map_options
-from cadtof_cli.commands.options import CAPTURE_HEADING, capture_options, note_given, settings_option
+from cadtof_cli.commands.map_options import MAP_HEADING, map_options
+from cadtof_cli.commands.options import CAPTURE_HEADING, capture_options, declared_options, note_given, settings_option
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.commands.values import PATH, PIXEL_PLACE
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.pipeline.plan import MapSettings
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 _WIDTH = 22
 
@@ -49,7 +50,7 @@ _ROOM = {
 @click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 @settings_option()
 @map_options("roi")
-@calibration_option()
+@declared_options(ResolveSettings)["calibration"]
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only: no notes on stderr.")
 @capture_options()
 def inspect(
@@ -79,8 +80,6 @@ def inspect(
         require_picture(out, overwrite=overwrite)
     else:
         note_given({"overwrite"}, "without -o")
-    from cadtof_cli.workflows.resolve.settings import ResolveSettings
-
     settings = ResolveSettings(out=Path(), maps=maps, calibration=calibration, settings_file=settings_file)
     found = inspect_pixel(frame, pixel, place=place, settings=settings, overrides=overrides, progress=Bar(quiet=quiet))
     if out is not None:

@@ -20,7 +20,6 @@ from cadtof_cli.commands.options import (
     declared_options,
     jobs_option,
     note_given,
-    setting_option,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
@@ -31,8 +30,6 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 if TYPE_CHECKING:
     from cadtof_cli.commands.terminal import Bar
     from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
-
-_worker = partial(setting_option, Workers)
 
 
 @click.command(
@@ -54,28 +51,7 @@ _worker = partial(setting_option, Workers)
     *declared_options(ResolveSettings).values(),
     settings_option(),
     map_options(),
-    RecordOptions(
-        "workers",
-        Workers,
-        jobs_option("Worker processes"),
-        _worker(
-            "start_method",
-            "How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]",
-            show_default=False,
-        ),
-        _worker(
-            "task_timeout_s",
-            "Seconds after which a frame counts as failed because it hangs; it is tried twice.",
-            option="--frame-timeout",
-            metavar="S",
-        ),
-        _worker(
-            "scheduler",
-            "local: worker processes on this machine. Or the address of a dask scheduler whose workers see the same "
-            "files; needs the extra `cluster`.",
-            metavar="local|tcp://HOST:PORT",
-        ),
-    ),
+    RecordOptions("workers", Workers, jobs_option("Worker processes"), *declared_options(Workers).values()),
 )
 @click.option(
     "-0", "--null", is_flag=True, help="Paths on stdin are separated by zero bytes, as `find -print0` writes them."

@@ -3,7 +3,7 @@
 import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.phasors.plausible import require_plausible
+from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
 
@@ -38,8 +39,8 @@ class CalibrateSettings:
         settings_file: a `capture.toml` that is used for every capture, in place of any other.
     """
 
-    out: Path
-    overwrite: bool = False
+    out: Path = setting(MISSING, "Calibration folder; this part is added to it.", option="-o --out")
+    overwrite: bool = setting(False, "Replace this part if the folder already has it.")
     distances_m: tuple[float, ...] = ()
     settings_file: Path | None = None
 

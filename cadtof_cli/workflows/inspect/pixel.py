@@ -106,9 +106,7 @@ def _task(
     frame: Path, place: int, settings: ResolveSettings, overrides: Mapping[str, Any]
 ) -> tuple[FrameTask, tuple[str, ...]]:
     """Return the task that a run would have for a map, and notes on what it assumes."""
-    captures = find_captures(
-        [frame], overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
-    )
+    captures = find_captures([frame], overrides=overrides, settings_file=settings.settings_file)
     if len(captures) > 1:
         raise CaptureError(f"{frame}: found {len(captures)} captures, expected a frame or one capture")
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
