@@ -123,7 +123,7 @@ def _tell_of_frame(bar: "Bar", report: "FrameReport", /, *, as_json: bool, dry_r
         tell(json.dumps(report.as_json()))
     elif dry_run:
         tell(f"{report.source} → {report.output or 'nothing, it is already there'}")
-    if report.status == "failed" or (report.status == "skipped" and not report.is_already_there):
+    if report.status == "failed" or (report.status == "skipped" and not report.kept):
         bar.say(f"{report.status}: {report.reason}", warning=True)
 
 

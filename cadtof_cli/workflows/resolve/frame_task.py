@@ -73,7 +73,7 @@ class FrameTask:
 
     def kept(self, line: FrameReport, seconds: float, /) -> FrameReport:
         """Return the report on a frame whose maps stay as an earlier run made them; `line` is its line in the record."""
-        return self.report("skipped", f"{self.output} exists already", seconds, line=line)
+        return self.report("skipped", f"{self.output} exists already", seconds, kept=line)
 
     def files(self) -> tuple[SourceFile, ...] | None:
         """Return the files that the frame lies in, as they are now; None: a file is missing."""

@@ -82,11 +82,11 @@ class RunRecorder:
         Raises:
             OutputError: the line cannot be written; PlaceError: no other line could be written either.
         """
-        line = report.line or report
+        line = report.kept or report
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
         try:
-            place = self._known_place(line.output) if report.line else None
+            place = self._known_place(line.output) if report.kept else None
             if place is None or self._line_at(place) != text:
                 self._require_there()
                 place, written = self.lines.seek(0, os.SEEK_END), 0

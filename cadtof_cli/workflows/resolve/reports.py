@@ -35,7 +35,7 @@ class FrameReport:
         digest: digest of the values that were read, see `content_digest`.
         output_bytes: size of the map file.
         output_digest: digest of the bytes of the map file.
-        line: report that goes into `frames.jsonl` in place of this one: that of the earlier run whose maps are kept.
+        kept: report of an earlier run whose maps are kept; it goes into `frames.jsonl` in place of this one. None: not kept.
         note: a message for the user that is not recorded.
         stops: whether the run must stop, because the next maps could not be written either.
     """
@@ -54,7 +54,7 @@ class FrameReport:
     digest: str | None = None
     output_bytes: int | None = None
     output_digest: str | None = None
-    line: "FrameReport | None" = None
+    kept: "FrameReport | None" = None
     note: str | None = None
     stops: bool = False
 
@@ -72,11 +72,6 @@ class FrameReport:
             and all(isinstance(count, int | None) for count in counts)
         )
 
-    @property
-    def is_already_there(self) -> bool:
-        """Whether the frame was skipped because an earlier run has made its maps."""
-        return self.line is not None
-
     def as_json(self) -> dict[str, Any]:
         """Return the line as a JSON object."""
         line = {name: value for name, value in vars(self).items() if name in _JSON_FIELDS}
@@ -86,7 +81,7 @@ class FrameReport:
         return line
 
 
-_JSON_FIELDS = frozenset(one.name for one in fields(FrameReport)) - {"line", "note", "stops"}
+_JSON_FIELDS = frozenset(one.name for one in fields(FrameReport)) - {"kept", "note", "stops"}
 
 
 def report_of(line: bytes, /) -> FrameReport | None:
@@ -126,7 +121,7 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
-        self.already_there += report.is_already_there
+        self.already_there += report.kept is not None
         for kind in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
             setattr(self, kind, getattr(self, kind) + (getattr(report, kind) or 0))
         self.diffuse_frames += bool(report.diffuse)
