@@ -2,10 +2,9 @@
 
 import itertools
 import json
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     settings_option(),
     map_options(),
     RecordOptions("workers", Workers, jobs_option("Worker processes"), *declared_options(Workers).values()),
+    capture_options(),
 )
 @click.option(
     "-0", "--null", is_flag=True, help="Paths on stdin are separated by zero bytes, as `find -print0` writes them."
@@ -66,7 +66,6 @@ if TYPE_CHECKING:
 @click.option(
     "-q", "--quiet", is_flag=True, is_eager=True, help="Print errors only: no progress bar, notes or summary on stderr."
 )
-@capture_options()
 def resolve(
     *,
     inputs: tuple[str, ...],
@@ -75,7 +74,6 @@ def resolve(
     as_json: bool,
     log: Path | None,
     quiet: bool,
-    overrides: Mapping[str, Any],
 ) -> int:
     """Resolve the direct path and the MPI in every pixel of recorded frames, and write depth maps.
 
@@ -105,7 +103,6 @@ def resolve(
             first,
             arriving=paths if STDIN in inputs else None,
             settings=settings,
-            overrides=overrides,
             progress=bar,
             on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=settings.dry_run),
         )

@@ -30,7 +30,6 @@ class Arrivals:
 
     Attributes:
         settings: settings of the run.
-        overrides: metadata by dotted key, which replace those of any `capture.toml`.
         batches: the paths that arrive during the run.
         base: folder whose tree OUT mirrors; None: it is not known yet.
         gone: reports on those of the first inputs that do not exist.
@@ -43,7 +42,6 @@ class Arrivals:
     """
 
     settings: ResolveSettings
-    overrides: Mapping[str, Any]
     batches: Iterable[tuple[Path, ...]]
     base: Path | None = None
     gone: list[FrameReport] = field(default_factory=list)
@@ -117,7 +115,7 @@ class Arrivals:
         settings = self.settings
         captures, self.base = find_placed_captures(
             paths,
-            overrides=self.overrides,
+            overrides=settings.overrides,
             settings_file=settings.settings_file,
             recursive=settings.recursive,
             base=self.base,

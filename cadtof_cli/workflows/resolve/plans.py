@@ -203,7 +203,6 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
 
 def run_document(
     inputs: Sequence[Path],
-    overrides: Mapping[str, Any],
     settings: ResolveSettings,
     plans: Sequence[CapturePlan],
     calibration: AppliedCalibration | None,
@@ -241,7 +240,7 @@ def run_document(
             "recursive": settings.recursive,
             "settings": settings.settings_file and str(settings.settings_file.absolute()),
             "frames": settings.frames and [settings.frames.start, settings.frames.stop],
-            "overrides": dict(overrides),
+            "overrides": dict(settings.overrides),
         },
         "captures": list[dict[str, Any]](),
         "calibration": applied,

@@ -5,12 +5,12 @@ import math
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names
@@ -62,7 +62,6 @@ def resolve_captures(
     /,
     *,
     settings: ResolveSettings,
-    overrides: Mapping[str, Any],
     arriving: Iterable[tuple[Path, ...]] | None = None,
     progress: Progress = NO_PROGRESS,
     on_frame: Callable[[FrameReport], None] = lambda _: None,
@@ -72,7 +71,6 @@ def resolve_captures(
     Args:
         inputs: folders of frames, and single files.
         settings: settings of the run.
-        overrides: values by dotted key that replace those of `capture.toml`.
         arriving: more inputs, in batches that come during the run.
         progress: a step is a file of maps.
         on_frame: called with every report, in the order of the inputs for any number of processes.
@@ -85,15 +83,19 @@ def resolve_captures(
         # imported only when it is needed: each module takes a third of a millisecond
         from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
-        arrivals = Arrivals(settings, overrides, arriving)
+        arrivals = Arrivals(settings, arriving)
         captures = arrivals.first_captures(inputs)
     else:
-        chosen, recursive = settings.settings_file, settings.recursive
-        captures, _ = find_placed_captures(inputs, overrides=overrides, settings_file=chosen, recursive=recursive)
+        captures, _ = find_placed_captures(
+            inputs,
+            overrides=settings.overrides,
+            settings_file=settings.settings_file,
+            recursive=settings.recursive,
+        )
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
     require_own_places(captures, settings.out)
-    document = run_document(inputs, overrides, settings, plans, calibration)
+    document = run_document(inputs, settings, plans, calibration)
     gone = arrivals.gone if arrivals else ()
     is_open = arrivals is not None
     resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=is_open)
