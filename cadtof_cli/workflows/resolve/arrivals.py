@@ -75,7 +75,20 @@ class Arrivals:
             told = f"{out / RUN_FILE}: not the record of a run, so it cannot be resumed ({error})"
             raise OutputError(told) from error
 
-    def meet(self, plans: Iterable[CapturePlan], /) -> None:
+    def begin(
+        self,
+        plans: Iterable[CapturePlan],
+        calibration: AppliedCalibration | None,
+        on_failure: Callable[[FrameReport], None],
+        /,
+    ) -> None:
+        """Report those of the first inputs that do not exist, and remember the plans of the others."""
+        self.calibration, self.on_failure = calibration, on_failure
+        for report in self.gone:
+            on_failure(report)
+        self._meet(plans)
+
+    def _meet(self, plans: Iterable[CapturePlan]) -> None:
         """Remember captures and the names of their frames."""
         for one in plans:
             self.known.setdefault(one.capture.root, one)
@@ -136,7 +149,7 @@ class Arrivals:
         own = []
         for one in plans:
             own.append(self._with_own_places(one))
-            self.meet(own[-1:])
+            self._meet(own[-1:])
         return own
 
     def _with_own_places(self, plan: CapturePlan) -> CapturePlan:

@@ -96,12 +96,11 @@ def resolve_captures(
     plans = plan_captures(captures, settings, calibration)
     require_own_places(captures, settings.out)
     document = run_document(inputs, settings, plans, calibration)
-    gone = arrivals.gone if arrivals else ()
-    is_open = arrivals is not None
-    resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=is_open)
+    is_arriving = arrivals is not None
+    resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=is_arriving)
     if settings.dry_run:
         resumes()
-        return _dry_run(plans, settings, captures, gone, on_frame)
+        return _dry_run(plans, settings, captures, arrivals.gone if arrivals else (), on_frame)
     make_folder(settings.out)
     with locked(settings.out):
         resumed = resumes()
@@ -109,29 +108,24 @@ def resolve_captures(
             remove_partial_files(settings.out)
         for note in _notes(plans, calibration, settings, kernel=document["kernel"]):
             progress.say(note)
-        token = os.urandom(8).hex()
+        run = _Run(settings, progress, on_frame)
         try:
-            run = _Run(settings, progress, on_frame, token)
             # if a cluster does not answer, this fails before anything is written
             first = run.outcomes(plans, partial(frame_names, captures))
             if settings.overwrite:
                 remove_run(settings.out)
             if resumed and arrivals:
                 arrivals.keep_earlier(document, plans)
-            record = recorded_run(settings.out, document, resume=resumed, arriving=is_open, say=progress.say)
+            record = recorded_run(settings.out, document, resume=resumed, arriving=is_arriving, say=progress.say)
             with record as run.record:
-                batches: Iterable[Outcomes] = [first]
-                for report in gone:
-                    run.report(report)
+                later: Iterable[Outcomes] = ()
                 if arrivals:
-                    arrivals.calibration, arrivals.on_failure = calibration, run.report
-                    arrivals.meet(plans)
+                    arrivals.begin(plans, calibration, run.report)
                     later = (run.outcomes(more, arrivals.sources.keys) for more in arrivals.plans(document))
-                    batches = itertools.chain(batches, later)
-                return run.report_all(batches)
+                return run.report_all(itertools.chain([first], later))
         finally:
             # maps bear the token of the run, and the two records bear the number of this process
-            remove_partial_files(settings.out, tokens={token, str(os.getpid())})
+            remove_partial_files(settings.out, tokens={run.token, str(os.getpid())})
 
 
 def _notes(
@@ -176,7 +170,7 @@ class _Run:
     settings: ResolveSettings
     progress: Progress
     on_frame: Callable[[FrameReport], None]
-    token: str
+    token: str = field(default_factory=lambda: os.urandom(8).hex())
     record: RunRecorder = field(init=False)
     expected: int = 0
     totals: RunTotals = field(default_factory=RunTotals)
