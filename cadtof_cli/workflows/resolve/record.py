@@ -212,7 +212,7 @@ def place_in(out: Path, output: Path, /) -> str:
 
 @contextmanager
 def recorded_run(
-    out: Path, document: Mapping[str, Any], /, *, resume: bool, arriving: bool = False, say: Callable[[str], None]
+    out: Path, document: Mapping[str, Any], /, *, resume: bool, arriving: bool, say: Callable[[str], None]
 ) -> Iterator[RunRecorder]:
     """Write a run's `run.json`, and yield a recorder that holds its `frames.jsonl` open for the reports on its frames.
 

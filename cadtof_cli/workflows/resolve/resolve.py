@@ -22,7 +22,7 @@ from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY, numpy_note
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
+from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import (
     continues_earlier_run,
@@ -62,16 +62,16 @@ def resolve_captures(
     /,
     *,
     settings: ResolveSettings,
-    arriving: Iterable[tuple[Path, ...]] | None = None,
-    progress: Progress = NO_PROGRESS,
-    on_frame: Callable[[FrameReport], None] = lambda _: None,
+    arriving: Iterable[tuple[Path, ...]] | None,
+    progress: Progress,
+    on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
     """Resolve every frame of the inputs into a file of maps in `settings.out`. A frame that fails does not stop the others.
 
     Args:
         inputs: folders of frames, and single files.
         settings: settings of the run.
-        arriving: more inputs, in batches that come during the run.
+        arriving: more inputs, in batches that come during the run; None: there are no more.
         progress: a step is a file of maps.
         on_frame: called with every report, in the order of the inputs for any number of processes.
 
