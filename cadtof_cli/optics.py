@@ -112,3 +112,8 @@ class LampBeside:
         with np.errstate(divide="ignore", invalid="ignore"):
             ranges = (half_way_m * half_way_m - self.distance_m**2) / (half_way_m - self.along_m[pixels])
         return np.where(half_way_m <= self.distance_m, 0.0, ranges)
+
+    def half_way_m(self, range_m: Float, /) -> Float:
+        """Return half the ways of the light, (N, n), from the ranges from the camera, (N, n), of all n pixels."""
+        to_lamp = np.sqrt(range_m * (range_m - 4.0 * self.along_m) + 4.0 * self.distance_m**2)
+        return np.asarray(0.5 * (range_m + to_lamp))

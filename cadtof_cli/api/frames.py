@@ -146,7 +146,7 @@ def read_frames(
     for plan in plan_captures(captures, settings, None):
         for note in plan.notes():
             _log.warning(note)
-        for task in plan.tasks(settings, taken=partial(frame_names, captures)):
+        for task in plan.tasks(taken=partial(frame_names, captures)):
             stored, _ = read_frame(task)
             assert isinstance(stored, np.ndarray)
             source = task.sources[0]

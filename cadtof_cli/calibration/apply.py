@@ -9,7 +9,6 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.optics import curvature_m
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.phasors.voltages import PhasorMap, ideal_phasor_map, pixel_phasor_map
@@ -117,7 +116,7 @@ def frame_correction(
         phasor_map,
         tabulated_responses(responses, phase),
         dark.hot.ravel() if dark is not None and dark.hot.any() else None,
-        _range_offset_m(calibration, metadata, pixels),
+        _range_offset_m(calibration),
         _noise(calibration, responses, metadata.modulation.amplitude_v),
     )
 
@@ -148,12 +147,11 @@ def _noise(
     )
 
 
-def _range_offset_m(calibration: "Calibration", metadata: CaptureMetadata, pixels: tuple[int, int]) -> Float | None:
+def _range_offset_m(calibration: "Calibration") -> Float | None:
     """Return the offset by the Petzval calibration; without one, the curvature that was taken out of the response's
     phase maps."""
     if calibration.petzval is not None:
         return calibration.petzval.range_offset_m.ravel()
     if calibration.response is not None and any(calibration.response.field_curvature_m):
-        point = metadata.optics.principal_point(pixels)
-        return curvature_m(pixels, point, calibration.response.field_curvature_m).ravel()
+        return calibration.response.range_offset_m.ravel()
     return None

@@ -6,8 +6,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float32, sealed
+from cadtof_cli.arrays import Float, Float32, sealed
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
+from cadtof_cli.optics import curvature_m
 from cadtof_cli.phasors.response import HarmonicResponse
 
 
@@ -42,7 +43,8 @@ class ResponseCalibration:
     it stands inside the series. Its mean is 0, because G[h,1] contains the mean delay. The gain is relative to the
     first harmonic. The gain of the first harmonic is 1, because it cannot be told from the target's reflectivity.
     `field_curvature_m` (k2, k4) describes the length that the lens adds to the range. It was taken out of the phase
-    maps; `resolve` uses it if there is no Petzval calibration.
+    maps; `resolve` uses it if there is no Petzval calibration. Its ρ counts from `principal_point_px` (column, row).
+    `lamp_offset_m` is the place of the lamp with which the ways of the targets' light were computed.
     """
 
     kind: ClassVar[PartKind] = "response"
@@ -52,7 +54,9 @@ class ResponseCalibration:
     phase_rad: Float32
     gain: Float32
     field_curvature_m: tuple[float, float]
+    principal_point_px: tuple[float, float]
     quality: ResponseQuality
+    lamp_offset_m: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         shape = (len(self.origin.harmonics), *self.origin.pixels)
@@ -69,6 +73,11 @@ class ResponseCalibration:
         if not (self.gain > 0.0).all():
             raise ValueError("gain: found 0 or less, expected gains above 0")
 
+    @property
+    def range_offset_m(self) -> Float:
+        """The length Δ that the field curvature adds to the range of every pixel, (Y, X), in m."""
+        return curvature_m(self.origin.pixels, self.principal_point_px, self.field_curvature_m)
+
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return the terms of every harmonic as [k, real part, imaginary part], the field curvature, and the quality of
         the fit."""
@@ -80,6 +89,10 @@ class ResponseCalibration:
         }
         k2, k4 = self.field_curvature_m
         tables["field_curvature"] = {"k2_m": k2, "k4_m": k4, "k2_stderr_m": k2_error, "k4_stderr_m": k4_error}
+        tables["optics"] = {
+            "principal_point_px": list(self.principal_point_px),
+            "lamp_offset_m": list(self.lamp_offset_m),
+        }
         return tables | {"quality": quality}
 
     def maps(self) -> dict[str, NDArray[Any]]:
@@ -91,6 +104,7 @@ class ResponseCalibration:
     def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
         """Build the calibration from its tables and maps."""
         quality, curved = tables["quality"], tables["field_curvature"]
+        column, row = tables["optics"]["principal_point_px"]
         return cls(
             origin,
             tuple(
@@ -100,6 +114,7 @@ class ResponseCalibration:
             stacked(maps, "phase", origin.harmonics),
             stacked(maps, "gain", origin.harmonics),
             (float(curved["k2_m"]), float(curved["k4_m"])),
+            (float(column), float(row)),
             ResponseQuality(
                 tuple(quality["distances_m"]),
                 float(quality["residual"]),
@@ -109,4 +124,5 @@ class ResponseCalibration:
                 (float(curved["k2_stderr_m"]), float(curved["k4_stderr_m"])),
                 tuple(quality["findings"]),
             ),
+            tuple(map(float, tables["optics"]["lamp_offset_m"])),
         )

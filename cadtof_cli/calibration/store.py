@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +17,7 @@ from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.errors import FrameError, MetadataError
+from cadtof_cli.errors import FrameError, MetadataError, SettingsError
 from cadtof_cli.files.atomic import make_folder, require_new, write_text
 from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.files.reading import is_folder
@@ -62,9 +62,18 @@ class Calibration:
         return self.response is None or all(one.linear for one in self.response.responses)
 
     def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /) -> None:
-        """Make sure that every part belongs to a capture (see `Origin.require_match`)."""
+        """Make sure that every part belongs to a capture (see `Origin.require_match`), and that it has the same lamp."""
         for part in self.parts:
             part.origin.require_match(metadata, pixels, kind=part.kind)
+        lamp = metadata.optics.lamp_offset_m or (0.0, 0.0, 0.0)
+        if self.response is not None and lamp != self.response.lamp_offset_m:
+            found, expected = list(lamp), list(self.response.lamp_offset_m)
+            raise SettingsError(
+                f"the response calibration does not belong to this capture: lamp_offset_m is {found} in the capture and "
+                f"{expected} in the calibration, made {self.response.origin.created} from "
+                f"{', '.join(self.response.origin.captures)}; its maps would be wrong by the way of the lamp's light; give both "
+                "the same lamp_offset_m under [optics], or --lamp-offset-m"
+            )
 
     def stale(self) -> tuple[str, ...]:
         """Return a sentence for each part that was measured with another version of an earlier part than the folder has."""
@@ -108,8 +117,8 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
     return tuple(written)
 
 
-def load_calibration(folder: Path, /) -> Calibration:
-    """Read all parts that a calibration folder holds.
+def load_calibration(folder: Path, /, *, kinds: Sequence[PartKind] = PART_KINDS) -> Calibration:
+    """Read the parts of these kinds that a calibration folder holds.
 
     Raises:
         MetadataError: there is no such folder, it holds no part, or a part is damaged or was changed by hand.
@@ -121,7 +130,7 @@ def load_calibration(folder: Path, /) -> Calibration:
             )
         raise MetadataError(f"{folder}: no such folder; expected one that `cadtof calibrate … -o {folder}` made")
     found: dict[str, Any] = {
-        kind: _load_part(folder, kind) for kind in PART_KINDS if os.path.lexists(folder / f"{kind}.toml")
+        kind: _load_part(folder, kind) for kind in kinds if os.path.lexists(folder / f"{kind}.toml")
     }
     if not found:
         expected = ", ".join(f"{kind}.toml" for kind in PART_KINDS)
@@ -160,7 +169,10 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
         # the text of a TypeError is about Python code; the cause is an unknown key, or a value of another kind
         what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
         what = "a key is unknown, or its value is of another kind" if isinstance(error, TypeError) else what
-        raise MetadataError(f"{path}: not a {kind} calibration: {what}") from error
+        raise MetadataError(
+            f"{path}: not a {kind} calibration: {what}; if another version of cadtof made it, repeat "
+            f"`cadtof calibrate {kind}` with --overwrite"
+        ) from error
     if digest != recorded:
         raise MetadataError(
             f"{path}: does not match its digest {recorded}: it, or the maps beside it, were changed or belong to another "

@@ -208,8 +208,6 @@ _last = _LastRead()
 
 def _joined_planes(source: FrameSource, layout: FrameLayout) -> Stored:
     """Return the frame of a source with files of one plane each."""
-    if len(source.paths) != layout.planes:
-        raise FrameError(f"frame {source.name}: found {len(source.paths)} files, expected {layout.planes}")
     for path, name in zip(source.paths, layout.plane_names, strict=True):
         if not os.path.lexists(path):
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")

@@ -49,7 +49,7 @@ HARMONIC_TOLERANCE = 5e-4
 """Largest relative distance of periods_ns[0] / period from a whole number; given periods are rounded decimals."""
 
 
-def _key(kind: Kind, about: str, default: Any = None, *checks: Check) -> Any:
+def _key(kind: Kind, about: str, default: Any, *checks: Check) -> Any:
     """Declare a key of a table: kind of its value, meaning, default (the paper's value, or None) and checks."""
     return field(default=default, metadata={"kind": kind, "about": about, "checks": checks})
 

@@ -18,7 +18,7 @@ SETTLED_S = 5.0
 _READ_BYTES = 2**16
 
 
-def paths_as_they_arrive(descriptor: int, /, *, separator: bytes = b"\n") -> Iterator[tuple[Path, ...]]:
+def paths_as_they_arrive(descriptor: int, /, *, separator: bytes) -> Iterator[tuple[Path, ...]]:
     """Yield paths in batches: each batch as soon as nothing more can be read, the last one when the writer has ended.
 
     Args:

@@ -14,8 +14,8 @@ from cadtof_cli.commands.options import (
     Decorator,
     RecordOptions,
     capture_options,
+    declared_options,
     input_paths,
-    setting_option,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
@@ -84,7 +84,6 @@ class _Step:
     settings: CalibrateSettings
     as_json: bool
     quiet: bool
-    overrides: Mapping[str, Any]
 
     def take(
         self, measure: Callable[..., CalibrateReport], lines: Callable[[Mapping[str, Any]], list[str]], **more: Any
@@ -92,7 +91,7 @@ class _Step:
         """Take the step by calling `measure`, and print its report; `lines` puts the measured figures into words."""
         with progress_bar("reading", "frames", quiet=self.quiet) as bar:
             paths = input_paths(self.captures)
-            report = measure(paths, settings=self.settings, overrides=self.overrides, progress=bar, **more)
+            report = measure(paths, settings=self.settings, progress=bar, **more)
         if self.as_json:
             tell(json.dumps(asdict(report)))
             return
@@ -115,15 +114,12 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
             "settings",
             CalibrateSettings,
             settings_option(),
-            setting_option(
-                CalibrateSettings, "out", "Calibration folder; this part is added to it.", option="-o --out"
-            ),
-            setting_option(CalibrateSettings, "overwrite", "Replace this part if the folder already has it."),
+            *declared_options(CalibrateSettings).values(),
             *more,
+            capture_options("target.distance_m"),
         ),
         click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
         click.option("-q", "--quiet", is_flag=True, help="Print errors only: no progress bar or notes on stderr."),
-        capture_options("target.distance_m"),
     )
 
 

@@ -28,8 +28,7 @@ from cadtof_cli.workflows.inspect.export import OPTICS_FREE, WHOLE, ExportSettin
     help="File to write. With several maps, one file per map is written: the name of the map is added to the name of OUT.",
 )
 @RecordOptions("settings", ExportSettings)
-@click.option("--overwrite", is_flag=True, help="Replace the files if they exist.")
-def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings, overwrite: bool) -> None:
+def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings) -> None:
     """Write maps in formats of other software: point clouds, depth images, arrays, tables.
 
     MAPS are map files and folders of them. The names of the written files are printed on stdout.
@@ -46,6 +45,6 @@ def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings, overw
     if kind in OPTICS_FREE:
         note_given({"focal_length_px", "principal_point_px"}, f"with {kind}")
     with progress_bar("exporting", "maps") as bar:
-        outputs = export_maps(maps, out, settings=settings, progress=bar, overwrite=overwrite)
+        outputs = export_maps(maps, out, settings=settings, progress=bar)
     for output in outputs:
         tell(output)

@@ -2,19 +2,27 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.map_options import MAP_HEADING, calibration_option, map_options
-from cadtof_cli.commands.options import CAPTURE_HEADING, capture_options, note_given, settings_option
+from cadtof_cli.commands.map_options import MAP_HEADING, map_options
+from cadtof_cli.commands.options import (
+    CAPTURE_HEADING,
+    RecordOptions,
+    capture_options,
+    declared_options,
+    note_given,
+    settings_option,
+)
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.commands.values import PATH, PIXEL_PLACE
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.layers import layer_unit
-from cadtof_cli.pipeline.plan import MapSettings
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 _WIDTH = 22
 
@@ -47,11 +55,15 @@ _ROOM = {
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 @click.option("-o", "--out", type=PATH, help="Also draw the phasors of the pixel: .png, .svg, .pdf or .jpg.")
 @click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
-@settings_option()
-@map_options("roi")
-@calibration_option()
+@RecordOptions(
+    "settings",
+    partial(ResolveSettings, out=Path()),
+    settings_option(),
+    map_options("roi"),
+    declared_options(ResolveSettings)["calibration"],
+    capture_options(),
+)
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only: no notes on stderr.")
-@capture_options()
 def inspect(
     *,
     frame: Path,
@@ -60,11 +72,8 @@ def inspect(
     as_json: bool,
     out: Path | None,
     overwrite: bool,
-    settings_file: Path | None,
-    maps: MapSettings,
-    calibration: Path | None,
+    settings: ResolveSettings,
     quiet: bool,
-    overrides: Mapping[str, Any],
 ) -> None:
     """Show everything about one pixel: voltages, phasors, one and two paths, order test, diffuse MPI, status, neighbours.
 
@@ -79,10 +88,7 @@ def inspect(
         require_picture(out, overwrite=overwrite)
     else:
         note_given({"overwrite"}, "without -o")
-    from cadtof_cli.workflows.resolve.settings import ResolveSettings
-
-    settings = ResolveSettings(out=Path(), maps=maps, calibration=calibration, settings_file=settings_file)
-    found = inspect_pixel(frame, pixel, place=place, settings=settings, overrides=overrides, progress=Bar(quiet=quiet))
+    found = inspect_pixel(frame, pixel, place=place, settings=settings, progress=Bar(quiet=quiet))
     if out is not None:
         from cadtof_cli.figures.phasor_diagram import draw_phasors
 

@@ -2,10 +2,9 @@
 
 from typing import Any
 
-from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, note_given
+from cadtof_cli.commands.options import RecordOptions, declared_options, note_given
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 _RESOLVER, _MAPS = declared_options(ResolverSettings), declared_options(MapSettings)
 
@@ -41,8 +40,3 @@ def map_options(*without: str) -> RecordOptions:
 
 MAP_HEADING = {"Resolving options": ("calibration", *map_options().names())}
 """The heading of these options in the help of a command that takes them, and the names of their parameters."""
-
-
-def calibration_option() -> Decorator[Any]:
-    """Return the option that names a calibration."""
-    return declared_options(ResolveSettings)["calibration"]

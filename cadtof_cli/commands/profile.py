@@ -19,18 +19,14 @@ from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table,
     )
 )
 @click.argument("maps", nargs=-1, required=True, type=PATH, metavar="MAPS...")
-@RecordOptions("settings", ProfileSettings)
-@click.option("--truth", type=PATH, help="File with the true values of the layer; they and the errors are drawn too.")
 @click.option(
     "-o",
     "--out",
     type=PATH,
     help="Picture (.png, .svg, .pdf, .jpg) or table (.csv) to write.  [default: a table on stdout]",
 )
-@click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")
-def profile(
-    *, maps: tuple[Path, ...], settings: ProfileSettings, truth: Path | None, out: Path | None, overwrite: bool
-) -> None:
+@RecordOptions("settings", ProfileSettings)
+def profile(*, maps: tuple[Path, ...], settings: ProfileSettings, out: Path | None) -> None:
     """Show the cross-section of maps along a line, with ± 1 predicted sigma, the first phasor and truth.
 
     MAPS are map files or folders that `cadtof resolve` wrote; one map of each folder is shown. All maps are drawn into
@@ -40,9 +36,9 @@ def profile(
         note_given({"first_phasor"}, f"with --layer {settings.layer}")
     if out is None:
         note_given({"overwrite"}, "without -o")
-    found = read_profile(maps, settings=settings, truth=truth, progress=Bar())
+    found = read_profile(maps, settings=settings, progress=Bar())
     if out is None:
         tell(profile_table(found).rstrip("\n"))
         return
-    write_profile(found, out, overwrite=overwrite)
+    write_profile(found, out, overwrite=settings.overwrite)
     tell(out)

@@ -2,10 +2,9 @@
 
 import itertools
 import json
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,7 +19,6 @@ from cadtof_cli.commands.options import (
     declared_options,
     jobs_option,
     note_given,
-    setting_option,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
@@ -30,10 +28,7 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
     from cadtof_cli.commands.terminal import Bar
-    from cadtof_cli.workflows.resolve.record import FrameReport
-    from cadtof_cli.workflows.resolve.totals import RunTotals
-
-_worker = partial(setting_option, Workers)
+    from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
 
 
 @click.command(
@@ -55,28 +50,8 @@ _worker = partial(setting_option, Workers)
     *declared_options(ResolveSettings).values(),
     settings_option(),
     map_options(),
-    RecordOptions(
-        "workers",
-        Workers,
-        jobs_option("Worker processes"),
-        _worker(
-            "start_method",
-            "How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]",
-            show_default=False,
-        ),
-        _worker(
-            "task_timeout_s",
-            "Seconds after which a frame counts as failed because it hangs; it is tried twice.",
-            option="--frame-timeout",
-            metavar="S",
-        ),
-        _worker(
-            "scheduler",
-            "local: worker processes on this machine. Or the address of a dask scheduler whose workers see the same "
-            "files; needs the extra `cluster`.",
-            metavar="local|tcp://HOST:PORT",
-        ),
-    ),
+    RecordOptions("workers", Workers, jobs_option("Worker processes"), *declared_options(Workers).values()),
+    capture_options(),
 )
 @click.option(
     "-0", "--null", is_flag=True, help="Paths on stdin are separated by zero bytes, as `find -print0` writes them."
@@ -91,7 +66,6 @@ _worker = partial(setting_option, Workers)
 @click.option(
     "-q", "--quiet", is_flag=True, is_eager=True, help="Print errors only: no progress bar, notes or summary on stderr."
 )
-@capture_options()
 def resolve(
     *,
     inputs: tuple[str, ...],
@@ -100,7 +74,6 @@ def resolve(
     as_json: bool,
     log: Path | None,
     quiet: bool,
-    overrides: Mapping[str, Any],
 ) -> int:
     """Resolve the direct path and the MPI in every pixel of recorded frames, and write depth maps.
 
@@ -130,7 +103,6 @@ def resolve(
             first,
             arriving=paths if STDIN in inputs else None,
             settings=settings,
-            overrides=overrides,
             progress=bar,
             on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=settings.dry_run),
         )
@@ -148,7 +120,7 @@ def _tell_of_frame(bar: "Bar", report: "FrameReport", /, *, as_json: bool, dry_r
         tell(json.dumps(report.as_json()))
     elif dry_run:
         tell(f"{report.source} → {report.output or 'nothing, it is already there'}")
-    if report.status == "failed" or (report.status == "skipped" and not report.is_already_there):
+    if report.status == "failed" or (report.status == "skipped" and not report.kept):
         bar.say(f"{report.status}: {report.reason}", warning=True)
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.cores import available_cores
-from cadtof_cli.records import dataclass
+from cadtof_cli.records import dataclass, setting
 
 StartMethod = Literal["fork", "spawn", "forkserver"]
 
@@ -37,13 +37,27 @@ class Workers:
         jobs: number of processes; 1 means this process alone.
         start_method: how other processes start.
         task_timeout_s: time limit of a task, after which its process is ended; None: no limit.
-        scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
+        scheduler: `local`, or the address of a dask scheduler.
     """
 
     jobs: int = field(default_factory=available_cores)
-    start_method: StartMethod = START_METHOD
-    task_timeout_s: float | None = None
-    scheduler: str = LOCAL
+    start_method: StartMethod = setting(
+        START_METHOD,
+        "How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]",
+        show_default=False,
+    )
+    task_timeout_s: float | None = setting(
+        None,
+        "Seconds after which a frame counts as failed because it hangs; it is tried twice.",
+        option="--frame-timeout",
+        metavar="S",
+    )
+    scheduler: str = setting(
+        LOCAL,
+        "local: worker processes on this machine. Or the address of a dask scheduler whose workers see the same files; needs "
+        "the extra `cluster`.",
+        metavar="local|tcp://HOST:PORT",
+    )
 
     def __post_init__(self) -> None:
         if self.jobs < 1:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, EFFECTIVE_PIXELS, Layer, LayerSource
+from cadtof_cli.maps.layers import CONFIDENCE, EFFECTIVE_PIXELS, Layer, LayerSource
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusBit
@@ -59,16 +59,15 @@ class DepthScale:
         """Return the phase that the lens adds in every pixel of a block, (n,); None: 0."""
         return None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
 
-    def measure_from_camera(self, maps: DepthMaps, first: int, /) -> None:
-        """Turn the direct depths of maps, in place, from half the way of the light to the depth from the camera.
+    def from_camera(self, depth: Float | Float32, block: slice, /) -> Float:
+        """Return depths from the camera, (n,), from those that half the ways of the light stand for.
 
-        `first` is the flat index, in the frame, of the first pixel of the maps.
+        `block` holds the flat indices of the pixels in the frame.
         """
-        assert self.lamp is not None
-        depth = maps.layer(DIRECT_DEPTH).reshape(-1)
-        block = slice(first, first + depth.size)
+        if self.lamp is None:
+            return depth.astype(np.float64)
         planar: Float | float = 1.0 if self.planar_per_range is None else self.planar_per_range[block]
-        depth[:] = self.lamp.range_m(depth.astype(np.float64) / planar, block) * planar
+        return np.asarray(self.lamp.range_m(depth.astype(np.float64) / planar, block) * planar)
 
     def source(self, resolved: "ResolvedPaths", block: slice, /, *, samples: Float | None) -> LayerSource:
         """Return the source of all layers of a block of the frame's pixels."""

@@ -32,7 +32,7 @@ terms that are left out are below 3 % of the variance at ASR 5.
 """
 
 LEAST_SHARE = 1e-3
-"""Floor for the variance along a phasor, as a share of the variance by ambient light alone: if all light is the laser's, the
+"""Floor for the variance of a phasor, as a share of the variance by ambient light alone: if all light is the laser's, the
 variance along the phasor falls to rounding error."""
 
 MOST_INTEGRATION = 1e12
@@ -161,25 +161,28 @@ def most_integration(metadata: CaptureMetadata, /, *, quantised: bool) -> float:
 
 
 @np.errstate(invalid="ignore", over="ignore")
-def estimated_integration_length(phasors: Complex, /) -> float:
+def estimated_integration_length(phasors: Complex, metadata: CaptureMetadata, /) -> float:
     """Return the n_av that explains the pixel-to-pixel noise of a frame's phasors, complex128 (H, Y, X).
 
     The diagonal second difference (p[y,x] − p[y,x+1] − p[y+1,x] + p[y+1,x+1])/2 keeps the variance of white noise and
     removes every gradient along rows and columns; its median absolute deviation ignores edges and outliers. NaN is left
-    out. Returns infinity for a frame without noise, and NaN if fewer than 16 differences of a harmonic are finite.
+    out. The variance is compared with that of `noise_model` for the median of |p_h|². Returns infinity for a frame without
+    noise, and NaN if fewer than 16 differences of a harmonic are finite.
     """
+    # its variances are those of photons, times 2·n_av − 1
+    unit = noise_model(metadata, integration_length=1.0, quantised=False)
     # infinite pixels make NaN here, and NaN is left out
     difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
-    estimates = []
-    for plane, phasor in zip(difference, phasors, strict=True):
+    seen = expected = 0.0
+    for plane, phasor, one in zip(difference, phasors, unit.each, strict=True):
         finite = plane[np.isfinite(plane)]
         if finite.size < 16:
             return math.nan
         spread = [np.median(np.abs(part)) / MAD_PER_SIGMA for part in (finite.real, finite.imag)]
         signal = np.median(np.abs(phasor[np.isfinite(phasor)])) ** 2
-        variance = spread[0] ** 2 + spread[1] ** 2
-        estimates.append(variance / max(1.0 - signal, 0.05))
-    averaging = float(np.mean(estimates))
+        seen += spread[0] ** 2 + spread[1] ** 2
+        expected += max(2.0 * one.ambient_variance - signal, 2.0 * LEAST_SHARE * one.ambient_variance)
+    averaging = float(seen / expected)
     return 0.5 * (1.0 + 1.0 / averaging) if averaging > 0.0 else math.inf
 
 

@@ -41,7 +41,7 @@ def estimated_noise(
     phasors[:, saturated_pixels(stored, stages.saturated_counts)] = np.nan
 
     def noise_of(alike: Complex) -> NoiseModel:
-        estimate = estimated_integration_length(alike.reshape(-1, *size))
+        estimate = estimated_integration_length(alike.reshape(-1, *size), metadata)
         if math.isnan(estimate):
             raise FrameError(
                 "the integration length is unknown and the noise cannot be estimated: too few pixels are finite and not "

@@ -159,9 +159,12 @@ def _numbers(
         paths = Paths(fit.paths.amplitude, fit.paths.phase_rad, sigma)
         source: LayerSource = stages.depth.source(replace(resolved, paths=paths), here, samples=pixel.noise.samples)
         depth, amplitude, sigma_m = (
-            float(np.multiply(*factors)[0]) for factors in (source.depth(row), source.amplitude(row), source.sigma(row))
+            np.asarray(np.multiply(*factors))
+            for factors in (source.depth(row), source.amplitude(row), source.sigma(row))
         )
-    return PathNumbers(depth, amplitude, sigma_m)
+        if row == 0:
+            depth = stages.depth.from_camera(depth, here)
+    return PathNumbers(float(depth[0]), float(amplitude[0]), float(sigma_m[0]))
 
 
 def _order_test(one: Fit, two: Fit, stages: FrameStages, noise: NoiseModel, metres: Float | float) -> OrderTest:

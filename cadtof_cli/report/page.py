@@ -101,7 +101,7 @@ def write_page(
         words=status_words(),
         settings=settings(page),
         table=frame_table(page),
-        embedded=embedded_section(page, [frame.embedded for frame in frames]),
+        embedded=embedded_section([frame.embedded for frame in frames]),
         run=_json_markup(json.dumps(_document(frames, truth, limits), allow_nan=False, separators=(",", ":"))),
         data=_payloads(frames, truth),
         style=style,

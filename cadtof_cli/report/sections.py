@@ -189,7 +189,7 @@ def status_words() -> Markup:
     )
 
 
-def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Markup:
+def embedded_section(frames: Sequence[EmbeddedFrame], /) -> Markup:
     """Return how many pixels of each frame the page holds, and the rounding errors of the codes."""
     if not frames:
         return element("p", "The page holds no maps.")
@@ -204,9 +204,8 @@ def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Mark
         "Values are rounded to 16-bit steps between the lowest and the highest value of the layer in the frame:"
     )
     rows = [(name, *_loss(known)) for name, known in layers.items()]
-    return joined(
-        (element("p", told), table(("layer", "largest rounding", "steps"), rows, caption="What rounding loses"))
-    )
+    losses = table(("layer", "largest rounding", "steps"), rows, caption="What rounding loses")
+    return joined((element("p", told), losses))
 
 
 def _held(step: int, count: int) -> str:

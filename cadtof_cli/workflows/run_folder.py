@@ -25,7 +25,8 @@ from cadtof_cli.files.reading import is_folder, read_bytes, real_path
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.places import capture_folders, shared_folder
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, place_in, read_record, report_of
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, place_in, read_record
+from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """For each map, by its name: the capture, and the recorded frames that the map was made from (several if it shows a mean)."""

@@ -17,11 +17,11 @@ from cadtof_cli.calibration.parts import Origin, named_planes, stacked
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Voltage
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.phasors.response import HarmonicResponse
-from tests.support.calibrations import PETZVAL_QUALITY, response_quality
+from tests.support.calibrations import PETZVAL_QUALITY, made_up_calibration, response_quality
 
 SHAPE = (4, 6)
 
@@ -111,8 +111,9 @@ def test_an_impossible_response_is_refused(wrong: str) -> None:
         phase[1, 2, 3] = np.nan
     elif wrong == "zero":
         gain[0, 0, 0] = 0.0
+    quality = response_quality(2 - (wrong == "quality"))
     with pytest.raises(ValueError, match=r"found|gain"):
-        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), response_quality(2 - (wrong == "quality")))
+        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), (0.0, 0.0), quality)
 
 
 def test_a_part_measured_with_another_dark_part_is_stale() -> None:
@@ -259,3 +260,29 @@ def test_the_standard_error_of_offsets_follows_from_the_noise_of_their_harmonic(
     assert np.sqrt(first * second) == pytest.approx(np.sqrt(3.0) * 1e-4 / 3.0, rel=0.3)
     single = DarkCalibration(origin(frames=1), noise, 0.0 * noise, np.zeros(SHAPE, np.uint32))
     assert single.offset_stderr_v() == (0.0, 0.0)
+
+
+def test_a_response_measured_with_another_lamp_is_refused() -> None:
+    """The lamp's way would be taken out twice, or not at all."""
+    offset = (0.1, 0.0, 0.0)
+    metadata = CaptureMetadata(optics=Optics(focal_length_px=70.0, lamp_offset_m=offset))
+    made = made_up_calibration(CaptureMetadata(), SHAPE, ("dark", "response"))
+    with pytest.raises(
+        SettingsError, match=r"the response calibration does not belong .*lamp_offset_m is \[0.1, 0.0, 0.0\]"
+    ):
+        made.require_match(metadata, SHAPE)
+    assert made.response is not None
+    same = replace(made, response=replace(made.response, lamp_offset_m=offset))
+    same.require_match(metadata, SHAPE)
+    with pytest.raises(SettingsError, match=r"lamp_offset_m is \[0.0, 0.0, 0.0\] in the capture"):
+        same.require_match(CaptureMetadata(), SHAPE)
+    replace(same, response=None).require_match(CaptureMetadata(), SHAPE)
+
+
+def test_a_response_keeps_principal_point_and_lamp(tmp_path: Path) -> None:
+    made = made_up_calibration(CaptureMetadata(), SHAPE, ("response",)).response
+    assert made is not None
+    save_part(tmp_path, replace(made, lamp_offset_m=(0.1, -0.02, 0.03)))
+    found = load_calibration(tmp_path).response
+    assert found is not None
+    assert (found.principal_point_px, found.lamp_offset_m) == (made.principal_point_px, (0.1, -0.02, 0.03))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli import read_maps
-from cadtof_cli.calibration.store import save_part
+from cadtof_cli.calibration.store import load_calibration, save_part
 from cadtof_cli.phasors.response import HarmonicResponse
 from tests.support.calibrations import made_up_calibration
 from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, covered, record_campaign, wall, write
@@ -111,6 +111,15 @@ def test_a_part_is_replaced_only_with_overwrite(campaign: Campaign, calibrated: 
     assert done.status == 2
     assert done.err.startswith(f"Error: {calibrated / 'dark.toml'}: already exists; add --overwrite to replace it")
     assert (calibrated / "dark.toml").read_bytes() == before
+
+
+def test_a_damaged_part_is_replaced_by_repeating_its_step(campaign: Campaign, calibrated: Path, tmp_path: Path) -> None:
+    out = tmp_path / "camera"
+    shutil.copytree(calibrated, out)
+    (out / "response.toml").write_text((out / "response.toml").read_text().replace("frames = ", "frames = 1"))
+    repeated = cadtof("calibrate", "response", *map(str, campaign.targets), "-o", str(out), "--overwrite")
+    assert (repeated.status, "response: from" in repeated.out) == (0, True)
+    assert load_calibration(out).response is not None
 
 
 def test_resolve_applies_reports_and_records_the_calibration(

@@ -117,18 +117,17 @@ def response(curvature: tuple[float, float], **maps: F) -> ResponseCalibration:
     responses = tuple(HarmonicResponse(h, ((1, complex(pulse)),)) for h, pulse in PULSE.items())
     phase = np.asarray(maps.get("phase", np.zeros((2, *SHAPE))), np.float32)
     gain = np.asarray(maps.get("gain", np.ones((2, *SHAPE))), np.float32)
-    return ResponseCalibration(ORIGIN, responses, phase, gain, curvature, response_quality(2))
+    return ResponseCalibration(ORIGIN, responses, phase, gain, curvature, POINT_PX, response_quality(2))
 
 
-@pytest.mark.parametrize("point_px", [POINT_PX, None])
+@pytest.mark.parametrize("point_px", [POINT_PX, (2.0, 7.0), None])
 def test_without_a_petzval_part_the_curvature_of_the_response_part_is_removed(
     tmp_path: Path, point_px: tuple[float, float] | None
 ) -> None:
-    """ρ counts from the principal point, or from the middle of the array if no principal point is given."""
-    middle = ((SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2)
+    """ρ counts from the principal point with which the part was measured, whatever the capture says or leaves out."""
     metadata = replace(METADATA, optics=Optics(focal_length_px=14.0, principal_point_px=point_px))
     truth_m = ranges_m()
-    recorded = volts((0.3, truth_m + curvature_m(point_px or middle)))
+    recorded = volts((0.3, truth_m + curvature_m(POINT_PX)))
     maps = maps_of(recorded, tmp_path, response((K2_M, K4_M)), order="1", metadata=metadata)
     np.testing.assert_allclose(maps.layer("direct.depth"), truth_m, atol=2e-6)
 

@@ -62,7 +62,8 @@ def response() -> ResponseCalibration:
     shape = (len(PERIODS_NS), *ORIGIN.pixels)
     phase = np.random.default_rng(61312).normal(0.0, 0.0015, shape).astype(np.float32)
     quality = response_quality(3, phase_stderr_rad=0.0015)
-    return ResponseCalibration(ORIGIN, ideal_response(METADATA), phase, np.ones(shape, np.float32), (0.0, 0.0), quality)
+    gain, straight, point = np.ones(shape, np.float32), (0.0, 0.0), (0.0, 0.0)
+    return ResponseCalibration(ORIGIN, ideal_response(METADATA), phase, gain, straight, point, quality)
 
 
 def resolved(folder: Path, parts: tuple[Part, ...], frames: int, metadata: CaptureMetadata = METADATA) -> ResolvedFrame:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cadtof_cli.api.scenes import simulate_scene
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage, Waveform
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline.frame import resolve_frame
@@ -106,6 +107,21 @@ def test_an_estimated_integration_length_is_that_of_one_frame_of_a_mean() -> Non
     assert resolved.noise.integration_length == pytest.approx(1e4, rel=0.1)
     scatter = (resolved.maps.layer("direct.depth") - depth_m(5.0)).std()
     assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("waveform", "asr"), [("sine", 0.0), ("sine", 0.03), ("sine", 0.3), ("triangle", 0.3), ("sine", 5.0)]
+)
+def test_the_length_is_estimated_correctly_with_little_ambient_light_too(waveform: Waveform, asr: float) -> None:
+    """The variance without ambient light is that of the pulse's length, less than a twentieth of that with much."""
+    wall = simulate_scene(
+        "wall", integration_length=1e4, modulation={"waveform": waveform}, camera={"width": 160, "height": 120}, asr=asr
+    )
+    (frame,) = wall.frames
+    plan = FramePlan(
+        metadata=replace(frame.metadata, pixel=Pixel()), settings=MapSettings(resolver=ResolverSettings(order="1"))
+    )
+    assert resolve_frame(frame.stored, plan=plan).noise.integration_length == pytest.approx(1e4, rel=0.15)
 
 
 def test_a_mean_of_noise_alone_still_has_an_integration_length() -> None:

@@ -51,7 +51,7 @@ def response() -> ResponseCalibration:
     delays = CAMERA.fixed_delays_ns(SEED)
     phase = np.stack([2.0 * np.pi / period * delays for period in origin.periods_ns]).astype(np.float32)
     return ResponseCalibration(
-        origin, ideal_response(METADATA), phase, np.ones_like(phase), (0.0, 0.0), response_quality(2)
+        origin, ideal_response(METADATA), phase, np.ones_like(phase), (0.0, 0.0), (0.0, 0.0), response_quality(2)
     )
 
 

@@ -15,7 +15,7 @@ from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
-from cadtof_cli.workflows.resolve.record import FrameReport
+from cadtof_cli.workflows.resolve.reports import FrameReport
 from tests.support.captures import record
 
 

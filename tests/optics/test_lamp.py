@@ -10,7 +10,9 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.optics import LampBeside
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.one_pixel import pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 from tests.support.diffuse_frames import F, phasors_of, slopes
 from tests.support.kernels import by_kernel
 from tests.support.run_cadtof import cadtof
@@ -52,6 +54,7 @@ def test_the_range_is_that_from_the_camera(offset: tuple[float, float, float]) -
     assert lamp is not None
     found = lamp.range_m(half_way(range_m, offset).ravel(), slice(None))
     np.testing.assert_allclose(found, range_m.ravel(), atol=1e-9)
+    np.testing.assert_allclose(lamp.half_way_m(range_m.ravel()), half_way(range_m, offset).ravel(), atol=1e-12)
 
 
 def test_light_that_went_less_far_than_the_lamp_is_away_comes_from_the_camera() -> None:
@@ -106,3 +109,19 @@ def test_a_simulated_capture_names_its_lamp(tmp_path: Path) -> None:
     size = ("--width", "32", "--height", "24", "--light-paths", "4")
     cadtof("simulate", "--scene", "room", "--seed", "3", *size, "--lamp-offset", "0.1,0,0", "-o", str(out))
     assert "lamp_offset_m = [0.1, 0.0, 0.0]" in (out / "capture.toml").read_text()
+
+
+@pytest.mark.parametrize("depth", ["range", "z"])
+def test_the_first_phasor_and_one_pixel_are_measured_from_the_camera_too(depth: str) -> None:
+    offset = (0.1, 0.02, 0.0)
+    range_m = np.full(SIZE, 0.8)
+    truth = range_m * rays()[2] if depth == "z" else range_m
+    plan = FramePlan(metadata=metadata(offset), settings=MapSettings(depth="z" if depth == "z" else "range"))
+    stored = volts(half_way(range_m, offset))
+    found = first_phasor_depth(stored, plan=plan)
+    for part in (slice(0, 16), slice(48, 64)):
+        assert abs(np.median((found - truth)[:, part])) < 1e-3
+    evidence = pixel_evidence(prepare_frame(stored, plan=plan), 5, plan=plan)
+    assert evidence.one is not None
+    resolved = resolve_frame(stored, plan=plan).maps.layer(DIRECT_DEPTH)
+    assert evidence.one[0].depth_m == pytest.approx(resolved[0, 5], abs=1e-6)

@@ -9,6 +9,9 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Puls
 from cadtof_cli.phasors.noise import ambient_noise_v, estimated_integration_length, most_integration, noise_model
 from tests.support.forward import Light, phasors_of, step_frame
 
+AMBIENT = np.mean([abs(Light(0.0, direct_ns=0.0).moment(h)) ** -2.0 for h in (1, 2)])
+"""Noise of harmonics 1 and 2 by ambient light alone, times 2·n_av − 1: both channels together, mean of the harmonics."""
+
 
 @pytest.mark.parametrize("asr", [0.2, 1.0, 5.0])
 def test_the_variances_of_one_path_are_those_of_the_pixel(asr: float) -> None:
@@ -78,10 +81,10 @@ def test_the_integration_length_is_found_in_a_frame_with_an_edge_and_outliers(n_
     rng = np.random.default_rng(8)
     volts = step_frame(rng, height=120, width=160, n_av=n_av) / 0.2746
     p = phasors_of(volts.reshape(2, 2, -1)).reshape(2, 120, 160)
-    assert estimated_integration_length(p) == pytest.approx(n_av, rel=0.06)
+    assert estimated_integration_length(p, CaptureMetadata()) == pytest.approx(n_av, rel=0.06)
     p[:, rng.random((120, 160)) < 0.05] = np.nan
     p[:, rng.random((120, 160)) < 0.01] = 40.0
-    assert estimated_integration_length(p) == pytest.approx(n_av, rel=0.12)
+    assert estimated_integration_length(p, CaptureMetadata()) == pytest.approx(n_av, rel=0.12)
 
 
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
@@ -104,13 +107,13 @@ def test_a_slope_is_not_noise() -> None:
     phase = 0.02 * x + 0.03 * y
     noise = [(rng.normal(size=(60, 80)) + 1j * rng.normal(size=(60, 80))) * 1e-3 for _ in range(2)]
     p = np.stack([0.2 * np.exp(1j * h * phase) + noise[h - 1] for h in (1, 2)])
-    expected = 0.5 * (1 + (1 - 0.04) / 2e-6)
-    assert estimated_integration_length(p) == pytest.approx(expected, rel=0.1)
+    expected = 0.5 * (1 + (AMBIENT - 0.04) / 2e-6)
+    assert estimated_integration_length(p, CaptureMetadata()) == pytest.approx(expected, rel=0.1)
 
 
 def test_without_noise_the_integration_length_is_infinite_and_without_pixels_nan() -> None:
-    assert estimated_integration_length(np.full((2, 8, 8), 0.3 + 0.1j)) == math.inf
-    assert math.isnan(estimated_integration_length(np.full((2, 8, 8), np.nan + 0j)))
+    assert estimated_integration_length(np.full((2, 8, 8), 0.3 + 0.1j), CaptureMetadata()) == math.inf
+    assert math.isnan(estimated_integration_length(np.full((2, 8, 8), np.nan + 0j), CaptureMetadata()))
 
 
 @pytest.mark.parametrize(("broken", "known"), [(0, True), (1, False)])
@@ -119,17 +122,17 @@ def test_noise_is_estimated_from_sixteen_differences_or_more(broken: int, known:
     rng = np.random.default_rng(1)
     frame = np.asarray(0.1 + 1e-3 * (rng.normal(size=(2, 5, 5)) + 1j * rng.normal(size=(2, 5, 5))), np.complex128)
     frame[1, 0, :broken] = np.nan
-    assert np.isfinite(estimated_integration_length(frame)) == known
+    assert np.isfinite(estimated_integration_length(frame, CaptureMetadata())) == known
 
 
-@pytest.mark.parametrize(("signal", "share"), [(0.5, 0.75), (0.96, 1.0 - 0.96**2), (0.99, 0.05)])
-def test_at_least_a_twentieth_of_the_light_counts_as_noisy_even_if_nearly_all_is_signal(
-    signal: float, share: float
-) -> None:
+@pytest.mark.parametrize(("signal", "share"), [(0.5, AMBIENT - 0.25), (0.99, AMBIENT - 0.99**2), (1.2, 1e-3 * AMBIENT)])
+def test_the_noise_is_compared_with_that_of_as_much_signal_and_never_with_none(signal: float, share: float) -> None:
     rng = np.random.default_rng(3)
     noise = 1e-3 * (rng.normal(size=(2, 200, 200)) + 1j * rng.normal(size=(2, 200, 200)))
     expected = 0.5 * (1.0 + share / 2e-6)
-    assert estimated_integration_length(np.asarray(signal + noise, np.complex128)) == pytest.approx(expected, rel=0.03)
+    assert estimated_integration_length(np.asarray(signal + noise, np.complex128), CaptureMetadata()) == pytest.approx(
+        expected, rel=0.03
+    )
 
 
 def test_counting_adds_the_same_variance_along_and_across_a_path() -> None:
@@ -163,5 +166,7 @@ def test_a_very_short_integration_length_is_estimated_correctly() -> None:
     """The frame is noise alone, so large that n_av = (1 + 1/averaging)/2 is only 2.9."""
     rng = np.random.default_rng(4)
     frame = np.asarray(0.3 * (rng.normal(size=(2, 250, 250)) + 1j * rng.normal(size=(2, 250, 250))), np.complex128)
-    share = 1.0 - 2.0 * 0.3**2 * np.log(2.0)
-    assert estimated_integration_length(frame) == pytest.approx(0.5 * (1.0 + share / (2 * 0.3**2)), rel=0.02)
+    share = AMBIENT - 2.0 * 0.3**2 * np.log(2.0)
+    assert estimated_integration_length(frame, CaptureMetadata()) == pytest.approx(
+        0.5 * (1.0 + share / (2 * 0.3**2)), rel=0.02
+    )

@@ -48,6 +48,7 @@ def made_up_calibration(metadata: CaptureMetadata, pixels: tuple[int, int], part
         rng.normal(scale=0.05, size=shape).astype(np.float32),
         rng.uniform(0.9, 1.1, shape).astype(np.float32),
         (0.03, -0.02),
+        (pixels[1] / 4, pixels[0] / 3),
         response_quality(shape[0]),
     )
     petzval = PetzvalCalibration(origin, 0.05, -0.03, (pixels[1] / 3, pixels[0] / 2), PETZVAL_QUALITY)

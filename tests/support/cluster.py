@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
-from cadtof_cli.workflows.resolve.record import FrameReport
+from cadtof_cli.workflows.resolve.reports import FrameReport
 from tests.support.needed import needed_module
 from tests.support.run_cadtof import ROOT
 

@@ -25,5 +25,5 @@ def test_a_calibration_reports_a_step_for_each_frame_of_a_stack(tmp_path: Path) 
     told, folder = Told(), record(tmp_path / "capture", frames=0, toml=TOML["tif"]).folder
     np.save(folder / "stack.npy", np.full((3, 2, 2, 8, 6), 8192, "u2"))
     settings = CalibrateSettings(out=tmp_path / "camera")
-    averaged_captures([folder], "dark", settings=settings, overrides={}, progress=told)
+    averaged_captures([folder], "dark", settings=settings, progress=told)
     assert (told.expected, told.steps) == (3, 3)

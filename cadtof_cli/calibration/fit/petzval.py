@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-from cadtof_cli.calibration.fit.robust import RobustFit, blocks, robust_fit
+from cadtof_cli.calibration.fit.robust import SURE, RobustFit, blocks, robust_fit
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics
@@ -32,6 +32,9 @@ LARGEST_STDERR_M = 0.01
 
 HIGH_CORRELATION = 0.999
 """Correlation of a coefficient with a wall's parameters above which the user is warned that they can hardly be told apart."""
+
+LARGEST_DISTANCE_ERROR_M = 0.01
+"""A wall is refused if its given distance differs by more than this, and surely, from the one that its frames show."""
 
 MANY_OUTLIERS = 0.05
 """Share of outliers, among the pixels with a single path, above which the user is told. Noise alone makes far fewer."""
@@ -98,7 +101,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     Raises:
         SettingsError: a wall has too few pixels with a single path; or the focal length is unknown and cannot be
             fitted, for example because the distances of the walls differ too little; or the frames do not show a flat
-            wall.
+            wall, or show it at another distance than the given one.
     """
     usable = [np.isfinite(wall.range_m) & np.isfinite(wall.sigma_m) & (wall.sigma_m > 0.0) for wall in walls]
     for index, good in enumerate(usable):
@@ -117,6 +120,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
             "the focal length is unknown and cannot be found from the walls: the view is too narrow, or they are not flat: "
             "set focal_length_px under [optics] in capture.toml, or --focal-length-px"
         )
+    _require_distances(problem, fit, origin)
     _require_walls(problem, fit, usable, origin)
     curved = np.arange(fit.parameters.size) < 2
     without = replace(problem, free=problem.free & ~curved)
@@ -124,6 +128,26 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     quality = _quality(problem, fit, flat)
     quality = replace(quality, findings=_findings(problem, quality, fit, optics))
     return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), problem.point, quality)
+
+
+def _require_distances(problem: _Problem, fit: RobustFit, origin: Origin) -> None:
+    """Make sure that the frames do not contradict a given distance: the curvature would make up for its error."""
+    given = ~problem.free[3::3]
+    if not given.any():
+        return
+    every = problem.free.copy()
+    every[3::3] = True
+    shown = robust_fit(replace(problem, free=every).residuals, fit.parameters, free=every)
+    errors = np.sqrt(np.diag(shown.covariance))
+    for index in np.flatnonzero(given):
+        place = 3 + 3 * index
+        distance, expected = float(shown.parameters[place]), float(fit.parameters[place])
+        if abs(distance - expected) > LARGEST_DISTANCE_ERROR_M + SURE * errors[place]:
+            raise SettingsError(
+                f"wall {index + 1} ({origin.captures[index]}): the frames show it at {distance:.3f} m, expected its given "
+                f"distance of {expected:g} m, within {1000 * LARGEST_DISTANCE_ERROR_M:.0f} mm: correct distance_m or "
+                "--distance, or leave it out; or run `calibrate response` first, if the camera delays all light"
+            )
 
 
 def _require_walls(problem: _Problem, fit: RobustFit, usable: Sequence[Bool], origin: Origin) -> None:
@@ -169,7 +193,8 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
     distances = ranges / np.sqrt(1.0 + start[2] * (u**2 + v**2))
     for index, wall in enumerate(walls):
         start[3 + 3 * index] = np.median(distances[whose == index]) if wall.distance_m is None else wall.distance_m
-        free[3 + 3 * index] = wall.distance_m is None
+        # a wall on one row or one column of pixels shows no tilt across it
+        free[3 + 3 * index :][:3] = wall.distance_m is None, np.ptp(u) > 0.0, np.ptp(v) > 0.0
     return _Problem(
         u=u,
         v=v,
@@ -242,7 +267,8 @@ def _findings(problem: _Problem, quality: PetzvalQuality, fit: RobustFit, optics
     if quality.rms_after_m > LARGEST_RESIDUAL * quality.noise_rms_m:
         findings.append(
             f"warning: the residual, {1000 * quality.rms_after_m:.2f} mm, is more than the noise, "
-            f"{1000 * quality.noise_rms_m:.2f} mm: the walls are not flat, or the response is not calibrated"
+            f"{1000 * quality.noise_rms_m:.2f} mm: the walls are not flat, the response is not calibrated, "
+            "or a given distance is wrong"
         )
     return tuple(findings)
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels
-from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit, shape_rms
+from cadtof_cli.calibration.fit.robust import SURE, RobustFit, robust_fit, shape_rms
 from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics import curvature_m, squared_field_radius, wall_range_m
+from cadtof_cli.optics import LampBeside, curvature_m, squared_field_radius, wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.units import metres_per_radian
 
@@ -82,8 +82,9 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     """
     known_optics = metadata.optics.focal_length_px is not None
     per_metre = wall_range_m(metadata.optics, origin.pixels, distance_m=1.0) if known_optics else np.ones(origin.pixels)
-    ranges = np.stack([target.distance_m * per_metre for target in targets])
-    phase = ranges.reshape(len(targets), -1) / metres_per_radian(origin.periods_ns[0])
+    ranges = np.stack([target.distance_m * per_metre.ravel() for target in targets])
+    lamp = LampBeside.of(metadata.optics, origin.pixels)
+    phase = (ranges if lamp is None else lamp.half_way_m(ranges)) / metres_per_radian(origin.periods_ns[0])
     volts = np.stack([target.volts.reshape(len(origin.harmonics), -1) for target in targets])
     noise = np.stack([target.noise_v for target in targets])
     seen = _seen(volts, noise)
@@ -115,7 +116,9 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
             "distances right, and is the target flat, still and without multi-path interference?"
         )
     quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
-    return _calibration(pixels, own, rest, terms, ideal, usable, curvature, quality, origin)
+    lens = curvature, metadata.optics.principal_point(origin.pixels)
+    found = _calibration(pixels, own, rest, terms, ideal, usable, lens, quality, origin)
+    return replace(found, lamp_offset_m=metadata.optics.lamp_offset_m or found.lamp_offset_m)
 
 
 def _seen(volts: Complex, noise: Float) -> Bool:
@@ -184,10 +187,14 @@ def _without_curvature(
     shapes = np.stack([squared, squared**2, np.ones_like(squared), columns, rows], axis=1)
     shapes[:, 3:] /= max(origin.pixels)
 
-    def residual(parameters: Float) -> tuple[Float, Float]:
-        return (ranges - shapes @ parameters) / sigma, shapes / sigma[:, np.newaxis]
+    # an array of one row or one column shows no lean across it
+    free = np.ptp(shapes, axis=0) > 0.0
+    free[2] = True
 
-    fit = robust_fit(residual, np.zeros(5))
+    def residual(parameters: Float) -> tuple[Float, Float]:
+        return (ranges - shapes @ parameters) / sigma, shapes[:, free] / sigma[:, np.newaxis]
+
+    fit = robust_fit(residual, np.zeros(5), free=free)
     _require_flat(fit, sigma, usable.reshape(origin.pixels))
     errors = np.sqrt(np.diag(fit.covariance))
     if not (np.abs(fit.parameters[:2]) > CURVATURE_SIGNIFICANCE * errors[:2]).any():
@@ -249,8 +256,10 @@ def _why_targets_differ(optics: Optics) -> str:
 def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
     """Make sure that the maps of phase and gain show no object of the scene: it would change every corrected frame."""
     lean = float(np.hypot(*fit.parameters[3:]))
+    # pixels differ in their own delays, so a few rows seem to lean by chance
+    error = float(np.sqrt(fit.parameters[3:] @ fit.covariance[3:, 3:] @ fit.parameters[3:])) / lean if lean else 0.0
     shape = shape_rms(fit.residual * sigma, where)
-    if lean > LARGEST_LEAN_M:
+    if lean > LARGEST_LEAN_M + SURE * error:
         raise SettingsError(
             f"one side of the array sees the targets {1000 * lean:.0f} mm nearer than the other, expected "
             f"{1000 * LARGEST_LEAN_M:.0f} mm at most: the targets do not face the camera, or light comes by other ways on one "
@@ -298,11 +307,14 @@ def _calibration(
     terms: TermFit,
     ideal: tuple[HarmonicResponse, ...],
     usable: Bool,
-    curvature: tuple[float, float],
+    lens: tuple[tuple[float, float], tuple[float, float]],
     quality: ResponseQuality,
     origin: Origin,
 ) -> ResponseCalibration:
-    """Return the calibration: the means of phases and gains over the array become part of G, and the maps hold the rest."""
+    """Return the calibration: the means of phases and gains over the array become part of G, and the maps hold the rest.
+
+    `lens` holds the field curvature (k2, k4) and the principal point.
+    """
     size = origin.pixels[0] * origin.pixels[1]
     phase = np.zeros((len(ideal), size), np.float32)
     gain = np.ones((len(ideal), size), np.float32)
@@ -318,4 +330,4 @@ def _calibration(
         higher = [(k, middle * value * complex(rotor) ** k) for k, value in terms.terms[row].items()]
         responses.append(HarmonicResponse(response.harmonic, ((1, middle * complex(rotor)), *higher)))
     shape = (len(ideal), *origin.pixels)
-    return ResponseCalibration(origin, tuple(responses), phase.reshape(shape), gain.reshape(shape), curvature, quality)
+    return ResponseCalibration(origin, tuple(responses), phase.reshape(shape), gain.reshape(shape), *lens, quality)

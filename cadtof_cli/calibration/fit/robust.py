@@ -42,8 +42,7 @@ HIGHEST_CONDITION = 1e13
 """Condition of the normal matrix above which the observations do not determine the parameters: rounding leaves no digits."""
 
 SURE = 3.0
-"""Standard deviations by which the blocks' mean square must exceed the mean square that the scatter within blocks
-explains."""
+"""Standard deviations by which a shape or a lean must exceed what scatter explains."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
-from cadtof_cli.quantiles import median
+from cadtof_cli.quantiles import median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
@@ -112,6 +112,17 @@ class RoomNumbers:
     decay_ns: tuple[float, float]
     start_ns: tuple[float, float]
 
+    @classmethod
+    def of(cls, state: Float, /) -> "RoomNumbers":
+        """Return the medians and the scatter of the states of all patches, (6, n)."""
+        low, middle, high = quantiles(state, (0.16, 0.5, 0.84))
+        scatter = 0.5 * (high - low)
+        natural = np.exp(middle[:5])
+        albedo, beside, later, unseen, decay = (
+            (float(value), float(value * s)) for value, s in zip(natural, scatter, strict=False)
+        )
+        return cls(albedo, beside, later, unseen, decay, (float(middle[5]), float(scatter[5])))
+
 
 @dataclass(frozen=True)
 class DiffuseChoice:
@@ -177,18 +188,14 @@ def patch_kinds(
 def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMPY) -> bool:
     """Return whether the patches have two true paths each.
 
-    One share of the light shows it. Otherwise further harmonics show it, if they can tell; if they cannot, evenness shows it.
+    Further harmonics show it, if they can tell. If they cannot, one share of the light or evenness shows it.
     """
     with np.errstate(all="ignore"):
         # if a patch has one path, the delay of the other is NaN
         second = SecondPaths.of(data, kernel=kernel)
-        if has_one_share(second, rad_per_ns=places.rad_per_ns):
-            return True
-        return (
-            predict_further_harmonics(second, data)
-            if further_harmonics_tell(second, data)
-            else are_even(second, data, places)
-        )
+        if further_harmonics_tell(second, data):
+            return predict_further_harmonics(second, data)
+        return has_one_share(second, rad_per_ns=places.rad_per_ns) or are_even(second, data, places)
 
 
 def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32
-from cadtof_cli.quantiles import median, quantiles
+from cadtof_cli.arrays import Bool, Float, Float32
+from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.bias import Bias, missed_share, remaining_sigma_rad, view_numbers
@@ -18,25 +18,23 @@ from cadtof_cli.resolver.diffuse.choice import (
     tail_fits,
 )
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, patch_posterior
+from cadtof_cli.resolver.diffuse.condition import Conditioned
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
-from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_phasors
+from cadtof_cli.resolver.diffuse.model_error import mpi_share
 from cadtof_cli.resolver.diffuse.nets import find_nets, typical_tail
-from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
-from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_planes
+from cadtof_cli.resolver.diffuse.patches import FrameTraits, LitPatches, first_planes
+from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, Nets, Tails, TermTails
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, further_chi_squared, two_path_lag
-from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.diffuse.variation import varies_like_the_tail
 from cadtof_cli.resolver.kernels import NUMPY
-
-LEAST_RATIO = 0.05
-"""Floor for |q_h| in the noise of a patch's data: the noise of ln|q_h| grows without limit as |q_h| goes to 0."""
 
 GUESSED_POWER = 4
 """Power of the unknown share of what a patch faces, with which the light of guessed walls counts. A view that shows
@@ -46,32 +44,25 @@ TERM_ERROR = 0.5
 """Standard deviation of the tail at a multiple that only other terms of a response see, as a share of it. Early light
 hardly changes the ratios of the fitted harmonics, but at those multiples it is all that is left of a tail."""
 
-NO_RATIO = 1e-9
-"""Floor for |q_h| in the data: its logarithm must be finite, and below this it is of no interest."""
-
 COVERED_ERROR = 1e6
 """Factor on the error of patches with two surfaces, so that they say nothing of the room."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Frame:
-    """What is known of a frame besides its light.
+class _Fitted:
+    """The state of a room and its patches, fitted to the data of the patches that no net covers.
 
     Attributes:
-        grid: its patches.
-        settings: what is asked for.
-        variances: noise variance of a channel of each harmonic, (H,), of a pixel as it is resolved.
-        offset_m: what is added to the ranges of the sampled pixels.
-        shared: how many pixels share their noise.
-        kernel: of `available_kernels`.
+        fit: the fit of all patches.
+        posterior: what the data of each patch say of its tail.
+        nets: the surface that lets light through; None if there is none.
+        uncovered: patches that it does not cover, (n,).
     """
 
-    grid: PatchGrid
-    settings: DiffuseSettings
-    variances: Float
-    offset_m: Float32 | float
-    shared: float
-    kernel: str
+    fit: PatchFit
+    posterior: Conditioned
+    nets: Nets | None
+    uncovered: Bool
 
 
 def diffuse_model(
@@ -104,170 +95,149 @@ def diffuse_model(
         kernel: of `available_kernels`, all of which give the same bits.
     """
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
-    frame = _Frame(grid, settings, np.array(variances) / samples, offset, shared, kernel)
-    planes = _planes(light, means, frame)
+    frame = FrameTraits(grid, settings, np.array(variances) / samples, offset, shared, kernel)
+    planes = first_planes(light, means, frame)
     valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
         return "few patches with light"
-    return _model(light, planes, valid, kinds, frame, variances, range_offset_m) or "no tail fits"
-
-
-def _model(
-    light: PatchLight,
-    planes: PatchPlanes,
-    valid: Bool,
-    kinds: PatchKinds,
-    frame: _Frame,
-    variances: tuple[float, ...],
-    range_offset_m: Float | None,
-) -> DiffuseModel | None:
-    """Return the model of a frame; None if no tail fits it."""
-    means = patch_means(
-        light,
-        planes.on_plane,
-        variance=frame.variances[0],
-        harmonics=frame.settings.harmonics,
-        shared=frame.shared,
-        kernel=frame.kernel,
-    )
-    ratios, amplitude, seen = means.ratios[:, valid], means.amplitude[valid], planes.surfaces[valid]
-    model, term_model = _tail_models(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
-    rule = pattern(model.light.direct)
-    data = np.concatenate([np.log(np.maximum(np.abs(ratios), NO_RATIO)), np.angle(ratios)])
-    modelled, noise = model_error(ratios), _noise(ratios, amplitude, means.pixels[valid], frame)
-    error = modelled + noise
-    known, auto = frame.grid.view.known, frame.settings.model == "auto"
-    fit = fitted_patches(data, error, model, rule, known_optics=known, kernel=frame.kernel)
-    phasors = patch_phasors(means, harmonics=frame.settings.harmonics)
-    nets = _find_nets(phasors, valid, fit, frame) if auto else None
-    uncovered = np.ones(amplitude.size, np.bool_)
-    if nets is not None:
-        uncovered = ~nets.found[valid]
-        error = np.where(uncovered, error, _covered_error(error))
-        fit = fitted_patches(data, error, model, rule, known_optics=known, kernel=frame.kernel)
-        candidates = (_find_nets(phasors, valid, fit, frame, patches) for patches in (uncovered, None))
-        nets = max(filter(None, candidates), key=lambda one: one.found.sum(), default=nets)
-    posterior = patch_posterior(data, error, fit)
-    if auto:
-        by_two_paths = _two_path_chi_squared(means, valid, frame)[uncovered]
-        if not tail_fits(posterior.chi_squared[uncovered], by_two_paths, len(data)):
-            return None
-        foretold, _ = model.values(fit.room[:, None] + rule)
-        snr = amplitude / np.sqrt(frame.variances[0])
-        # phasors that two paths have freed of other terms do not vary as a tail yet
-        if term_model is None and not varies_like_the_tail(data, foretold, noise, modelled, snr, uncovered):
-            return None
-    guessed = surfaces_guessed(planes.surfaces, valid, frame.grid, seen=seen)
-    lags = _lag_parts(fit, model, seen, guessed, frame, mpi_share(ratios))
-    two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
-    bias = _bias(fit, seen, amplitude, lags.seen_rad, two_path_rad, uncovered, frame) if len(ratios) == 1 else None
-    coarse = coarse_planes(fit, posterior, lags, valid, bias, slowness=frame.settings.slowness)
-    coarse = coarse.weighted_by(kinds.mpi_probability)
-    term_tails = None if term_model is None else _term_tails(term_model, fit, coarse, planes, valid, frame)
-    if term_tails is not None:
-        coarse = coarse.with_added_variance(_term_variance(term_tails, frame.settings))
-    covered = 0 if nets is None else int(nets.found.sum())
-    difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[uncovered]
+    patches = LitPatches.of(light, planes, valid, frame)
+    tail, term_tail = _tail_models(patches, frame)
+    fitted = _fitted(patches, tail, frame)
+    if settings.model == "auto" and not _is_tail(patches, fitted, tail, frame, of_sine=term_tail is None):
+        return "no tail fits"
+    two_path_rad = two_path_lag(patches.ratios[0], kernel=kernel)
+    coarse = _coarse(patches, fitted, tail, two_path_rad, frame).weighted_by(kinds.mpi_probability)
+    terms = None if term_tail is None else _term_tails(term_tail, patches, fitted.fit, coarse, frame)
+    if terms is not None:
+        coarse = coarse.with_added_variance(_term_variance(terms, settings))
+    covered = 0 if fitted.nets is None else int(fitted.nets.found.sum())
+    difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[fitted.uncovered]
     return DiffuseModel(
-        frame.settings,
-        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit.state), covered),
+        settings,
+        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, RoomNumbers.of(fitted.fit.state), covered),
         variances,
         coarse,
-        upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
+        upsampler(coarse.planes, planes.surfaces.range_m, valid, grid),
         kinds.separate,
         float(median(difference_rad**2)),
         range_offset_m,
-        nets,
-        term_tails,
+        fitted.nets,
+        terms,
     )
 
 
-def _bias(
-    fit: PatchFit,
-    seen: Surfaces,
-    amplitude: Float,
-    seen_rad: Float,
-    two_path_rad: Float,
-    uncovered: Bool,
-    frame: _Frame,
-) -> Bias:
-    """Return the correction of the lag with two harmonics, from the patches that are `uncovered`."""
-    lag_rad, two_path_rad = fit.posterior[-1, uncovered], two_path_rad[uncovered]
+def _fitted(patches: LitPatches, tail: TailModel, frame: FrameTraits) -> _Fitted:
+    """Fit the room; if a net covers some patches, fit it once more without their data."""
+    error, rule = patches.model_error + patches.noise, pattern(tail.light.direct)
+    known = frame.grid.view.known
+    fit = fitted_patches(patches.data, error, tail, rule, known_optics=known, kernel=frame.kernel)
+    nets = _find_nets(patches, fit, frame) if frame.settings.model == "auto" else None
+    uncovered = np.ones(patches.amplitude.size, np.bool_)
+    if nets is not None:
+        uncovered = ~nets.found[patches.valid]
+        error = np.where(uncovered, error, _covered_error(error))
+        fit = fitted_patches(patches.data, error, tail, rule, known_optics=known, kernel=frame.kernel)
+        candidates = (_find_nets(patches, fit, frame, which) for which in (uncovered, None))
+        nets = max(filter(None, candidates), key=lambda one: one.found.sum(), default=nets)
+    return _Fitted(fit, patch_posterior(patches.data, error, fit), nets, uncovered)
+
+
+def _is_tail(patches: LitPatches, fitted: _Fitted, tail: TailModel, frame: FrameTraits, *, of_sine: bool) -> bool:
+    """Return whether the fitted tail explains the patches, and whether they vary over the view as it does."""
+    uncovered = fitted.uncovered
+    by_two_paths = _two_path_chi_squared(patches, frame)[uncovered]
+    if not tail_fits(fitted.posterior.chi_squared[uncovered], by_two_paths, len(patches.data)):
+        return False
+    if not of_sine:
+        # phasors that two paths have freed of other terms do not vary as a tail yet
+        return True
+    foretold, _ = tail.values(fitted.fit.room[:, None] + pattern(tail.light.direct))
+    snr = patches.amplitude / np.sqrt(frame.variances[0])
+    return varies_like_the_tail(patches.data, foretold, patches.noise, patches.model_error, snr, uncovered)
+
+
+def _coarse(
+    patches: LitPatches, fitted: _Fitted, tail: TailModel, two_path_rad: Float, frame: FrameTraits
+) -> CoarsePlanes:
+    """Return what pixels need from the patches; light that the view does not show, and the bias of two harmonics, are in it."""
+    guessed = surfaces_guessed(patches.surfaces, patches.valid, frame.grid, seen=patches.seen)
+    lags = _lag_parts(patches, fitted.fit, tail, guessed, frame)
+    bias = _bias(patches, fitted, lags.seen_rad, two_path_rad, frame) if len(patches.ratios) == 1 else None
+    return coarse_planes(fitted.fit, fitted.posterior, lags, patches.valid, bias, slowness=frame.settings.slowness)
+
+
+def _bias(patches: LitPatches, fitted: _Fitted, seen_rad: Float, two_path_rad: Float, frame: FrameTraits) -> Bias:
+    """Return the correction of the lag with two harmonics, from the patches that no net covers."""
+    uncovered, slowness = fitted.uncovered, frame.settings.slowness
+    lag_rad, two_path_rad = fitted.fit.posterior[-1, uncovered], two_path_rad[uncovered]
     numbers = view_numbers(
-        fit.room,
-        seen[uncovered],
-        amplitude[uncovered],
+        fitted.fit.room,
+        patches.seen[uncovered],
+        patches.amplitude[uncovered],
         lag_rad=lag_rad,
         seen_rad=seen_rad[uncovered],
         two_path_rad=two_path_rad,
     )
-    slowness = frame.settings.slowness
     left = remaining_sigma_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns, slowness=slowness)
     return Bias(0.0 if numbers is None else missed_share(numbers, slowness=slowness), left)
 
 
-def _two_path_chi_squared(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
+def _two_path_chi_squared(patches: LitPatches, frame: FrameTraits) -> Float:
     """Return χ², (n,), of the further harmonics about what two paths predict; the paths may have the errors of a tail."""
     if len(frame.settings.harmonics) == 2:
         # there are no further harmonics
-        return np.zeros(np.count_nonzero(valid))
-    patches = PatchData.of(means, valid, frame.variances, frame.settings.harmonics)
-    tolerated = np.diagonal(model_error(patches.ratios)).T[:-2].reshape(2, *patches.ratios.shape)
+        return np.zeros(patches.amplitude.size)
+    data = PatchData.of(patches.means, patches.valid, frame.variances, frame.settings.harmonics)
+    tolerated = np.diagonal(patches.model_error).T[:-2].reshape(2, *patches.ratios.shape)
     with np.errstate(all="ignore"):
-        return further_chi_squared(SecondPaths.of(patches, kernel=frame.kernel), replace(patches, tolerated=tolerated))
+        return further_chi_squared(SecondPaths.of(data, kernel=frame.kernel), replace(data, tolerated=tolerated))
 
 
-def _find_nets(
-    phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, uncovered: Bool | None = None
-) -> Nets | None:
+def _find_nets(patches: LitPatches, fit: PatchFit, frame: FrameTraits, uncovered: Bool | None = None) -> Nets | None:
     """Return the surface that lets light through in a frame; None if there is none.
 
     By default, both paths get the tail that is typical of the frame. With `uncovered`, (n,), the nearer path gets the
     tail that is typical of the covered patches, and the farther path that of the uncovered ones.
     """
-    far = typical_tail(fit.posterior if uncovered is None else fit.posterior[:, uncovered], frame.settings.harmonics)
-    near = far if uncovered is None else typical_tail(fit.posterior[:, ~uncovered], frame.settings.harmonics)
+    harmonics = frame.settings.harmonics
+    far = typical_tail(fit.posterior if uncovered is None else fit.posterior[:, uncovered], harmonics)
+    near = far if uncovered is None else typical_tail(fit.posterior[:, ~uncovered], harmonics)
     return find_nets(
-        phasors,
+        patch_phasors(patches.means, harmonics=harmonics),
         fit.posterior[-1],
-        valid,
-        Tails(near, far, frame.settings.harmonics),
+        patches.valid,
+        Tails(near, far, harmonics),
         grid=frame.grid,
         settings=frame.settings,
         kernel=frame.kernel,
     )
 
 
-def _lag_parts(
-    fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float
-) -> LagParts:
+def _lag_parts(patches: LitPatches, fit: PatchFit, tail: TailModel, guessed: Surfaces, frame: FrameTraits) -> LagParts:
     """Return the lags by light that the view does not show.
 
     Light of guessed walls counts if a patch faces little that is known. If a frame has little MPI, it has less early
     light that the fit does not see.
     """
+    seen, open_share = patches.seen, tail.light.open_share
     light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m, kernel=frame.kernel)
-    open_share = tail.light.open_share
     seen_rad, continued_rad, unseen_rad, guessed_rad = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
+    share = mpi_share(patches.ratios)
     return LagParts(seen_rad, continued_rad, share * unseen_rad, share * guessed_rad, open_share, seen.cosine)
 
 
-def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
-    """Return the surfaces from a first depth: that of two paths, from the mean light of every patch."""
-    lag = two_path_lag(means.ratios[0], kernel=frame.kernel)
-    range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
-    return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
-
-
-def _tail_models(
-    seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame
-) -> tuple[TailModel, TailModel | None]:
-    """Return the model of patches with these surfaces, and the model at the multiples that other terms see; None for a sine."""
+def _tail_models(patches: LitPatches, frame: FrameTraits) -> tuple[TailModel, TailModel | None]:
+    """Return the model of the patches, and their model at the multiples that other terms see; None for a sine."""
     settings = frame.settings
     multiples = tuple(h for h, _ in settings.terms or ())
     harmonics = tuple(sorted({*settings.harmonics, *multiples}))
     light = interreflections(
-        seen, beyond, amplitude, harmonics=harmonics, rad_per_m=settings.rad_per_m, kernel=frame.kernel
+        patches.seen,
+        surfaces_beyond(patches.surfaces, patches.valid, frame.grid),
+        patches.amplitude,
+        harmonics=harmonics,
+        rad_per_m=settings.rad_per_m,
+        kernel=frame.kernel,
     )
 
     def model(chosen: tuple[int, ...]) -> TailModel:
@@ -277,16 +247,17 @@ def _tail_models(
 
 
 def _term_tails(
-    tail: TailModel, fit: PatchFit, coarse: CoarsePlanes, planes: PatchPlanes, valid: Bool, frame: _Frame
+    tail: TailModel, patches: LitPatches, fit: PatchFit, coarse: CoarsePlanes, frame: FrameTraits
 ) -> TermTails:
     """Return the tail that other terms of a response see, at the fitted state; invalid patches get the mean."""
+    valid, range_m = patches.valid, patches.surfaces.range_m
     values = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
     values[:2] = coarse.planes[coarse.data : coarse.data + 2]
     if tail.harmonics:
         light = tail.light_at(fit.state).reshape(len(values) - 2, -1)
         values[2:] = light.mean(axis=1)[:, None, None]
         values[2:, valid] = light
-    return TermTails(tail.harmonics, values, upsampler(values, planes.surfaces.range_m, valid, frame.grid))
+    return TermTails(tail.harmonics, values, upsampler(values, range_m, valid, frame.grid))
 
 
 def _term_variance(tails: TermTails, settings: DiffuseSettings) -> Float32:
@@ -298,31 +269,8 @@ def _term_variance(tails: TermTails, settings: DiffuseSettings) -> Float32:
     return variance
 
 
-def _noise(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:
-    """Return the covariance of the patches' data by noise, (data + 2, data + 2, n); it is 0 among the last two values."""
-    strength = np.concatenate([np.ones((1, ratios.shape[1])), np.maximum(np.abs(ratios), LEAST_RATIO)]) * amplitude
-    relative = frame.variances[:, None] / (strength**2 * pixels)
-    count = 2 * len(ratios)
-    covariance = np.zeros((count + 2, count + 2, amplitude.size))
-    for (i, j), value in noise_covariance(list(relative), harmonics=frame.settings.harmonics).items():
-        if i < count:
-            covariance[i, j] = covariance[j, i] = value
-    return covariance
-
-
 def _covered_error(error: Float) -> Float:
     """Return the errors (data + 2, data + 2, n) of patches whose data must say nothing."""
     covered = np.zeros_like(error)
     covered[:-2, :-2], covered[-2:, -2:] = COVERED_ERROR * error[:-2, :-2], error[-2:, -2:]
     return covered
-
-
-def _room_numbers(state: Float) -> RoomNumbers:
-    """Return the medians and the scatter of the states of all patches, (6, n)."""
-    low, middle, high = quantiles(state, (0.16, 0.5, 0.84))
-    scatter = 0.5 * (high - low)
-    natural = np.exp(middle[:5])
-    albedo, beside, later, unseen, decay = (
-        (float(value), float(value * s)) for value, s in zip(natural, scatter, strict=False)
-    )
-    return RoomNumbers(albedo, beside, later, unseen, decay, (float(middle[5]), float(scatter[5])))

@@ -216,6 +216,7 @@ INLINE void one_path_step(Group *restrict g, double weight) {
 INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     const double weight = k->weight, per_weights = 1.0 / (1.0 + weight);
+    const double weights = 1.0 + 4.0 * weight, from_second = 4.0 * weight * weight;
     one_path_start(g, weight);
     if (frame->order == ORDER_ONE)
         for (int step = 0; step < 6; step++) one_path_step(g, weight);
@@ -237,7 +238,7 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
         double r2 = at_least(k->dark2 + more2 - k->averaging2 * share * share, k->least2);
         g->t1[i] = r1 + r2;
         g->t2[i] = 4.0 * t1 + t2;
-        g->t4[i] = t1 * t2;
+        g->t4[i] = t1 + from_second * t2;
     }
     EACH_PIXEL {
         double along = g->t1[i], across = g->t2[i], amplitudes = g->amplitudes[i], phases = g->phases[i];
@@ -246,8 +247,7 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
         g->fall_off[i] = amplitudes * fabs(amplitudes) * across * per_both * (1.0 / (1.2815515655446004 * 1.2815515655446004));
     }
     EACH_PIXEL {
-        double amplitude = g->one_amplitude[i];
-        double square = g->t4[i] * g->t2[i] * (amplitude * amplitude);
+        double weighted = g->one_amplitude[i] * weights, square = g->t4[i] * (weighted * weighted);
         g->one_sigma[i] = square < DBL_MIN ? INFINITY : g->t4[i] * inverse_root(square);
     }
     if (frame->samples) EACH_PIXEL {

@@ -68,8 +68,10 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
     per_both = 1.0 / (along * across)
     chi_squared = (amplitudes * amplitudes * across + phases * phases * along) * per_both
     fall_off = amplitudes * np.abs(amplitudes) * across * per_both
-    square = t1 * t2 * across * (amplitude * amplitude)
-    sigma = np.where(square < LEAST, np.inf, t1 * t2 * inverse_root(square))
+    # the variance of (across1 + 2w·across2)/(amplitude·(1 + 4w))
+    weighted = t1 + 4.0 * weight * weight * t2
+    square = weighted * (amplitude * (1.0 + 4.0 * weight)) ** 2
+    sigma = np.where(square < LEAST, np.inf, weighted * inverse_root(square))
     turned = cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos
     return OnePath(amplitude, *turned, sigma, chi_squared, fall_off)
 

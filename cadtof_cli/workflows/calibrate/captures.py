@@ -3,7 +3,7 @@
 import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.phasors.plausible import require_plausible
+from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
 
@@ -36,12 +37,14 @@ class CalibrateSettings:
         overwrite: whether the part may be replaced.
         distances_m: distances of the targets in m: one for all captures, or one each; empty: those in `capture.toml`.
         settings_file: a `capture.toml` that is used for every capture, in place of any other.
+        overrides: values by dotted key that replace those of any `capture.toml`.
     """
 
-    out: Path
-    overwrite: bool = False
+    out: Path = setting(MISSING, "Calibration folder; this part is added to it.", option="-o --out")
+    overwrite: bool = setting(False, "Replace this part if the folder already has it.")
     distances_m: tuple[float, ...] = ()
     settings_file: Path | None = None
+    overrides: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +80,6 @@ def averaged_captures(
     /,
     *,
     settings: CalibrateSettings,
-    overrides: Mapping[str, Any],
     progress: Progress,
 ) -> Averaged:
     """Read every frame of the captures, and the earlier parts in the folder. Distances in the settings replace the metadata's.
@@ -87,7 +89,7 @@ def averaged_captures(
             earlier parts are not all of one camera with one setting.
     """
     require_new(settings.out / f"{kind}.toml", overwrite=settings.overwrite)
-    captures = find_captures(inputs, overrides=overrides, settings_file=settings.settings_file)
+    captures = find_captures(inputs, overrides=settings.overrides, settings_file=settings.settings_file)
     captures = _at_distances(captures, settings.distances_m) if settings.distances_m else captures
     _require_same_modulation(captures)
     progress.advance(0, total=sum(len(one.frames) * (one.typical.frames if one.typical else 1) for one in captures))
@@ -173,8 +175,7 @@ def _earlier_parts(
         if earlier:
             progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
         return None
-    everything = load_calibration(folder)
-    parts = replace(everything, **{name: None for name in PART_KINDS if name not in earlier})
+    parts = load_calibration(folder, kinds=earlier)
     parts.require_match(metadata, pixels)
     progress.say(f"applied to the frames first: {', '.join(part.kind for part in parts.parts)} of {folder}")
     return parts

@@ -1,8 +1,7 @@
 """`cadtof calibrate dark`: covered-lens frames → offsets, noise and bad pixels."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from cadtof_cli.calibration.dark import DEFECT_MEANING
 from cadtof_cli.calibration.fit.dark import fit_dark, tells_dead
@@ -21,15 +20,13 @@ from cadtof_cli.workflows.calibrate.captures import (
 from cadtof_cli.workflows.progress import Progress
 
 
-def calibrate_dark(
-    inputs: Sequence[Path], /, *, settings: CalibrateSettings, overrides: Mapping[str, Any], progress: Progress
-) -> CalibrateReport:
+def calibrate_dark(inputs: Sequence[Path], /, *, settings: CalibrateSettings, progress: Progress) -> CalibrateReport:
     """Measure the dark part from one capture and write it.
 
     Raises:
         CadtofError: see `averaged_captures`; or there are several captures, or the frames saw light.
     """
-    averaged = averaged_captures(inputs, "dark", settings=settings, overrides=overrides, progress=progress)
+    averaged = averaged_captures(inputs, "dark", settings=settings, progress=progress)
     if len(averaged.captures) > 1:
         raise SettingsError(f"found {len(averaged.captures)} captures, expected one, recorded with the lens covered")
     capture, mean = averaged.captures[0]

@@ -1,9 +1,8 @@
 """`cadtof calibrate petzval`: flat walls → the field curvature of the lens. Frames are read, never changed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,7 +32,6 @@ def calibrate_petzval(
     /,
     *,
     settings: CalibrateSettings,
-    overrides: Mapping[str, Any],
     progress: Progress,
     plot: Path | None = None,
 ) -> CalibrateReport:
@@ -44,7 +42,7 @@ def calibrate_petzval(
     """
     if plot is not None:
         require_picture(plot, overwrite=settings.overwrite)
-    averaged = averaged_captures(inputs, "petzval", settings=settings, overrides=overrides, progress=progress)
+    averaged = averaged_captures(inputs, "petzval", settings=settings, progress=progress)
     earlier = averaged.earlier
     walls = [_wall(capture, mean, settings.out, earlier) for capture, mean in averaged.captures]
     petzval = fit_petzval(walls, optics=averaged.captures[0][0].source.metadata.optics, origin=averaged.origin)

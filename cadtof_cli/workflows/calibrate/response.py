@@ -1,7 +1,7 @@
 """`cadtof calibrate response`: flat targets at known distances → G[h,k], and maps of phase and gain."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +28,14 @@ FRAMES_ENOUGH = 3
 
 
 def calibrate_response(
-    inputs: Sequence[Path], /, *, settings: CalibrateSettings, overrides: Mapping[str, Any], progress: Progress
+    inputs: Sequence[Path], /, *, settings: CalibrateSettings, progress: Progress
 ) -> CalibrateReport:
     """Measure the response part from captures of a flat target and write it.
 
     Raises:
         CadtofError: see `averaged_captures`; or a target's distance is not known.
     """
-    averaged = averaged_captures(inputs, "response", settings=settings, overrides=overrides, progress=progress)
+    averaged = averaged_captures(inputs, "response", settings=settings, progress=progress)
     for capture, _ in averaged.captures:
         if capture.source.metadata.target.distance_m is None:
             raise SettingsError(

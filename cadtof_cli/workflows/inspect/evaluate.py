@@ -30,9 +30,7 @@ class Scatter:
     median_sigma_cm: float | None
 
 
-def evaluate_maps(
-    maps: Path, /, *, truth: Path, progress: Progress, table: Path | None = None, overwrite: bool = False
-) -> Evaluation:
+def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path | None, overwrite: bool) -> Evaluation:
     """Compare the direct depth of a folder of maps, or of one file, with the direct depth in a truth file.
 
     The first phasor is compared too, over the same pixels: if a pixel has no answer in the maps, it has no first phasor either.

@@ -34,6 +34,7 @@ class ExportSettings(GivenOptics):
 
     layer: str = setting(DIRECT_DEPTH, "Layer of the depths for point clouds and images.", metavar="NAME")
     depth: DepthKind | None = setting(None, "Kind of the depths.  [default: from the maps, else range]")
+    overwrite: bool = setting(False, "Replace the files if they exist.")
 
     def __post_init__(self) -> None:
         is_depth = self.layer.endswith(".depth")
@@ -61,7 +62,7 @@ class _Map:
 
 
 def export_maps(
-    maps: Sequence[Path], out: Path, /, *, settings: ExportSettings, progress: Progress, overwrite: bool = False
+    maps: Sequence[Path], out: Path, /, *, settings: ExportSettings, progress: Progress
 ) -> tuple[Path, ...]:
     """Write each map into a file of the format that the suffix of `out` names, and return the files.
 
@@ -69,7 +70,7 @@ def export_maps(
 
     Raises:
         CadtofError: the maps cannot be read or lack layers, points need optics that are unknown, a file cannot be written, or
-            a file is there already and `overwrite` is not set.
+            a file is there already and may not be replaced.
     """
     write = WRITERS.get(out.suffix.lower())
     if write is None:
@@ -85,7 +86,7 @@ def export_maps(
             raise SettingsError(
                 f"{first} and {second} would both be written as {output}; export each with a command of its own"
             )
-        require_new(output, overwrite=overwrite)
+        require_new(output, overwrite=settings.overwrite)
     progress.advance(0, total=len(found))
     for (run, file), output in zip(found, outputs, strict=True):
         kind, optics = _kind(run, settings), settings.optics(run, file)

@@ -107,7 +107,7 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
     phasors[:, saturated] = np.nan
     return replace(
         facts,
-        integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:])),
+        integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:]), metadata),
         implausible=wrong_with(stored, metadata),
     )
 

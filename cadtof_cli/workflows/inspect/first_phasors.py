@@ -50,8 +50,7 @@ def first_phasor_depth(
     phase = first_phase(stages.phasors(pixels)[0], response=response.block(everywhere) if response else None)
     phase = without_offset(phase, stages.depth.phase_offset_rad(everywhere))
     phase[stages.status(pixels) != 0] = np.nan
-    depth: Float = phase * stages.depth.metres(everywhere)
-    return depth.reshape(pixels.size)
+    return stages.depth.from_camera(phase * stages.depth.metres(everywhere), everywhere).reshape(pixels.size)
 
 
 @dataclass(frozen=True)

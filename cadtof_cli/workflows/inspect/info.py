@@ -89,8 +89,8 @@ def look_into(
     overrides: Mapping[str, Any],
     workers: Workers,
     progress: Progress,
-    settings_file: Path | None = None,
-    recursive: bool = False,
+    settings_file: Path | None,
+    recursive: bool,
 ) -> list[Facts]:
     """Return what each input holds. All frames of captures are read, so that damaged ones are found.
 

@@ -1,6 +1,5 @@
 """`cadtof inspect`: everything about one pixel of a recorded frame, resolved as `cadtof resolve` does it."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -47,7 +46,6 @@ def inspect_pixel(
     *,
     place: int,
     settings: ResolveSettings,
-    overrides: Mapping[str, Any],
     progress: Progress,
 ) -> InspectedPixel:
     """Resolve a frame as `cadtof resolve` does, and return everything about one of its pixels.
@@ -57,13 +55,12 @@ def inspect_pixel(
         pixel: column x and row y, from 0.
         place: number, from 0, of the map among those that a run on `frame` would write.
         settings: settings of the run.
-        overrides: values by dotted key that replace those of `capture.toml`.
         progress: told what is assumed.
 
     Raises:
         CadtofError: the frame cannot be read or resolved, or has no such pixel.
     """
-    task, notes = _task(frame, place, settings, overrides)
+    task, notes = _task(frame, place, settings)
     source = str(task.sources[0])
     try:
         stored, recording = read_frame(task)
@@ -102,19 +99,15 @@ def inspect_pixel(
     return InspectedPixel(plain(document), evidence)
 
 
-def _task(
-    frame: Path, place: int, settings: ResolveSettings, overrides: Mapping[str, Any]
-) -> tuple[FrameTask, tuple[str, ...]]:
+def _task(frame: Path, place: int, settings: ResolveSettings) -> tuple[FrameTask, tuple[str, ...]]:
     """Return the task that a run would have for a map, and notes on what it assumes."""
-    captures = find_captures(
-        [frame], overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
-    )
+    captures = find_captures([frame], overrides=settings.overrides, settings_file=settings.settings_file)
     if len(captures) > 1:
         raise CaptureError(f"{frame}: found {len(captures)} captures, expected a frame or one capture")
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     (plan,) = plan_captures(captures, settings, calibration)
     maps = 0
-    for task in plan.tasks(settings):
+    for task in plan.tasks():
         if maps == place:
             return task, (*plan.notes(), *(calibration.notes if calibration else ()))
         maps += 1

@@ -48,6 +48,8 @@ class ProfileSettings:
         option="--first-phasor/--no-first-phasor",
         show_default=False,
     )
+    truth: Path | None = setting(None, "File with the true values of the layer; they and the errors are drawn too.")
+    overwrite: bool = setting(False, "Replace the file if it exists.")
 
     def __post_init__(self) -> None:
         if self.frame < 0:
@@ -84,15 +86,12 @@ class ProfileSettings:
         return rows, columns
 
 
-def read_profile(
-    maps: Sequence[Path], /, *, settings: ProfileSettings, truth: Path | None, progress: Progress
-) -> Profile:
+def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress: Progress) -> Profile:
     """Return the values of maps along a line.
 
     Args:
         maps: folders of runs, and map files, of the same size.
         settings: the line, and what is shown along it.
-        truth: file with the same layer; None: there is none.
         progress: told of what is left out.
 
     Raises:
@@ -120,7 +119,7 @@ def read_profile(
         beside = (None if one is None else one[where].astype(np.float64) for one in (sigma, first))
         found.append(Curve(name, along, *beside))
     rows, columns = settings.pixels(size[0], size[1])
-    known = None if truth is None else _truth(truth, runs[0], files[0], settings, size)[rows, columns]
+    known = _truth(settings.truth, runs[0], files[0], settings.layer, size)[rows, columns] if settings.truth else None
     # the legend names the folder, which is enough if it holds only one map
     of_frame = f" of {runs[0].name(files[0])}" if len(runs[0].files) > 1 else ""
     axis = "row" if settings.column is not None else "along the line" if settings.row is None else "column"
@@ -155,11 +154,11 @@ def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
     return [f"{number}: {file}" for number, file in enumerate(files, start=1)]
 
 
-def _truth(truth: Path, run: Run, file: Path, settings: ProfileSettings, size: tuple[int, ...]) -> Float:
+def _truth(truth: Path, run: Run, file: Path, layer: str, size: tuple[int, ...]) -> Float:
     """Return the truth of the layer, (Y, X). Depths are of the kind that the maps hold: radial range, or planar depth."""
     require_truth(truth)
-    whole = layer_of(read_layers(truth), settings.layer, truth).astype(np.float64)
-    if run.depth_kind == "z" and settings.layer.endswith(".depth"):
+    whole = layer_of(read_layers(truth), layer, truth).astype(np.float64)
+    if run.depth_kind == "z" and layer.endswith(".depth"):
         whole = whole * planar_per_range(run.optics(file), (whole.shape[0], whole.shape[1]))
     known = run.cropped(whole)
     require_same_size(known, size, truth, file)

@@ -10,8 +10,8 @@ from cadtof_cli.arrays import Float32
 from cadtof_cli.maps.evaluation import DepthErrors
 from cadtof_cli.report.colours import thumbnail
 from cadtof_cli.report.sections import FrameLine, PageText
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport
-from cadtof_cli.workflows.resolve.totals import RunTotals
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE
+from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
 from cadtof_cli.workflows.run_folder import Run
 
 _PIXELS = {

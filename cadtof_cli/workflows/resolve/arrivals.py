@@ -12,8 +12,15 @@ from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines, shared_folder
-from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, new_frames, plan_captures
-from cadtof_cli.workflows.resolve.record import RUN_FILE, FrameReport, read_record
+from cadtof_cli.workflows.resolve.plans import (
+    AppliedCalibration,
+    CapturePlan,
+    new_frames,
+    plan_captures,
+    record_captures,
+)
+from cadtof_cli.workflows.resolve.record import RUN_FILE, read_record
+from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 
@@ -23,63 +30,113 @@ class Arrivals:
 
     Attributes:
         settings: settings of the run.
-        overrides: metadata by dotted key, which replace those of any `capture.toml`.
-        calibration: the calibration that is applied; None: none.
-        base: folder whose tree OUT mirrors.
-        on_failure: called with a report on inputs that cannot be resolved; the run continues.
+        batches: the paths that arrive during the run.
+        base: folder whose tree OUT mirrors; None: it is not known yet.
+        gone: reports on those of the first inputs that do not exist.
         waiting: files of frames that wait for more files.
+        calibration: the calibration that is applied; None: none.
+        on_failure: called with a report on inputs that cannot be resolved; the run continues.
+        counted: inputs of an earlier run that is continued, with links resolved.
         known: plans of the captures that have come so far, by the folder of the capture.
         sources: first recorded file of each map, by the name of the map.
     """
 
     settings: ResolveSettings
-    overrides: Mapping[str, Any]
-    calibration: AppliedCalibration | None
-    base: Path
-    on_failure: Callable[[FrameReport], None]
+    batches: Iterable[tuple[Path, ...]]
+    base: Path | None = None
+    gone: list[FrameReport] = field(default_factory=list)
     waiting: list[Path] = field(default_factory=list)
+    calibration: AppliedCalibration | None = None
+    on_failure: Callable[[FrameReport], None] = lambda _: None
+    counted: frozenset[str] = frozenset()
     known: dict[Path, CapturePlan] = field(default_factory=dict)
     sources: dict[str, Path] = field(default_factory=dict)
 
-    def meet(self, plans: Iterable[CapturePlan], /) -> None:
+    def first_captures(self, inputs: Sequence[Path], /) -> tuple[Capture, ...]:
+        """Return the captures of the inputs that are there when the run begins."""
+        there, self.gone = _existing(inputs)
+        self.base = _earlier_shared_folder(self.settings.out) if self.settings.resume else None
+        return self._captures(there or inputs)
+
+    def keep_earlier(self, document: Mapping[str, Any], plans: Iterable[CapturePlan], /) -> None:
+        """Add what is recorded of the run that is continued to the `document` of this run.
+
+        The lines of that run get the names that this run uses.
+
+        Raises:
+            OutputError: the record of that run cannot be read.
+        """
+        out = self.settings.out
+        try:
+            earlier = read_record(out)
+            self.counted = _keep_earlier_inputs(document, plans, earlier)
+            rename_lines(out, earlier)
+        except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+            told = f"{out / RUN_FILE}: not the record of a run, so it cannot be resumed ({error})"
+            raise OutputError(told) from error
+
+    def begin(
+        self,
+        plans: Iterable[CapturePlan],
+        calibration: AppliedCalibration | None,
+        on_failure: Callable[[FrameReport], None],
+        /,
+    ) -> None:
+        """Report those of the first inputs that do not exist, and remember the plans of the others."""
+        self.calibration, self.on_failure = calibration, on_failure
+        for report in self.gone:
+            on_failure(report)
+        self._meet(plans)
+
+    def _meet(self, plans: Iterable[CapturePlan]) -> None:
         """Remember captures and the names of their frames."""
         for one in plans:
             self.known.setdefault(one.capture.root, one)
             self.sources.update((frame.name, frame.paths[0]) for frame in one.capture.frames)
 
-    def plans(self, batches: Iterable[tuple[Path, ...]], /) -> Iterator[list[CapturePlan]]:
-        """Yield the plans for each batch of paths. A frame of several files waits for all of its files."""
-        for paths in batches:
-            yield self._planned(paths)
+    def plans(self, document: Mapping[str, Any], /) -> Iterator[list[CapturePlan]]:
+        """Yield the plans for each batch of paths, and add the batch to the content of `run.json`.
+
+        A frame of several files waits for all of its files.
+        """
+        arguments = document["arguments"]
+        inputs = set(arguments["resolved_inputs"])
+        for paths in self.batches:
+            _record_arrivals(paths, inputs, arguments, self.settings.out)
+            yield self._planned(paths, document)
         while self.waiting:
             # no more files will come: each frame is tried with the files that are there
-            self.waiting, left = [], self.waiting
-            yield self._planned(left, last=True)
+            yield self._planned((), document, last=True)
 
-    def _planned(self, paths: Iterable[Path], *, last: bool = False) -> list[CapturePlan]:
-        there, gone = existing(self.waiting + list(paths))
+    def _planned(self, paths: Iterable[Path], document: Mapping[str, Any], *, last: bool = False) -> list[CapturePlan]:
+        there, gone = _existing((*self.waiting, *paths))
         for report in gone:
             self.on_failure(report)
         self.waiting = []
         found: list[CapturePlan] = []
         for folder, named in _by_folder(there).items():
             try:
-                captures, _ = find_placed_captures(
-                    named,
-                    overrides=self.overrides,
-                    settings_file=self.settings.settings_file,
-                    recursive=self.settings.recursive,
-                    base=self.base,
-                )
-                if not last:
-                    captures, waiting = without_incomplete_frames(captures, named, self.settings)
-                    self.waiting += waiting
-                found += self._known(captures)
+                found += self._known(self._captures(named, last=last))
             except CadtofError as error:
-                self.on_failure(
-                    FrameReport(str(folder if len(named) > 1 else named[0]), None, "failed", str(error), 0.0)
-                )
+                source = str(folder if len(named) > 1 else named[0])
+                self.on_failure(FrameReport(source, None, "failed", str(error), 0.0))
+        record_captures(document, found, self.counted)
         return found
+
+    def _captures(self, paths: Sequence[Path], *, last: bool = False) -> tuple[Capture, ...]:
+        """Return the captures of paths. Unless these are the last paths, frames that lack files wait for them."""
+        settings = self.settings
+        captures, self.base = find_placed_captures(
+            paths,
+            overrides=settings.overrides,
+            settings_file=settings.settings_file,
+            recursive=settings.recursive,
+            base=self.base,
+        )
+        if not last:
+            captures, waiting = _without_incomplete_frames(captures, paths, settings)
+            self.waiting += waiting
+        return captures
 
     def _known(self, captures: Sequence[Capture]) -> list[CapturePlan]:
         """Return the plans of captures; a capture that has come before keeps its plan."""
@@ -92,7 +149,7 @@ class Arrivals:
         own = []
         for one in plans:
             own.append(self._with_own_places(one))
-            self.meet(own[-1:])
+            self._meet(own[-1:])
         return own
 
     def _with_own_places(self, plan: CapturePlan) -> CapturePlan:
@@ -111,7 +168,7 @@ class Arrivals:
         return replace(plan, capture=replace(plan.capture, frames=tuple(own)))
 
 
-def existing(paths: Iterable[Path], /) -> tuple[list[Path], list[FrameReport]]:
+def _existing(paths: Iterable[Path]) -> tuple[list[Path], list[FrameReport]]:
     """Return the paths that exist, and for each of the others the report on a frame that failed.
 
     A program that watches a folder also names files that are removed or renamed a moment later.
@@ -126,24 +183,18 @@ def existing(paths: Iterable[Path], /) -> tuple[list[Path], list[FrameReport]]:
     return there, gone
 
 
-def recorded_arrivals(
-    batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any], out: Path
-) -> Iterator[tuple[Path, ...]]:
-    """Yield the batches of paths, after adding each batch to the inputs that `run.json` will name, each path once."""
-    arguments = document["arguments"]
-    known = set(arguments["resolved_inputs"])
-    for paths in batches:
-        for path in paths:
-            if (real := real_path(path)) not in known:
-                known.add(real)
-                arguments["inputs"].append(str(path))
-                arguments["absolute_inputs"].append(str(path.absolute()))
-                arguments["inputs_from_out"].append(os.path.relpath(path, out))
-                arguments["resolved_inputs"].append(real)
-        yield paths
+def _record_arrivals(paths: Iterable[Path], known: set[str], arguments: Mapping[str, Any], out: Path) -> None:
+    """Add paths to the inputs that `run.json` will name, each path once; `known` are the inputs there, links resolved."""
+    for path in paths:
+        if (real := real_path(path)) not in known:
+            known.add(real)
+            arguments["inputs"].append(str(path))
+            arguments["absolute_inputs"].append(str(path.absolute()))
+            arguments["inputs_from_out"].append(os.path.relpath(path, out))
+            arguments["resolved_inputs"].append(real)
 
 
-def earlier_shared_folder(out: Path, /) -> Path | None:
+def _earlier_shared_folder(out: Path) -> Path | None:
     """Return the folder whose tree the run in `out` mirrors; None: there is no run in it whose record can be read.
 
     A run that continues it may begin with other frames, whose own shared folder would put maps into other places.
@@ -153,23 +204,6 @@ def earlier_shared_folder(out: Path, /) -> Path | None:
         return shared_folder(out, record) if record["captures"] else None
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return None
-
-
-def keep_earlier(document: Mapping[str, Any], plans: Iterable[CapturePlan], out: Path, /) -> frozenset[str]:
-    """Add what is recorded of the run in `out`, which is continued, to the `document` of this run.
-
-    The lines of that run get the names that this run uses. Return the inputs of that run, with links resolved.
-
-    Raises:
-        OutputError: the record of that run cannot be read.
-    """
-    try:
-        earlier = read_record(out)
-        known = _keep_earlier_inputs(document, plans, earlier)
-        rename_lines(out, earlier)
-        return known
-    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-        raise OutputError(f"{out / RUN_FILE}: not the record of a run, so it cannot be resumed ({error})") from error
 
 
 def _keep_earlier_inputs(
@@ -198,8 +232,8 @@ def _keep_earlier_inputs(
     return known
 
 
-def without_incomplete_frames(
-    captures: Sequence[Capture], paths: Sequence[Path], settings: ResolveSettings, /
+def _without_incomplete_frames(
+    captures: Sequence[Capture], paths: Sequence[Path], settings: ResolveSettings
 ) -> tuple[tuple[Capture, ...], list[Path]]:
     """Return captures without the frames that have to wait, and the files of the frames that wait.
 

@@ -1,7 +1,7 @@
 """One recorded frame → one file of maps: the unit of work that goes to a worker process."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial, wraps
 from pathlib import Path
@@ -25,7 +25,7 @@ from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status
-from cadtof_cli.workflows.resolve.record import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
+from cadtof_cli.workflows.resolve.reports import FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
@@ -53,12 +53,6 @@ class FrameTask:
     before: FrameReport | None = None
     token: str = ""
 
-    def __reduce__(self) -> tuple[Callable[..., "FrameTask"], tuple[Any, ...]]:
-        """Return how another process makes this task again. Paths are sent as texts, because `Path` objects take long."""
-        sources = tuple((one.name, tuple(map(str, one.paths)), one.index) for one in self.sources)
-        others = (self.layout, self.plan, self.pixels, str(self.output), self.resume, self.before, self.token)
-        return _task_of_texts, (sources, *others)
-
     def calibration(self) -> "Calibration | None":
         """Return the calibration that the plan names; each process reads it once. None: the plan names none.
 
@@ -77,6 +71,10 @@ class FrameTask:
         output = str(self.output) if status == "ok" else None
         return FrameReport(str(self.sources[0]), output, status, reason, round(seconds, 6), **more)
 
+    def kept(self, line: FrameReport, seconds: float, /) -> FrameReport:
+        """Return the report on a frame whose maps stay as an earlier run made them; `line` is its line in the record."""
+        return self.report("skipped", f"{self.output} exists already", seconds, kept=line)
+
     def files(self) -> tuple[SourceFile, ...] | None:
         """Return the files that the frame lies in, as they are now; None: a file is missing."""
         paths = dict.fromkeys(path for source in self.sources for path in source.paths)
@@ -85,19 +83,6 @@ class FrameTask:
         except (OSError, ValueError):
             return None
         return tuple([SourceFile(name, now.st_size, now.st_mtime_ns) for name, now in found])
-
-
-def _task_of_texts(
-    sources: Sequence[tuple[str, Sequence[str], int | None]],
-    layout: FrameLayout,
-    plan: FramePlan,
-    pixels: tuple[int, int] | None,
-    output: str,
-    *others: Any,
-) -> FrameTask:
-    """Return the task that another process has sent as texts."""
-    found = tuple(FrameSource(name, tuple(map(Path, paths)), index) for name, paths, index in sources)
-    return FrameTask(found, layout, plan, pixels, Path(output), *others)
 
 
 @dataclass(frozen=True)
@@ -187,35 +172,30 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise.estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.noise.integration_length:.4g}")
-
-    known = {
-        "one_path": counts.one_path,
-        "two_paths": counts.two_paths,
-        "more_paths": counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
-        "diffuse": counts.diffuse,
-        "invalid": counts.invalid,
-        "files": recording.files,
-        "digest": recording.digest,
-        "output_digest": output_digest,
-        "note": f"{task.output}: {'; '.join(remarks)}" if remarks else None,
-    }
-    return Later(partial(_committed, task, file, "; ".join(reasons) or None, known, began=began))
+    report = task.report(
+        "ok",
+        "; ".join(reasons) or None,
+        0.0,
+        one_path=counts.one_path,
+        two_paths=counts.two_paths,
+        more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
+        diffuse=counts.diffuse,
+        invalid=counts.invalid,
+        files=recording.files,
+        digest=recording.digest,
+        output_digest=output_digest,
+        note=f"{task.output}: {'; '.join(remarks)}" if remarks else None,
+    )
+    return Later(partial(_committed, task, file, report, began=began))
 
 
 @reported
 def _committed(
-    task: FrameTask,
-    file: PartialFile,
-    reason: str | None,
-    known: Mapping[str, Any],
-    let_go: Callable[[], None],
-    /,
-    *,
-    began: float,
+    _task: FrameTask, file: PartialFile, report: FrameReport, let_go: Callable[[], None], /, *, began: float
 ) -> FrameReport:
-    """Wait until a frame's maps are on the disk, and return the report. `let_go` is called when no memory holds the maps."""
+    """Wait until a frame's maps are on the disk, and complete the report. `let_go` is called when no memory holds the maps."""
     size = file.commit(let_go)
-    return task.report("ok", reason, time.monotonic() - began, output_bytes=size, **known)
+    return replace(report, output_bytes=size, seconds=round(time.monotonic() - began, 6))
 
 
 def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object) -> tuple[DepthMaps, StatusCounts]:
@@ -252,7 +232,7 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
         if recording.digest != before.digest:
             return None
     line = replace(before, source=str(task.sources[0]), output=str(task.output), files=files)
-    return task.report("skipped", f"{task.output} {ALREADY_THERE}", time.monotonic() - began, line=line)
+    return task.kept(line, time.monotonic() - began)
 
 
 def _why_again(task: FrameTask) -> str | None:

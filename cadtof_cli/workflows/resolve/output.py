@@ -22,7 +22,8 @@ from cadtof_cli.files.formats import MAP_FORMATS, MAP_SUFFIXES
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
 from cadtof_cli.units import first_of
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, place_in, read_record, report_of
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, place_in, read_record
+from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 LOCK_FILE = ".cadtof.lock"

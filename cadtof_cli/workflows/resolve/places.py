@@ -10,7 +10,8 @@ from typing import Any
 
 from cadtof_cli.capture.discovery import absolute
 from cadtof_cli.files.atomic import atomic_write, writing
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, FrameReport, report_of
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE
+from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 
 
 def capture_folders(record: Mapping[str, Any], /) -> list[Path]:

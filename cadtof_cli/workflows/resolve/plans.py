@@ -25,7 +25,7 @@ from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.units import counted
 from cadtof_cli.version import __version__
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
-from cadtof_cli.workflows.resolve.record import FrameReport
+from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ class CapturePlan:
     Attributes:
         capture: folder, metadata and frames.
         plan: everything that decides its maps.
+        settings: settings of the run.
         pixels: size (Y, X) of most frames; None if no file can be opened.
         stack_frame_bytes: bytes per frame of a stack; None if each file holds one frame.
         lossy_compression: name of the files' compression if it changes values; else None.
@@ -59,25 +60,24 @@ class CapturePlan:
 
     capture: Capture
     plan: FramePlan
+    settings: ResolveSettings
     pixels: tuple[int, int] | None
     stack_frame_bytes: float | None = None
     lossy_compression: str | None = None
     doubts: tuple[str, ...] = ()
 
-    def expected_maps(self, settings: ResolveSettings, /) -> int:
+    def expected_maps(self) -> int:
         """Return the expected number of maps. In stacks, frames are estimated from one file and the sizes of all files."""
         frames, frame_bytes = len(self.capture.frames), self.stack_frame_bytes
         if frame_bytes is not None:
             sizes = (file_size(source.paths[0]) for source in self.capture.frames)
             frames = sum(max(round(size / frame_bytes), 1) for size in sizes)
-        if settings.frames is not None:
-            frames = len(range(*settings.frames.indices(frames)))
-        return -(-frames // self.plan.settings.average)
+        if self.settings.frames is not None:
+            frames = len(range(*self.settings.frames.indices(frames)))
+        return -(-frames // self.settings.maps.average)
 
     def tasks(
         self,
-        settings: ResolveSettings,
-        /,
         *,
         taken: Callable[[], Collection[str]] | None = None,
         before: Callable[[Path], FrameReport | None] = lambda _: None,
@@ -86,12 +86,12 @@ class CapturePlan:
         """Yield a task for each map file that is to be made. Each frame of a stack counts as a frame (see `single_frames`).
 
         Args:
-            settings: settings of the run.
             taken: returns the names that no frame of a stack may get.
             before: returns the report of an earlier run on the maps at a path; None: there is none.
             token: marks temporary files.
         """
-        chosen, layout = settings.frames or slice(None), self.capture.layout
+        settings, layout = self.settings, self.capture.layout
+        chosen = settings.frames or slice(None)
         frames = itertools.islice(single_frames(self.capture, taken=taken), chosen.start, chosen.stop, chosen.step)
         while sources := tuple(itertools.islice(frames, settings.maps.average)):
             form = map_format(settings.map_format, sources[0].paths[0])
@@ -99,10 +99,10 @@ class CapturePlan:
             earlier = before(output) if settings.resume else None
             yield FrameTask(sources, layout, self.plan, self.pixels, output, settings.resume, earlier, token)
 
-    def load_map_files(self, settings: ResolveSettings, /) -> None:
+    def load_map_files(self) -> None:
         """Load the module that writes the maps of most frames, before there are maps to be written."""
         for source in self.capture.frames[:1]:
-            layers = map_format(settings.map_format, source.paths[0]).layers
+            layers = map_format(self.settings.map_format, source.paths[0]).layers
             assert layers is not None
             layers()
 
@@ -111,7 +111,7 @@ class CapturePlan:
         from cadtof_cli.phasors.pooling import pooling_seconds
 
         noise = noise_model(self.plan.metadata, integration_length=1e5, quantised=False)
-        return pooling_seconds(self.pixels or (0, 0), noise, window=self.plan.settings.pool)
+        return pooling_seconds(self.pixels or (0, 0), noise, window=self.settings.maps.pool)
 
     def notes(self) -> Iterator[str]:
         """Yield notes on what is assumed about the capture, and warnings of what is likely wrong with it."""
@@ -130,7 +130,7 @@ class CapturePlan:
         of_optics = source.metadata.optics.doubt(self.pixels) if self.pixels is not None else None
         for doubt in (*self.doubts, *filter(None, [of_optics])):
             yield f"warning: {root}: {doubt}"
-        resolver, harmonics = self.plan.settings.resolver, source.metadata.modulation.harmonics
+        resolver, harmonics = self.settings.maps.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
             yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view that is 60° wide"
 
@@ -156,7 +156,7 @@ def plan_captures(
 
             if hint := hint_of_planes(capture):
                 raise CaptureError(hint)
-            plans.append(CapturePlan(capture, plan, None))
+            plans.append(CapturePlan(capture, plan, settings, None))
             continue
         frame_bytes = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
         if settings.maps.roi:
@@ -165,7 +165,7 @@ def plan_captures(
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
         # the calibration of a camera shows that its planes are read in the right order
         doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
-        plans.append(CapturePlan(capture, plan, typical.pixels, frame_bytes, lossy, doubtful))
+        plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))
     return plans
 
 
@@ -203,7 +203,6 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
 
 def run_document(
     inputs: Sequence[Path],
-    overrides: Mapping[str, Any],
     settings: ResolveSettings,
     plans: Sequence[CapturePlan],
     calibration: AppliedCalibration | None,
@@ -241,7 +240,7 @@ def run_document(
             "recursive": settings.recursive,
             "settings": settings.settings_file and str(settings.settings_file.absolute()),
             "frames": settings.frames and [settings.frames.start, settings.frames.stop],
-            "overrides": dict(overrides),
+            "overrides": dict(settings.overrides),
         },
         "captures": list[dict[str, Any]](),
         "calibration": applied,
@@ -280,8 +279,8 @@ def new_frames(frames: Sequence[FrameSource], counted: Collection[str], /) -> in
 
 def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:
     """Yield a note on how long a run will take, if pooling makes it so long that the progress bar shows nothing for a while."""
-    pooling = sum(one.expected_maps(settings) * one.pooling_seconds() for one in plans)
-    maps = sum(one.expected_maps(settings) for one in plans)
+    pooling = sum(one.expected_maps() * one.pooling_seconds() for one in plans)
+    maps = sum(one.expected_maps() for one in plans)
     seconds = pooling / max(min(settings.workers.jobs, maps), 1)
     if seconds > _SLOW_RUN_S:
         told = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

@@ -9,115 +9,19 @@ import stat
 from array import array
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, field, fields, replace
+from dataclasses import asdict, field, replace
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, get_args
+from typing import Any, BinaryIO
 
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writing
 from cadtof_cli.files.reading import read_text
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.resolve.totals import RunTotals
+from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, report_of
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
-
-ALREADY_THERE = "exists already"
-"""End of the reason of a frame that is skipped because its maps are there."""
-
-FrameStatus = Literal["ok", "failed", "skipped"]
-
-
-@dataclass(frozen=True)
-class SourceFile:
-    """A file that a frame was read from, with its size and modification time when it was read."""
-
-    name: str
-    bytes: int
-    mtime_ns: int
-
-
-@dataclass(frozen=True)
-class FrameReport:
-    """The report on a frame: a line of `frames.jsonl`. All fields but the last three are keys of the line.
-
-    Attributes:
-        source: file of the frame, with the position in a stack.
-        output: file of its maps; None if there is none.
-        status: resolved (`ok`), failed or skipped.
-        reason: why it failed or was skipped, or a remark on how it was resolved.
-        seconds: time that it took.
-        one_path, two_paths, diffuse, invalid: number of pixels with this outcome.
-        more_paths: the same; a key only if pixels may have more than two paths.
-        files: files that it was read from; None if one of them is missing.
-        digest: digest of the values that were read, see `content_digest`.
-        output_bytes: size of the map file.
-        output_digest: digest of the bytes of the map file.
-        line: report that goes into `frames.jsonl` in place of this one: that of the earlier run whose maps are kept.
-        note: a message for the user that is not recorded.
-        stops: whether the run must stop, because the next maps could not be written either.
-    """
-
-    source: str
-    output: str | None
-    status: FrameStatus
-    reason: str | None
-    seconds: float
-    one_path: int | None = None
-    two_paths: int | None = None
-    more_paths: int | None = None
-    diffuse: int | None = None
-    invalid: int | None = None
-    files: tuple[SourceFile, ...] | None = None
-    digest: str | None = None
-    output_bytes: int | None = None
-    output_digest: str | None = None
-    line: "FrameReport | None" = None
-    note: str | None = None
-    stops: bool = False
-
-    @property
-    def is_valid(self) -> bool:
-        """Whether the fields hold values of the right kinds. A line may come from anywhere."""
-        texts = (self.output, self.reason, self.digest, self.output_digest)
-        counts = (self.one_path, self.two_paths, self.more_paths, self.diffuse, self.invalid, self.output_bytes)
-        return (
-            isinstance(self.source, str)
-            and self.status in get_args(FrameStatus)
-            and isinstance(self.seconds, int | float)
-            and all(isinstance(text, str | None) for text in texts)
-            and (self.output is None or Path(self.output).name != "")
-            and all(isinstance(count, int | None) for count in counts)
-        )
-
-    @property
-    def is_already_there(self) -> bool:
-        """Whether the frame was skipped because an earlier run has made its maps."""
-        return self.status == "skipped" and str(self.reason).endswith(ALREADY_THERE)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the line as a JSON object."""
-        line = {name: value for name, value in vars(self).items() if name in _JSON_FIELDS}
-        if self.more_paths is None:
-            del line["more_paths"]
-        line["files"] = self.files and [vars(file) for file in self.files]
-        return line
-
-
-_JSON_FIELDS = frozenset(one.name for one in fields(FrameReport)) - {"line", "note", "stops"}
-
-
-def report_of(line: bytes, /) -> FrameReport | None:
-    """Return the report that a line of `frames.jsonl` holds; None if it holds no valid report."""
-    try:
-        values = json.loads(line)
-        files = values.get("files")
-        known = None if files is None else tuple(SourceFile(**one) for one in files)
-        report = FrameReport(**{**values, "files": known})
-    except (ValueError, TypeError, AttributeError, RecursionError):
-        return None
-    return report if report.is_valid else None
 
 
 def read_record(folder: Path, /) -> dict[str, Any]:
@@ -178,11 +82,11 @@ class RunRecorder:
         Raises:
             OutputError: the line cannot be written; PlaceError: no other line could be written either.
         """
-        line = report.line or report
+        line = report.kept or report
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
         try:
-            place = self._known_place(line.output) if report.line else None
+            place = self._known_place(line.output) if report.kept else None
             if place is None or self._line_at(place) != text:
                 self._require_there()
                 place, written = self.lines.seek(0, os.SEEK_END), 0
@@ -308,7 +212,7 @@ def place_in(out: Path, output: Path, /) -> str:
 
 @contextmanager
 def recorded_run(
-    out: Path, document: Mapping[str, Any], /, *, resume: bool, arriving: bool = False, say: Callable[[str], None]
+    out: Path, document: Mapping[str, Any], /, *, resume: bool, arriving: bool, say: Callable[[str], None]
 ) -> Iterator[RunRecorder]:
     """Write a run's `run.json`, and yield a recorder that holds its `frames.jsonl` open for the reports on its frames.
 

@@ -5,12 +5,12 @@ import math
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names
@@ -22,7 +22,7 @@ from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY, numpy_note
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
+from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import (
     continues_earlier_run,
@@ -35,21 +35,15 @@ from cadtof_cli.workflows.resolve.plans import (
     CapturePlan,
     plan_captures,
     pooling_notes,
-    record_captures,
     run_document,
     use_calibration,
 )
-from cadtof_cli.workflows.resolve.record import (
-    ALREADY_THERE,
-    FrameReport,
-    RunRecorder,
-    recorded_run,
-)
+from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
+from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-from cadtof_cli.workflows.resolve.totals import RunTotals
 
 if TYPE_CHECKING:
-    from cadtof_cli.workflows.resolve.arrivals import Arrivals
+    pass
 
 Outcomes = Generator[Outcome[FrameTask, FrameReport], None, None]
 
@@ -68,34 +62,45 @@ def resolve_captures(
     /,
     *,
     settings: ResolveSettings,
-    overrides: Mapping[str, Any],
-    arriving: Iterable[tuple[Path, ...]] | None = None,
-    progress: Progress = NO_PROGRESS,
-    on_frame: Callable[[FrameReport], None] = lambda _: None,
+    arriving: Iterable[tuple[Path, ...]] | None,
+    progress: Progress,
+    on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
     """Resolve every frame of the inputs into a file of maps in `settings.out`. A frame that fails does not stop the others.
 
     Args:
         inputs: folders of frames, and single files.
         settings: settings of the run.
-        overrides: values by dotted key that replace those of `capture.toml`.
-        arriving: more inputs, in batches that come during the run.
+        arriving: more inputs, in batches that come during the run; None: there are no more.
         progress: a step is a file of maps.
         on_frame: called with every report, in the order of the inputs for any number of processes.
 
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
-    is_open = arriving is not None
-    captures, base, gone, waiting = _first_captures(inputs, settings, overrides, is_open=is_open)
+    arrivals = None
+    if arriving is not None:
+        # imported only when it is needed: each module takes a third of a millisecond
+        from cadtof_cli.workflows.resolve.arrivals import Arrivals
+
+        arrivals = Arrivals(settings, arriving)
+        captures = arrivals.first_captures(inputs)
+    else:
+        captures, _ = find_placed_captures(
+            inputs,
+            overrides=settings.overrides,
+            settings_file=settings.settings_file,
+            recursive=settings.recursive,
+        )
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
     require_own_places(captures, settings.out)
-    document = run_document(inputs, overrides, settings, plans, calibration)
-    resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=is_open)
+    document = run_document(inputs, settings, plans, calibration)
+    is_arriving = arrivals is not None
+    resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=is_arriving)
     if settings.dry_run:
         resumes()
-        return _dry_run(plans, settings, captures, gone, on_frame)
+        return _dry_run(plans, settings, captures, arrivals.gone if arrivals else (), on_frame)
     make_folder(settings.out)
     with locked(settings.out):
         resumed = resumes()
@@ -103,54 +108,24 @@ def resolve_captures(
             remove_partial_files(settings.out)
         for note in _notes(plans, calibration, settings, kernel=document["kernel"]):
             progress.say(note)
-        token = os.urandom(8).hex()
+        run = _Run(settings, progress, on_frame)
         try:
-            run = _Run(settings, progress, on_frame, token)
             # if a cluster does not answer, this fails before anything is written
             first = run.outcomes(plans, partial(frame_names, captures))
             if settings.overwrite:
                 remove_run(settings.out)
-            known: Collection[str] = ()
-            if resumed and is_open:
-                from cadtof_cli.workflows.resolve.arrivals import keep_earlier
-
-                known = keep_earlier(document, plans, settings.out)
-            record = recorded_run(settings.out, document, resume=resumed, arriving=is_open, say=progress.say)
+            if resumed and arrivals:
+                arrivals.keep_earlier(document, plans)
+            record = recorded_run(settings.out, document, resume=resumed, arriving=is_arriving, say=progress.say)
             with record as run.record:
-                batches: Iterable[Outcomes] = [first]
-                for report in gone:
-                    run.report(report)
-                if arriving is not None:
-                    from cadtof_cli.workflows.resolve.arrivals import Arrivals
-
-                    arrivals = Arrivals(settings, overrides, calibration, base, run.report, waiting)
-                    arrivals.meet(plans)
-                    batches = itertools.chain(batches, run.arriving(arrivals, arriving, document, known))
-                return run.report_all(batches)
+                later: Iterable[Outcomes] = ()
+                if arrivals:
+                    arrivals.begin(plans, calibration, run.report)
+                    later = (run.outcomes(more, arrivals.sources.keys) for more in arrivals.plans(document))
+                return run.report_all(itertools.chain([first], later))
         finally:
             # maps bear the token of the run, and the two records bear the number of this process
-            remove_partial_files(settings.out, tokens={token, str(os.getpid())})
-
-
-def _first_captures(
-    inputs: Sequence[Path], settings: ResolveSettings, overrides: Mapping[str, Any], *, is_open: bool
-) -> tuple[Sequence[Capture], Path, Sequence[FrameReport], list[Path]]:
-    """Return the captures of the inputs, the folder whose tree OUT mirrors, reports on inputs that are gone, and files that wait.
-
-    The last two are empty unless the run is open: unless more inputs arrive later.
-    """
-    chosen, recursive = settings.settings_file, settings.recursive
-    found = partial(find_placed_captures, overrides=overrides, settings_file=chosen, recursive=recursive)
-    if not is_open:
-        return *found(inputs), (), []
-    # imported only when it is needed: each module takes a third of a millisecond
-    from cadtof_cli.workflows.resolve.arrivals import earlier_shared_folder, existing, without_incomplete_frames
-
-    there, gone = existing(inputs)
-    base = earlier_shared_folder(settings.out) if settings.resume else None
-    captures, base = found(there or inputs, base=base)
-    captures, waiting = without_incomplete_frames(captures, inputs, settings)
-    return captures, base, gone, waiting
+            remove_partial_files(settings.out, tokens={run.token, str(os.getpid())})
 
 
 def _notes(
@@ -179,10 +154,10 @@ def _dry_run(
         totals.add(report)
         on_frame(report)
     for one in plans:
-        for task in one.tasks(settings, taken=partial(frame_names, captures)):
+        for task in one.tasks(taken=partial(frame_names, captures)):
             report = task.report("ok", None, 0.0)
             if settings.resume and task.output.exists():
-                report = task.report("skipped", f"{task.output} {ALREADY_THERE}", 0.0)
+                report = task.kept(report, 0.0)
             totals.add(report)
             on_frame(report)
     return totals
@@ -195,7 +170,7 @@ class _Run:
     settings: ResolveSettings
     progress: Progress
     on_frame: Callable[[FrameReport], None]
-    token: str
+    token: str = field(default_factory=lambda: os.urandom(8).hex())
     record: RunRecorder = field(init=False)
     expected: int = 0
     totals: RunTotals = field(default_factory=RunTotals)
@@ -204,7 +179,7 @@ class _Run:
 
     def outcomes(self, plans: Sequence[CapturePlan], taken: Callable[[], Collection[str]]) -> Outcomes:
         """Return a generator of the outcomes of some captures' frames. If a cluster is to do the work, connect to it."""
-        expected, workers = [one.expected_maps(self.settings) for one in plans], self.settings.workers
+        expected, workers = [one.expected_maps() for one in plans], self.settings.workers
         tasks = self._tasks(plans, expected, taken)
         if sum(expected) < workers.jobs and _are_worth_splitting(plans, self.settings):
             from cadtof_cli.workflows.resolve.split_frames import resolve_split
@@ -215,7 +190,7 @@ class _Run:
         if workers.jobs > 1:
             # a forked process has the modules already
             for one in plans:
-                one.load_map_files(self.settings)
+                one.load_map_files()
         probe = None if workers.scheduler == LOCAL else self._probe()
         shared = [part for one in plans for part in (one.plan, one.capture.layout)]
         return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self.progress.say)
@@ -225,20 +200,6 @@ class _Run:
         probe = self.settings.out / f".cluster.{self.token}{PARTIAL_SUFFIX}"
         probe.write_text(self.token)
         return probe
-
-    def arriving(
-        self,
-        arrivals: "Arrivals",
-        paths: Iterable[tuple[Path, ...]],
-        document: Mapping[str, Any],
-        known: Collection[str],
-    ) -> Iterator[Outcomes]:
-        """Yield the outcomes of the frames that arrive, batch by batch. An earlier run has counted the `known` files."""
-        from cadtof_cli.workflows.resolve.arrivals import recorded_arrivals
-
-        for plans in arrivals.plans(recorded_arrivals(paths, document, self.settings.out)):
-            record_captures(document, plans, known)
-            yield self.outcomes(plans, lambda: arrivals.sources)
 
     def report_all(self, batches: Iterable[Outcomes]) -> RunTotals:
         """Record, count and show the outcomes of all frames; return the totals of this run.
@@ -315,7 +276,7 @@ class _Run:
         self.progress.advance(0, total=self.expected)
         for one, count in zip(plans, expected, strict=True):
             number = 0
-            tasks = one.tasks(self.settings, taken=taken, before=self.record.before, token=self.token)
+            tasks = one.tasks(taken=taken, before=self.record.before, token=self.token)
             for number, task in enumerate(tasks, start=1):
                 if number > count:
                     self.expected += 1

@@ -1,7 +1,9 @@
 """The settings of a run of `cadtof resolve`. The command's options are made from them, so nothing heavy is imported here."""
 
+from collections.abc import Mapping
 from dataclasses import MISSING, field
 from pathlib import Path
+from typing import Any
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
@@ -9,14 +11,13 @@ from cadtof_cli.files.formats import AS_INPUT, MAP_FORMATS
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.records import dataclass, setting
 
-FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
-
 
 @dataclass(frozen=True, kw_only=True)
 class ResolveSettings:
-    """Everything that a user can choose about a run, besides the inputs and the values that override `capture.toml`.
+    """Everything that a user can choose about a run, besides the inputs.
 
-    `settings_file` is a `capture.toml` that is used for every capture, in place of any other.
+    `settings_file` is a `capture.toml` that is used for every capture, in place of any other. `overrides` are values by dotted
+    key that replace those of any `capture.toml`.
     """
 
     out: Path = setting(MISSING, "Folder for the maps.", option="-o --out")
@@ -26,6 +27,7 @@ class ResolveSettings:
         option="-r --recursive",
     )
     settings_file: Path | None = None
+    overrides: Mapping[str, Any] = field(default_factory=dict)
     frames: slice | None = setting(
         None,
         "Resolve only frames A to B − 1 of each capture, counted from 0, such as 10:20 (ten frames), 10: (the eleventh "
@@ -39,7 +41,7 @@ class ResolveSettings:
         AS_INPUT,
         "File format of the maps. same: the format of the input.",
         option="--format",
-        choices=FORMAT_CHOICES,
+        choices=(*MAP_FORMATS, AS_INPUT),
     )
     workers: Workers = field(default_factory=Workers)
     overwrite: bool = setting(False, "Replace an earlier run in OUT and all of its maps.")
@@ -51,5 +53,3 @@ class ResolveSettings:
     def __post_init__(self) -> None:
         if self.overwrite and self.resume:
             raise SettingsError("--overwrite and --resume exclude each other: replace the old maps, or keep them")
-        if self.map_format not in FORMAT_CHOICES:
-            raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(FORMAT_CHOICES)}")

@@ -13,7 +13,7 @@ from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixel
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, kept_maps, read_frame, reported, written
-from cadtof_cli.workflows.resolve.record import FrameReport
+from cadtof_cli.workflows.resolve.reports import FrameReport
 
 
 @dataclass(frozen=True)

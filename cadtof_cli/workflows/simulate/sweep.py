@@ -35,8 +35,6 @@ class SweepSettings:
     def __post_init__(self) -> None:
         cells = len(self.asrs) * len(self.mpi_ratios) * len(self.integration_lengths)
         require(1 <= cells <= MOST_CELLS, "grid", f"{cells} conditions", f"1 to {MOST_CELLS}")
-        if self.base.model.averaging.capacitors is not None:
-            require(len(self.integration_lengths) == 1, "grid", "capacitors with several integration lengths", "one")
         for _ in self.cells():  # every condition checks itself before any work begins
             pass
 

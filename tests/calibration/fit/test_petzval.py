@@ -402,3 +402,37 @@ def test_a_very_long_focal_length_is_refused_or_fitted_positive(seed: int) -> No
     found = fitted(*walls, optics=Optics())
     assert found.quality.focal_length_px > 0.0
     assert np.isfinite([wall.slopes for wall in found.quality.walls]).all()
+
+
+def test_a_single_row_of_pixels_shows_the_curvature_of_a_wall_that_leans_along_it() -> None:
+    across, row = np.arange(320) - 159.5, (1, 320)
+    optics = Optics(focal_length_px=280.0)
+    rho2 = across**2 / (0.25 * (320.0**2 + 1.0))
+    ray = across / 280.0
+    walls = []
+    for seed, (distance_m, slope) in enumerate(((1.0, 0.05), (3.0, -0.04))):
+        noise = np.random.default_rng(seed).normal(0.0, SIGMA_M / 10, row)
+        ranges = distance_m * np.sqrt(1.0 + ray**2) / (1.0 + slope * ray) + K2_M * rho2 + K4_M * rho2**2 + noise
+        walls.append(WallRanges(ranges, np.full(row, SIGMA_M / 10), None))
+    origin = Origin(captures=("a", "b"), frames=2, pixels=row, periods_ns=(40.0, 20.0), waveform="sine")
+    found = fit_petzval(walls, optics=optics, origin=origin)
+    assert max(deviations(found)) < 3.0
+    assert found.quality.walls[0].slopes == pytest.approx((0.05, 0.0), abs=2e-3)
+
+
+@pytest.mark.parametrize("wrong_m", [-0.04, 0.014, 0.04])
+def test_a_given_distance_that_the_frames_contradict_is_refused(wrong_m: float) -> None:
+    """A wall at 1 m whose distance was given as 1.04 m made k2 -0.15 ± 0.001 m in place of 0.06 m."""
+    known = replace(measured_wall(1.0, seed=1), distance_m=1.0 + wrong_m)
+    message = (
+        rf"wall_0\): the frames show it at 1\.00\d m, expected its given distance of {1.0 + wrong_m:g} m, within 10 mm"
+    )
+    with pytest.raises(SettingsError, match=message):
+        fitted(known, measured_wall(3.0, seed=2))
+
+
+@pytest.mark.parametrize("wrong_m", [-0.004, 0.0, 0.004])
+def test_a_given_distance_that_is_a_few_millimetres_off_is_taken(wrong_m: float) -> None:
+    found = fitted(replace(measured_wall(1.0, seed=1), distance_m=1.0 + wrong_m), measured_wall(3.0, seed=2))
+    assert found.quality.walls[0].distance_m == 1.0 + wrong_m
+    assert found.quality.walls[0].distance_known

@@ -1,10 +1,12 @@
 """The response that targets determine, and terms that they cannot determine; the truth samples the waveform itself."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.response import TargetMean, fit_response
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration
@@ -21,12 +23,29 @@ PULSE = {h: np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) for h
 
 def target(sensor: DefectiveCamera, distance_m: float, *, seed: int) -> TargetMean:
     """Return the mean frame of a wall, from counts of the camera."""
-    ranges = sensor.wall_range_m(distance_m)[np.newaxis]
+    return mean_of(sensor, sensor.wall_range_m(distance_m), distance_m, seed=seed)
+
+
+def mean_of(sensor: DefectiveCamera, ranges_m: Float, distance_m: float, *, seed: int) -> TargetMean:
+    """Return the mean frame of a wall at that distance, whose light goes these lengths to and fro."""
+    ranges = ranges_m[np.newaxis]
     frames = np.stack(sensor.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=FRAMES, seed=seed))
     volts = (frames.astype(np.float64) - 8192.0) * 6.0e-5
     mean = volts.mean(axis=0)
     noise = np.sqrt(volts.var(axis=0, ddof=1).mean(axis=(1, 2, 3)) / FRAMES)
     return TargetMean(mean[:, 0] + 1j * mean[:, 1], noise, distance_m)
+
+
+def origin_of(
+    targets: Sequence[TargetMean], pixels: tuple[int, int] = PIXELS, *, waveform: Waveform = "sine"
+) -> Origin:
+    return Origin(
+        captures=tuple(f"target_{one.distance_m}m" for one in targets),
+        frames=FRAMES * len(targets),
+        pixels=pixels,
+        periods_ns=(40.0, 20.0),
+        waveform=waveform,
+    )
 
 
 def response_of(
@@ -40,13 +59,7 @@ def response_of(
 ) -> ResponseCalibration:
     sensor = camera(defects, waveform=waveform, n_av=n_av)
     targets = [target(sensor, d, seed=seed + index) for index, d in enumerate(distances_m)]
-    origin = Origin(
-        captures=tuple(f"target_{d}m" for d in distances_m),
-        frames=FRAMES * len(targets),
-        pixels=PIXELS,
-        periods_ns=(40.0, 20.0),
-        waveform=waveform,
-    )
+    origin = origin_of(targets, waveform=waveform)
     metadata = sensor.metadata
     if optics is not None:
         metadata = replace(metadata, optics=optics)
@@ -358,3 +371,36 @@ def test_a_target_that_differs_from_the_others_by_more_than_a_centimetre_is_refu
             noiseless(off_m=(target, off_m))
     else:
         noiseless(off_m=(target, off_m))
+
+
+def test_a_lamp_beside_the_camera_is_not_taken_for_a_delay_of_the_pixels() -> None:
+    """10 cm to the side make 3 cm of way from one side of the array to the other; the way is computed here in space."""
+    offset, sensor = np.array([0.1, 0.0, 0.02]), camera(Defects())
+    optics = sensor.metadata.optics
+    column, row = optics.principal_point(PIXELS)
+    y, x = np.mgrid[: PIXELS[0], : PIXELS[1]]
+    on_axis = np.stack([(x - column) / optics.focal_length_px, (y - row) / optics.focal_length_px, np.ones(PIXELS)])
+    targets = []
+    for seed, distance_m in enumerate((0.5, 1.0, 1.7, 2.4, 3.0)):
+        point = distance_m * on_axis
+        half_way = 0.5 * (np.linalg.norm(point, axis=0) + np.linalg.norm(point - offset[:, None, None], axis=0))
+        targets.append(mean_of(sensor, half_way, distance_m, seed=seed))
+    metadata = replace(sensor.metadata, optics=replace(optics, lamp_offset_m=(0.1, 0.0, 0.02)))
+    found = fit_response(targets, metadata=metadata, origin=origin_of(targets))
+    assert found.lamp_offset_m == (0.1, 0.0, 0.02)
+    assert orders(found) == {1}
+    assert found.phase_rad.std(axis=(1, 2)) == pytest.approx(found.quality.phase_stderr_rad, rel=0.2)
+
+
+@pytest.mark.parametrize("size", [(1, 320), (320, 1), (4, 320)])
+def test_a_line_of_pixels_is_calibrated_like_an_array(size: tuple[int, int]) -> None:
+    """Pixels differ by 5 cm. So their phases rise across four rows by chance, but never by much."""
+    sensor = replace(camera(Defects(pixel_phase_rad=0.05)), pixels=size)
+    optics = Optics(focal_length_px=280.0)
+    sensor = replace(sensor, metadata=replace(sensor.metadata, optics=optics))
+    targets = [target(sensor, d, seed=index) for index, d in enumerate((0.5, 1.0, 1.7, 2.4, 3.0))]
+    found = fit_response(targets, metadata=sensor.metadata, origin=origin_of(targets, size))
+    true = sensor.drawn().phase_rad
+    for row in (0, 1):
+        off = found.phase_rad[row] - true[row]
+        assert off.std() < 2.0 * found.quality.phase_stderr_rad[row]

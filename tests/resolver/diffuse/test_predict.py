@@ -7,7 +7,7 @@ from cadtof_cli import resolve, simulate_scene
 from cadtof_cli.arrays import Float32
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.diffuse import choice, predict
-from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
+from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, RoomNumbers
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
@@ -391,7 +391,7 @@ def test_the_scatter_of_the_numbers_of_a_room_is_the_standard_deviation_of_a_gau
     """One patch in six lies below the mean by more than the standard deviation, and one above it."""
     rng = np.random.default_rng(3)
     state = np.array([-0.4, 0.0, 0.1, -2.5, 2.4, 1.0])[:, None] + 0.1 * rng.standard_normal((6, 4000))
-    room = predict._room_numbers(state)
+    room = RoomNumbers.of(state)
     for median, scatter in (room.albedo, room.unseen, room.decay_ns):
         assert scatter == pytest.approx(0.1 * median, rel=0.05)
     assert room.start_ns == pytest.approx((1.0, 0.1), rel=0.05)

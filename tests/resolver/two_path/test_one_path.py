@@ -47,6 +47,13 @@ def test_the_phase_scatters_as_predicted_and_less_than_half_as_much_as_the_first
     assert 0.36 < phase.std() / first.std() < 0.5
 
 
+@pytest.mark.parametrize(("asr", "n_av"), [(0.0, 1e5), (0.05, 1e5), (0.3, 1e4), (1.0, 1e5), (5.0, 3e3)])
+def test_sigma_is_the_scatter_of_the_phase_with_little_or_no_ambient_light(asr: float, n_av: float) -> None:
+    """Without ambient light, the second harmonic has more noise than its weight in the fit stands for."""
+    found = fit(Light(asr, direct_ns=7.0), n_av, 40_000, steps=6)
+    assert np.median(found.sigma_rad) == pytest.approx(np.angle(found.cos + 1j * found.sin).std(), rel=0.02)
+
+
 def test_the_likelihood_is_the_largest_of_all_phases() -> None:
     rng = np.random.default_rng(5)
     size = 4000
