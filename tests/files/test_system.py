@@ -140,7 +140,7 @@ def test_closing_a_file_on_a_share_that_is_gone_hides_no_other_error(
     with locked(tmp_path):
         file = PartialFile(tmp_path / "maps")
         file.parts = [memoryview(b"maps")]
-        monkeypatch.setattr(system.os, "close", close_and_fail)
+        monkeypatch.setattr(os, "close", close_and_fail)
         # no other file can be written there either, so this is a PlaceError: the run stops at once
         with pytest.raises(PlaceError, match="maps: cannot be written: Transport endpoint is not connected"):
             file.commit()

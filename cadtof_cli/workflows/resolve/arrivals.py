@@ -13,7 +13,7 @@ from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines, shared_folder
 from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, new_frames, plan_captures
-from cadtof_cli.workflows.resolve.record import RUN_FILE, FrameReport, read_record
+from cadtof_cli.workflows.resolve.record import RUN_FILE, FrameReport, failed_input, read_record
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 
@@ -69,6 +69,7 @@ class Arrivals:
                     overrides=self.overrides,
                     settings_file=self.settings.settings_file,
                     recursive=self.settings.recursive,
+                    on_unlisted=lambda folder, error: self.on_failure(failed_input(folder, error)),
                     base=self.base,
                 )
                 if not last:
@@ -76,9 +77,7 @@ class Arrivals:
                     self.waiting += waiting
                 found += self._known(captures)
             except CadtofError as error:
-                self.on_failure(
-                    FrameReport(str(folder if len(named) > 1 else named[0]), None, "failed", str(error), 0.0)
-                )
+                self.on_failure(failed_input(folder if len(named) > 1 else named[0], error))
         return found
 
     def _known(self, captures: Sequence[Capture]) -> list[CapturePlan]:
@@ -122,7 +121,7 @@ def existing(paths: Iterable[Path], /) -> tuple[list[Path], list[FrameReport]]:
             is_existing_folder(path)
             there.append(path)
         except CaptureError as error:
-            gone.append(FrameReport(str(path), None, "failed", str(error), 0.0))
+            gone.append(failed_input(path, error))
     return there, gone
 
 

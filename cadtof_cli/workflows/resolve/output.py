@@ -225,7 +225,10 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
         )
     now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
     if arriving:
-        del now[_INPUTS], now[_FOLDERS]
+        del now[_INPUTS]
+    if arriving or set(before[_FOLDERS]).issubset(now[_FOLDERS]):
+        # a tree of captures may have grown; nothing is recorded of the new ones
+        del now[_FOLDERS]
         now = {name: value for name, value in now.items() if name in before}
     for name, value in now.items():
         if before.get(name) != value:
@@ -245,7 +248,7 @@ def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return everything that decides the maps of a run (inputs, options, metadata, calibration), by names that a user knows."""
     captures = document["captures"]
     deciding: dict[str, Any] = {_VERSION: document["cadtof"]}
-    deciding[_FOLDERS] = [capture.get("resolved_root") for capture in captures]
+    deciding[_FOLDERS] = [str(capture.get("resolved_root")) for capture in captures]
     arguments = document["arguments"]
     deciding |= {name: value for name, value in arguments.items() if name not in _CHANGES_NO_MAP}
     deciding["digest of the calibration"] = (document["calibration"] or {}).get("digest")

@@ -105,6 +105,11 @@ class FrameReport:
         return line
 
 
+def failed_input(path: Path, error: Exception, /) -> FrameReport:
+    """Return the report on an input of which no frame can be read; it counts as a frame that failed."""
+    return FrameReport(str(path), None, "failed", str(error), 0.0)
+
+
 _JSON_FIELDS = frozenset(one.name for one in fields(FrameReport)) - {"line", "note", "stops"}
 
 

@@ -43,6 +43,7 @@ from cadtof_cli.workflows.resolve.record import (
     ALREADY_THERE,
     FrameReport,
     RunRecorder,
+    failed_input,
     recorded_run,
 )
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -135,14 +136,15 @@ def resolve_captures(
 def _first_captures(
     inputs: Sequence[Path], settings: ResolveSettings, overrides: Mapping[str, Any], *, is_open: bool
 ) -> tuple[Sequence[Capture], Path, Sequence[FrameReport], list[Path]]:
-    """Return the captures of the inputs, the folder whose tree OUT mirrors, reports on inputs that are gone, and files that wait.
+    """Return the captures of the inputs, the folder whose tree OUT mirrors, reports on inputs that failed, and files that wait.
 
-    The last two are empty unless the run is open: unless more inputs arrive later.
+    Files wait only if the run is open: if more inputs arrive later.
     """
-    chosen, recursive = settings.settings_file, settings.recursive
+    unlisted, chosen, recursive = list[FrameReport](), settings.settings_file, settings.recursive
     found = partial(find_placed_captures, overrides=overrides, settings_file=chosen, recursive=recursive)
+    found = partial(found, on_unlisted=lambda folder, error: unlisted.append(failed_input(folder, error)))
     if not is_open:
-        return *found(inputs), (), []
+        return *found(inputs), unlisted, []
     # imported only when it is needed: each module takes a third of a millisecond
     from cadtof_cli.workflows.resolve.arrivals import earlier_shared_folder, existing, without_incomplete_frames
 
@@ -150,7 +152,7 @@ def _first_captures(
     base = earlier_shared_folder(settings.out) if settings.resume else None
     captures, base = found(there or inputs, base=base)
     captures, waiting = without_incomplete_frames(captures, inputs, settings)
-    return captures, base, gone, waiting
+    return captures, base, gone + unlisted, waiting
 
 
 def _notes(
