@@ -27,9 +27,10 @@ class Arrivals:
         calibration: the calibration that is applied; None: none.
         base: folder whose tree OUT mirrors.
         on_failure: called with a report on inputs that cannot be resolved; the run continues.
+        same_name: gives names of the same file in OUT the same value.
         waiting: files of frames that wait for more files.
         known: plans of the captures that have come so far, by the folder of the capture.
-        sources: first recorded file of each map, by the name of the map.
+        sources: first recorded file of each map, by the name of the map and by `same_name` of it.
     """
 
     settings: ResolveSettings
@@ -37,6 +38,7 @@ class Arrivals:
     calibration: AppliedCalibration | None
     base: Path
     on_failure: Callable[[FrameReport], None]
+    same_name: Callable[[str], str]
     waiting: list[Path] = field(default_factory=list)
     known: dict[Path, CapturePlan] = field(default_factory=dict)
     sources: dict[str, Path] = field(default_factory=dict)
@@ -45,7 +47,8 @@ class Arrivals:
         """Remember captures and the names of their frames."""
         for one in plans:
             self.known.setdefault(one.capture.root, one)
-            self.sources.update((frame.name, frame.paths[0]) for frame in one.capture.frames)
+            for frame in one.capture.frames:
+                self.sources[frame.name] = self.sources[self.same_name(frame.name)] = frame.paths[0]
 
     def plans(self, batches: Iterable[tuple[Path, ...]], /) -> Iterator[list[CapturePlan]]:
         """Yield the plans for each batch of paths. A frame of several files waits for all of its files."""
@@ -99,7 +102,7 @@ class Arrivals:
         own = []
         for frame in plan.capture.frames:
             first = frame.paths[0]
-            other = self.sources.get(frame.name, first)
+            other = self.sources.get(self.same_name(frame.name), first)
             if other == first or absolute(other) == absolute(first):
                 own.append(frame)
                 continue

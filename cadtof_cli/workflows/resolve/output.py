@@ -8,7 +8,7 @@ import os
 import platform
 import re
 import stat
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -119,17 +119,37 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
     """
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
-    if len(captures) == 1:
-        # the names within a capture differ
-        return
+    # the names within a capture differ
+    if len(captures) > 1:
+        _require_different(captures, out)
+
+
+def require_own_names(captures: Sequence[Capture], out: Path, /) -> Callable[[str], str]:
+    """Make sure that every frame has an output file of its own also where capital and small letters are the same in names.
+
+    The run must hold the lock of the folder. Return a function that gives names of the same file the same value.
+
+    Raises:
+        OutputError: two frames would be written to one file.
+    """
+    if not (out / LOCK_FILE.upper()).exists():
+        return str
+    _require_different(captures, out, str.lower, ", because capital and small letters are the same there")
+    return str.lower
+
+
+def _require_different(
+    captures: Sequence[Capture], out: Path, same: Callable[[str], str] = str, because: str = ""
+) -> None:
     named: dict[str, Path] = {}
     for frame in (frame for capture in captures for frame in capture.frames):
-        if frame.name in named:
+        name = same(frame.name)
+        if name in named:
             raise OutputError(
-                f"{named[frame.name]} and {frame.paths[0]} would both be written as {out}/{frame.name}; "
+                f"{named[name]} and {frame.paths[0]} would both be written as {out}/{frame.name}{because}; "
                 "resolve them into folders of their own, one command each"
             )
-        named[frame.name] = frame.paths[0]
+        named[name] = frame.paths[0]
 
 
 def continues_earlier_run(

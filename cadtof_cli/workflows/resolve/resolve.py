@@ -28,6 +28,7 @@ from cadtof_cli.workflows.resolve.output import (
     continues_earlier_run,
     locked,
     remove_run,
+    require_own_names,
     require_own_places,
 )
 from cadtof_cli.workflows.resolve.plans import (
@@ -100,6 +101,7 @@ def resolve_captures(
     make_folder(settings.out)
     with locked(settings.out):
         resumed = resumes()
+        same_name = require_own_names(captures, settings.out)
         if settings.overwrite or settings.resume:
             remove_partial_files(settings.out)
         for note in _notes(plans, calibration, settings, kernel=document["kernel"]):
@@ -124,7 +126,7 @@ def resolve_captures(
                 if arriving is not None:
                     from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
-                    arrivals = Arrivals(settings, overrides, calibration, base, run.report, waiting)
+                    arrivals = Arrivals(settings, overrides, calibration, base, run.report, same_name, waiting)
                     arrivals.meet(plans)
                     batches = itertools.chain(batches, run.arriving(arrivals, arriving, document, known))
                 return run.report_all(batches)
