@@ -150,7 +150,9 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
         except CadtofError as error:
             failed = error
         except MemoryError:
-            failed = UnreadableError(f"{source}: not enough memory for a frame of this size: try fewer --jobs, or more memory")
+            failed = UnreadableError(
+                f"{source}: not enough memory for a frame of this size: try fewer --jobs, or more memory"
+            )
         except Exception as error:  # noqa: BLE001  (an error that nobody expected must not stop the other frames)
             failed = FrameError(
                 f"{source}: unexpected {type(error).__name__}: {error}; please report it with the frame"
