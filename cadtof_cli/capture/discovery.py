@@ -212,8 +212,14 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
 
 
 def _below(folder: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> Iterator[Capture]:
-    """Yield the captures in a folder and in all folders below it, in the natural order of the folders' names."""
+    """Yield the captures in a folder and in all folders below it, in the natural order of the folders' names.
+
+    Raises:
+        UnlistedError: the folder itself cannot be listed; or there is no capture in the folders that can be listed.
+    """
     waiting, seen = [folder], set[str]()
+    unlisted: UnlistedError | None = None
+    found_any = False
     while waiting:
         here = waiting.pop()
         real = os.path.realpath(here)
@@ -228,14 +234,18 @@ def _below(folder: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> Itera
         except UnlistedError as error:
             if here == folder:
                 raise
+            unlisted = unlisted or error
             on_unlisted(here, error)
             continue
         if found:
+            found_any = True
             yield found
             if "/" in (source.metadata.layout.pattern or ""):
                 continue
         below = (name for name, is_dir in entries if is_dir and not name.startswith("."))
         waiting += (here / name for name in sorted(below, key=natural_key, reverse=True))
+    if unlisted and not found_any:
+        raise unlisted
 
 
 def _capture(

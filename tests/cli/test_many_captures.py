@@ -71,6 +71,11 @@ def test_a_folder_that_cannot_be_listed_fails_alone(tree: Path) -> None:
         # the folder that was named is another matter: nothing else is there to be resolved
         done = without_privilege("resolve", "--recursive", closed, "-o", tree / "none", "-j", 1)
         assert (done.status, done.err) == (2, f"Error: {told}\n")
+        # nor is it enough that other folders are there, without frames
+        shutil.move(tree / "rec" / "a", tree / "a")
+        done = without_privilege("resolve", "--recursive", tree / "rec", "-o", tree / "none", "-j", 1)
+        assert (done.status, done.err) == (2, f"Error: {told}\n")
+        shutil.move(tree / "a", tree / "rec" / "a")
     finally:
         closed.chmod(0o755)
     assert without_privilege("resolve", "--recursive", tree / "rec", "-o", out, "-j", 1, "--resume").status == 0
