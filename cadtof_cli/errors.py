@@ -31,6 +31,10 @@ class FrameError(CadtofError):
     exit_status = 1
 
 
+class UnreadableError(FrameError):
+    """A frame that the system did not let us read, or that memory was too short for: nothing is known about its content."""
+
+
 class OutputError(CadtofError):
     """A place that cannot be written, or that holds files a run would replace."""
 

@@ -16,12 +16,12 @@ from typing import Any
 
 from cadtof_cli.capture.checks import InvalidValueError
 from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
+from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, entries_of
 from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.capture.planes import grouped_planes, hint_of_words
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, RAW, frame_suffixes
-from cadtof_cli.files.reading import is_folder
 from cadtof_cli.units import first_of
 
 OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
@@ -41,12 +41,17 @@ _MISNAMED = (
 """Wrong names that editors and other systems give to `capture.toml`."""
 
 
+def _fail(_folder: Path, error: UnlistedError) -> None:
+    raise error
+
+
 def find_captures(
     inputs: Sequence[Path],
     *,
     overrides: Mapping[str, Any] | None = None,
     settings_file: Path | None = None,
     recursive: bool = False,
+    on_unlisted: OnUnlisted = _fail,
 ) -> tuple[Capture, ...]:
     """Return the captures in folders and files.
 
@@ -62,6 +67,7 @@ def find_captures(
         overrides: metadata by dotted key, which replaces the values of every `capture.toml`.
         settings_file: a `capture.toml` that is used for all captures, in place of any other.
         recursive: whether captures are also looked for in all folders below the inputs.
+        on_unlisted: called with each of these folders that cannot be listed; by default, it raises the error.
 
     Raises:
         CaptureError: an input does not exist, cannot be listed or holds no frames, or two frames have the same name.
@@ -71,7 +77,7 @@ def find_captures(
     captures: list[tuple[Capture, bool]] = []
     for (root, is_whole), group in itertools.groupby(inputs, key=lambda path: _root(path, source_of)):
         if recursive and is_whole:
-            below = list(_below(root, source_of))
+            below = list(_below(root, source_of, on_unlisted))
             if not below:
                 expected = _expected_names(source_of(root).metadata.layout)
                 raise CaptureError(f"{root}: no frames in it or in any folder below it: looked for {expected}")
@@ -81,7 +87,7 @@ def find_captures(
         if not is_whole:
             named = list(dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in group))
         found = _capture(root, source, named)
-        if found is None and is_whole and (below := list(_below(root, source_of))):
+        if found is None and is_whole and (below := list(_below(root, source_of, on_unlisted))):
             others = _first_names(str(one.root) for one in below)
             raise CaptureError(
                 f"{root}: no frames in this folder; captures below it: {others}; name one of them, or"
@@ -115,6 +121,7 @@ def find_placed_captures(
     overrides: Mapping[str, Any] | None = None,
     settings_file: Path | None = None,
     recursive: bool = False,
+    on_unlisted: OnUnlisted = _fail,
     base: Path | None = None,
 ) -> tuple[tuple[Capture, ...], Path]:
     """Return the captures of `find_captures`, with their frames renamed for OUT, and the folder whose tree OUT mirrors.
@@ -127,9 +134,12 @@ def find_placed_captures(
         overrides: see `find_captures`.
         settings_file: see `find_captures`.
         recursive: see `find_captures`.
+        on_unlisted: see `find_captures`.
         base: the folder whose tree OUT mirrors; None: the deepest folder that contains all inputs and captures.
     """
-    captures = find_captures(inputs, overrides=overrides, settings_file=settings_file, recursive=recursive)
+    captures = find_captures(
+        inputs, overrides=overrides, settings_file=settings_file, recursive=recursive, on_unlisted=on_unlisted
+    )
     if base is None:
         folders = [path if path.is_dir() else path.parent for path in inputs] + [one.root for one in captures]
         base = Path(os.path.commonpath(map(os.path.abspath, folders)))
@@ -201,57 +211,41 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
     return (path.parent if depth == 0 else absolute(path).parents[depth]), False
 
 
-def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
-    """Yield the captures in a folder and in all folders below it, in the natural order of the folders' names."""
+def _below(folder: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> Iterator[Capture]:
+    """Yield the captures in a folder and in all folders below it, in the natural order of the folders' names.
+
+    Raises:
+        UnlistedError: the folder itself cannot be listed; or there is no capture in the folders that can be listed.
+    """
     waiting, seen = [folder], set[str]()
+    unlisted: UnlistedError | None = None
+    found_any = False
     while waiting:
         here = waiting.pop()
         real = os.path.realpath(here)
-        entries = _entries(here)
-        files = {name for name, is_dir in entries if not is_dir}
-        if real in seen or (not OUTPUT_FILES.isdisjoint(files) and FILE_NAME not in files):
+        try:
+            entries = entries_of(here)
+            files = {name for name, is_dir in entries if not is_dir}
+            if real in seen or (not OUTPUT_FILES.isdisjoint(files) and FILE_NAME not in files):
+                continue
+            seen.add(real)
+            source = source_of(here)
+            found = _capture(here, source, recursive=True)
+        except UnlistedError as error:
+            if here == folder:
+                raise
+            unlisted = unlisted or error
+            on_unlisted(here, error)
             continue
-        seen.add(real)
-        source = source_of(here)
-        if found := _capture(here, source, recursive=True):
+        if found:
+            found_any = True
             yield found
             if "/" in (source.metadata.layout.pattern or ""):
                 continue
         below = (name for name, is_dir in entries if is_dir and not name.startswith("."))
         waiting += (here / name for name in sorted(below, key=natural_key, reverse=True))
-
-
-def _entries(folder: Path, pattern: str | None = None) -> list[tuple[str, bool]]:
-    """Return the entries of a folder: their paths relative to the folder, with slashes, and whether each is a folder.
-
-    If the pattern of planes contains slashes, the entries are those of the folders that many levels below.
-
-    Raises:
-        CaptureError: a folder cannot be listed.
-    """
-    found, above = list[tuple[str, bool]](), [""]
-    for _ in (pattern or "").split("/"):
-        found = []
-        for below in above:
-            here = folder / below
-            try:
-                with os.scandir(here) as entries:
-                    found += [
-                        # a link in a loop is listed as a file; reading it raises the error
-                        (
-                            below + entry.name,
-                            entry.is_dir(follow_symlinks=False) or (entry.is_symlink() and is_folder(Path(entry))),
-                        )
-                        for entry in entries
-                    ]
-            except PermissionError as error:
-                raise CaptureError(
-                    f"{here}: no permission to list this folder; expected one that can be read"
-                ) from error
-            except OSError as error:
-                raise CaptureError(f"{here}: cannot be listed: {error.strerror}") from error
-        above = [f"{name}/" for name, is_dir in found if is_dir and not name.rpartition("/")[2].startswith(".")]
-    return found
+    if unlisted and not found_any:
+        raise unlisted
 
 
 def _capture(
@@ -271,13 +265,13 @@ def _capture(
     # when a shell expands cap/*, `capture.toml` is among the named files
     layout, names = source.metadata.layout, [name for name in named or () if name != FILE_NAME]
     suffixes = frame_suffixes(planes=layout.pattern is not None, raw=layout.raw_dtype is not None)
-    for name, is_dir in _entries(root, layout.pattern) if named is None else ():
+    for name, is_dir in entries_of(root, layout.pattern) if named is None else ():
         # plain strings, because making 2,000 Paths takes longer than listing the folder
         last = name.rpartition("/")[2].lower()
         stem, dot, suffix = last.rpartition(".")
         if dot + suffix not in suffixes or last.startswith(".") or stem == TRUTH:
             continue
-        if not is_dir or (last.endswith(FRAME_SUFFIXES) and not (recursive and _entries(root / name))):
+        if not is_dir or (last.endswith(FRAME_SUFFIXES) and not (recursive and entries_of(root / name))):
             names.append(name)
     if recursive and not names:
         return None
@@ -303,7 +297,7 @@ def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None =
     pattern, looked_for = layout.pattern, _expected_names(layout)
     where = "" if among is None else " among the files that were named"
     if among is None:
-        among = [name + "/" * is_dir for name, is_dir in _entries(root, pattern) or _entries(root)]
+        among = [name + "/" * is_dir for name, is_dir in entries_of(root, pattern) or entries_of(root)]
     files = [name for name in among if not name.endswith("/")]
     hint = _what_is_missing(root, layout, {Path(name).suffix.lower(): name for name in files})
     if pattern is not None and not hint and (words := hint_of_words(sorted(files, key=natural_key), layout)):

@@ -98,7 +98,7 @@ def info(
     if not captures:
         note_given({*capture_options().names(), "settings_file"}, "without a capture as INPUT")
     if write_settings:
-        _write_settings(captures, out, overwrite=overwrite)
+        _write_settings([facts for facts in captures if facts.metadata], out, overwrite=overwrite)
     problems = [problem for facts in found for problem in facts.problems]
     for line in _problem_lines(problems):
         tell(f"wrong: {line}", err=True)
@@ -148,7 +148,8 @@ def _capture_lines(facts: Any) -> Iterator[str]:
             yield _row(key, f"{_value(entry['value']):24} from {entry['from']}")
         elif key == "pixel.integration_length":
             yield _row(key, "unknown: the noise is estimated from each frame")
-    yield _row("unambiguous range", f"{facts.unambiguous_range_m:.3f} m")
+    if facts.metadata:
+        yield _row("unambiguous range", f"{facts.unambiguous_range_m:.3f} m")
     if facts.noise_mv is not None:
         known = facts.metadata["pixel.integration_length"]["value"] is not None
         by = "the integration length" if known else "the integration length seen"

@@ -1,5 +1,6 @@
 """Worker processes that get their tasks one by one: a worker that is lost or hangs costs only its current task."""
 
+import errno
 import itertools
 import math
 import time
@@ -224,7 +225,9 @@ class _Pool(Generic[Task, Result]):
         except (OSError, EOFError) as error:
             # EOFError: the fork server has ended
             why = error.strerror if isinstance(error, OSError) else error
-            raise WorkersError(f"no worker process can be started ({why}): try fewer --jobs") from error
+            too_many_files = isinstance(error, OSError) and error.errno in {errno.EMFILE, errno.ENFILE}
+            cure = "allow more open files (ulimit -n)" if too_many_files else "try fewer --jobs"
+            raise WorkersError(f"no worker process can be started ({why}): {cure}") from error
         finally:
             theirs.close()
         worker = _Worker[Task, Result](process, ours, core)

@@ -16,7 +16,7 @@ PARTIAL_SUFFIX = ".partial"
 _ERRORS_OF_THE_PLACE = frozenset(
     {
         errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENODEV,
-        errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM,
+        errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.ENOTCONN, errno.ETIMEDOUT, errno.EHOSTDOWN,
     }
 )  # fmt: skip
 """Errors that concern the place, not the file: no other file can be written there either."""

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cadtof_cli.errors import FrameError
+from cadtof_cli.errors import FrameError, UnreadableError
 from cadtof_cli.files.system import READ_FLAGS
 from cadtof_cli.units import counted
 
@@ -147,7 +147,7 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
     except FrameError:
         raise
     except OSError as error:
-        raise FrameError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise UnreadableError(f"{path}: cannot be read: {error.strerror or error}") from error
     except MemoryError as error:
         raise FrameError(f"{path}: not enough memory for the {kind} image that its header describes") from error
     except UnicodeDecodeError as error:

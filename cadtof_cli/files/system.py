@@ -8,6 +8,7 @@ import errno
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -157,13 +158,14 @@ def sync_folder(folder: str | Path, /) -> None:
 
 
 def remove_and_close(path: Path, descriptor: int, /) -> None:
-    """Remove an open file, if possible, and close it; it is closed first on a system that cannot remove open files."""
-    if not REMOVES_OPEN_FILES:
-        os.close(descriptor)
-    with suppress(OSError):
-        path.unlink()
-    if REMOVES_OPEN_FILES:
-        os.close(descriptor)
+    """Remove an open file, if possible, and close it; it is closed first on a system that cannot remove open files.
+
+    Nobody needs the file, so nothing is raised, also if its network share is gone, where even closing a file fails.
+    """
+    remove, close = path.unlink, partial(os.close, descriptor)
+    for step in (remove, close) if REMOVES_OPEN_FILES else (close, remove):
+        with suppress(OSError):
+            step()
 
 
 def try_lock(descriptor: int, /) -> bool:

@@ -196,6 +196,7 @@ class Run:
                 overrides=arguments["overrides"],
                 settings_file=Path(settings) if settings else None,
                 recursive=bool(arguments.get("recursive")),
+                on_unlisted=lambda *_: None,
                 base=None if is_moved else shared_folder(self.folder, self.record),
             )
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cadtof_cli.workflows.resolve.output import LOCK_FILE
 from tests.support.captures import layers_of, record, write_frame
 from tests.support.forward import step_frame
 from tests.support.runs import lines_of, require_same_run, run_of
@@ -68,6 +69,26 @@ def test_a_frame_that_would_replace_another_takes_no_other_frame_with_it(tmp_pat
         ("cam/frame_0.tiff", "failed"),
         ("cam/frame_2.tif", "ok"),
     ]
+
+
+def test_names_that_differ_only_in_case_share_no_map(tmp_path: Path) -> None:
+    """As on exFAT and NTFS, where capital and small letters are the same: there the second map would replace the first."""
+    capture = record(tmp_path / "cam", frames=2)
+    capture.files[0].rename(tmp_path / "cam" / "a.tif")
+    capture.files[1].rename(tmp_path / "cam" / "A.tif")
+    # the lock is found under both names there
+    (tmp_path / "live").mkdir()
+    (tmp_path / "live" / LOCK_FILE.upper()).touch()
+    done = shell("cadtof resolve cam -o live -j 1", tmp_path)
+    assert done.status == 2
+    assert "cam/A.tif and cam/a.tif would both be written as live/a, because capital and small letters" in done.err
+    done = shell(f"{{ echo cam/a.tif; {UNTIL_RECORDED} echo cam/A.tif; }} | {WATCH}", tmp_path)
+    assert done.status == 1
+    assert "cam/A.tif would be written as live/A, as cam/a.tif was" in done.err
+    assert [path.name for path in (tmp_path / "live").glob("*.tif")] == ["a.tif"]
+    # elsewhere, the two names are those of two files
+    assert shell("cadtof resolve cam -o other -j 1", tmp_path).status == 0
+    assert sorted(path.name for path in (tmp_path / "other").glob("*.tif")) == ["A.tif", "a.tif"]
 
 
 def test_a_watcher_that_is_started_again_keeps_what_is_recorded(tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ from cadtof_cli.files.layers import write_layers
 from tests.support.captures import TOML, layers_of, record, write_frame
 from tests.support.forward import step_frame
 from tests.support.needed import needed_program
-from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, cadtof
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, cadtof, without_privilege
+from tests.support.runs import require_same_run
 from tests.support.shell import shell
 
 
@@ -53,6 +54,47 @@ def test_recursive_mirrors_the_tree(tree: Path) -> None:
     assert shell("cadtof resolve rec/b/two -o alone -j 1", tree).status == 0
     for name, layer in layers_of(tree / "alone" / "frame_0.tif").items():
         np.testing.assert_array_equal(layer, layers_of(tree / "out" / "b/two/frame_0.tif")[name])
+
+
+def test_a_folder_that_cannot_be_listed_fails_alone(tree: Path) -> None:
+    closed, out = tree / "rec" / "b", tree / "out"
+    closed.chmod(0)
+    told = f"{closed}: no permission to list this folder; expected one that can be read"
+    try:
+        done = without_privilege("resolve", "--recursive", tree / "rec", "-o", out, "-j", 1)
+        assert done.status == 1
+        assert f"failed: {told}\n" in done.err
+        assert _maps(out) == MIRRORED[:1]
+        assert [json.loads(line)["reason"] for line in (out / "frames.jsonl").read_text().splitlines()] == [told, None]
+        done = without_privilege("info", "--recursive", tree / "rec", "-j", 1)
+        assert (done.status, done.err) == (1, f"wrong: {told}\n")
+        # the folder that was named is another matter: nothing else is there to be resolved
+        done = without_privilege("resolve", "--recursive", closed, "-o", tree / "none", "-j", 1)
+        assert (done.status, done.err) == (2, f"Error: {told}\n")
+        # nor is it enough that other folders are there, without frames
+        shutil.move(tree / "rec" / "a", tree / "a")
+        done = without_privilege("resolve", "--recursive", tree / "rec", "-o", tree / "none", "-j", 1)
+        assert (done.status, done.err) == (2, f"Error: {told}\n")
+        shutil.move(tree / "a", tree / "rec" / "a")
+    finally:
+        closed.chmod(0o755)
+    assert without_privilege("resolve", "--recursive", tree / "rec", "-o", out, "-j", 1, "--resume").status == 0
+    assert cadtof("resolve", "--recursive", tree / "rec", "-o", tree / "fresh", "-j", 1).status == 0
+    require_same_run(out, tree / "fresh")
+
+
+def test_a_tree_that_has_grown_is_resumed(tree: Path) -> None:
+    command = ("resolve", "--recursive", tree / "rec", "-j", 1, "-o")
+    assert cadtof(*command, tree / "out").status == 0
+    record(tree / "rec" / "a2", seed=7)
+    done = cadtof(*command, tree / "out", "--resume")
+    assert done.status == 0, done.err
+    assert "resolved 1 of 4 frames" in done.err
+    assert cadtof(*command, tree / "fresh").status == 0
+    require_same_run(tree / "out", tree / "fresh")
+    # a tree that has lost a capture is another one
+    shutil.rmtree(tree / "rec" / "a")
+    assert "cannot resume: folders of the frames was " in cadtof(*command, tree / "out", "--resume").err
 
 
 @pytest.mark.parametrize(

@@ -140,6 +140,25 @@ def test_what_changed_is_done_again(
     require_same_run(out, fresh)
 
 
+def test_maps_stay_while_their_frame_cannot_be_read(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A", frames=3), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    before = {name: (out / name).read_bytes() for name in ("frame_1.tif", "frames.jsonl")}
+    # as on a disk or share that fails for a while: nothing is known about the content of the frame
+    frame, elsewhere = capture.files[1], tmp_path / "elsewhere"
+    frame.rename(elsewhere)
+    frame.symlink_to(frame.name)
+    done = _resolve(capture.folder, "-o", out, "--resume", "--json")
+    assert (done.status, _skipped(done)) == (1, 2)
+    assert f"failed: {frame}: cannot be read: Too many levels of symbolic links" in done.err
+    assert f"{out / 'frame_1.tif'}: kept, because its recorded frame may be as it was" in done.err
+    assert {name: (out / name).read_bytes() for name in before} == before
+    elsewhere.replace(frame)
+    done = _resolve(capture.folder, "-o", out, "--resume", "--json")
+    assert (done.status, _skipped(done)) == (0, 3)
+    assert (out / "frame_1.tif").read_bytes() == before["frame_1.tif"]
+
+
 def test_a_frame_that_was_only_touched_is_kept(tmp_path: Path) -> None:
     capture, out, fresh = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "fresh"
     assert _resolve(capture.folder, "-o", out).status == 0

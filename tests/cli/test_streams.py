@@ -83,6 +83,7 @@ def test_the_limit_of_open_files_is_reported(most: int, tmp_path: Path) -> None:
     done = _shell(f'ulimit -n {most}; "$@"', "resolve", capture, "-o", tmp_path / "out", "-j", 2)
     assert done.status in {1, 2}
     assert "Too many open files" in done.err
+    assert "allow more open files (ulimit -n)" in done.err
     assert "standard output" not in done.err
     assert "unexpected" not in done.err
 

@@ -32,6 +32,7 @@ from cadtof_cli.files.system import (
     remove_and_close,
     write_parts,
 )
+from cadtof_cli.workflows.resolve.output import locked
 from tests.support.captures import record
 from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
 from tests.support.runs import require_same_run
@@ -121,6 +122,29 @@ def test_a_file_is_removed_and_closed_in_either_order(
     assert not path.exists()
     with pytest.raises(OSError, match="Bad file descriptor"):
         os.fstat(descriptor)
+
+
+def test_closing_a_file_on_a_share_that_is_gone_hides_no_other_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    close = os.close
+
+    def close_and_fail(descriptor: int) -> None:
+        close(descriptor)
+        raise OSError(errno.ENOTCONN, "Transport endpoint is not connected")
+
+    def write_and_fail(_descriptor: int, _parts: object) -> None:
+        raise OSError(errno.ENOTCONN, "Transport endpoint is not connected")
+
+    monkeypatch.setattr("cadtof_cli.files.atomic.write_parts", write_and_fail)
+    with locked(tmp_path):
+        file = PartialFile(tmp_path / "maps")
+        file.parts = [memoryview(b"maps")]
+        monkeypatch.setattr(os, "close", close_and_fail)
+        # no other file can be written there either, so this is a PlaceError: the run stops at once
+        with pytest.raises(PlaceError, match="maps: cannot be written: Transport endpoint is not connected"):
+            file.commit()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("vectors", [True, False])

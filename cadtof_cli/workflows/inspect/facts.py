@@ -78,7 +78,9 @@ def facts_of_frame(
     except CadtofError as error:
         return FrameFacts(problem=str(error))
     except MemoryError:
-        return FrameFacts(problem=f"{source}: not enough memory for a frame of this size: try fewer --jobs")
+        return FrameFacts(
+            problem=f"{source}: not enough memory for a frame of this size: try fewer --jobs, or more memory"
+        )
 
 
 def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: CaptureMetadata) -> FrameFacts:

@@ -108,7 +108,13 @@ def look_into(
             recorded.append(path)
     captures: Sequence[Capture] = ()
     if recorded:
-        captures = find_captures(recorded, overrides=overrides, settings_file=settings_file, recursive=recursive)
+        captures = find_captures(
+            recorded,
+            overrides=overrides,
+            settings_file=settings_file,
+            recursive=recursive,
+            on_unlisted=lambda folder, error: found.append(CaptureFacts(str(folder), problems=[str(error)])),
+        )
     progress.advance(0, total=sum(len(capture.frames) for capture in captures))
     for capture in captures:
         facts = _capture_facts(capture, workers, progress)

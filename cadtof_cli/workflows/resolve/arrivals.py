@@ -20,7 +20,7 @@ from cadtof_cli.workflows.resolve.plans import (
     record_captures,
 )
 from cadtof_cli.workflows.resolve.record import RUN_FILE, read_record
-from cadtof_cli.workflows.resolve.reports import FrameReport
+from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 
@@ -32,29 +32,31 @@ class Arrivals:
         settings: settings of the run.
         batches: the paths that arrive during the run.
         base: folder whose tree OUT mirrors; None: it is not known yet.
-        gone: reports on those of the first inputs that do not exist.
+        failed: reports on those of the first inputs that cannot be resolved.
         waiting: files of frames that wait for more files.
         calibration: the calibration that is applied; None: none.
-        on_failure: called with a report on inputs that cannot be resolved; the run continues.
+        on_failure: called with a report on inputs that cannot be resolved, once the run has begun; the run continues.
+        same_name: gives names of the same file in OUT the same value.
         counted: inputs of an earlier run that is continued, with links resolved.
         known: plans of the captures that have come so far, by the folder of the capture.
-        sources: first recorded file of each map, by the name of the map.
+        sources: first recorded file of each map, by the name of the map and by `same_name` of it.
     """
 
     settings: ResolveSettings
     batches: Iterable[tuple[Path, ...]]
     base: Path | None = None
-    gone: list[FrameReport] = field(default_factory=list)
+    failed: list[FrameReport] = field(default_factory=list)
     waiting: list[Path] = field(default_factory=list)
     calibration: AppliedCalibration | None = None
-    on_failure: Callable[[FrameReport], None] = lambda _: None
+    on_failure: Callable[[FrameReport], None] | None = None
+    same_name: Callable[[str], str] = str
     counted: frozenset[str] = frozenset()
     known: dict[Path, CapturePlan] = field(default_factory=dict)
     sources: dict[str, Path] = field(default_factory=dict)
 
     def first_captures(self, inputs: Sequence[Path], /) -> tuple[Capture, ...]:
         """Return the captures of the inputs that are there when the run begins."""
-        there, self.gone = _existing(inputs)
+        there = self._existing(inputs)
         self.base = _earlier_shared_folder(self.settings.out) if self.settings.resume else None
         return self._captures(there or inputs)
 
@@ -80,19 +82,36 @@ class Arrivals:
         plans: Iterable[CapturePlan],
         calibration: AppliedCalibration | None,
         on_failure: Callable[[FrameReport], None],
+        same_name: Callable[[str], str],
         /,
     ) -> None:
-        """Report those of the first inputs that do not exist, and remember the plans of the others."""
-        self.calibration, self.on_failure = calibration, on_failure
-        for report in self.gone:
-            on_failure(report)
+        """Remember the plans of the first captures; from now on, inputs that cannot be resolved are reported at once."""
+        self.calibration, self.on_failure, self.same_name = calibration, on_failure, same_name
         self._meet(plans)
+
+    def _fail(self, report: FrameReport) -> None:
+        (self.on_failure or self.failed.append)(report)
+
+    def _existing(self, paths: Iterable[Path]) -> list[Path]:
+        """Return the paths that exist; each of the others is a frame that failed.
+
+        A program that watches a folder also names files that are removed or renamed a moment later.
+        """
+        there = []
+        for path in paths:
+            try:
+                is_existing_folder(path)
+                there.append(path)
+            except CaptureError as error:
+                self._fail(failed_input(path, error))
+        return there
 
     def _meet(self, plans: Iterable[CapturePlan]) -> None:
         """Remember captures and the names of their frames."""
         for one in plans:
             self.known.setdefault(one.capture.root, one)
-            self.sources.update((frame.name, frame.paths[0]) for frame in one.capture.frames)
+            for frame in one.capture.frames:
+                self.sources[frame.name] = self.sources[self.same_name(frame.name)] = frame.paths[0]
 
     def plans(self, document: Mapping[str, Any], /) -> Iterator[list[CapturePlan]]:
         """Yield the plans for each batch of paths, and add the batch to the content of `run.json`.
@@ -109,17 +128,14 @@ class Arrivals:
             yield self._planned((), document, last=True)
 
     def _planned(self, paths: Iterable[Path], document: Mapping[str, Any], *, last: bool = False) -> list[CapturePlan]:
-        there, gone = _existing((*self.waiting, *paths))
-        for report in gone:
-            self.on_failure(report)
+        there = self._existing((*self.waiting, *paths))
         self.waiting = []
         found: list[CapturePlan] = []
         for folder, named in _by_folder(there).items():
             try:
                 found += self._known(self._captures(named, last=last))
             except CadtofError as error:
-                source = str(folder if len(named) > 1 else named[0])
-                self.on_failure(FrameReport(source, None, "failed", str(error), 0.0))
+                self._fail(failed_input(folder if len(named) > 1 else named[0], error))
         record_captures(document, found, self.counted)
         return found
 
@@ -131,6 +147,7 @@ class Arrivals:
             overrides=settings.overrides,
             settings_file=settings.settings_file,
             recursive=settings.recursive,
+            on_unlisted=lambda folder, error: self._fail(failed_input(folder, error)),
             base=self.base,
         )
         if not last:
@@ -157,30 +174,15 @@ class Arrivals:
         own = []
         for frame in plan.capture.frames:
             first = frame.paths[0]
-            other = self.sources.get(frame.name, first)
+            other = self.sources.get(self.same_name(frame.name), first)
             if other == first or absolute(other) == absolute(first):
                 own.append(frame)
                 continue
             error = OutputError(f"{first} would be written as {self.settings.out}/{frame.name}, as {other} was")
-            self.on_failure(FrameReport(str(frame), None, "failed", str(error), 0.0))
+            self._fail(FrameReport(str(frame), None, "failed", str(error), 0.0))
         if len(own) == len(plan.capture.frames):
             return plan
         return replace(plan, capture=replace(plan.capture, frames=tuple(own)))
-
-
-def _existing(paths: Iterable[Path]) -> tuple[list[Path], list[FrameReport]]:
-    """Return the paths that exist, and for each of the others the report on a frame that failed.
-
-    A program that watches a folder also names files that are removed or renamed a moment later.
-    """
-    there, gone = list[Path](), list[FrameReport]()
-    for path in paths:
-        try:
-            is_existing_folder(path)
-            there.append(path)
-        except CaptureError as error:
-            gone.append(FrameReport(str(path), None, "failed", str(error), 0.0))
-    return there, gone
 
 
 def _record_arrivals(paths: Iterable[Path], known: set[str], arguments: Mapping[str, Any], out: Path) -> None:

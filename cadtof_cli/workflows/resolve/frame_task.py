@@ -11,7 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
-from cadtof_cli.errors import CadtofError, FrameError, PlaceError, SettingsError
+from cadtof_cli.errors import CadtofError, FrameError, PlaceError, SettingsError, UnreadableError
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
@@ -75,6 +75,12 @@ class FrameTask:
         """Return the report on a frame whose maps stay as an earlier run made them; `line` is its line in the record."""
         return self.report("skipped", f"{self.output} exists already", seconds, kept=line)
 
+    def kept_line(self) -> FrameReport | None:
+        """Return the line of an earlier run about the maps, with the paths of this run; None if the maps are not as recorded."""
+        if self.before is None or _maps_changed(self.output, self.before):
+            return None
+        return replace(self.before, source=str(self.sources[0]), output=str(self.output))
+
     def files(self) -> tuple[SourceFile, ...] | None:
         """Return the files that the frame lies in, as they are now; None: a file is missing."""
         paths = dict.fromkeys(path for source in self.sources for path in source.paths)
@@ -129,20 +135,23 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
         except CadtofError as error:
             failed = error
         except MemoryError:
-            failed = FrameError(f"{source}: not enough memory for a frame of this size: try fewer --jobs")
+            failed = UnreadableError(
+                f"{source}: not enough memory for a frame of this size: try fewer --jobs, or more memory"
+            )
         except Exception as error:  # noqa: BLE001  (an error that nobody expected must not stop the other frames)
             failed = FrameError(
                 f"{source}: unexpected {type(error).__name__}: {error}; please report it with the frame"
             )
-        note = None
+        note = kept = None
         if task.resume and isinstance(failed, FrameError) and task.output.is_file():
-            # the maps there are of an earlier content of the frame
-            task.output.unlink()
-            note = f"{task.output}: removed, because its recorded frame cannot be resolved any more"
-        seconds = time.monotonic() - began
-        return task.report(
-            status, str(failed), seconds, files=task.files(), note=note, stops=isinstance(failed, PlaceError)
-        )
+            kept = task.kept_line() if isinstance(failed, UnreadableError) else None
+            note = f"{task.output}: kept, because its recorded frame may be as it was"
+            if kept is None:
+                # the maps there are of an earlier content of the frame
+                task.output.unlink()
+                note = f"{task.output}: removed, because its recorded frame cannot be resolved any more"
+        more = {"files": task.files(), "kept": kept, "note": note, "stops": isinstance(failed, PlaceError)}
+        return task.report(status, str(failed), time.monotonic() - began, **more)
 
     return attempted
 
@@ -221,18 +230,17 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
     Raises:
         FrameError: the frame cannot be read any more.
     """
-    before, files = task.before, task.files()
-    if before is None or files is None or _maps_changed(task.output, before):
+    line, files = task.kept_line(), task.files()
+    if line is None or files is None:
         return None
-    if files != before.files or _touched_since(task):
+    if files != line.files or _touched_since(task):
         try:
             _, recording = read_frame(task)
         except NotAFrameError:
             return None
-        if recording.digest != before.digest:
+        if recording.digest != line.digest:
             return None
-    line = replace(before, source=str(task.sources[0]), output=str(task.output), files=files)
-    return task.kept(line, time.monotonic() - began)
+    return task.kept(replace(line, files=files), time.monotonic() - began)
 
 
 def _why_again(task: FrameTask) -> str | None:

@@ -8,7 +8,7 @@ import os
 import platform
 import re
 import stat
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -120,17 +120,37 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
     """
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
-    if len(captures) == 1:
-        # the names within a capture differ
-        return
+    # the names within a capture differ
+    if len(captures) > 1:
+        _require_different(captures, out)
+
+
+def require_own_names(captures: Sequence[Capture], out: Path, /) -> Callable[[str], str]:
+    """Make sure that every frame has an output file of its own also where capital and small letters are the same in names.
+
+    The run must hold the lock of the folder. Return a function that gives names of the same file the same value.
+
+    Raises:
+        OutputError: two frames would be written to one file.
+    """
+    if not (out / LOCK_FILE.upper()).exists():
+        return str
+    _require_different(captures, out, str.lower, ", because capital and small letters are the same there")
+    return str.lower
+
+
+def _require_different(
+    captures: Sequence[Capture], out: Path, same: Callable[[str], str] = str, because: str = ""
+) -> None:
     named: dict[str, Path] = {}
     for frame in (frame for capture in captures for frame in capture.frames):
-        if frame.name in named:
+        name = same(frame.name)
+        if name in named:
             raise OutputError(
-                f"{named[frame.name]} and {frame.paths[0]} would both be written as {out}/{frame.name}; "
+                f"{named[name]} and {frame.paths[0]} would both be written as {out}/{frame.name}{because}; "
                 "resolve them into folders of their own, one command each"
             )
-        named[frame.name] = frame.paths[0]
+        named[name] = frame.paths[0]
 
 
 def continues_earlier_run(
@@ -226,7 +246,10 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
         )
     now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
     if arriving:
-        del now[_INPUTS], now[_FOLDERS]
+        del now[_INPUTS]
+    if arriving or set(before[_FOLDERS]).issubset(now[_FOLDERS]):
+        # a tree of captures may have grown; nothing is recorded of the new ones
+        del now[_FOLDERS]
         now = {name: value for name, value in now.items() if name in before}
     for name, value in now.items():
         if before.get(name) != value:
@@ -246,7 +269,7 @@ def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return everything that decides the maps of a run (inputs, options, metadata, calibration), by names that a user knows."""
     captures = document["captures"]
     deciding: dict[str, Any] = {_VERSION: document["cadtof"]}
-    deciding[_FOLDERS] = [capture.get("resolved_root") for capture in captures]
+    deciding[_FOLDERS] = [str(capture.get("resolved_root")) for capture in captures]
     arguments = document["arguments"]
     deciding |= {name: value for name, value in arguments.items() if name not in _CHANGES_NO_MAP}
     deciding["digest of the calibration"] = (document["calibration"] or {}).get("digest")

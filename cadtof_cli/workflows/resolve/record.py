@@ -52,7 +52,7 @@ class RunRecorder:
     Attributes:
         path: path of `frames.jsonl`.
         document: content of `run.json`.
-        lines: the open file at `path`. It is not buffered, so that closing it has nothing to write and cannot fail.
+        lines: the open file at `path`. It is not buffered, so that closing it has nothing to write.
         resumed: whether the run continues an earlier one.
         arriving: whether frames arrive during the run.
         say: called with messages for the user.
@@ -243,4 +243,6 @@ def recorded_run(
                 write_json(run, document)
             raise
     finally:
-        recorder.lines.close()
+        # on a network share that is gone even closing fails; what was to be reported has been raised already
+        with suppress(OSError):
+            recorder.lines.close()

@@ -81,6 +81,11 @@ class FrameReport:
         return line
 
 
+def failed_input(path: Path, error: Exception, /) -> FrameReport:
+    """Return the report on an input of which no frame can be read; it counts as a frame that failed."""
+    return FrameReport(str(path), None, "failed", str(error), 0.0)
+
+
 _JSON_FIELDS = frozenset(one.name for one in fields(FrameReport)) - {"kept", "note", "stops"}
 
 
@@ -121,7 +126,7 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
-        self.already_there += report.kept is not None
+        self.already_there += report.status == "skipped" and report.kept is not None
         for kind in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
             setattr(self, kind, getattr(self, kind) + (getattr(report, kind) or 0))
         self.diffuse_frames += bool(report.diffuse)

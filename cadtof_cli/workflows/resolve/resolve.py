@@ -28,6 +28,7 @@ from cadtof_cli.workflows.resolve.output import (
     continues_earlier_run,
     locked,
     remove_run,
+    require_own_names,
     require_own_places,
 )
 from cadtof_cli.workflows.resolve.plans import (
@@ -39,11 +40,11 @@ from cadtof_cli.workflows.resolve.plans import (
     use_calibration,
 )
 from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
-from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
+from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
-    pass
+    from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
 Outcomes = Generator[Outcome[FrameTask, FrameReport], None, None]
 
@@ -78,20 +79,7 @@ def resolve_captures(
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
-    arrivals = None
-    if arriving is not None:
-        # imported only when it is needed: each module takes a third of a millisecond
-        from cadtof_cli.workflows.resolve.arrivals import Arrivals
-
-        arrivals = Arrivals(settings, arriving)
-        captures = arrivals.first_captures(inputs)
-    else:
-        captures, _ = find_placed_captures(
-            inputs,
-            overrides=settings.overrides,
-            settings_file=settings.settings_file,
-            recursive=settings.recursive,
-        )
+    captures, arrivals, failed = _first_captures(inputs, settings, arriving)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
     require_own_places(captures, settings.out)
@@ -100,10 +88,11 @@ def resolve_captures(
     resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=is_arriving)
     if settings.dry_run:
         resumes()
-        return _dry_run(plans, settings, captures, arrivals.gone if arrivals else (), on_frame)
+        return _dry_run(plans, settings, captures, failed, on_frame)
     make_folder(settings.out)
     with locked(settings.out):
         resumed = resumes()
+        same_name = require_own_names(captures, settings.out)
         if settings.overwrite or settings.resume:
             remove_partial_files(settings.out)
         for note in _notes(plans, calibration, settings, kernel=document["kernel"]):
@@ -118,14 +107,37 @@ def resolve_captures(
                 arrivals.keep_earlier(document, plans)
             record = recorded_run(settings.out, document, resume=resumed, arriving=is_arriving, say=progress.say)
             with record as run.record:
+                for report in failed:
+                    run.report(report)
                 later: Iterable[Outcomes] = ()
                 if arrivals:
-                    arrivals.begin(plans, calibration, run.report)
+                    arrivals.begin(plans, calibration, run.report, same_name)
                     later = (run.outcomes(more, arrivals.sources.keys) for more in arrivals.plans(document))
                 return run.report_all(itertools.chain([first], later))
         finally:
             # maps bear the token of the run, and the two records bear the number of this process
             remove_partial_files(settings.out, tokens={run.token, str(os.getpid())})
+
+
+def _first_captures(
+    inputs: Sequence[Path], settings: ResolveSettings, arriving: Iterable[tuple[Path, ...]] | None
+) -> tuple[Sequence[Capture], "Arrivals | None", Sequence[FrameReport]]:
+    """Return the captures that are there, what meets those that arrive during the run, and reports on inputs that failed."""
+    if arriving is not None:
+        # imported only when it is needed: each module takes a third of a millisecond
+        from cadtof_cli.workflows.resolve.arrivals import Arrivals
+
+        arrivals = Arrivals(settings, arriving)
+        return arrivals.first_captures(inputs), arrivals, arrivals.failed
+    failed = list[FrameReport]()
+    captures, _ = find_placed_captures(
+        inputs,
+        overrides=settings.overrides,
+        settings_file=settings.settings_file,
+        recursive=settings.recursive,
+        on_unlisted=lambda folder, error: failed.append(failed_input(folder, error)),
+    )
+    return captures, None, failed
 
 
 def _notes(
@@ -145,12 +157,12 @@ def _dry_run(
     plans: Sequence[CapturePlan],
     settings: ResolveSettings,
     captures: Sequence[Capture],
-    gone: Iterable[FrameReport],
+    failed: Iterable[FrameReport],
     on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
     """Report every file that a run would write, after the checks of a run. Nothing is written."""
     totals = RunTotals()
-    for report in gone:
+    for report in failed:
         totals.add(report)
         on_frame(report)
     for one in plans:
