@@ -147,7 +147,9 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
     except FrameError:
         raise
     except OSError as error:
-        raise UnreadableError(f"{path}: cannot be read: {error.strerror or error}") from error
+        # errors of the system have a number; those that libraries raise on damaged files have none
+        kind_of_error = FrameError if error.errno is None else UnreadableError
+        raise kind_of_error(f"{path}: cannot be read: {error.strerror or error}") from error
     except MemoryError as error:
         raise FrameError(f"{path}: not enough memory for the {kind} image that its header describes") from error
     except UnicodeDecodeError as error:

@@ -14,7 +14,7 @@ import pytest
 import tifffile
 
 from cadtof_cli.capture.frames import open_frames
-from cadtof_cli.errors import FrameError
+from cadtof_cli.errors import FrameError, UnreadableError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.reading import in_brief
 from tests.files.forms import known_frame, plane_files, planes_of, tiff
@@ -38,20 +38,22 @@ def test_a_file_of_no_known_format_is_refused(content: bytes, found: str, tmp_pa
 
 
 def test_a_file_that_is_gone(tmp_path: Path) -> None:
-    assert message(tmp_path / "gone.tif") == f"{tmp_path / 'gone.tif'}: cannot be read: No such file or directory"
+    path = tmp_path / "gone.tif"
+    assert message(path, kind=UnreadableError) == f"{path}: cannot be read: No such file or directory"
 
 
 def test_a_folder_in_place_of_a_file(tmp_path: Path) -> None:
-    assert message(tmp_path).endswith("cannot be read: Is a directory")
+    assert message(tmp_path, kind=UnreadableError).endswith("cannot be read: Is a directory")
 
 
 def test_a_frame_without_permission_to_read_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> int:
         raise PermissionError(13, "Permission denied")
 
-    (tmp_path / "frame.exr").touch()
+    path = tmp_path / "frame.exr"
+    path.touch()
     monkeypatch.setattr("os.open", refuse)
-    assert message(tmp_path / "frame.exr") == f"{tmp_path / 'frame.exr'}: cannot be read: Permission denied"
+    assert message(path, kind=UnreadableError) == f"{path}: cannot be read: Permission denied"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pytest
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
+from cadtof_cli.errors import UnreadableError
 from tests.files.forms import known_frame
 from tests.files.refusals import LAYOUT, message
 
@@ -87,4 +88,4 @@ def test_an_index_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     _write(tmp_path, pages, PLACES["numbers"])
     (tmp_path / "NDTiff.index").unlink()
     os.mkfifo(tmp_path / "NDTiff.index")
-    assert message(path) == f"{path}: cannot be read: found a FIFO, expected a file"
+    assert message(path, kind=UnreadableError) == f"{path}: cannot be read: found a FIFO, expected a file"
