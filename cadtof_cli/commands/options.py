@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+import os
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
@@ -315,8 +316,9 @@ def input_paths(values: tuple[str, ...], /) -> tuple[Path, ...]:
 def arriving_paths(values: tuple[str, ...], /, *, separator: bytes = b"\n") -> Iterator[tuple[Path, ...]]:
     """Yield batches of paths: the paths that the arguments name, and those that arrive on stdin if one argument is `-`.
 
-    The first batch holds the named paths and the paths that arrive before the first pause. The common folder of the
-    captures, and so the tree of folders in OUT, follows from this batch.
+    The first batch holds the named paths and the paths that arrive before the first pause, or, if none of these exists, before
+    the pause after one that does: a program that watches a folder also names files that are gone a moment later. The common
+    folder of the captures, and so the tree of folders in OUT, follows from this batch.
     """
     named = tuple(Path(value) for value in values if value != STDIN)
     if STDIN not in values:
@@ -325,8 +327,12 @@ def arriving_paths(values: tuple[str, ...], /, *, separator: bytes = b"\n") -> I
     from cadtof_cli.commands.arrival import paths_as_they_arrive
 
     arriving = paths_as_they_arrive(sys.stdin.fileno(), separator=separator)
-    first = next(arriving, ())
-    if not (named or first):
+    first = named
+    for batch in arriving:
+        first += batch
+        if any(map(os.path.lexists, first)):
+            break
+    if not first:
         raise click.UsageError("no paths arrived on stdin; expected one path per line")
-    yield (*named, *first)
+    yield first
     yield from arriving

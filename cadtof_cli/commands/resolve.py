@@ -119,7 +119,8 @@ def _tell_of_frame(bar: "Bar", report: "FrameReport", /, *, as_json: bool, dry_r
     if as_json:
         tell(json.dumps(report.as_json()))
     elif dry_run:
-        tell(f"{report.source} → {report.output or 'nothing, it is already there'}")
+        nothing = "nothing, it is already there" if report.kept else "nothing, it cannot be read"
+        tell(f"{report.source} → {report.output or nothing}")
     if report.status == "failed" or (report.status == "skipped" and not report.kept):
         bar.say(f"{report.status}: {report.reason}", warning=True)
 

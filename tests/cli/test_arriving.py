@@ -50,6 +50,14 @@ def test_only_frames_that_are_gone(tmp_path: Path) -> None:
     assert (done.status, sorted(_sources(done.out))) == (1, [("cam/frame_0.tif", "ok"), ("cam/gone.tif", "failed")])
 
 
+def test_a_frame_that_is_gone_before_any_other_arrives_fails_alone(tmp_path: Path) -> None:
+    record(tmp_path / "cam")
+    done = shell(f"{{ echo cam/gone.tif; sleep 2; echo cam/frame_0.tif; }} | {WATCH}", tmp_path)
+    assert done.status == 1
+    assert "failed: cam/gone.tif: no such file or folder" in done.err
+    assert (tmp_path / "live" / "frame_0.tif").is_file()
+
+
 def test_a_dry_run_lists_the_paths_that_arrive_late(tmp_path: Path) -> None:
     record(tmp_path / "cam", frames=2)
     done = shell(f"{{ echo cam/frame_0.tif; sleep 2; echo cam/frame_1.tif; }} | {WATCH} --dry-run", tmp_path)

@@ -66,6 +66,8 @@ def test_a_folder_that_cannot_be_listed_fails_alone(tree: Path) -> None:
         assert f"failed: {told}\n" in done.err
         assert _maps(out) == MIRRORED[:1]
         assert [json.loads(line)["reason"] for line in (out / "frames.jsonl").read_text().splitlines()] == [told, None]
+        done = without_privilege("resolve", "--recursive", tree / "rec", "-o", tree / "none", "--dry-run")
+        assert (done.status, done.out.splitlines()[0]) == (1, f"{closed} → nothing, it cannot be read")
         done = without_privilege("info", "--recursive", tree / "rec", "-j", 1)
         assert (done.status, done.err) == (1, f"wrong: {told}\n")
         # the folder that was named is another matter: nothing else is there to be resolved
