@@ -1,18 +1,22 @@
 """Frames whose MPI is a tail, resolved as `cadtof resolve` does: cropped, split over processes, and with any kernel."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cadtof_cli import simulate_scene
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.kernels import NUMPY
+from cadtof_cli.resolver.status import StatusBit
 from tests.support.blocks import blocks_of
 from tests.support.kernels import by_kernel
 
@@ -51,6 +55,31 @@ def test_blocks_of_any_size_have_the_same_bits(corner: tuple[Stored, FramePlan],
         cut = by_kernel(NUMPY, resolve_frame, stored, plan=plan).maps
     np.testing.assert_array_equal(cut.values, whole.values)
     np.testing.assert_array_equal(cut.status, whole.status)
+
+
+def test_a_frame_with_separate_patches_has_the_same_bits_in_blocks_without_them() -> None:
+    """In four patches, the second phasor leads, which no tail explains. With three harmonics, the maps also have χ²."""
+    (frame,) = simulate_scene(
+        "corner", modulation={"periods_ns": (40.0, 20.0, 13.33)}, camera={"width": 160, "height": 128}
+    ).frames
+    voltage = frame.metadata.voltage
+    assert voltage.zero_counts is not None
+    assert voltage.volts_per_count is not None
+    volts = (frame.stored - voltage.zero_counts) * voltage.volts_per_count
+    sc1, sc2 = volts[1, :, 48:64, 48:64].copy()
+    cos, sin = np.cos(0.6), np.sin(0.6)
+    volts[1, :, 48:64, 48:64] = cos * sc1 - sin * sc2, sin * sc1 + cos * sc2
+    plan = FramePlan(metadata=replace(frame.metadata, voltage=Voltage()))
+    whole = resolve_frame(volts, plan=plan)
+    assert whole.mpi is not None
+    assert whole.mpi.taken == "diffuse"
+    tail = (whole.maps.status & StatusBit.DIFFUSE_MPI) > 0
+    assert 0.95 < tail.mean() < 1.0
+    assert "chi_squared" in whole.maps.names
+    with blocks_of(160):
+        rows = resolve_frame(volts, plan=plan).maps
+    np.testing.assert_array_equal(rows.values, whole.maps.values)
+    np.testing.assert_array_equal(rows.status, whole.maps.status)
 
 
 def test_every_pixel_of_a_cropped_frame_has_an_answer(corner: tuple[Stored, FramePlan]) -> None:
