@@ -105,7 +105,7 @@ def prepare_frame(
     diffuse MPI."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
     height, width = recorded.shape[2:]
-    stages = frame_stages(plan, calibration, frame.dtype, (height, width), chosen_kernel())
+    stages = frame_stages(plan, calibration, frame.dtype, (height, width))
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
     noise = stages.noise
@@ -134,10 +134,10 @@ def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: "Cal
     The answer of a pixel does not depend on the pixels that are resolved with it, so neither the size of the blocks nor
     the size of the part changes a bit of it.
     """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size, chosen_kernel())
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
     in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(ALWAYS) :] in ((), (AVERAGED,))
-    if stages.kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
+    if chosen_kernel() != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
         _fill_by_kernel(maps, pixels, stages)
     else:
         _fill_by_blocks(maps, pixels, stages)
@@ -232,23 +232,23 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffuseP
     from cadtof_cli.phasors.pooling import shared_noise
     from cadtof_cli.pipeline.samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
+    from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
-    noise, settings, kernel, window = pixels.noise, plan.settings, stages.kernel, stages.plan.settings.pool
+    noise, settings, window = pixels.noise, plan.settings, stages.plan.settings.pool
     look_at = look_at_frames if noise.samples is None else look_at_frame
-    look = look_at(stages, noise, pixels.stored.dtype) if pixels.pooled is None else None
+    in_kernel = pixels.pooled is None and is_compiled_for(len(noise.each))
+    look = look_at(stages, noise, pixels.stored.dtype) if in_kernel else None
     sampled: FrameSamples | None = None
     if look is None:
         sampled = frame_samples(pixels, stages, plan.grid)
         light = sampled.light()
     else:
-        light = compiled_light(pixels.stored, look, plan.grid, kernel=kernel)
+        light = compiled_light(pixels.stored, look, plan.grid)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     variances = tuple(one.dark_variance for one in noise.each)
     shared = shared_noise(window, samples=samples, stride=plan.grid.stride, count=plan.grid.side // plan.grid.stride)
-    means_of = partial(
-        patch_means, variance=variances[0] / samples, harmonics=settings.harmonics, shared=shared.pixels, kernel=kernel
-    )
+    means_of = partial(patch_means, variance=variances[0] / samples, harmonics=settings.harmonics, shared=shared.pixels)
     means = means_of(light, light.seen)
     kinds = patch_kinds(
         light,
@@ -257,7 +257,6 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffuseP
         grid=plan.grid,
         settings=settings,
         alike=shared.neighbours,
-        kernel=kernel,
     )
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
@@ -274,7 +273,6 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffuseP
         samples=samples,
         shared=shared.pixels,
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
-        kernel=kernel,
     )
     model = predict(light, means, kinds)
     if sampled is not None and sampled.response is not None:

@@ -15,7 +15,6 @@ from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import FrameStages, frame_stages
 from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
-from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.order import with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths, solver_for
@@ -86,7 +85,7 @@ def pixel_evidence(
     Raises:
         SettingsError: the plan does not fit the frame's type.
     """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size, chosen_kernel())
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     here = slice(index, index + 1)
     pixel = pixels[here]
     tail, response, phasors = pixels.tail, stages.response, stages.phasors(pixel)

@@ -44,7 +44,6 @@ class FrameStages:
 
     Attributes:
         plan: what decides the maps of the frames.
-        kernel: the kernel that was chosen, one of `available_kernels`.
         saturated_counts: stored values at or beyond these limits are saturated; None: no value is.
         correction: correction of the stored values.
         depth: how paths become metres and volts.
@@ -57,7 +56,6 @@ class FrameStages:
     """
 
     plan: FramePlan
-    kernel: str
     saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
@@ -93,9 +91,9 @@ def _some(planes: Stored, chosen: SomePixels) -> Stored:
 
 @lru_cache(maxsize=4)
 def frame_stages(
-    plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int], kernel: str
+    plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int]
 ) -> FrameStages:
-    """Return the stages of all frames of one plan, type and size, which the kernel of this name resolves.
+    """Return the stages of all frames of one plan, type and size.
 
     Raises:
         SettingsError: the frames do not fit the plan or the calibration.
@@ -122,7 +120,7 @@ def frame_stages(
     diffuse = _diffuse_plan(metadata, size, resolver, correction) if may_be_diffuse else None
     saturated = metadata.voltage.saturated_counts
     return sealed(
-        FrameStages(plan, kernel, saturated, correction, depth, resolver, response, solver, plan.layers, noise, diffuse)
+        FrameStages(plan, saturated, correction, depth, resolver, response, solver, plan.layers, noise, diffuse)
     )
 
 
@@ -182,15 +180,13 @@ kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
 
 
 def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic]) -> "Look | None":
-    """Return the `Look` with which the compiled kernel judges the light of a frame; None if only numpy can do that."""
+    """Return the `Look` with which the compiled kernel judges the light of a frame; None if it cannot."""
     from cadtof_cli.resolver.diffuse.light import Look
 
     correction, saturated = stages.correction, stages.saturated_counts
     if correction.response is not None:
         return None
-    return Look.of(
-        stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored, kernel=stages.kernel
-    )
+    return Look.of(stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored)
 
 
 look_at_frames = lru_cache(maxsize=4)(look_at_frame)

@@ -26,7 +26,6 @@ from cadtof_cli.resolver.diffuse.second_paths import (
 )
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
-from cadtof_cli.resolver.kernels import NUMPY
 
 LARGEST_LEAD_RAD = 0.1
 """Largest arg q_2 of a tail. A tail that decays has at most 0; the rest is the margin that renderings of 30 rooms need."""
@@ -153,12 +152,11 @@ def patch_kinds(
     grid: PatchGrid,
     settings: DiffuseSettings,
     alike: float = 0.0,
-    kernel: str = NUMPY,
 ) -> PatchKinds:
     """Return the kinds of the patches of a grid, from their light and its means.
 
     `variances` are the noise variances of a channel of each harmonic. `alike` is the correlation of the noise of neighbouring
-    patches. `kernel` is of `available_kernels`. If `settings.model` is `diffuse`, every frame with enough light gets a tail.
+    patches. If `settings.model` is `diffuse`, every frame with enough light gets a tail.
     """
     sigma = float(np.sqrt(variances[0]))
     lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.seen > SEEN_SHARE)
@@ -179,20 +177,19 @@ def patch_kinds(
     elif are_two_paths(
         PatchData.of(means, lit, variances, settings.harmonics),
         PatchPlaces(grid.even[lit], lit, settings.rad_per_ns, alike),
-        kernel=kernel,
-    ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=settings, kernel=kernel):
+    ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=settings):
         reason = "separate paths"
     return PatchKinds(lit, separate, share, reason, probability)
 
 
-def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMPY) -> bool:
+def are_two_paths(data: PatchData, places: PatchPlaces, /) -> bool:
     """Return whether the patches have two true paths each.
 
     Further harmonics show it, if they can tell. If they cannot, one share of the light or evenness shows it.
     """
     with np.errstate(all="ignore"):
         # if a patch has one path, the delay of the other is NaN
-        second = SecondPaths.of(data, kernel=kernel)
+        second = SecondPaths.of(data)
         if further_harmonics_tell(second, data):
             return predict_further_harmonics(second, data)
         return has_one_share(second, rad_per_ns=places.rad_per_ns) or are_even(second, data, places)

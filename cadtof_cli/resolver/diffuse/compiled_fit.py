@@ -7,46 +7,40 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.kernels import NUMPY, extension
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
 
 MOST_HARMONICS = 8
 """Largest number of harmonics for which the compiled twins have room; numpy has no limit."""
 
 
-def is_compiled_for(harmonics: int, kernel: str, /) -> bool:
-    """Return whether a kernel, of `available_kernels`, has compiled twins for so many harmonics: numpy has none."""
-    return kernel != NUMPY and harmonics <= MOST_HARMONICS
+def is_compiled_for(harmonics: int, /) -> bool:
+    """Return whether the chosen kernel has compiled twins for so many harmonics: numpy has none."""
+    return chosen_kernel() != NUMPY and harmonics <= MOST_HARMONICS
 
 
 def compiled_slopes(
-    given: tuple[Float, Float, Float, Complex, Complex, Complex],
-    constants: tuple[Float, Float, Float],
-    /,
-    *,
-    kernel: str,
+    given: tuple[Float, Float, Float, Complex, Complex, Complex], constants: tuple[Float, Float, Float], /
 ) -> tuple[Float, Float]:
     """Return the same as `TailModel._slopes`, with the same bits.
 
     Args:
         given: state, (5, n); cosines and sines, (H, n) each; and the light of n patches, three times (H, n).
         constants: for each harmonic, (H, 1) each: its number, hω, and the factor `TailModel._onset`.
-        kernel: of `available_kernels`, but not `numpy`.
     """
     harmonics, patches = given[1].shape
     total, jacobian = np.empty((3, harmonics, patches)), np.empty((6, 2 * harmonics, patches))
-    extension().tail_slopes(kernel, *_contiguous(*constants, *given), total, jacobian)
+    extension().tail_slopes(chosen_kernel(), *_contiguous(*constants, *given), total, jacobian)
     return total, jacobian
 
 
 @dataclass(frozen=True, eq=False)
 class CompiledSteps:
-    """`PatchSteps` by a kernel of `available_kernels`, with the same bits."""
+    """`PatchSteps` by the compiled kernel, with the same bits."""
 
     data: Float
     error: Float
     within: Float
     pattern: Float
-    kernel: str
 
     def evidence(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
         """Return the same as `PatchSteps.evidence`."""
@@ -71,7 +65,7 @@ class CompiledSteps:
     def _step(self, step: int, given: tuple[Float | None, ...], answers: tuple[Float | None, ...]) -> None:
         """Take one of the steps in `_patch_steps.h`; None stands for an array that the step does not need."""
         fixed = (self.data, self.error, self.within, self.pattern)
-        extension().step_patches(self.kernel, step, *_contiguous(*fixed, *given), *answers)
+        extension().step_patches(chosen_kernel(), step, *_contiguous(*fixed, *given), *answers)
 
 
 def _contiguous(*arrays: NDArray[Any] | None) -> list[NDArray[Any] | None]:

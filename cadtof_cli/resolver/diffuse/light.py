@@ -14,7 +14,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.kernels import NUMPY, extension
+from cadtof_cli.resolver.kernels import chosen_kernel, extension
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, saturation
 
@@ -94,10 +94,9 @@ class Look:
         /,
         *,
         stored: np.dtype[np.generic],
-        kernel: str,
     ) -> "Look | None":
-        """Return the record for a kernel and a frame with this noise and type; None if only numpy can look at the frame."""
-        if not is_compiled_for(len(noise.each), kernel) or stored not in STORED_TYPES[:-1]:
+        """Return the record for a frame with this noise and type; None if the kernel takes no frame of this type."""
+        if stored not in STORED_TYPES[:-1]:
             return None
         saturated = saturation(saturated_counts, stored)
         least, variances = settings.min_confidence, tuple(one.dark_variance for one in noise.each)
@@ -145,13 +144,13 @@ def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple
     return PatchLight(seen, phase_of(re[0], im[0]), weighted)
 
 
-def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /, *, kernel: str) -> PatchLight:
+def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /) -> PatchLight:
     """Return the light of a frame's stored values (H, 2, n), with the same bits as numpy gives."""
     places = sample_places(grid)
     weighted = np.empty((1 + 2 * len(stored), *places.shape), np.float32)
     phase_rad, seen = np.empty(places.shape, np.float32), np.empty(places.shape, np.bool_)
     extension().look_at_samples(
-        kernel,
+        chosen_kernel(),
         np.array([*look.saturated, look.least_power, look.least_modulus]),
         np.array(look.harmonics, np.int64),
         np.array([1.0 / variance for variance in look.variances]),
@@ -189,7 +188,6 @@ def patch_means(
     variance: float,
     harmonics: tuple[int, ...],
     shared: float = 1.0,
-    kernel: str = NUMPY,
 ) -> PatchMeans:
     """Return the means over the pixels `among`, (n, rows, columns), with ratios that are corrected for the bias by noise.
 
@@ -204,15 +202,16 @@ def patch_means(
         variance: noise variance of p_1, of one channel without light.
         harmonics: numbers of the harmonics.
         shared: how many pixels share their noise, as in `SharedNoise`.
-        kernel: of `available_kernels`.
     """
     counted = among & light.seen
-    if not is_compiled_for(len(harmonics), kernel):
+    if not is_compiled_for(len(harmonics)):
         power, *parts = (light.weighted * counted).sum(axis=1, dtype=np.float64)
         pixels = counted.sum(axis=0).astype(np.float64)
     else:
         sums = np.empty((len(light.weighted) + 1, *counted.shape[1:]))
-        extension().sum_patches(kernel, np.ascontiguousarray(light.weighted), np.ascontiguousarray(counted), sums)
+        extension().sum_patches(
+            chosen_kernel(), np.ascontiguousarray(light.weighted), np.ascontiguousarray(counted), sums
+        )
         power, *parts, pixels = sums
     ratios = np.empty((len(parts) // 2 - 1, *pixels.shape), np.complex128)
     ratios.real, ratios.imag = parts[2::2], parts[3::2]

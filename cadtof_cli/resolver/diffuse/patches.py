@@ -29,7 +29,6 @@ class FrameTraits:
         variances: noise variance of a channel of each harmonic, (H,), of a pixel as it is resolved.
         offset_m: what is added to the ranges of the sampled pixels.
         shared: how many pixels share their noise.
-        kernel: of `available_kernels`.
     """
 
     grid: PatchGrid
@@ -37,7 +36,6 @@ class FrameTraits:
     variances: Float
     offset_m: Float32 | float
     shared: float
-    kernel: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +74,6 @@ class LitPatches:
             variance=frame.variances[0],
             harmonics=harmonics,
             shared=frame.shared,
-            kernel=frame.kernel,
         )
         ratios, amplitude = means.ratios[:, valid], means.amplitude[valid]
         data = np.concatenate([np.log(np.maximum(np.abs(ratios), NO_RATIO)), np.angle(ratios)])
@@ -87,7 +84,7 @@ class LitPatches:
 
 def first_planes(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> PatchPlanes:
     """Return the surfaces from a first depth: that of two paths, from the mean light of every patch."""
-    lag = two_path_lag(means.ratios[0], kernel=frame.kernel)
+    lag = two_path_lag(means.ratios[0])
     range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 

@@ -34,7 +34,6 @@ from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.diffuse.variation import varies_like_the_tail
-from cadtof_cli.resolver.kernels import NUMPY
 
 GUESSED_POWER = 4
 """Power of the unknown share of what a patch faces, with which the light of guessed walls counts. A view that shows
@@ -77,7 +76,6 @@ def diffuse_model(
     samples: float = 1.0,
     shared: float = 1.0,
     range_offset_m: Float | None = None,
-    kernel: str = NUMPY,
 ) -> DiffuseModel | Reason:
     """Return the model of a frame, or why it is left to separate paths after all; inputs are not changed.
 
@@ -92,10 +90,9 @@ def diffuse_model(
         samples: number of recorded pixels that most phasors are a mean of.
         shared: how many pixels share their noise, as in `SharedNoise`.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
-        kernel: of `available_kernels`, all of which give the same bits.
     """
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
-    frame = FrameTraits(grid, settings, np.array(variances) / samples, offset, shared, kernel)
+    frame = FrameTraits(grid, settings, np.array(variances) / samples, offset, shared)
     planes = first_planes(light, means, frame)
     valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
@@ -105,7 +102,7 @@ def diffuse_model(
     fitted = _fitted(patches, tail, frame)
     if settings.model == "auto" and not _is_tail(patches, fitted, tail, frame, of_sine=term_tail is None):
         return "no tail fits"
-    two_path_rad = two_path_lag(patches.ratios[0], kernel=kernel)
+    two_path_rad = two_path_lag(patches.ratios[0])
     coarse = _coarse(patches, fitted, tail, two_path_rad, frame).weighted_by(kinds.mpi_probability)
     terms = None if term_tail is None else _term_tails(term_tail, patches, fitted.fit, coarse, frame)
     if terms is not None:
@@ -130,13 +127,13 @@ def _fitted(patches: LitPatches, tail: TailModel, frame: FrameTraits) -> _Fitted
     """Fit the room; if a net covers some patches, fit it once more without their data."""
     error, rule = patches.model_error + patches.noise, pattern(tail.light.direct)
     known = frame.grid.view.known
-    fit = fitted_patches(patches.data, error, tail, rule, known_optics=known, kernel=frame.kernel)
+    fit = fitted_patches(patches.data, error, tail, rule, known_optics=known)
     nets = _find_nets(patches, fit, frame) if frame.settings.model == "auto" else None
     uncovered = np.ones(patches.amplitude.size, np.bool_)
     if nets is not None:
         uncovered = ~nets.found[patches.valid]
         error = np.where(uncovered, error, _covered_error(error))
-        fit = fitted_patches(patches.data, error, tail, rule, known_optics=known, kernel=frame.kernel)
+        fit = fitted_patches(patches.data, error, tail, rule, known_optics=known)
         candidates = (_find_nets(patches, fit, frame, which) for which in (uncovered, None))
         nets = max(filter(None, candidates), key=lambda one: one.found.sum(), default=nets)
     return _Fitted(fit, patch_posterior(patches.data, error, fit), nets, uncovered)
@@ -190,7 +187,7 @@ def _two_path_chi_squared(patches: LitPatches, frame: FrameTraits) -> Float:
     data = PatchData.of(patches.means, patches.valid, frame.variances, frame.settings.harmonics)
     tolerated = np.diagonal(patches.model_error).T[:-2].reshape(2, *patches.ratios.shape)
     with np.errstate(all="ignore"):
-        return further_chi_squared(SecondPaths.of(data, kernel=frame.kernel), replace(data, tolerated=tolerated))
+        return further_chi_squared(SecondPaths.of(data), replace(data, tolerated=tolerated))
 
 
 def _find_nets(patches: LitPatches, fit: PatchFit, frame: FrameTraits, uncovered: Bool | None = None) -> Nets | None:
@@ -209,7 +206,6 @@ def _find_nets(patches: LitPatches, fit: PatchFit, frame: FrameTraits, uncovered
         Tails(near, far, harmonics),
         grid=frame.grid,
         settings=frame.settings,
-        kernel=frame.kernel,
     )
 
 
@@ -220,7 +216,7 @@ def _lag_parts(patches: LitPatches, fit: PatchFit, tail: TailModel, guessed: Sur
     light that the fit does not see.
     """
     seen, open_share = patches.seen, tail.light.open_share
-    light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m, kernel=frame.kernel)
+    light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m)
     seen_rad, continued_rad, unseen_rad, guessed_rad = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
     share = mpi_share(patches.ratios)
     return LagParts(seen_rad, continued_rad, share * unseen_rad, share * guessed_rad, open_share, seen.cosine)
@@ -237,11 +233,10 @@ def _tail_models(patches: LitPatches, frame: FrameTraits) -> tuple[TailModel, Ta
         patches.amplitude,
         harmonics=harmonics,
         rad_per_m=settings.rad_per_m,
-        kernel=frame.kernel,
     )
 
     def model(chosen: tuple[int, ...]) -> TailModel:
-        return TailModel(light.at([harmonics.index(h) for h in chosen]), chosen, settings.rad_per_ns, frame.kernel)
+        return TailModel(light.at([harmonics.index(h) for h in chosen]), chosen, settings.rad_per_ns)
 
     return model(settings.harmonics), None if settings.terms is None else model(multiples)
 

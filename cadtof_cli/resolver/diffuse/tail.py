@@ -20,7 +20,6 @@ from cadtof_cli.arrays import Complex, Float, Values
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import compiled_slopes, is_compiled_for
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
-from cadtof_cli.resolver.kernels import NUMPY
 
 STATE = ("ln s", "ln b", "ln u", "ln v", "ln τ", "t")
 """The state's components, in this order everywhere."""
@@ -34,12 +33,11 @@ REFERENCE_DECAY_NS = 12.0
 
 @dataclass(frozen=True)
 class TailModel:
-    """The model of n patches: their interreflections, the numbers of the harmonics, the fundamental's ω, and the kernel."""
+    """The model of n patches: their interreflections, the numbers of the harmonics, and the fundamental's ω."""
 
     light: Interreflections
     harmonics: tuple[int, ...]
     rad_per_ns: float
-    kernel: str = NUMPY
 
     @property
     def data(self) -> int:
@@ -64,11 +62,10 @@ class TailModel:
         """Return the values at a state (6, n), (data + 2, n), and their Jacobian, (6, data + 2, n)."""
         phase = self._rad_per_ns * state[5]
         natural, cos, sin = np.exp(state[:5]), np.cos(phase), np.sin(phase)
-        if is_compiled_for(len(self.harmonics), self.kernel):
+        if is_compiled_for(len(self.harmonics)):
             total, jacobian = compiled_slopes(
                 (natural, cos, sin, self.light.seen, self.light.beyond, self.light.later),
                 (self._harmonic, self._rad_per_ns, self._onset),
-                kernel=self.kernel,
             )
         else:
             total, jacobian = self._slopes(natural, cos, sin)
