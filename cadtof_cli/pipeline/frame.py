@@ -233,7 +233,7 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffuseP
     from cadtof_cli.pipeline.samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
     from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
-    from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
+    from cadtof_cli.resolver.diffuse.light import FrameTraits, compiled_light, patch_means
 
     noise, settings, window = pixels.noise, plan.settings, stages.plan.settings.pool
     look_at = look_at_frames if noise.samples is None else look_at_frame
@@ -246,40 +246,26 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffuseP
     else:
         light = compiled_light(pixels.stored, look, plan.grid)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
-    variances = tuple(one.dark_variance for one in noise.each)
+    recorded = tuple(one.dark_variance for one in noise.each)
+    variances, offset = np.array(recorded) / samples, stages.depth.range_offset_m
     shared = shared_noise(window, samples=samples, stride=plan.grid.stride, count=plan.grid.side // plan.grid.stride)
-    means_of = partial(patch_means, variance=variances[0] / samples, harmonics=settings.harmonics, shared=shared.pixels)
+    added = None if offset is None else -offset.reshape(pixels.size)
+    frame = FrameTraits(plan.grid, settings, variances, recorded, shared, added)
+    means_of = partial(patch_means, variance=variances[0], harmonics=settings.harmonics, shared=shared.pixels)
     means = means_of(light, light.seen)
-    kinds = patch_kinds(
-        light,
-        means,
-        np.array(variances) / samples,
-        grid=plan.grid,
-        settings=settings,
-        alike=shared.neighbours,
-    )
+    kinds = patch_kinds(light, means, frame)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
         return replace(pixels, choice=choice)
     # imported here because only frames with a tail need it
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
-    offset = stages.depth.range_offset_m
-    predict = partial(
-        diffuse_model,
-        grid=plan.grid,
-        variances=variances,
-        settings=settings,
-        samples=samples,
-        shared=shared.pixels,
-        range_offset_m=None if offset is None else -offset.reshape(pixels.size),
-    )
-    model = predict(light, means, kinds)
+    model = diffuse_model(light, means, kinds, frame)
     if sampled is not None and sampled.response is not None:
         for _ in range(FREEING_ROUNDS):
             if not isinstance(model, str):
                 light = sampled.light(model)
-                model = predict(light, means_of(light, light.seen), kinds)
+                model = diffuse_model(light, means_of(light, light.seen), kinds, frame)
     if isinstance(model, str):
         return replace(pixels, choice=replace(choice, reason=model))
     return replace(pixels, choice=model.choice, tail=model)

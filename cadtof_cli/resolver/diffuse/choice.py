@@ -14,8 +14,7 @@ from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.quantiles import median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
-from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     SecondPaths,
@@ -24,7 +23,6 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     median_of_noise,
     predict_further_harmonics,
 )
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
 
 LARGEST_LEAD_RAD = 0.1
@@ -143,21 +141,12 @@ class DiffuseChoice:
         return "diffuse" if self.reason == "tail" else "discrete"
 
 
-def patch_kinds(
-    light: PatchLight,
-    means: PatchMeans,
-    variances: Float,
-    /,
-    *,
-    grid: PatchGrid,
-    settings: DiffuseSettings,
-    alike: float = 0.0,
-) -> PatchKinds:
-    """Return the kinds of the patches of a grid, from their light and its means.
+def patch_kinds(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> PatchKinds:
+    """Return the kinds of a frame's patches, from their light and its means.
 
-    `variances` are the noise variances of a channel of each harmonic. `alike` is the correlation of the noise of neighbouring
-    patches. If `settings.model` is `diffuse`, every frame with enough light gets a tail.
+    If `frame.settings.model` is `diffuse`, every frame with enough light gets a tail.
     """
+    settings, variances = frame.settings, frame.variances
     sigma = float(np.sqrt(variances[0]))
     lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.seen > SEEN_SHARE)
     if lit.sum() < LEAST_PATCHES:
@@ -176,8 +165,8 @@ def patch_kinds(
         reason = "no MPI to be seen"
     elif are_two_paths(
         PatchData.of(means, lit, variances, settings.harmonics),
-        PatchPlaces(grid.even[lit], lit, settings.rad_per_ns, alike),
-    ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=settings):
+        PatchPlaces(frame.grid.even[lit], lit, settings.rad_per_ns, frame.shared.neighbours),
+    ) or are_smoothed_by_two_paths(light, means, lit, grid=frame.grid, settings=settings):
         reason = "separate paths"
     return PatchKinds(lit, separate, share, reason, probability)
 

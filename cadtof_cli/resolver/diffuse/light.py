@@ -9,11 +9,13 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Complex64, Float, Float32, Index, Stored, sealed
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
+from cadtof_cli.phasors.pooling import SharedNoise
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.kernels import chosen_kernel, extension
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, saturation
@@ -24,6 +26,27 @@ patch."""
 
 TINY = 1e-30
 """Keeps patches without pixels from dividing by zero; their values are never used."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTraits:
+    """What is known of a frame besides its light.
+
+    Attributes:
+        grid: its patches.
+        settings: what is asked for.
+        variances: noise variance of a channel of each harmonic, (H,), of a pixel as it is resolved.
+        recorded_variances: the same of one recorded pixel. Most phasors may be means of several.
+        shared: noise that pixels share because they are pooled.
+        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
+    """
+
+    grid: PatchGrid
+    settings: DiffuseSettings
+    variances: Float
+    recorded_variances: tuple[float, ...]
+    shared: SharedNoise
+    range_offset_m: Float | None = None
 
 
 @dataclass(frozen=True, eq=False)

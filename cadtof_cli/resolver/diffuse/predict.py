@@ -19,12 +19,11 @@ from cadtof_cli.resolver.diffuse.choice import (
 )
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.condition import Conditioned
-from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_phasors
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import mpi_share
 from cadtof_cli.resolver.diffuse.nets import find_nets, typical_tail
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
-from cadtof_cli.resolver.diffuse.patches import FrameTraits, LitPatches, first_planes
+from cadtof_cli.resolver.diffuse.patches import LitPatches, first_planes
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
@@ -65,17 +64,7 @@ class _Fitted:
 
 
 def diffuse_model(
-    light: PatchLight,
-    means: PatchMeans,
-    kinds: PatchKinds,
-    /,
-    *,
-    grid: PatchGrid,
-    variances: tuple[float, ...],
-    settings: DiffuseSettings,
-    samples: float = 1.0,
-    shared: float = 1.0,
-    range_offset_m: Float | None = None,
+    light: PatchLight, means: PatchMeans, kinds: PatchKinds, frame: FrameTraits, /
 ) -> DiffuseModel | Reason:
     """Return the model of a frame, or why it is left to separate paths after all; inputs are not changed.
 
@@ -84,15 +73,9 @@ def diffuse_model(
             and corrected for the pulse. Pixels without an answer (saturated, hot, without signal) are not seen.
         means: over all pixels of each patch that are seen.
         kinds: of the patches of a frame that is taken for a tail.
-        grid: how the frame is cut.
-        variances: noise variance of one channel of one recorded pixel, for each harmonic, in squared units of the phasors.
-        settings: which model is asked for, and the harmonics' periods.
-        samples: number of recorded pixels that most phasors are a mean of.
-        shared: how many pixels share their noise, as in `SharedNoise`.
-        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
+        frame: what else is known of the frame.
     """
-    offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
-    frame = FrameTraits(grid, settings, np.array(variances) / samples, offset, shared)
+    settings = frame.settings
     planes = first_planes(light, means, frame)
     valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
@@ -112,12 +95,12 @@ def diffuse_model(
     return DiffuseModel(
         settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, RoomNumbers.of(fitted.fit.state), covered),
-        variances,
+        frame.recorded_variances,
         coarse,
-        upsampler(coarse.planes, planes.surfaces.range_m, valid, grid),
+        upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
         kinds.separate,
         float(median(difference_rad**2)),
-        range_offset_m,
+        frame.range_offset_m,
         fitted.nets,
         terms,
     )

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.phasors.pooling import SharedNoise
 from cadtof_cli.resolver.diffuse.choice import (
     PatchKinds,
     misfits_without_mpi,
@@ -16,7 +17,7 @@ from cadtof_cli.resolver.diffuse.choice import (
     tail_fits,
 )
 from cadtof_cli.resolver.diffuse.grid import assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.settings import MpiModel
 
@@ -45,7 +46,8 @@ def kinds(means: PatchMeans, model: MpiModel = "auto") -> PatchKinds:
         np.zeros((64, 1, columns), np.float32),
         np.zeros((7, 64, 1, columns), np.float32),
     )
-    return patch_kinds(nothing, means, VARIANCES, grid=grid, settings=settings)
+    traits = FrameTraits(grid, settings, VARIANCES, tuple(VARIANCES.tolist()), SharedNoise(1.0, 0.0))
+    return patch_kinds(nothing, means, traits)
 
 
 def test_a_room_with_a_tail_gets_the_diffuse_model() -> None:
