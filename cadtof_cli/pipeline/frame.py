@@ -33,7 +33,7 @@ from cadtof_cli.pipeline.stages import (
 )
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, is_compiled_for
 from cadtof_cli.resolver.settings import CLOSED_FORM
 from cadtof_cli.resolver.status import StatusBit, has_answer
 
@@ -232,7 +232,6 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffuseP
     from cadtof_cli.phasors.pooling import shared_noise
     from cadtof_cli.pipeline.samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
-    from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
     from cadtof_cli.resolver.diffuse.light import FrameTraits, compiled_light, patch_means
 
     noise, settings, window = pixels.noise, plan.settings, stages.plan.settings.pool

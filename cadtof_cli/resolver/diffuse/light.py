@@ -12,11 +12,10 @@ from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.pooling import SharedNoise
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.kernels import chosen_kernel, extension
+from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, saturation
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
 from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor, within_a_turn
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
@@ -20,7 +19,7 @@ from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import residuals
-from cadtof_cli.resolver.kernels import chosen_kernel, extension
+from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
 from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.two_path.kernel import Buffers
 

@@ -11,10 +11,9 @@ from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY, available_kernels
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
 from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.diffuse_answers import model_of

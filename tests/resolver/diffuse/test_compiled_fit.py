@@ -8,13 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS, CompiledSteps, is_compiled_for
 from cadtof_cli.resolver.diffuse.patch_fit import fitted_patches
-from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
+from cadtof_cli.resolver.diffuse.patch_steps import CompiledSteps, PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.diffuse.tail import TailModel
-from cadtof_cli.resolver.kernels import NUMPY
+from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY, is_compiled_for
 from tests.resolver.compiled import compiled_kernels
 from tests.support.diffuse_frames import OMEGA, F
 from tests.support.kernels import by_kernel
@@ -83,7 +82,7 @@ def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, specia
     values, jacobian, state = numbers(count + 2, patches), numbers(6, count + 2, patches), numbers(6, patches)
     room, spread, linear = numbers(6), numbers(6, 6), numbers(count, patches)
 
-    def steps(one: PatchSteps | CompiledSteps) -> tuple[F, ...]:
+    def steps(one: PatchSteps) -> tuple[F, ...]:
         evidence, moved = one.evidence(values, jacobian, state), one.moved(state, linear, jacobian, room, spread)
         return (*evidence, moved, *one.posterior(values, jacobian, state, room, spread))
 

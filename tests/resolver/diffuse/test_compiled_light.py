@@ -10,7 +10,6 @@ import pytest
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.phasors.noise import NoiseModel, noise_model
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored, saturated_pixels
-from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, assumed_view, patch_grid, sampled_pixels
 from cadtof_cli.resolver.diffuse.light import (
     Look,
@@ -19,7 +18,7 @@ from cadtof_cli.resolver.diffuse.light import (
     patch_means,
     sampled_light,
 )
-from cadtof_cli.resolver.kernels import NUMPY
+from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY
 from cadtof_cli.resolver.resolve import screened
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.resolver.compiled import compiled_kernels
