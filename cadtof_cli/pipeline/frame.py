@@ -23,13 +23,12 @@ from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import (
-    DiffusePlan,
     FrameStages,
     frame_stages,
+    frame_traits,
     kernel_of_frame,
     kernel_of_frames,
-    look_at_frame,
-    look_at_frames,
+    traits_of_frames,
 )
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
@@ -40,7 +39,6 @@ from cadtof_cli.resolver.status import StatusBit, has_answer
 if TYPE_CHECKING:
     from cadtof_cli.calibration.apply import CalibrationNoise
     from cadtof_cli.calibration.store import Calibration
-    from cadtof_cli.pipeline.samples import FrameSamples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 
 BLOCK_PIXELS = 38400
@@ -124,7 +122,7 @@ def prepare_frame(
 
         pixels = pooled_pixels(pixels, stages)
     if stages.diffuse is not None:
-        pixels = _with_predicted_mpi(pixels, stages, stages.diffuse)
+        pixels = _with_predicted_mpi(pixels, stages)
     return pixels
 
 
@@ -227,30 +225,21 @@ def _with_noise_of_calibration(
     return calibration_noise.added_to(noise, powers=powers, frames=frames)
 
 
-def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffusePlan) -> FramePixels:
+def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels:
     """Choose a frame's model of MPI; if it is diffuse, predict the tail from the frame's own geometry."""
-    from cadtof_cli.phasors.pooling import shared_noise
     from cadtof_cli.pipeline.samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
-    from cadtof_cli.resolver.diffuse.light import FrameTraits, compiled_light, patch_means
+    from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
-    noise, settings, window = pixels.noise, plan.settings, stages.plan.settings.pool
-    look_at = look_at_frames if noise.samples is None else look_at_frame
-    in_kernel = pixels.pooled is None and is_compiled_for(len(noise.each))
-    look = look_at(stages, noise, pixels.stored.dtype) if in_kernel else None
-    sampled: FrameSamples | None = None
-    if look is None:
-        sampled = frame_samples(pixels, stages, plan.grid)
-        light = sampled.light()
+    noise = pixels.noise
+    frame = (traits_of_frames if noise.samples is None else frame_traits)(stages, noise, pixels.stored.dtype)
+    harmonics, sampled = frame.settings.harmonics, None
+    if frame.look is not None and is_compiled_for(len(harmonics)):
+        light = compiled_light(pixels.stored, frame.look, frame.grid)
     else:
-        light = compiled_light(pixels.stored, look, plan.grid)
-    samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
-    recorded = tuple(one.dark_variance for one in noise.each)
-    variances, offset = np.array(recorded) / samples, stages.depth.range_offset_m
-    shared = shared_noise(window, samples=samples, stride=plan.grid.stride, count=plan.grid.side // plan.grid.stride)
-    added = None if offset is None else -offset.reshape(pixels.size)
-    frame = FrameTraits(plan.grid, settings, variances, recorded, shared, added)
-    means_of = partial(patch_means, variance=variances[0], harmonics=settings.harmonics, shared=shared.pixels)
+        sampled = frame_samples(pixels, stages, frame.grid)
+        light = sampled.light()
+    means_of = partial(patch_means, variance=frame.variances[0], harmonics=harmonics, shared=frame.shared.pixels)
     means = means_of(light, light.seen)
     kinds = patch_kinds(light, means, frame)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)

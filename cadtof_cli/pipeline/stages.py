@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
     from cadtof_cli.capture.metadata import CaptureMetadata
     from cadtof_cli.resolver.diffuse.grid import PatchGrid
-    from cadtof_cli.resolver.diffuse.light import Look
+    from cadtof_cli.resolver.diffuse.light import FrameTraits
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
     from cadtof_cli.resolver.response.table import ResponseBlock
@@ -179,15 +179,30 @@ kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
 """`kernel_of_frame` with a cache, for frames that have nothing of their own in it: no tail and no samples."""
 
 
-def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic]) -> "Look | None":
-    """Return the `Look` with which the compiled kernel judges the light of a frame; None if it cannot."""
-    from cadtof_cli.resolver.diffuse.light import Look
+def frame_traits(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic]) -> "FrameTraits":
+    """Return what is known of a frame besides its light, from its noise and the type of its stored values."""
+    from cadtof_cli.phasors.pooling import shared_noise
+    from cadtof_cli.resolver.diffuse.light import FrameTraits, Look
 
-    correction, saturated = stages.correction, stages.saturated_counts
-    if correction.response is not None:
-        return None
-    return Look.of(stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored)
+    plan, correction, offset = stages.diffuse, stages.correction, stages.depth.range_offset_m
+    assert plan is not None
+    grid, window = plan.grid, stages.plan.settings.pool
+    samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
+    recorded = tuple(one.dark_variance for one in noise.each)
+    look = None
+    if correction.response is None and window == 1:
+        saturated = stages.saturated_counts
+        look = Look.of(stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored)
+    return FrameTraits(
+        grid,
+        plan.settings,
+        np.array(recorded) / samples,
+        recorded,
+        shared_noise(window, samples=samples, stride=grid.stride, count=grid.side // grid.stride),
+        None if offset is None else -offset.reshape(grid.height, grid.width),
+        look,
+    )
 
 
-look_at_frames = lru_cache(maxsize=4)(look_at_frame)
-"""`look_at_frame` with a cache, for frames that have nothing of their own in it: no samples."""
+traits_of_frames = lru_cache(maxsize=4)(frame_traits)
+"""`frame_traits` with a cache, for frames that have nothing of their own in it: no samples."""

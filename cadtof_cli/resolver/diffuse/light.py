@@ -28,27 +28,6 @@ TINY = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
-class FrameTraits:
-    """What is known of a frame besides its light.
-
-    Attributes:
-        grid: its patches.
-        settings: what is asked for.
-        variances: noise variance of a channel of each harmonic, (H,), of a pixel as it is resolved.
-        recorded_variances: the same of one recorded pixel. Most phasors may be means of several.
-        shared: noise that pixels share because they are pooled.
-        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
-    """
-
-    grid: PatchGrid
-    settings: DiffuseSettings
-    variances: Float
-    recorded_variances: tuple[float, ...]
-    shared: SharedNoise
-    range_offset_m: Float | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class PatchLight:
     """The sampled pixels of every patch, (n, rows, columns) each, in single precision: its rounding is far below their noise.
 
@@ -124,6 +103,29 @@ class Look:
         least, variances = settings.min_confidence, tuple(one.dark_variance for one in noise.each)
         power = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each)) if least is None else 0.0
         return cls(phasor_map, saturated, power, least or 0.0, variances, noise.harmonics, hot, noise.samples)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTraits:
+    """What is known of a frame besides its light.
+
+    Attributes:
+        grid: its patches.
+        settings: what is asked for.
+        variances: noise variance of a channel of each harmonic, (H,), of a pixel as it is resolved.
+        recorded_variances: the same of one recorded pixel. Most phasors may be means of several.
+        shared: noise that pixels share because they are pooled.
+        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
+        look: what the kernel needs for a first look at the frame; None if only numpy can look at it.
+    """
+
+    grid: PatchGrid
+    settings: DiffuseSettings
+    variances: Float
+    recorded_variances: tuple[float, ...]
+    shared: SharedNoise
+    range_offset_m: Float | None = None
+    look: Look | None = None
 
 
 def is_light(phasors: Complex | Complex64, /) -> Bool:
