@@ -19,6 +19,7 @@ from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import residuals
+from cadtof_cli.resolver.diffuse.upsampling import row_above
 from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
 from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.two_path.kernel import Buffers
@@ -145,7 +146,7 @@ def tail_buffers(tail: DiffuseBlock, /) -> Buffers:
         np.ascontiguousarray(up.range_m),
         up.down,
         up.right,
-        np.asarray(up.above(np.arange(height)), np.int64),
+        np.asarray(row_above(np.arange(height), up.grid.side), np.int64),
         np.ascontiguousarray(model.separate) if model.separate.any() else None,
         None if offset is None else np.ascontiguousarray(offset, np.float64),
     )

@@ -33,16 +33,14 @@ REFERENCE_DECAY_NS = 12.0
 
 @dataclass(frozen=True)
 class TailModel:
-    """The model of n patches: their interreflections, the numbers of the harmonics, and the fundamental's ω."""
+    """The model of n patches: their interreflections, the numbers of the harmonics, and the fundamental's ω.
+
+    Its values are the data of a patch, 2·H − 2 numbers, then ln|H_1| and arg H_1.
+    """
 
     light: Interreflections
     harmonics: tuple[int, ...]
     rad_per_ns: float
-
-    @property
-    def data(self) -> int:
-        """Number of data per patch. The model's values are the data, then ln|H_1| and arg H_1."""
-        return 2 * (len(self.harmonics) - 1)
 
     @cached_property
     def _harmonic(self) -> Float:
