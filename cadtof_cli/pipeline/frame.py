@@ -228,7 +228,7 @@ def _with_noise_of_calibration(
 def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels:
     """Choose a frame's model of MPI; if it is diffuse, predict the tail from the frame's own geometry."""
     from cadtof_cli.pipeline.samples import frame_samples
-    from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
+    from cadtof_cli.resolver.diffuse.choice import patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
     noise = pixels.noise
@@ -242,9 +242,8 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels
     means_of = partial(patch_means, variance=frame.variances[0], harmonics=harmonics, shared=frame.shared.pixels)
     means = means_of(light, light.seen)
     kinds = patch_kinds(light, means, frame)
-    choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
-    if choice.reason != "tail":
-        return replace(pixels, choice=choice)
+    if kinds.choice.reason != "tail":
+        return replace(pixels, choice=kinds.choice)
     # imported here because only frames with a tail need it
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
@@ -255,5 +254,5 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels
                 light = sampled.light(model)
                 model = diffuse_model(light, means_of(light, light.seen), kinds, frame)
     if isinstance(model, str):
-        return replace(pixels, choice=replace(choice, reason=model))
+        return replace(pixels, choice=replace(kinds.choice, reason=model))
     return replace(pixels, choice=model.choice, tail=model)

@@ -50,10 +50,11 @@ def model_of(
     traits = FrameTraits(grid, settings, noise / samples, tuple(noise.tolist()), SharedNoise(1.0, 0.0), range_offset_m)
     means = patch_means(light, light.seen, variance=noise[0] / samples, harmonics=harmonics)
     kinds = patch_kinds(light, means, traits)
-    if not second_paths and kinds.separate_share <= SEPARATE_SHARE and kinds.reason == "separate paths":
-        kinds = replace(kinds, reason="tail")
-    choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
-    if kinds.reason != "tail":
+    choice = kinds.choice
+    if not second_paths and choice.separate_share <= SEPARATE_SHARE and choice.reason == "separate paths":
+        choice = replace(choice, reason="tail")
+        kinds = replace(kinds, choice=choice)
+    if choice.reason != "tail":
         return choice
     found = diffuse_model(light, means, kinds, traits)
     return replace(choice, reason=found) if isinstance(found, str) else found

@@ -76,25 +76,6 @@ Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", 
 """Why a frame got its model. Only the first reason stands for the diffuse model."""
 
 
-@dataclass(frozen=True, eq=False)
-class PatchKinds:
-    """What kinds of patches a frame has, and what that says of the frame.
-
-    Attributes:
-        lit: patches that count, (rows, columns).
-        separate: patches with separate paths, (rows, columns).
-        separate_share: share of the lit patches that have separate paths.
-        reason: why the frame gets its model.
-        mpi_probability: probability that the frame has any MPI, if it is taken for a frame with a tail.
-    """
-
-    lit: Bool
-    separate: Bool
-    separate_share: float
-    reason: Reason
-    mpi_probability: float = 1.0
-
-
 @dataclass(frozen=True)
 class RoomNumbers:
     """The state of a frame: `albedo` s, `beside` b, `later` u, `unseen` v, `decay_ns` τ and `start_ns` t.
@@ -141,6 +122,23 @@ class DiffuseChoice:
         return "diffuse" if self.reason == "tail" else "discrete"
 
 
+@dataclass(frozen=True, eq=False)
+class PatchKinds:
+    """What kinds of patches a frame has, and what that says of the frame.
+
+    Attributes:
+        lit: patches that count, (rows, columns).
+        separate: patches with separate paths, (rows, columns).
+        choice: the model that the frame gets, as far as these kinds tell.
+        mpi_probability: probability that the frame has any MPI, if it is taken for a frame with a tail.
+    """
+
+    lit: Bool
+    separate: Bool
+    choice: DiffuseChoice
+    mpi_probability: float = 1.0
+
+
 def patch_kinds(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> PatchKinds:
     """Return the kinds of a frame's patches, from their light and its means.
 
@@ -149,16 +147,17 @@ def patch_kinds(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> 
     settings, variances = frame.settings, frame.variances
     sigma = float(np.sqrt(variances[0]))
     lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.seen > SEEN_SHARE)
-    if lit.sum() < LEAST_PATCHES:
-        return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
+    count, none = int(lit.sum()), np.zeros_like(lit)
+    if count < LEAST_PATCHES:
+        return PatchKinds(lit, none, DiffuseChoice("few patches with light", count, 0.0))
     misfits = misfits_without_mpi(means, lit, variances, harmonics=settings.harmonics)
     misfit = float(np.mean(misfits))
     probability = mpi_probability(misfit, numbers=misfits.size)
     if settings.model == "diffuse":
-        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail", probability)
+        return PatchKinds(lit, none, DiffuseChoice("tail", count, 0.0), probability)
     separate = separate_patches(means, lit, sigma)
     reason: Reason = "tail"
-    share = float(separate.sum() / lit.sum())
+    share = float(separate.sum() / count)
     if share > SEPARATE_SHARE:
         reason = "separate paths"
     elif misfit < LEAST_MISFIT or _is_noise_in_half(misfits):
@@ -168,7 +167,7 @@ def patch_kinds(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> 
         PatchPlaces(frame.grid.even[lit], lit, settings.rad_per_ns, frame.shared.neighbours),
     ) or are_smoothed_by_two_paths(light, means, lit, grid=frame.grid, settings=settings):
         reason = "separate paths"
-    return PatchKinds(lit, separate, share, reason, probability)
+    return PatchKinds(lit, separate, DiffuseChoice(reason, count, share), probability)
 
 
 def are_two_paths(data: PatchData, places: PatchPlaces, /) -> bool:

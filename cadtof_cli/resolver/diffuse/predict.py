@@ -11,7 +11,6 @@ from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.bias import Bias, missed_share, remaining_sigma_rad, view_numbers
 from cadtof_cli.resolver.diffuse.choice import (
     LEAST_PATCHES,
-    DiffuseChoice,
     PatchKinds,
     Reason,
     RoomNumbers,
@@ -94,7 +93,7 @@ def diffuse_model(
     difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[fitted.uncovered]
     return DiffuseModel(
         settings,
-        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, RoomNumbers.of(fitted.fit.state), covered),
+        replace(kinds.choice, room=RoomNumbers.of(fitted.fit.state), net_patches=covered),
         frame.recorded_variances,
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
