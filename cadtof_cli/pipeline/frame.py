@@ -232,27 +232,27 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
     noise = pixels.noise
-    frame = (traits_of_frames if noise.samples is None else frame_traits)(stages, noise, pixels.stored.dtype)
-    harmonics, sampled = frame.settings.harmonics, None
-    if frame.look is not None and is_compiled_for(len(harmonics)):
-        light = compiled_light(pixels.stored, frame.look, frame.grid)
+    traits = (traits_of_frames if noise.samples is None else frame_traits)(stages, noise, pixels.stored.dtype)
+    harmonics, sampled = traits.settings.harmonics, None
+    if traits.look is not None and is_compiled_for(len(harmonics)):
+        light = compiled_light(pixels.stored, traits.look, traits.grid)
     else:
-        sampled = frame_samples(pixels, stages, frame.grid)
+        sampled = frame_samples(pixels, stages, traits.grid)
         light = sampled.light()
-    means_of = partial(patch_means, variance=frame.variances[0], harmonics=harmonics, shared=frame.shared.pixels)
+    means_of = partial(patch_means, variance=traits.variances[0], harmonics=harmonics, shared=traits.shared.pixels)
     means = means_of(light, light.seen)
-    kinds = patch_kinds(light, means, frame)
+    kinds = patch_kinds(light, means, traits)
     if kinds.choice.reason != "tail":
         return replace(pixels, choice=kinds.choice)
     # imported here because only frames with a tail need it
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
-    model = diffuse_model(light, means, kinds, frame)
+    model = diffuse_model(light, means, kinds, traits)
     if sampled is not None and sampled.response is not None:
         for _ in range(FREEING_ROUNDS):
             if not isinstance(model, str):
                 light = sampled.light(model)
-                model = diffuse_model(light, means_of(light, light.seen), kinds, frame)
+                model = diffuse_model(light, means_of(light, light.seen), kinds, traits)
     if isinstance(model, str):
         return replace(pixels, choice=replace(kinds.choice, reason=model))
     return replace(pixels, choice=model.choice, tail=model)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, SomePixels, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, Float, SomePixels, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
@@ -32,10 +32,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class DiffusePlan:
-    """How diffuse MPI is predicted: the grid of patches of a frame, and the settings of the prediction."""
+    """How diffuse MPI is predicted.
+
+    Attributes:
+        grid: patches of a frame.
+        settings: settings of the prediction.
+        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
+    """
 
     grid: "PatchGrid"
     settings: "DiffuseSettings"
+    range_offset_m: Float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +124,7 @@ def frame_stages(
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
     may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
-    diffuse = _diffuse_plan(metadata, size, resolver, correction) if may_be_diffuse else None
+    diffuse = _diffuse_plan(metadata, size, resolver, correction, depth.range_offset_m) if may_be_diffuse else None
     saturated = metadata.voltage.saturated_counts
     return sealed(
         FrameStages(plan, saturated, correction, depth, resolver, response, solver, plan.layers, noise, diffuse)
@@ -125,7 +132,11 @@ def frame_stages(
 
 
 def _diffuse_plan(
-    metadata: "CaptureMetadata", size: tuple[int, int], resolver: ResolverSettings, correction: FrameCorrection
+    metadata: "CaptureMetadata",
+    size: tuple[int, int],
+    resolver: ResolverSettings,
+    correction: FrameCorrection,
+    curvature_m: Float | None,
 ) -> DiffusePlan:
     from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
@@ -140,7 +151,7 @@ def _diffuse_plan(
 
         terms = harmonics_seen(correction.response)
     asked = DiffuseSettings(model=resolver.mpi_model, period_ns=period_ns, harmonics=modulation.harmonics, terms=terms)
-    return DiffusePlan(patch_grid(*size, view), asked)
+    return DiffusePlan(patch_grid(*size, view), asked, None if curvature_m is None else -curvature_m.reshape(size))
 
 
 def kernel_of_frame(
@@ -184,7 +195,7 @@ def frame_traits(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.gen
     from cadtof_cli.phasors.pooling import shared_noise
     from cadtof_cli.resolver.diffuse.light import FrameTraits, Look
 
-    plan, correction, offset = stages.diffuse, stages.correction, stages.depth.range_offset_m
+    plan, correction = stages.diffuse, stages.correction
     assert plan is not None
     grid, window = plan.grid, stages.plan.settings.pool
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
@@ -199,7 +210,7 @@ def frame_traits(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.gen
         np.array(recorded) / samples,
         recorded,
         shared_noise(window, samples=samples, stride=grid.stride, count=grid.side // grid.stride),
-        None if offset is None else -offset.reshape(grid.height, grid.width),
+        plan.range_offset_m,
         look,
     )
 
