@@ -23,24 +23,22 @@ from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import (
-    DiffusePlan,
     FrameStages,
     frame_stages,
+    frame_traits,
     kernel_of_frame,
     kernel_of_frames,
-    look_at_frame,
-    look_at_frames,
+    traits_of_frames,
 )
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, is_compiled_for
 from cadtof_cli.resolver.settings import CLOSED_FORM
 from cadtof_cli.resolver.status import StatusBit, has_answer
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.apply import CalibrationNoise
     from cadtof_cli.calibration.store import Calibration
-    from cadtof_cli.pipeline.samples import FrameSamples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 
 BLOCK_PIXELS = 38400
@@ -105,7 +103,7 @@ def prepare_frame(
     diffuse MPI."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
     height, width = recorded.shape[2:]
-    stages = frame_stages(plan, calibration, frame.dtype, (height, width), chosen_kernel())
+    stages = frame_stages(plan, calibration, frame.dtype, (height, width))
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
     noise = stages.noise
@@ -124,7 +122,7 @@ def prepare_frame(
 
         pixels = pooled_pixels(pixels, stages)
     if stages.diffuse is not None:
-        pixels = _with_predicted_mpi(pixels, stages, stages.diffuse)
+        pixels = _with_predicted_mpi(pixels, stages)
     return pixels
 
 
@@ -134,10 +132,10 @@ def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: "Cal
     The answer of a pixel does not depend on the pixels that are resolved with it, so neither the size of the blocks nor
     the size of the part changes a bit of it.
     """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size, chosen_kernel())
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
     in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(ALWAYS) :] in ((), (AVERAGED,))
-    if stages.kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
+    if chosen_kernel() != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
         _fill_by_kernel(maps, pixels, stages)
     else:
         _fill_by_blocks(maps, pixels, stages)
@@ -227,61 +225,34 @@ def _with_noise_of_calibration(
     return calibration_noise.added_to(noise, powers=powers, frames=frames)
 
 
-def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, plan: DiffusePlan) -> FramePixels:
+def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels:
     """Choose a frame's model of MPI; if it is diffuse, predict the tail from the frame's own geometry."""
-    from cadtof_cli.phasors.pooling import shared_noise
     from cadtof_cli.pipeline.samples import frame_samples
-    from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
+    from cadtof_cli.resolver.diffuse.choice import patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
-    noise, settings, kernel, window = pixels.noise, plan.settings, stages.kernel, stages.plan.settings.pool
-    look_at = look_at_frames if noise.samples is None else look_at_frame
-    look = look_at(stages, noise, pixels.stored.dtype) if pixels.pooled is None else None
-    sampled: FrameSamples | None = None
-    if look is None:
-        sampled = frame_samples(pixels, stages, plan.grid)
-        light = sampled.light()
+    noise = pixels.noise
+    traits = (traits_of_frames if noise.samples is None else frame_traits)(stages, noise, pixels.stored.dtype)
+    harmonics, sampled = traits.settings.harmonics, None
+    if traits.look is not None and is_compiled_for(len(harmonics)):
+        light = compiled_light(pixels.stored, traits.look, traits.grid)
     else:
-        light = compiled_light(pixels.stored, look, plan.grid, kernel=kernel)
-    samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
-    variances = tuple(one.dark_variance for one in noise.each)
-    shared = shared_noise(window, samples=samples, stride=plan.grid.stride, count=plan.grid.side // plan.grid.stride)
-    means_of = partial(
-        patch_means, variance=variances[0] / samples, harmonics=settings.harmonics, shared=shared.pixels, kernel=kernel
-    )
+        sampled = frame_samples(pixels, stages, traits.grid)
+        light = sampled.light()
+    means_of = partial(patch_means, variance=traits.variances[0], harmonics=harmonics, shared=traits.shared.pixels)
     means = means_of(light, light.seen)
-    kinds = patch_kinds(
-        light,
-        means,
-        np.array(variances) / samples,
-        grid=plan.grid,
-        settings=settings,
-        alike=shared.neighbours,
-        kernel=kernel,
-    )
-    choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
-    if choice.reason != "tail":
-        return replace(pixels, choice=choice)
+    kinds = patch_kinds(light, means, traits)
+    if kinds.choice.reason != "tail":
+        return replace(pixels, choice=kinds.choice)
     # imported here because only frames with a tail need it
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
-    offset = stages.depth.range_offset_m
-    predict = partial(
-        diffuse_model,
-        grid=plan.grid,
-        variances=variances,
-        settings=settings,
-        samples=samples,
-        shared=shared.pixels,
-        range_offset_m=None if offset is None else -offset.reshape(pixels.size),
-        kernel=kernel,
-    )
-    model = predict(light, means, kinds)
+    model = diffuse_model(light, means, kinds, traits)
     if sampled is not None and sampled.response is not None:
         for _ in range(FREEING_ROUNDS):
             if not isinstance(model, str):
                 light = sampled.light(model)
-                model = predict(light, means_of(light, light.seen), kinds)
+                model = diffuse_model(light, means_of(light, light.seen), kinds, traits)
     if isinstance(model, str):
-        return replace(pixels, choice=replace(choice, reason=model))
+        return replace(pixels, choice=replace(kinds.choice, reason=model))
     return replace(pixels, choice=model.choice, tail=model)

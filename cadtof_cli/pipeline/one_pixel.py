@@ -14,8 +14,6 @@ from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import FrameStages, frame_stages
 from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
-from cadtof_cli.resolver.diffuse.records import DiffuseModel
-from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.order import with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths, solver_for
@@ -86,7 +84,7 @@ def pixel_evidence(
     Raises:
         SettingsError: the plan does not fit the frame's type.
     """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size, chosen_kernel())
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     here = slice(index, index + 1)
     pixel = pixels[here]
     tail, response, phasors = pixels.tail, stages.response, stages.phasors(pixel)
@@ -119,7 +117,7 @@ def pixel_evidence(
         None if two is None else (numbers[2][0], numbers[2][1]),
         _order_test(one, two, stages, pixel.noise, stages.depth.metres(here)) if asked and one and two else None,
         resolved,
-        None if tail is None else _is_separate(tail, index, pixels.size) or (nets is not None and bool(nets.where[0])),
+        None if tail is None else bool(tail.is_separate(here)[0]) or (nets is not None and bool(nets.where[0])),
     )
 
 
@@ -195,8 +193,3 @@ def _covariance(phasors: Complex, paths: Paths, noise: NoiseModel) -> Float:
             along, between, across = harmonic.covariance((phasor.real, phasor.imag), doubled)
         found[row] = [[along[0], between[0]], [between[0], across[0]]] if min(along[0], across[0]) > 0.0 else np.nan
     return found / samples
-
-
-def _is_separate(tail: DiffuseModel, index: int, size: tuple[int, int]) -> bool:
-    side, (row, column) = tail.upsampler.grid.side, divmod(index, size[1])
-    return bool(tail.separate[row // side, column // side])

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, SomePixels, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, Float, SomePixels, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
     from cadtof_cli.capture.metadata import CaptureMetadata
     from cadtof_cli.resolver.diffuse.grid import PatchGrid
-    from cadtof_cli.resolver.diffuse.light import Look
+    from cadtof_cli.resolver.diffuse.light import FrameTraits
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
     from cadtof_cli.resolver.response.table import ResponseBlock
@@ -32,10 +32,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class DiffusePlan:
-    """How diffuse MPI is predicted: the grid of patches of a frame, and the settings of the prediction."""
+    """How diffuse MPI is predicted.
+
+    Attributes:
+        grid: patches of a frame.
+        settings: settings of the prediction.
+        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
+    """
 
     grid: "PatchGrid"
     settings: "DiffuseSettings"
+    range_offset_m: Float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +51,6 @@ class FrameStages:
 
     Attributes:
         plan: what decides the maps of the frames.
-        kernel: the kernel that was chosen, one of `available_kernels`.
         saturated_counts: stored values at or beyond these limits are saturated; None: no value is.
         correction: correction of the stored values.
         depth: how paths become metres and volts.
@@ -57,7 +63,6 @@ class FrameStages:
     """
 
     plan: FramePlan
-    kernel: str
     saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
@@ -93,9 +98,9 @@ def _some(planes: Stored, chosen: SomePixels) -> Stored:
 
 @lru_cache(maxsize=4)
 def frame_stages(
-    plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int], kernel: str
+    plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int]
 ) -> FrameStages:
-    """Return the stages of all frames of one plan, type and size, which the kernel of this name resolves.
+    """Return the stages of all frames of one plan, type and size.
 
     Raises:
         SettingsError: the frames do not fit the plan or the calibration.
@@ -119,15 +124,19 @@ def frame_stages(
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
     may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
-    diffuse = _diffuse_plan(metadata, size, resolver, correction) if may_be_diffuse else None
+    diffuse = _diffuse_plan(metadata, size, resolver, correction, depth.range_offset_m) if may_be_diffuse else None
     saturated = metadata.voltage.saturated_counts
     return sealed(
-        FrameStages(plan, kernel, saturated, correction, depth, resolver, response, solver, plan.layers, noise, diffuse)
+        FrameStages(plan, saturated, correction, depth, resolver, response, solver, plan.layers, noise, diffuse)
     )
 
 
 def _diffuse_plan(
-    metadata: "CaptureMetadata", size: tuple[int, int], resolver: ResolverSettings, correction: FrameCorrection
+    metadata: "CaptureMetadata",
+    size: tuple[int, int],
+    resolver: ResolverSettings,
+    correction: FrameCorrection,
+    curvature_m: Float | None,
 ) -> DiffusePlan:
     from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
@@ -142,7 +151,7 @@ def _diffuse_plan(
 
         terms = harmonics_seen(correction.response)
     asked = DiffuseSettings(model=resolver.mpi_model, period_ns=period_ns, harmonics=modulation.harmonics, terms=terms)
-    return DiffusePlan(patch_grid(*size, view), asked)
+    return DiffusePlan(patch_grid(*size, view), asked, None if curvature_m is None else -curvature_m.reshape(size))
 
 
 def kernel_of_frame(
@@ -181,17 +190,30 @@ kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
 """`kernel_of_frame` with a cache, for frames that have nothing of their own in it: no tail and no samples."""
 
 
-def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic]) -> "Look | None":
-    """Return the `Look` with which the compiled kernel judges the light of a frame; None if only numpy can do that."""
-    from cadtof_cli.resolver.diffuse.light import Look
+def frame_traits(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic]) -> "FrameTraits":
+    """Return what is known of a frame besides its light, from its noise and the type of its stored values."""
+    from cadtof_cli.phasors.pooling import shared_noise
+    from cadtof_cli.resolver.diffuse.light import FrameTraits, Look
 
-    correction, saturated = stages.correction, stages.saturated_counts
-    if correction.response is not None:
-        return None
-    return Look.of(
-        stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored, kernel=stages.kernel
+    plan, correction = stages.diffuse, stages.correction
+    assert plan is not None
+    grid, window = plan.grid, stages.plan.settings.pool
+    samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
+    recorded = tuple(one.dark_variance for one in noise.each)
+    look = None
+    if correction.response is None and window == 1:
+        saturated = stages.saturated_counts
+        look = Look.of(stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored)
+    return FrameTraits(
+        grid,
+        plan.settings,
+        np.array(recorded) / samples,
+        recorded,
+        shared_noise(window, samples=samples, stride=grid.stride, count=grid.side // grid.stride),
+        plan.range_offset_m,
+        look,
     )
 
 
-look_at_frames = lru_cache(maxsize=4)(look_at_frame)
-"""`look_at_frame` with a cache, for frames that have nothing of their own in it: no samples."""
+traits_of_frames = lru_cache(maxsize=4)(frame_traits)
+"""`frame_traits` with a cache, for frames that have nothing of their own in it: no samples."""

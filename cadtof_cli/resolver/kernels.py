@@ -13,6 +13,9 @@ from cadtof_cli.errors import SettingsError
 
 NUMPY = "numpy"
 
+MOST_HARMONICS = 8
+"""Largest number of harmonics for which the compiled twins of `diffuse/` have room; numpy has no limit."""
+
 CHOICE = "CADTOF_KERNEL"
 """Environment variable: the name of the kernel to run, one of `available_kernels`. Not set: the first of them runs."""
 
@@ -50,6 +53,11 @@ def chosen_kernel() -> str:
     if asked and asked not in available:
         raise SettingsError(f"{CHOICE}: found {asked!r}, expected one of {', '.join(available)}")
     return asked or available[0]
+
+
+def is_compiled_for(harmonics: int, /) -> bool:
+    """Return whether the chosen kernel has compiled twins of `diffuse/` for so many harmonics: numpy has none."""
+    return chosen_kernel() != NUMPY and harmonics <= MOST_HARMONICS
 
 
 def numpy_note() -> str:

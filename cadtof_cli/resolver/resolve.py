@@ -9,7 +9,6 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
-from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.order import Solver, fewest_paths, with_direct_first
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -97,7 +96,7 @@ def _predicted(
     samples = noise.samples
     if response is not None:
         phasors, samples = pixels_of_sine(phasors, tail=tail, response=response, samples=samples)
-    return diffuse_pixels(phasors, tail=tail, usable=usable, samples=samples, kernel=chosen_kernel())
+    return diffuse_pixels(phasors, tail=tail, usable=usable, samples=samples)
 
 
 def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sine: bool) -> Callable[..., Solver]:
@@ -120,7 +119,7 @@ def _freed(phasors: Complex, tail: "DiffuseBlock | None") -> "tuple[Complex, Net
         return phasors, None
     from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 
-    return freed_pixels(phasors, tail, kernel=chosen_kernel())
+    return freed_pixels(phasors, tail)
 
 
 def _resolved(fit: Fit, confidence: Float, bits: Status, noise: NoiseModel) -> ResolvedPaths:

@@ -31,7 +31,7 @@ KERNEL_LIBRARY = "_kernel*.so"
 
 COMPILED_LIBRARIES = "_*.so"
 
-KERNEL_FRONTS = frozenset(("kernels", "kernel", "compiled", "compiled_fit"))
+KERNEL_FRONTS = frozenset(("kernels", "kernel", "compiled"))
 """Modules whose mutants are tried with the compiled kernel."""
 
 KERNEL_CALLS = frozenset(("extension", "compiled_search"))

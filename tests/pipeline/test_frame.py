@@ -12,7 +12,6 @@ from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.pipeline.stages import frame_stages
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
-from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.blocks import blocks_of
@@ -55,7 +54,7 @@ def test_every_frame_has_maps_of_its_own() -> None:
 def test_arrays_that_frames_share_are_read_only() -> None:
     metadata = CaptureMetadata(optics=Optics(focal_length_px=280.0), pixel=Pixel(integration_length=1e5))
     stages = frame_stages(
-        FramePlan(metadata=metadata, settings=MapSettings(depth="z")), None, np.dtype(np.float64), SIZE, NUMPY
+        FramePlan(metadata=metadata, settings=MapSettings(depth="z")), None, np.dtype(np.float64), SIZE
     )
     grid = patch_grid(24, 32, View(30.0, (15.5, 11.5)))
     for shared in (stages.correction.phasor_map.own, stages.depth.planar_per_range, grid.ray, grid.slope):

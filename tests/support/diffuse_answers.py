@@ -5,9 +5,10 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.phasors.pooling import SharedNoise
 from cadtof_cli.resolver.diffuse.choice import SEPARATE_SHARE, DiffuseChoice, patch_kinds
 from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid, sampled_pixels
-from cadtof_cli.resolver.diffuse.light import patch_means, sampled_light
+from cadtof_cli.resolver.diffuse.light import FrameTraits, patch_means, sampled_light
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.predict import diffuse_model
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
@@ -44,27 +45,18 @@ def model_of(
     use = (np.ones((height, width), bool) if usable is None else usable)[sampled]
     grid = patch_grid(height, width, view or assumed_view(height, width))
     light = sampled_light(phasors[:, *sampled], use, grid, harmonics=harmonics)
-    settings, noise = (
-        DiffuseSettings(model=model, period_ns=period_ns, harmonics=harmonics),
-        np.full(len(phasors), variance(n_av)),
-    )
+    settings = DiffuseSettings(model=model, period_ns=period_ns, harmonics=harmonics)
+    noise = np.full(len(phasors), variance(n_av))
+    traits = FrameTraits(grid, settings, noise / samples, tuple(noise.tolist()), SharedNoise(1.0, 0.0), range_offset_m)
     means = patch_means(light, light.seen, variance=noise[0] / samples, harmonics=harmonics)
-    kinds = patch_kinds(light, means, noise / samples, grid=grid, settings=settings)
-    if not second_paths and kinds.separate_share <= SEPARATE_SHARE and kinds.reason == "separate paths":
-        kinds = replace(kinds, reason="tail")
-    choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
-    if kinds.reason != "tail":
+    kinds = patch_kinds(light, means, traits)
+    choice = kinds.choice
+    if not second_paths and choice.separate_share <= SEPARATE_SHARE and choice.reason == "separate paths":
+        choice = replace(choice, reason="tail")
+        kinds = replace(kinds, choice=choice)
+    if choice.reason != "tail":
         return choice
-    found = diffuse_model(
-        light,
-        means,
-        kinds,
-        grid=grid,
-        variances=tuple(noise.tolist()),
-        settings=settings,
-        samples=samples,
-        range_offset_m=range_offset_m,
-    )
+    found = diffuse_model(light, means, kinds, traits)
     return replace(choice, reason=found) if isinstance(found, str) else found
 
 

@@ -25,5 +25,5 @@ modules in this order:
     predict       the model of a frame, from all modules above
     records       what comes out
 
-`compiled_fit` is the front of compiled twins; `elementary` holds functions that the other modules stand on.
+`elementary` holds functions that the other modules stand on.
 """

@@ -1,5 +1,5 @@
 /* Slopes of the tail's model and steps of the patch fit as Python calls them: buffers in, buffers filled; a part of _kernel.c, see
- * compiled_fit.py. */
+ * tail.py and patch_steps.py. */
 #define MOST_PATCHES ((Py_ssize_t)1 << 24)
 
 static int is_of_patches(Py_ssize_t patches, Py_ssize_t harmonics) {

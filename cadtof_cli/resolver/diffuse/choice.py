@@ -14,8 +14,7 @@ from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.quantiles import median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
-from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     SecondPaths,
@@ -24,9 +23,7 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     median_of_noise,
     predict_further_harmonics,
 )
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
-from cadtof_cli.resolver.kernels import NUMPY
 
 LARGEST_LEAD_RAD = 0.1
 """Largest arg q_2 of a tail. A tail that decays has at most 0; the rest is the margin that renderings of 30 rooms need."""
@@ -79,25 +76,6 @@ Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", 
 """Why a frame got its model. Only the first reason stands for the diffuse model."""
 
 
-@dataclass(frozen=True, eq=False)
-class PatchKinds:
-    """What kinds of patches a frame has, and what that says of the frame.
-
-    Attributes:
-        lit: patches that count, (rows, columns).
-        separate: patches with separate paths, (rows, columns).
-        separate_share: share of the lit patches that have separate paths.
-        reason: why the frame gets its model.
-        mpi_probability: probability that the frame has any MPI, if it is taken for a frame with a tail.
-    """
-
-    lit: Bool
-    separate: Bool
-    separate_share: float
-    reason: Reason
-    mpi_probability: float = 1.0
-
-
 @dataclass(frozen=True)
 class RoomNumbers:
     """The state of a frame: `albedo` s, `beside` b, `later` u, `unseen` v, `decay_ns` τ and `start_ns` t.
@@ -144,55 +122,62 @@ class DiffuseChoice:
         return "diffuse" if self.reason == "tail" else "discrete"
 
 
-def patch_kinds(
-    light: PatchLight,
-    means: PatchMeans,
-    variances: Float,
-    /,
-    *,
-    grid: PatchGrid,
-    settings: DiffuseSettings,
-    alike: float = 0.0,
-    kernel: str = NUMPY,
-) -> PatchKinds:
-    """Return the kinds of the patches of a grid, from their light and its means.
+@dataclass(frozen=True, eq=False)
+class PatchKinds:
+    """What kinds of patches a frame has, and what that says of the frame.
 
-    `variances` are the noise variances of a channel of each harmonic. `alike` is the correlation of the noise of neighbouring
-    patches. `kernel` is of `available_kernels`. If `settings.model` is `diffuse`, every frame with enough light gets a tail.
+    Attributes:
+        lit: patches that count, (rows, columns).
+        separate: patches with separate paths, (rows, columns).
+        choice: the model that the frame gets, as far as these kinds tell.
+        mpi_probability: probability that the frame has any MPI, if it is taken for a frame with a tail.
     """
+
+    lit: Bool
+    separate: Bool
+    choice: DiffuseChoice
+    mpi_probability: float = 1.0
+
+
+def patch_kinds(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> PatchKinds:
+    """Return the kinds of a frame's patches, from their light and its means.
+
+    If `frame.settings.model` is `diffuse`, every frame with enough light gets a tail.
+    """
+    settings, variances = frame.settings, frame.variances
     sigma = float(np.sqrt(variances[0]))
     lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.seen > SEEN_SHARE)
-    if lit.sum() < LEAST_PATCHES:
-        return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
+    count, none = int(lit.sum()), np.zeros_like(lit)
+    if count < LEAST_PATCHES:
+        return PatchKinds(lit, none, DiffuseChoice("few patches with light", count, 0.0))
     misfits = misfits_without_mpi(means, lit, variances, harmonics=settings.harmonics)
     misfit = float(np.mean(misfits))
     probability = mpi_probability(misfit, numbers=misfits.size)
     if settings.model == "diffuse":
-        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail", probability)
+        return PatchKinds(lit, none, DiffuseChoice("tail", count, 0.0), probability)
     separate = separate_patches(means, lit, sigma)
     reason: Reason = "tail"
-    share = float(separate.sum() / lit.sum())
+    share = float(separate.sum() / count)
     if share > SEPARATE_SHARE:
         reason = "separate paths"
     elif misfit < LEAST_MISFIT or _is_noise_in_half(misfits):
         reason = "no MPI to be seen"
     elif are_two_paths(
         PatchData.of(means, lit, variances, settings.harmonics),
-        PatchPlaces(grid.even[lit], lit, settings.rad_per_ns, alike),
-        kernel=kernel,
-    ) or are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=settings, kernel=kernel):
+        PatchPlaces(frame.grid.even[lit], lit, settings.rad_per_ns, frame.shared.neighbours),
+    ) or are_smoothed_by_two_paths(light, means, lit, grid=frame.grid, settings=settings):
         reason = "separate paths"
-    return PatchKinds(lit, separate, share, reason, probability)
+    return PatchKinds(lit, separate, DiffuseChoice(reason, count, share), probability)
 
 
-def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMPY) -> bool:
+def are_two_paths(data: PatchData, places: PatchPlaces, /) -> bool:
     """Return whether the patches have two true paths each.
 
     Further harmonics show it, if they can tell. If they cannot, one share of the light or evenness shows it.
     """
     with np.errstate(all="ignore"):
         # if a patch has one path, the delay of the other is NaN
-        second = SecondPaths.of(data, kernel=kernel)
+        second = SecondPaths.of(data)
         if further_harmonics_tell(second, data):
             return predict_further_harmonics(second, data)
         return has_one_share(second, rad_per_ns=places.rad_per_ns) or are_even(second, data, places)

@@ -110,19 +110,14 @@ class LagParts:
 class CoarsePlanes:
     """Planes over the patches, float32 (plane, rows, columns).
 
-    The first `values` planes are the means of the data, of ln|H_1| and of arg H_1. The planes of `entries` follow: the
-    lower triangle of their covariance within a patch, as far as pixels need it. The last two are the variance of arg
-    H_1 that a patch leaves to all its pixels, and the variance of the phase of the MPI light.
+    The first `data` planes are the means of the data; those of ln|H_1| and of arg H_1 follow. Then come the planes of
+    `entries`: the lower triangle of their covariance within a patch, as far as pixels need it. The last two are the
+    variance of arg H_1 that a patch leaves to all its pixels, and the variance of the phase of the MPI light.
     """
 
     planes: Float32
-    values: int
+    data: int
     entries: tuple[Entry, ...]
-
-    @property
-    def data(self) -> int:
-        """How many of the values are data."""
-        return self.values - 2
 
     def with_added_variance(self, variance: Float32, /) -> "CoarsePlanes":
         """Return the planes with `variance`, (rows, columns), added to the variance of arg H_1 that a patch's pixels share."""
@@ -167,11 +162,11 @@ def coarse_planes(
 
     `bias` is what two harmonics miss in such views; None with more harmonics. `slowness` is that of `DiffuseSettings`.
     """
-    values, count = fit.posterior.copy(), len(fit.posterior)
-    entries, phases = needed_entries(count - 2), phase_data(count - 2)
+    values, count = fit.posterior.copy(), len(fit.posterior) - 2
+    entries, phases = needed_entries(count), phase_data(count)
     # without this, blending two patches whose phases differ by a turn would give the opposite direction halfway
     values[phases] = wrapped(values[phases])
-    following = (count - 2) // 2
+    following = count // 2
     with_more = min(following, 2) - 1
     lag = values[-1].copy()
     values[-1] += BESIDE_MORE * lags.open_share * lags.continued_rad / following**2

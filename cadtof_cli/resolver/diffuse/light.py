@@ -9,12 +9,13 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Complex64, Float, Float32, Index, Stored, sealed
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
+from cadtof_cli.phasors.pooling import SharedNoise
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.kernels import NUMPY, extension
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, saturation
 
@@ -94,15 +95,37 @@ class Look:
         /,
         *,
         stored: np.dtype[np.generic],
-        kernel: str,
     ) -> "Look | None":
-        """Return the record for a kernel and a frame with this noise and type; None if only numpy can look at the frame."""
-        if not is_compiled_for(len(noise.each), kernel) or stored not in STORED_TYPES[:-1]:
+        """Return the record for a frame with this noise and type; None if the kernel takes no frame of this type."""
+        if stored not in STORED_TYPES[:-1]:
             return None
         saturated = saturation(saturated_counts, stored)
         least, variances = settings.min_confidence, tuple(one.dark_variance for one in noise.each)
         power = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each)) if least is None else 0.0
         return cls(phasor_map, saturated, power, least or 0.0, variances, noise.harmonics, hot, noise.samples)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTraits:
+    """What is known of a frame besides its light.
+
+    Attributes:
+        grid: its patches.
+        settings: what is asked for.
+        variances: noise variance of a channel of each harmonic, (H,), of a pixel as it is resolved.
+        recorded_variances: the same of one recorded pixel. Most phasors may be means of several.
+        shared: noise that pixels share because they are pooled.
+        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
+        look: what the kernel needs for a first look at the frame; None if only numpy can look at it.
+    """
+
+    grid: PatchGrid
+    settings: DiffuseSettings
+    variances: Float
+    recorded_variances: tuple[float, ...]
+    shared: SharedNoise
+    range_offset_m: Float | None = None
+    look: Look | None = None
 
 
 def is_light(phasors: Complex | Complex64, /) -> Bool:
@@ -145,13 +168,13 @@ def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple
     return PatchLight(seen, phase_of(re[0], im[0]), weighted)
 
 
-def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /, *, kernel: str) -> PatchLight:
+def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /) -> PatchLight:
     """Return the light of a frame's stored values (H, 2, n), with the same bits as numpy gives."""
     places = sample_places(grid)
     weighted = np.empty((1 + 2 * len(stored), *places.shape), np.float32)
     phase_rad, seen = np.empty(places.shape, np.float32), np.empty(places.shape, np.bool_)
     extension().look_at_samples(
-        kernel,
+        chosen_kernel(),
         np.array([*look.saturated, look.least_power, look.least_modulus]),
         np.array(look.harmonics, np.int64),
         np.array([1.0 / variance for variance in look.variances]),
@@ -189,7 +212,6 @@ def patch_means(
     variance: float,
     harmonics: tuple[int, ...],
     shared: float = 1.0,
-    kernel: str = NUMPY,
 ) -> PatchMeans:
     """Return the means over the pixels `among`, (n, rows, columns), with ratios that are corrected for the bias by noise.
 
@@ -204,15 +226,16 @@ def patch_means(
         variance: noise variance of p_1, of one channel without light.
         harmonics: numbers of the harmonics.
         shared: how many pixels share their noise, as in `SharedNoise`.
-        kernel: of `available_kernels`.
     """
     counted = among & light.seen
-    if not is_compiled_for(len(harmonics), kernel):
+    if not is_compiled_for(len(harmonics)):
         power, *parts = (light.weighted * counted).sum(axis=1, dtype=np.float64)
         pixels = counted.sum(axis=0).astype(np.float64)
     else:
         sums = np.empty((len(light.weighted) + 1, *counted.shape[1:]))
-        extension().sum_patches(kernel, np.ascontiguousarray(light.weighted), np.ascontiguousarray(counted), sums)
+        extension().sum_patches(
+            chosen_kernel(), np.ascontiguousarray(light.weighted), np.ascontiguousarray(counted), sums
+        )
         power, *parts, pixels = sums
     ratios = np.empty((len(parts) // 2 - 1, *pixels.shape), np.complex128)
     ratios.real, ratios.imag = parts[2::2], parts[3::2]

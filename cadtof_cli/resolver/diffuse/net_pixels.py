@@ -7,7 +7,6 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.nets import freed_paths
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock
 from cadtof_cli.resolver.diffuse.settings import range_from_phase
-from cadtof_cli.resolver.kernels import NUMPY
 
 LEAST_SHARE = 0.1
 """Least share of either path in a pixel's light; a smaller one may be an error of the typical tail."""
@@ -35,7 +34,7 @@ class NetPixels:
         return np.where(self.where, self.own_variance, others)
 
 
-def freed_pixels(phasors: Complex, tail: DiffuseBlock, /, *, kernel: str = NUMPY) -> tuple[Complex, NetPixels | None]:
+def freed_pixels(phasors: Complex, tail: DiffuseBlock, /) -> tuple[Complex, NetPixels | None]:
     """Return the phasors (H, n) of a block of a frame's pixels, and which pixels see through a surface.
 
     Phasors of these pixels are freed of tails. If the frame has no such surface, the phasors are those given, and the
@@ -51,7 +50,7 @@ def freed_pixels(phasors: Complex, tail: DiffuseBlock, /, *, kernel: str = NUMPY
     free, size = phasors.copy(), np.ones(count)
     if there.any():
         seen, net_m = phasors[:, there], net_m[there]
-        paths = freed_paths(seen, nets.tails, kernel=kernel)
+        paths = freed_paths(seen, nets.tails)
         near_m = range_from_phase(paths.near_rad, model.settings)
         two_paths = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
         two_paths &= np.abs(near_m - net_m) < OF_NET * net_m

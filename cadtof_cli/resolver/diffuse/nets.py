@@ -14,7 +14,6 @@ from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.records import Nets, Tails
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
-from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
@@ -82,12 +81,12 @@ def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
     return tail
 
 
-def freed_paths(phasors: Complex, tails: Tails, /, *, kernel: str = NUMPY) -> FreedPaths:
+def freed_paths(phasors: Complex, tails: Tails, /) -> FreedPaths:
     """Resolve phasors (H, …) as two paths, each with its tail, by their first two harmonics.
 
     The phasors are p_h = a·exp(ihx)·N_h + b·exp(ihy)·F_h. If b·exp(ihy)·(F_h − N_h) is taken away and the rest is
     divided by N_h, the closed form finds the two paths. This is done several times, each time with b and y of the time
-    before. `kernel` is of `available_kernels`.
+    before.
     """
     shape = phasors.shape[1:]
     base = _times(phasors.reshape(len(phasors), -1), 1.0 / tails.near)
@@ -96,9 +95,9 @@ def freed_paths(phasors: Complex, tails: Tails, /, *, kernel: str = NUMPY) -> Fr
     with np.errstate(all="ignore"):
         # a patch without light divides zero by zero
         for _ in range(STEPS if excess.any() else 0):
-            farther = _farther(decomposed(free[0], free[1], kernel=kernel))
+            farther = _farther(decomposed(free[0], free[1]))
             free = base - _times(_at_harmonics(farther, tails.harmonics), excess)
-        paths = decomposed(free[0], free[1], kernel=kernel)
+        paths = decomposed(free[0], free[1])
         x, y = paths.phases()
         ahead = np.mod(y - x, FULL_TURN)
         x_near = ahead < np.pi
@@ -149,7 +148,6 @@ def find_nets(
     *,
     grid: PatchGrid,
     settings: DiffuseSettings,
-    kernel: str = NUMPY,
 ) -> Nets | None:
     """Return the surface that lets light through; None if there is none.
 
@@ -160,9 +158,8 @@ def find_nets(
         tails: the tails that are typical of near surfaces, and of the surfaces that may lie behind them.
         grid: the patches of the frame.
         settings: how phases become metres.
-        kernel: of `available_kernels`, all of which give the same bits.
     """
-    paths = freed_paths(phasors, tails, kernel=kernel)
+    paths = freed_paths(phasors, tails)
     apart_ns = paths.later_rad / settings.rad_per_ns
     two_paths: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
     two_paths &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])

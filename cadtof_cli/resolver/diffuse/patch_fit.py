@@ -12,11 +12,10 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, sealed
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import CompiledSteps, is_compiled_for
-from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
+from cadtof_cli.resolver.diffuse.patch_steps import CompiledSteps, PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room
 from cadtof_cli.resolver.diffuse.tail import TailModel
-from cadtof_cli.resolver.kernels import NUMPY
+from cadtof_cli.resolver.kernels import is_compiled_for
 
 STEPS = 4
 """Gauss–Newton steps. With more, the state still moves along what the data leave open, and depth does not improve."""
@@ -49,19 +48,15 @@ class PatchFit:
     jacobian: Float
 
 
-def fitted_patches(
-    data: Float, error: Float, model: TailModel, pattern: Float, /, *, known_optics: bool, kernel: str = NUMPY
-) -> PatchFit:
+def fitted_patches(data: Float, error: Float, model: TailModel, pattern: Float, /, *, known_optics: bool) -> PatchFit:
     """Fit the state of a frame and its patches to their data, (data, n).
 
     `error`, (data + 2, data + 2, n), is the covariance of the errors of the model's values, and of noise. `pattern`, (6, n),
-    is how the state differs between patches by rule. `kernel` is of `available_kernels`, all of which give the same bits.
+    is how the state differs between patches by rule. All kernels give the same bits.
     """
     prior = _room_prior(known_optics=known_optics)
-    within = np.diag(prior.within)
-    steps: PatchSteps | CompiledSteps = PatchSteps(data, error, within, pattern)
-    if is_compiled_for(len(model.harmonics), kernel):
-        steps = CompiledSteps(data, error, within, pattern, kernel)
+    kind = CompiledSteps if is_compiled_for(len(model.harmonics)) else PatchSteps
+    steps = kind(data, error, np.diag(prior.within), pattern)
     state = MEAN[:, None] + pattern
     for _ in range(STEPS):
         values, jacobian = model.values(state)

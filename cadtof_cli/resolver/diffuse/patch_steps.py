@@ -1,7 +1,7 @@
 """What the fit of the patches computes patch by patch: the same few operations for each, in their own order.
 
-`_patch_steps.h` is the compiled twin. Sums are written out term by term: the rounding in numpy's matrix products differs
-from machine to machine.
+`_patch_steps.h` is the compiled twin, and this module is its front. Sums are written out term by term: the rounding in
+numpy's matrix products differs from machine to machine.
 """
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.tail import residuals
+from cadtof_cli.resolver.kernels import chosen_kernel, extension
 
 LARGEST_STEP = 0.8
 """Largest change of a component per step (ln or ns): the model bends over a factor of two."""
@@ -81,6 +82,39 @@ class PatchSteps:
         """Return the parts of Jacobians and errors that belong to the data, without those of ln H_1."""
         count = len(self.data)
         return jacobian[:, :count], self.error[:count, :count]
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledSteps(PatchSteps):
+    """`PatchSteps` by the compiled kernel, with the same bits."""
+
+    def evidence(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
+        """Return the same as `PatchSteps.evidence`."""
+        white, linear = np.empty((len(self.data), 7, self.data.shape[1])), np.empty(self.data.shape)
+        given = self._buffers(values, jacobian, state, None, None, None)
+        extension().step_patches(chosen_kernel(), 0, *given, white, linear, None)
+        return white, linear
+
+    def moved(self, state: Float, linear: Float, jacobian: Float, room: Float, spread: Float, /) -> Float:
+        """Return the same as `PatchSteps.moved`."""
+        moved = np.empty(state.shape)
+        given = self._buffers(None, jacobian, state, linear, room, spread)
+        extension().step_patches(chosen_kernel(), 1, *given, moved, None, None)
+        return moved
+
+    def posterior(
+        self, values: Float, jacobian: Float, state: Float, room: Float, spread: Float, /
+    ) -> tuple[Float, Float, Float]:
+        """Return the same as `PatchSteps.posterior`."""
+        expected, posterior, covariance = np.empty(values.shape), np.empty(values.shape), np.empty(self.error.shape)
+        given = self._buffers(values, jacobian, state, None, room, spread)
+        extension().step_patches(chosen_kernel(), 2, *given, expected, posterior, covariance)
+        return expected, posterior, covariance
+
+    def _buffers(self, *given: Float | None) -> list[Float | None]:
+        """Return what a step in `_patch_steps.h` takes; None stands for an array that the step does not need."""
+        arrays = self.data, self.error, self.within, self.pattern, *given
+        return [None if array is None else np.ascontiguousarray(array) for array in arrays]
 
 
 def whitened(covariance: Float, right: Float, /) -> Float:

@@ -2,42 +2,20 @@
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32
+from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans, patch_means
 from cadtof_cli.resolver.diffuse.model_error import model_error
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_planes
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
-from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
+from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 
 LEAST_RATIO = 0.05
 """Floor for |q_h| in the noise of a patch's data: the noise of ln|q_h| grows without limit as |q_h| goes to 0."""
 
 NO_RATIO = 1e-9
 """Floor for |q_h| in the data: its logarithm must be finite, and below this it is of no interest."""
-
-
-@dataclass(frozen=True, eq=False)
-class FrameTraits:
-    """What is known of a frame besides its light.
-
-    Attributes:
-        grid: its patches.
-        settings: what is asked for.
-        variances: noise variance of a channel of each harmonic, (H,), of a pixel as it is resolved.
-        offset_m: what is added to the ranges of the sampled pixels.
-        shared: how many pixels share their noise.
-        kernel: of `available_kernels`.
-    """
-
-    grid: PatchGrid
-    settings: DiffuseSettings
-    variances: Float
-    offset_m: Float32 | float
-    shared: float
-    kernel: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +53,7 @@ class LitPatches:
             planes.on_plane,
             variance=frame.variances[0],
             harmonics=harmonics,
-            shared=frame.shared,
-            kernel=frame.kernel,
+            shared=frame.shared.pixels,
         )
         ratios, amplitude = means.ratios[:, valid], means.amplitude[valid]
         data = np.concatenate([np.log(np.maximum(np.abs(ratios), NO_RATIO)), np.angle(ratios)])
@@ -87,8 +64,10 @@ class LitPatches:
 
 def first_planes(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> PatchPlanes:
     """Return the surfaces from a first depth: that of two paths, from the mean light of every patch."""
-    lag = two_path_lag(means.ratios[0], kernel=frame.kernel)
-    range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
+    lag, offset = two_path_lag(means.ratios[0]), frame.range_offset_m
+    range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings)
+    if offset is not None:
+        range_m += frame.grid.samples(offset).astype(np.float32)
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
 

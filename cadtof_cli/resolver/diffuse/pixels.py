@@ -11,7 +11,6 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
 from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor, within_a_turn
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
@@ -20,7 +19,8 @@ from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import residuals
-from cadtof_cli.resolver.kernels import NUMPY, extension
+from cadtof_cli.resolver.diffuse.upsampling import row_above
+from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
 from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.two_path.kernel import Buffers
 
@@ -60,7 +60,7 @@ class PixelData:
 
 
 def diffuse_pixels(
-    phasors: Complex, /, *, tail: DiffuseBlock, usable: Bool, samples: Float | None = None, kernel: str = NUMPY
+    phasors: Complex, /, *, tail: DiffuseBlock, usable: Bool, samples: Float | None = None
 ) -> DiffusePixels:
     """Return the answers of the pixels for which a block of a frame's model was made; inputs are not changed.
 
@@ -69,11 +69,10 @@ def diffuse_pixels(
         tail: the frame's model, and which of its pixels these are.
         usable: (n,); all other pixels get NaN.
         samples: number of recorded pixels that each phasor is a mean of, (n,); None: 1.
-        kernel: of `available_kernels`, all of which give the same bits.
     """
     model, pixels = tail.model, tail.pixels
-    if is_compiled_for(len(model.settings.harmonics), kernel):
-        return _by_kernel(phasors, tail, usable, samples, kernel)
+    if is_compiled_for(len(model.settings.harmonics)):
+        return _by_kernel(phasors, tail, usable, samples)
     with np.errstate(over="ignore"):
         re, im = phasors.real.astype(np.float32), phasors.imag.astype(np.float32)
         square = re * re + im * im
@@ -121,10 +120,10 @@ def pixels_of_sine(
     return sine, (1.0 if samples is None else samples) / more.astype(np.float64)
 
 
-def _by_kernel(phasors: Complex, tail: DiffuseBlock, usable: Bool, samples: Float | None, kernel: str) -> DiffusePixels:
+def _by_kernel(phasors: Complex, tail: DiffuseBlock, usable: Bool, samples: Float | None) -> DiffusePixels:
     answered, rows = np.empty(usable.size, np.bool_), np.empty((7, usable.size), np.float32)
     given = [None if one is None else np.ascontiguousarray(one) for one in (phasors, usable, samples)]
-    extension().answer_tail(kernel, *given, answered, rows, *tail_buffers(tail))
+    extension().answer_tail(chosen_kernel(), *given, answered, rows, *tail_buffers(tail))
     return DiffusePixels(tail.model.separate_variance, answered, *rows)
 
 
@@ -147,7 +146,7 @@ def tail_buffers(tail: DiffuseBlock, /) -> Buffers:
         np.ascontiguousarray(up.range_m),
         up.down,
         up.right,
-        np.asarray(up.above(np.arange(height)), np.int64),
+        np.asarray(row_above(np.arange(height), up.grid.side), np.int64),
         np.ascontiguousarray(model.separate) if model.separate.any() else None,
         None if offset is None else np.ascontiguousarray(offset, np.float64),
     )

@@ -11,7 +11,6 @@ from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.bias import Bias, missed_share, remaining_sigma_rad, view_numbers
 from cadtof_cli.resolver.diffuse.choice import (
     LEAST_PATCHES,
-    DiffuseChoice,
     PatchKinds,
     Reason,
     RoomNumbers,
@@ -19,12 +18,11 @@ from cadtof_cli.resolver.diffuse.choice import (
 )
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.condition import Conditioned
-from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_phasors
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import mpi_share
 from cadtof_cli.resolver.diffuse.nets import find_nets, typical_tail
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
-from cadtof_cli.resolver.diffuse.patches import FrameTraits, LitPatches, first_planes
+from cadtof_cli.resolver.diffuse.patches import LitPatches, first_planes
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
@@ -34,7 +32,6 @@ from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.diffuse.variation import varies_like_the_tail
-from cadtof_cli.resolver.kernels import NUMPY
 
 GUESSED_POWER = 4
 """Power of the unknown share of what a patch faces, with which the light of guessed walls counts. A view that shows
@@ -66,18 +63,7 @@ class _Fitted:
 
 
 def diffuse_model(
-    light: PatchLight,
-    means: PatchMeans,
-    kinds: PatchKinds,
-    /,
-    *,
-    grid: PatchGrid,
-    variances: tuple[float, ...],
-    settings: DiffuseSettings,
-    samples: float = 1.0,
-    shared: float = 1.0,
-    range_offset_m: Float | None = None,
-    kernel: str = NUMPY,
+    light: PatchLight, means: PatchMeans, kinds: PatchKinds, frame: FrameTraits, /
 ) -> DiffuseModel | Reason:
     """Return the model of a frame, or why it is left to separate paths after all; inputs are not changed.
 
@@ -86,16 +72,9 @@ def diffuse_model(
             and corrected for the pulse. Pixels without an answer (saturated, hot, without signal) are not seen.
         means: over all pixels of each patch that are seen.
         kinds: of the patches of a frame that is taken for a tail.
-        grid: how the frame is cut.
-        variances: noise variance of one channel of one recorded pixel, for each harmonic, in squared units of the phasors.
-        settings: which model is asked for, and the harmonics' periods.
-        samples: number of recorded pixels that most phasors are a mean of.
-        shared: how many pixels share their noise, as in `SharedNoise`.
-        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
-        kernel: of `available_kernels`, all of which give the same bits.
+        frame: what else is known of the frame.
     """
-    offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
-    frame = FrameTraits(grid, settings, np.array(variances) / samples, offset, shared, kernel)
+    settings = frame.settings
     planes = first_planes(light, means, frame)
     valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
@@ -105,7 +84,7 @@ def diffuse_model(
     fitted = _fitted(patches, tail, frame)
     if settings.model == "auto" and not _is_tail(patches, fitted, tail, frame, of_sine=term_tail is None):
         return "no tail fits"
-    two_path_rad = two_path_lag(patches.ratios[0], kernel=kernel)
+    two_path_rad = two_path_lag(patches.ratios[0])
     coarse = _coarse(patches, fitted, tail, two_path_rad, frame).weighted_by(kinds.mpi_probability)
     terms = None if term_tail is None else _term_tails(term_tail, patches, fitted.fit, coarse, frame)
     if terms is not None:
@@ -114,13 +93,13 @@ def diffuse_model(
     difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[fitted.uncovered]
     return DiffuseModel(
         settings,
-        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, RoomNumbers.of(fitted.fit.state), covered),
-        variances,
+        replace(kinds.choice, room=RoomNumbers.of(fitted.fit.state), net_patches=covered),
+        frame.recorded_variances,
         coarse,
-        upsampler(coarse.planes, planes.surfaces.range_m, valid, grid),
+        upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
         kinds.separate,
         float(median(difference_rad**2)),
-        range_offset_m,
+        frame.range_offset_m,
         fitted.nets,
         terms,
     )
@@ -130,13 +109,13 @@ def _fitted(patches: LitPatches, tail: TailModel, frame: FrameTraits) -> _Fitted
     """Fit the room; if a net covers some patches, fit it once more without their data."""
     error, rule = patches.model_error + patches.noise, pattern(tail.light.direct)
     known = frame.grid.view.known
-    fit = fitted_patches(patches.data, error, tail, rule, known_optics=known, kernel=frame.kernel)
+    fit = fitted_patches(patches.data, error, tail, rule, known_optics=known)
     nets = _find_nets(patches, fit, frame) if frame.settings.model == "auto" else None
     uncovered = np.ones(patches.amplitude.size, np.bool_)
     if nets is not None:
         uncovered = ~nets.found[patches.valid]
         error = np.where(uncovered, error, _covered_error(error))
-        fit = fitted_patches(patches.data, error, tail, rule, known_optics=known, kernel=frame.kernel)
+        fit = fitted_patches(patches.data, error, tail, rule, known_optics=known)
         candidates = (_find_nets(patches, fit, frame, which) for which in (uncovered, None))
         nets = max(filter(None, candidates), key=lambda one: one.found.sum(), default=nets)
     return _Fitted(fit, patch_posterior(patches.data, error, fit), nets, uncovered)
@@ -190,7 +169,7 @@ def _two_path_chi_squared(patches: LitPatches, frame: FrameTraits) -> Float:
     data = PatchData.of(patches.means, patches.valid, frame.variances, frame.settings.harmonics)
     tolerated = np.diagonal(patches.model_error).T[:-2].reshape(2, *patches.ratios.shape)
     with np.errstate(all="ignore"):
-        return further_chi_squared(SecondPaths.of(data, kernel=frame.kernel), replace(data, tolerated=tolerated))
+        return further_chi_squared(SecondPaths.of(data), replace(data, tolerated=tolerated))
 
 
 def _find_nets(patches: LitPatches, fit: PatchFit, frame: FrameTraits, uncovered: Bool | None = None) -> Nets | None:
@@ -209,7 +188,6 @@ def _find_nets(patches: LitPatches, fit: PatchFit, frame: FrameTraits, uncovered
         Tails(near, far, harmonics),
         grid=frame.grid,
         settings=frame.settings,
-        kernel=frame.kernel,
     )
 
 
@@ -220,7 +198,7 @@ def _lag_parts(patches: LitPatches, fit: PatchFit, tail: TailModel, guessed: Sur
     light that the fit does not see.
     """
     seen, open_share = patches.seen, tail.light.open_share
-    light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m, kernel=frame.kernel)
+    light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m)
     seen_rad, continued_rad, unseen_rad, guessed_rad = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
     share = mpi_share(patches.ratios)
     return LagParts(seen_rad, continued_rad, share * unseen_rad, share * guessed_rad, open_share, seen.cosine)
@@ -237,11 +215,10 @@ def _tail_models(patches: LitPatches, frame: FrameTraits) -> tuple[TailModel, Ta
         patches.amplitude,
         harmonics=harmonics,
         rad_per_m=settings.rad_per_m,
-        kernel=frame.kernel,
     )
 
     def model(chosen: tuple[int, ...]) -> TailModel:
-        return TailModel(light.at([harmonics.index(h) for h in chosen]), chosen, settings.rad_per_ns, frame.kernel)
+        return TailModel(light.at([harmonics.index(h) for h in chosen]), chosen, settings.rad_per_ns)
 
     return model(settings.harmonics), None if settings.terms is None else model(multiples)
 

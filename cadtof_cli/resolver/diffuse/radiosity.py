@@ -11,7 +11,7 @@ from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.elementary import rotor
 from cadtof_cli.resolver.diffuse.planes import Surfaces
-from cadtof_cli.resolver.kernels import NUMPY, extension
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
 
 LATER_ALBEDO = 0.65
 """Mean albedo inside the later bounces; it makes their sum finite. Their strength is free in the fit."""
@@ -65,7 +65,6 @@ def interreflections(
     *,
     harmonics: tuple[int, ...],
     rad_per_m: float,
-    kernel: str = NUMPY,
 ) -> Interreflections:
     """Solve the radiosity between the patches, whose first phasors have the given amplitudes (n,), and the pieces beyond them.
 
@@ -77,7 +76,7 @@ def interreflections(
     count = len(seen.range_m)
     both = _joined(seen, beyond)
     albedo = _relative_albedo(seen, amplitude, len(beyond.range_m))
-    form, matrix, turn = _light_matrix(both, both, albedo, rad_per_m, kernel)
+    form, matrix, turn = _light_matrix(both, both, albedo, rad_per_m)
     faced = _gathered(form[:count], np.ones(len(form), np.float32)).astype(np.float64)
     open_share = np.minimum(np.maximum(1.0 - faced, 0.0), 1.0)
     light, power = np.empty((3, len(harmonics), count), np.complex128), 1
@@ -92,9 +91,9 @@ def interreflections(
     return Interreflections(second, outside, later, seen.cosine / seen.range_m**2, open_share)
 
 
-def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float, kernel: str = NUMPY) -> Complex:
+def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float) -> Complex:
     """Return the light that surfaces (n,) get from lit sources of unit albedo in one bounce, over their direct light, (n,)."""
-    _, matrix, _ = _light_matrix(onto, sources, np.ones(len(sources.range_m), np.float32), rad_per_m, kernel)
+    _, matrix, _ = _light_matrix(onto, sources, np.ones(len(sources.range_m), np.float32), rad_per_m)
     light = _gathered(matrix, _direct_light(sources, rad_per_m).astype(np.complex64))
     return np.asarray(light / _direct_light(onto, rad_per_m), np.complex128)
 
@@ -143,7 +142,7 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
 
 
 def _light_matrix(
-    onto: Surfaces, sources: Surfaces, albedo: Float32, rad_per_m: float, kernel: str
+    onto: Surfaces, sources: Surfaces, albedo: Float32, rad_per_m: float
 ) -> tuple[Float32, Complex64, Complex64]:
     """Return form factors F_ij from source j to i, K_ij of the fundamental, and exp(iω r_ij/c), (onto, sources) each.
 
@@ -159,7 +158,7 @@ def _light_matrix(
     r2 = _inner_products(ends, np.concatenate([lit_points[:3], lit_square, lit_points[3:]]))
     area = sources.area_m2.astype(np.float32)
     matrix, turn = np.empty(form.shape, np.complex64), np.empty(form.shape, np.complex64)
-    if kernel != NUMPY:
+    if (kernel := chosen_kernel()) != NUMPY:
         extension().light_matrix(kernel, rad_per_m, facing, r2, area, albedo, form, matrix, turn)
         return form, matrix, turn
     for over_plane in (form, facing):

@@ -17,7 +17,6 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.tail import wrapped
-from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.two_path.decomposition import decomposed
 
 ONE_SHARE_PER_NS = 0.05
@@ -115,13 +114,10 @@ class SecondPaths:
     noise: Float
 
     @classmethod
-    def of(cls, data: PatchData, /, *, kernel: str = NUMPY) -> "SecondPaths":
-        """Return the second paths that explain q_2, (n,).
-
-        `kernel` is of `available_kernels`, all of which give the same bits.
-        """
+    def of(cls, data: PatchData, /) -> "SecondPaths":
+        """Return the second paths that explain q_2, (n,)."""
         ratio = data.ratios[0]
-        paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
+        paths = decomposed(np.ones_like(ratio), ratio)
         share = np.minimum(paths.a, paths.b) / np.maximum(paths.a, paths.b)
         half = np.arctan2(np.where(paths.a >= paths.b, -paths.sin_half, paths.sin_half), paths.cos_half)
         later = wrapped(2.0 * half)
@@ -164,13 +160,13 @@ class Scatter:
         return cls(least, max(variance - noise_variance, 0.0) + margin * noise_variance)
 
 
-def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
+def two_path_lag(ratio: Complex, /) -> Float:
     """Return arg H_1 if there are two paths and the stronger is direct, from q_2 = p_2|p_1|/p_1²; same shape.
 
     This is by how much MPI turns arg p_1, in rad.
     """
     flat = ratio.ravel()
-    paths = decomposed(np.ones_like(flat), flat, kernel=kernel)
+    paths = decomposed(np.ones_like(flat), flat)
     sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
     lag: Float = -np.arctan2(
         paths.sin_mean * paths.cos_half + paths.cos_mean * sin_half,

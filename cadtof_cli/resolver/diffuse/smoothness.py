@@ -17,7 +17,6 @@ from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import wrapped
-from cadtof_cli.resolver.kernels import NUMPY
 
 LARGEST_LEFT = {1: 0.08, 2: 0.04}
 """Threshold on the median square of the bends of 1/z that two paths leave, over that before; by the distance of the
@@ -38,7 +37,6 @@ def are_smoothed_by_two_paths(
     *,
     grid: PatchGrid,
     settings: DiffuseSettings,
-    kernel: str = NUMPY,
 ) -> bool:
     """Return whether surfaces are smooth, apart from noise, once two paths are taken out of a frame's light.
 
@@ -47,16 +45,12 @@ def are_smoothed_by_two_paths(
     """
     with np.errstate(all="ignore"):
         # if there is one path, the delay of the other is NaN
-        return _smoothed_between_patches(means, lit, grid, settings, kernel) or _smoothed_within_patches(
-            light, lit, kernel
-        )
+        return _smoothed_between_patches(means, lit, grid, settings) or _smoothed_within_patches(light, lit)
 
 
-def _smoothed_between_patches(
-    means: PatchMeans, lit: Bool, grid: PatchGrid, settings: DiffuseSettings, kernel: str
-) -> bool:
+def _smoothed_between_patches(means: PatchMeans, lit: Bool, grid: PatchGrid, settings: DiffuseSettings) -> bool:
     """Return whether two paths make 1/z smooth from patch to patch."""
-    lag = two_path_lag(means.ratios[0], kernel=kernel)
+    lag = two_path_lag(means.ratios[0])
     seen = lit & np.isfinite(lag)
     recorded, direct = (_inverse_depth(phase, grid, settings) for phase in (means.phase_rad, means.phase_rad - lag))
     return any(
@@ -65,14 +59,14 @@ def _smoothed_between_patches(
     )
 
 
-def _smoothed_within_patches(light: PatchLight, lit: Bool, kernel: str) -> bool:
+def _smoothed_within_patches(light: PatchLight, lit: Bool) -> bool:
     """Return whether two paths make the phases along the middle row of each patch smooth."""
     side = math.isqrt(len(light.seen))
     row = slice(side // 2 * side, (side // 2 + 1) * side)
     power, _, _, re, im = light.weighted[:5, row]
     ratio = np.empty(power.shape, np.complex128)
     ratio.real, ratio.imag = re / power, im / power
-    lag = two_path_lag(ratio, kernel=kernel)
+    lag = two_path_lag(ratio)
     seen = light.seen[row] & lit & np.isfinite(lag)
     phase = light.phase_rad[row].astype(np.float64)
     direct, recorded = (wrapped(_bends_along(one, seen, 1)) for one in (phase - lag, phase))

@@ -18,9 +18,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Values
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import compiled_slopes, is_compiled_for
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
-from cadtof_cli.resolver.kernels import NUMPY
+from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
 
 STATE = ("ln s", "ln b", "ln u", "ln v", "ln τ", "t")
 """The state's components, in this order everywhere."""
@@ -34,17 +33,14 @@ REFERENCE_DECAY_NS = 12.0
 
 @dataclass(frozen=True)
 class TailModel:
-    """The model of n patches: their interreflections, the numbers of the harmonics, the fundamental's ω, and the kernel."""
+    """The model of n patches: their interreflections, the numbers of the harmonics, and the fundamental's ω.
+
+    Its values are the data of a patch, 2·H − 2 numbers, then ln|H_1| and arg H_1.
+    """
 
     light: Interreflections
     harmonics: tuple[int, ...]
     rad_per_ns: float
-    kernel: str = NUMPY
-
-    @property
-    def data(self) -> int:
-        """Number of data per patch. The model's values are the data, then ln|H_1| and arg H_1."""
-        return 2 * (len(self.harmonics) - 1)
 
     @cached_property
     def _harmonic(self) -> Float:
@@ -63,16 +59,8 @@ class TailModel:
     def values(self, state: Float, /) -> tuple[Float, Float]:
         """Return the values at a state (6, n), (data + 2, n), and their Jacobian, (6, data + 2, n)."""
         phase = self._rad_per_ns * state[5]
-        natural, cos, sin = np.exp(state[:5]), np.cos(phase), np.sin(phase)
-        if is_compiled_for(len(self.harmonics), self.kernel):
-            total, jacobian = compiled_slopes(
-                (natural, cos, sin, self.light.seen, self.light.beyond, self.light.later),
-                (self._harmonic, self._rad_per_ns, self._onset),
-                kernel=self.kernel,
-            )
-        else:
-            total, jacobian = self._slopes(natural, cos, sin)
-        re, im, power = total
+        slopes = self._compiled_slopes if is_compiled_for(len(self.harmonics)) else self._slopes
+        (re, im, power), jacobian = slopes(np.exp(state[:5]), np.cos(phase), np.sin(phase))
         return free_of_direct(0.5 * np.log(power), np.arctan2(im, re), self._harmonic), jacobian
 
     def light_at(self, state: Float, /) -> Float:
@@ -125,6 +113,15 @@ class TailModel:
         np.negative(inverse[1], out=inverse[1])
         size, phase = _product(terms, inverse[:, None])
         return answer, free_of_direct(size, phase, self._harmonic)
+
+    def _compiled_slopes(self, natural: Float, cos: Float, sin: Float) -> tuple[Float, Float]:
+        """Return the same as `_slopes`, with the same bits, by the compiled twin, `_patch_steps.h`."""
+        answer, jacobian = np.empty((3, *cos.shape)), np.empty((len(STATE), 2 * len(cos), cos.shape[1]))
+        constants = self._harmonic, self._rad_per_ns, self._onset
+        given = natural, cos, sin, self.light.seen, self.light.beyond, self.light.later
+        buffers = map(np.ascontiguousarray, (*constants, *given))
+        extension().tail_slopes(chosen_kernel(), *buffers, answer, jacobian)
+        return answer, jacobian
 
     @cached_property
     def _light(self) -> tuple[Float, Float, Float]:

@@ -94,10 +94,6 @@ class Upsampler:
         """Cut consecutive pixels, flat indices row by row, into bands, in order."""
         return _bands(self.grid, pixels.start, pixels.stop)
 
-    def above(self, row: int | Index, /) -> int | Index:
-        """Return which row of `planes` lies above (or at) the middle of a row of pixels."""
-        return _above(row, self.grid.side)
-
     def _weights(self, band: Band, range_m: Float32) -> Float32:
         """Return the weights of the upper left, upper right and lower left patch, (3, rows, columns); they and the last
         sum to 1.
@@ -136,18 +132,19 @@ def _bands(grid: PatchGrid, start: int, stop: int) -> tuple[Band, ...]:
         else:
             bottom, right = min(stop // width, _band_end(top, grid.side)), width
         end = (bottom - 1) * width + right
-        bands.append(Band(top, bottom, left, right, slice(start - first, end - first), int(_above(top, grid.side))))
+        bands.append(Band(top, bottom, left, right, slice(start - first, end - first), int(row_above(top, grid.side))))
         start = end
     return tuple(bands)
 
 
-def _above(row: int | Index, side: int) -> int | Index:
+def row_above(row: int | Index, side: int, /) -> int | Index:
+    """Return which row of `Upsampler.planes` lies above (or at) the middle of a row of pixels."""
     return (2 * row + 1 + side) // (2 * side)
 
 
 def _band_end(row: int, side: int) -> int:
     """Return the first row of pixels below this one that lies between two other rows of patches."""
-    return -(-((2 * int(_above(row, side)) + 1) * side - 1) // 2)
+    return -(-((2 * int(row_above(row, side)) + 1) * side - 1) // 2)
 
 
 def upsampler(planes: Float32, range_m: Float, valid: Bool, grid: PatchGrid, /) -> Upsampler:

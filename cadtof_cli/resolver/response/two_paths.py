@@ -11,7 +11,6 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float32, Index, SomePixels
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.response.newton import Equations, SearchState, searched
 from cadtof_cli.resolver.response.one_path import angle_of
@@ -43,7 +42,7 @@ def two_paths_of_response(
     done are led in `STAGES` from the answer for a sine to that for the response. Pixels that are still not done keep
     their best attempt, and the result says so.
     """
-    start = decomposed(*_sine_part(alone, phasors, response), kernel=chosen_kernel())
+    start = decomposed(*_sine_part(alone, phasors, response))
     pixels = np.flatnonzero(chosen & ~start.single)
     converged = np.ones(chosen.shape, np.bool_)
     if not pixels.size:
@@ -61,7 +60,7 @@ def two_paths_of_response(
 
 def _led_by_stages(equations: Equations, phasors: Complex) -> SearchState:
     """Return the state at the end of the stages, which start from the answer for a sine."""
-    values = _values(decomposed(*phasors, kernel=chosen_kernel()), _EVERYWHERE)
+    values = _values(decomposed(*phasors), _EVERYWHERE)
     coarse = replace(equations, enough=equations.enough * np.float32(STAGE_TOLERANCE**2))
     for stage in range(len(STAGES) - 1):
         values = searched(coarse, values, steps=STAGE_STEPS, stage=stage).values

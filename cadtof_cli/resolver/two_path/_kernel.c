@@ -209,10 +209,10 @@ static PyMethodDef METHODS[] = {
      "Fill paths. Everybody but the tests calls it through decomposition.py."},
     {"tail_slopes", tail_slopes, METH_VARARGS,
      "tail_slopes(level, numbers, rad per ns, onset, state, cosines, sines, seen, beyond, later, total, slopes)\n\n"
-     "Fill total and slopes. Everybody but the tests calls it through diffuse/compiled_fit.py."},
+     "Fill total and slopes. Everybody but the tests calls it through diffuse/tail.py."},
     {"step_patches", step_patches, METH_VARARGS,
      "step_patches(level, step, data, error, within, pattern, values, slopes, state, linear data, room, spread, answers...)\n\n"
-     "Fill the answers of a step. Everybody but the tests calls it through diffuse/compiled_fit.py."},
+     "Fill the answers of a step. Everybody but the tests calls it through diffuse/patch_steps.py."},
     {"light_matrix", light_matrix, METH_VARARGS,
      "light_matrix(level, rad per m, facing, squares, area, albedo, form factors, matrix, rotors)\n\n"
      "Fill matrix and rotors, and make form factors of heights over planes. Everybody but the tests calls it through diffuse/radiosity.py."},

@@ -4,7 +4,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.kernels import NUMPY, extension
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 
 PLANES = 9
@@ -22,11 +22,12 @@ class _Compiled(TwoPaths):
         return self.found
 
 
-def decomposed(p1: Complex, p2: Complex, /, *, kernel: str = NUMPY) -> TwoPaths:
+def decomposed(p1: Complex, p2: Complex, /) -> TwoPaths:
     """Return the two paths of phasors, complex128 (n,) each; NaN in gives NaN out, without a warning.
 
-    `kernel` is one of `available_kernels`; all of them give the same bits.
+    All kernels give the same bits.
     """
+    kernel = chosen_kernel()
     if kernel == NUMPY:
         with np.errstate(all="ignore"):
             return two_paths(fundamental_frame(p1, p2))

@@ -80,7 +80,7 @@ class FrameKernel:
         source_type: np.dtype[np.generic],
     ) -> None:
         self._tail, self._source_type, self._compiled = scales.tail or (), source_type, extension()
-        self._options = (chosen_kernel(), ORDERS.index(_order(settings)), RETURNS.index(settings.returns))
+        self._options = (ORDERS.index(_order(settings)), RETURNS.index(settings.returns))
         self._shapes = (2, count) if scales.phasor_map is None else (2, 2, count), (7, count), (count,)
         own, other, constant = _own_maps(scales.phasor_map)
         arrays = {
@@ -127,6 +127,7 @@ class FrameKernel:
         # layers and status are written in place, so they are not copied: the extension refuses them unless they are
         # contiguous
         self._compiled.resolve(
+            chosen_kernel(),
             *self._options,
             -1 if bits is None else bits,
             self._constants,

@@ -21,7 +21,6 @@ from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline.frame import prepare_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.pipeline.stages import frame_stages
-from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
@@ -44,7 +43,7 @@ def first_phasor_depth(
     """
     settings = replace(plan.settings, resolver=replace(plan.settings.resolver, mpi_model="discrete"))
     pixels = prepare_frame(frame, plan=replace(plan, settings=settings), calibration=calibration)
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size, NUMPY)
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     everywhere = slice(0, math.prod(pixels.size))
     response = stages.response
     phase = first_phase(stages.phasors(pixels)[0], response=response.block(everywhere) if response else None)

@@ -82,7 +82,8 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
 
 
 def _draw_calibration(folder: Path, out: Path, settings: PreviewSettings) -> None:
-    if settings.of_layers or out.suffix.lower() in FILMS:
+    of_layers = settings.layer, settings.limits, settings.colours, settings.truth
+    if any(one is not None for one in of_layers) or out.suffix.lower() in FILMS:
         raise SettingsError(
             f"{folder}: a calibration is drawn as one picture; leave out --layer, --range, --cmap and --truth"
         )

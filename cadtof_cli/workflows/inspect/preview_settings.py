@@ -46,8 +46,3 @@ class PreviewSettings:
         require(0.1 <= rate <= 50.0, "--fps", f"{rate:g}", "0.1 to 50 frames a second")
         if self.truth is not None and (self.layer is not None or self.limits or self.colours):
             raise SettingsError("--truth draws the errors of a whole frame; leave out --layer, --range and --cmap")
-
-    @property
-    def of_layers(self) -> bool:
-        """Whether an option is given that holds for layers only."""
-        return any(one is not None for one in (self.layer, self.limits, self.colours, self.truth))

@@ -184,9 +184,9 @@ def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
     files = reader.run.files
     progress.advance(0, total=len(files))
     places = sorted({0, len(files) // 2, len(files) - 1}) if files else ()
-    samples = list(_read(reader, [files[place] for place in places], _Gathered()))
+    samples = list(_read(reader, [files[place] for place in places], {}))
     if not samples:
-        list(_read(reader, files, gathered))
+        list(_read(reader, files, gathered.problems))
         return gathered
     room = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS - _PER_FRAME * len(files)
     planes = [one.planes for one in samples]
@@ -195,18 +195,18 @@ def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
         planes = [one.planes if one.truth_m is None else {**one.planes, TRUTH: one.truth_m} for one in samples]
     shares = planned_shares(planes, len(files), limit_bytes=max(room, 0.0), whole=reader.settings.full_frames)
     del samples, planes
-    for frame in _read(reader, files, gathered):
+    for frame in _read(reader, files, gathered.problems):
         gathered.add(reader, frame, shares)
         progress.advance()
     return gathered
 
 
-def _read(reader: _Reader, files: Sequence[Path], gathered: _Gathered) -> Iterator[_Frame]:
-    """Yield the frames with maps that can be read; for the others, keep the reason in `gathered`."""
+def _read(reader: _Reader, files: Sequence[Path], problems: dict[Path, str]) -> Iterator[_Frame]:
+    """Yield the frames with maps that can be read; for the others, keep the reason in `problems`."""
     for file in files:
         try:
             planes = reader.planes(file)
         except CadtofError as error:
-            gathered.problems[file] = str(error)
+            problems[file] = str(error)
             continue
         yield reader.frame(file, planes)

@@ -253,7 +253,7 @@ def test_the_variance_within_a_patch_is_smaller_with_more_harmonics(further: int
     found = planes(known, lags())
     spread = of_room * np.array([0.15, 0.42, 0.35, 1.2, 0.42, 1.75])
     expected = ((spread[:, None] * known.jacobian[:, -1]) ** 2).sum(axis=0)
-    place = found.values + found.entries.index((2 * further + 1, 2 * further + 1))
+    place = found.data + 2 + found.entries.index((2 * further + 1, 2 * further + 1))
     assert_allclose(found.planes[place][VALID], expected, rtol=1e-5)
 
 

@@ -11,10 +11,9 @@ from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels
 from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
-from cadtof_cli.resolver.kernels import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY, available_kernels
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
 from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.diffuse_answers import model_of
@@ -59,11 +58,10 @@ def assert_same_bits(
     tail = model.block(pixels or slice(0, phasors.shape[1]))
     use = np.ones(phasors.shape[1], bool) if usable is None else usable
     with np.errstate(all="ignore"):
-        expected = diffuse_pixels(phasors, tail=tail, usable=use, samples=samples)
+        expected = by_kernel(NUMPY, diffuse_pixels, phasors, tail=tail, usable=use, samples=samples)
     for kernel in compiled_kernels():
-        assert_same_answers(
-            diffuse_pixels(phasors, tail=tail, usable=use, samples=samples, kernel=kernel), expected, kernel
-        )
+        found = by_kernel(kernel, diffuse_pixels, phasors, tail=tail, usable=use, samples=samples)
+        assert_same_answers(found, expected, kernel)
     return expected
 
 
@@ -193,9 +191,11 @@ def test_counts_and_means_of_frames_have_the_same_bits() -> None:
     assert_same_maps(FrameMean(stored.astype(np.float64), samples, stored.dtype, 8), plan_of(counts, average=8))
 
 
-def test_three_harmonics_have_the_same_bits() -> None:
-    periods = replace(METADATA.modulation, periods_ns=tuple(40.0 / h for h in (1, 2, 3)))
-    assert_same_maps(recorded((1, 2, 3)), plan_of(replace(METADATA, modulation=periods)))
+@pytest.mark.parametrize("count", [3, MOST_HARMONICS + 1])
+def test_more_harmonics_have_the_same_bits(count: int) -> None:
+    harmonics = tuple(range(1, count + 1))
+    periods = replace(METADATA.modulation, periods_ns=tuple(40.0 / h for h in harmonics))
+    assert_same_maps(recorded(harmonics), plan_of(replace(METADATA, modulation=periods)))
 
 
 @pytest.mark.parametrize("cut", [1, 7, 31, 33, 97, 1000])

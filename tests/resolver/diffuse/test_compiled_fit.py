@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS, CompiledSteps, is_compiled_for
 from cadtof_cli.resolver.diffuse.patch_fit import fitted_patches
-from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
+from cadtof_cli.resolver.diffuse.patch_steps import CompiledSteps, PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.diffuse.tail import TailModel
-from cadtof_cli.resolver.kernels import NUMPY
+from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY, is_compiled_for
 from tests.resolver.compiled import compiled_kernels
 from tests.support.diffuse_frames import OMEGA, F
+from tests.support.kernels import by_kernel
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -48,9 +48,9 @@ def test_a_fit_has_the_same_bits(harmonics: tuple[int, ...], patches: int) -> No
     data = np.concatenate([rng.normal(-0.2, 0.1, (count // 2, patches)), rng.normal(-0.3, 3.0, (count // 2, patches))])
     error, pattern = covariances(rng, count + 2, patches), 0.3 * rng.normal(size=(6, patches))
 
-    def fit(kernel: str) -> tuple[F, ...]:
-        model = TailModel(light, harmonics, OMEGA, kernel)
-        found = fitted_patches(data, error, model, pattern, known_optics=True, kernel=kernel)
+    def fit() -> tuple[F, ...]:
+        model = TailModel(light, harmonics, OMEGA)
+        found = fitted_patches(data, error, model, pattern, known_optics=True)
         return (
             found.room,
             found.state,
@@ -60,10 +60,10 @@ def test_a_fit_has_the_same_bits(harmonics: tuple[int, ...], patches: int) -> No
             found.jacobian,
         )
 
-    expected = fit(NUMPY)
+    expected = by_kernel(NUMPY, fit)
     assert all(np.isfinite(one).all() for one in expected)
     for kernel in compiled_kernels():
-        assert_same(fit(kernel), expected, kernel)
+        assert_same(by_kernel(kernel, fit), expected, kernel)
 
 
 @settings(max_examples=40)
@@ -82,21 +82,22 @@ def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, specia
     values, jacobian, state = numbers(count + 2, patches), numbers(6, count + 2, patches), numbers(6, patches)
     room, spread, linear = numbers(6), numbers(6, 6), numbers(count, patches)
 
-    def steps(one: PatchSteps | CompiledSteps) -> tuple[F, ...]:
+    def steps(one: PatchSteps) -> tuple[F, ...]:
         evidence, moved = one.evidence(values, jacobian, state), one.moved(state, linear, jacobian, room, spread)
         return (*evidence, moved, *one.posterior(values, jacobian, state, room, spread))
 
     with np.errstate(all="ignore"):
         expected = steps(PatchSteps(*fixed))
         for kernel in compiled_kernels():
-            for found, other in zip(steps(CompiledSteps(*fixed, kernel)), expected, strict=True):
+            for found, other in zip(by_kernel(kernel, steps, CompiledSteps(*fixed)), expected, strict=True):
                 np.testing.assert_array_equal(found, other)
 
 
 def test_more_harmonics_than_the_kernel_takes_are_left_to_numpy() -> None:
-    assert is_compiled_for(MOST_HARMONICS, compiled_kernels()[0])
-    assert not is_compiled_for(MOST_HARMONICS + 1, compiled_kernels()[0])
-    assert not is_compiled_for(2, NUMPY)
+    kernel = compiled_kernels()[0]
+    assert by_kernel(kernel, is_compiled_for, MOST_HARMONICS)
+    assert not by_kernel(kernel, is_compiled_for, MOST_HARMONICS + 1)
+    assert not by_kernel(NUMPY, is_compiled_for, 2)
 
 
 # --- buffers that do not fit ------------------------------------------------------------------------------------------
@@ -242,7 +243,8 @@ def test_unknown_levels_steps_and_harmonics_are_refused(compiled: ModuleType) ->
 
 def test_a_fit_of_no_patches_returns_empty_arrays() -> None:
     """A fit without any patches returns empty arrays."""
-    steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)), compiled_kernels()[0])
-    white, linear = steps.evidence(np.empty((4, 0)), np.empty((6, 4, 0)), MEAN[:, None][:, :0])
+    steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)))
+    given = np.empty((4, 0)), np.empty((6, 4, 0)), MEAN[:, None][:, :0]
+    white, linear = by_kernel(compiled_kernels()[0], steps.evidence, *given)
     assert white.shape == (2, 7, 0)
     assert linear.size == 0

@@ -10,7 +10,6 @@ import pytest
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.phasors.noise import NoiseModel, noise_model
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored, saturated_pixels
-from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, assumed_view, patch_grid, sampled_pixels
 from cadtof_cli.resolver.diffuse.light import (
     Look,
@@ -19,10 +18,11 @@ from cadtof_cli.resolver.diffuse.light import (
     patch_means,
     sampled_light,
 )
-from cadtof_cli.resolver.kernels import NUMPY
+from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY
 from cadtof_cli.resolver.resolve import screened
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.resolver.compiled import compiled_kernels
+from tests.support.kernels import by_kernel
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -92,34 +92,31 @@ def test_the_first_look_has_the_same_bits(
         noise = replace(noise, samples=rng.integers(1, 9, pixels).astype(np.float64))
     hot = rng.random(pixels) < 0.1 if per_pixel else None
     each = phasor_map(len(harmonics), pixels if per_pixel else None)
-    look = Look.of(settings, noise, each, LIMITS, hot, stored=stored.dtype, kernel=compiled_kernels()[0])
+    look = Look.of(settings, noise, each, LIMITS, hot, stored=stored.dtype)
     assert look is not None
     expected = by_numpy(stored, look, noise, settings, grid)
     assert pixels == 1 or 0.1 < expected.seen.mean() < 0.95
     for kernel in compiled_kernels():
-        found = compiled_light(stored, look, grid, kernel=kernel)
+        found = by_kernel(kernel, compiled_light, stored, look, grid)
         for name in ("seen", "phase_rad", "weighted"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
         chosen = rng.random(found.seen.shape) < 0.7
         found_means, expected_means = (
-            patch_means(expected, chosen, variance=1e-4, harmonics=harmonics, kernel=one) for one in (kernel, NUMPY)
+            by_kernel(one, patch_means, expected, chosen, variance=1e-4, harmonics=harmonics) for one in (kernel, NUMPY)
         )
         for name in ("ratios", "amplitude", "pixels", "phase_rad"):
             np.testing.assert_array_equal(getattr(found_means, name), getattr(expected_means, name))
 
 
-def test_phasors_and_more_harmonics_than_the_kernel_takes_are_left_to_numpy() -> None:
-    def looks(dtype: Any, harmonics: int, kernel: str) -> bool:
-        noise, each = noise_of(tuple(range(1, harmonics + 1))), phasor_map(harmonics, None)
-        look = Look.of(ResolverSettings(), noise, each, LIMITS, None, stored=np.dtype(dtype), kernel=kernel)
-        return look is not None
+def test_phasors_and_unusual_types_are_left_to_numpy() -> None:
+    def looks(dtype: Any) -> bool:
+        given = ResolverSettings(), noise_of((1, 2)), phasor_map(2, None), LIMITS, None
+        return Look.of(*given, stored=np.dtype(dtype)) is not None
 
-    assert looks(np.uint16, 2, compiled_kernels()[0])
-    assert looks(float, MOST_HARMONICS, compiled_kernels()[0])
-    assert not looks(np.uint16, 2, NUMPY)
-    assert not looks(complex, 2, compiled_kernels()[0])
-    assert not looks(np.uint8, 2, compiled_kernels()[0])
-    assert not looks(float, MOST_HARMONICS + 1, compiled_kernels()[0])
+    assert looks(np.uint16)
+    assert looks(float)
+    assert not looks(complex)
+    assert not looks(np.uint8)
 
 
 @pytest.mark.parametrize("harmonics", [MOST_HARMONICS, MOST_HARMONICS + 1])
@@ -128,9 +125,9 @@ def test_means_of_as_many_harmonics_as_the_kernel_takes_and_of_more_have_the_sam
     seen = rng.random((9, 2, 3)) < 0.8
     weighted = rng.uniform(0.1, 1.0, (1 + 2 * harmonics, *seen.shape)).astype(np.float32)
     light = PatchLight(seen, weighted[0], weighted)
-    expected = patch_means(light, seen, variance=1e-4, harmonics=numbers)
+    expected = by_kernel(NUMPY, patch_means, light, seen, variance=1e-4, harmonics=numbers)
     for kernel in compiled_kernels():
-        found = patch_means(light, seen, variance=1e-4, harmonics=numbers, kernel=kernel)
+        found = by_kernel(kernel, patch_means, light, seen, variance=1e-4, harmonics=numbers)
         for name in ("ratios", "amplitude", "pixels", "phase_rad"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 

@@ -10,6 +10,7 @@ from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.kernels import NUMPY
 from tests.resolver.compiled import compiled_kernels
+from tests.support.kernels import by_kernel
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -34,15 +35,15 @@ def test_light_between_pieces_has_the_same_bits(harmonics: tuple[int, ...], seen
     room, around = pieces(seen, 1), pieces(beyond, 2)
     amplitude = np.random.default_rng(3).uniform(0.01, 0.5, seen)
 
-    def light(kernel: str) -> list[Any]:
-        found = interreflections(room, around, amplitude, harmonics=harmonics, rad_per_m=0.5, kernel=kernel)
-        guessed = light_of(around, room, rad_per_m=0.5, kernel=kernel)
+    def light() -> list[Any]:
+        found = interreflections(room, around, amplitude, harmonics=harmonics, rad_per_m=0.5)
+        guessed = light_of(around, room, rad_per_m=0.5)
         return [found.seen, found.beyond, found.later, found.direct, found.open_share, guessed]
 
-    expected = light(NUMPY)
+    expected = by_kernel(NUMPY, light)
     assert all(np.isfinite(one).all() for one in expected)
     for kernel in compiled_kernels():
-        for one, other in zip(light(kernel), expected, strict=True):
+        for one, other in zip(by_kernel(kernel, light), expected, strict=True):
             np.testing.assert_array_equal(one, other)
 
 

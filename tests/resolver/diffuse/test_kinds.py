@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.phasors.pooling import SharedNoise
 from cadtof_cli.resolver.diffuse.choice import (
     PatchKinds,
     misfits_without_mpi,
@@ -16,7 +17,7 @@ from cadtof_cli.resolver.diffuse.choice import (
     tail_fits,
 )
 from cadtof_cli.resolver.diffuse.grid import assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.settings import MpiModel
 
@@ -45,41 +46,42 @@ def kinds(means: PatchMeans, model: MpiModel = "auto") -> PatchKinds:
         np.zeros((64, 1, columns), np.float32),
         np.zeros((7, 64, 1, columns), np.float32),
     )
-    return patch_kinds(nothing, means, VARIANCES, grid=grid, settings=settings)
+    traits = FrameTraits(grid, settings, VARIANCES, tuple(VARIANCES.tolist()), SharedNoise(1.0, 0.0))
+    return patch_kinds(nothing, means, traits)
 
 
 def test_a_room_with_a_tail_gets_the_diffuse_model() -> None:
     found = kinds(frame([TAIL] * 64))
-    assert (found.reason, found.separate_share, int(found.lit.sum())) == ("tail", 0.0, 64)
+    assert (found.choice.reason, found.choice.separate_share, int(found.lit.sum())) == ("tail", 0.0, 64)
 
 
 def test_a_room_needs_64_patches_with_light() -> None:
-    assert kinds(frame([TAIL] * 63)).reason == "few patches with light"
-    assert kinds(frame([TAIL] * 63), "diffuse").reason == "few patches with light"
+    assert kinds(frame([TAIL] * 63)).choice.reason == "few patches with light"
+    assert kinds(frame([TAIL] * 63), "diffuse").choice.reason == "few patches with light"
     assert not kinds(frame([TAIL] * 63)).separate.any()
 
 
 def test_up_to_a_fifth_of_the_patches_may_be_separate() -> None:
     early = np.exp(0.5j)
     within, beyond = (kinds(frame([early] * count + [TAIL] * (100 - count))) for count in (20, 21))
-    assert (within.reason, within.separate_share) == ("tail", 0.2)
-    assert (beyond.reason, beyond.separate_share) == ("separate paths", 0.21)
+    assert (within.choice.reason, within.choice.separate_share) == ("tail", 0.2)
+    assert (beyond.choice.reason, beyond.choice.separate_share) == ("separate paths", 0.21)
     assert within.separate.sum() == 20
     forced = kinds(frame([early] * 100), "diffuse")
-    assert (forced.reason, forced.separate_share) == ("tail", 0.0)
+    assert (forced.choice.reason, forced.choice.separate_share) == ("tail", 0.0)
 
 
 def test_ratios_of_1_are_no_mpi_and_separate_patches_stay_marked() -> None:
     found = kinds(frame([np.exp(0.5j)] + [TAIL] * 60 + [1.0] * 39, third=1.0))
-    assert (found.reason, found.separate.sum()) == ("tail", 1)
+    assert (found.choice.reason, found.separate.sum()) == ("tail", 1)
     none = kinds(frame([1.0] * 100, third=1.0))
-    assert (none.reason, none.separate_share) == ("no MPI to be seen", 0.0)
-    assert kinds(frame([1.0] * 100, third=1.0), "diffuse").reason == "tail"
+    assert (none.choice.reason, none.choice.separate_share) == ("no MPI to be seen", 0.0)
+    assert kinds(frame([1.0] * 100, third=1.0), "diffuse").choice.reason == "tail"
 
 
 @pytest.mark.parametrize(("clean", "reason"), [(49, "tail"), (51, "no MPI to be seen")])
 def test_a_view_without_mpi_in_half_of_its_patches_has_no_tail(clean: int, reason: str) -> None:
-    assert kinds(frame([1.0] * clean + [TAIL] * (100 - clean), third=1.0)).reason == reason
+    assert kinds(frame([1.0] * clean + [TAIL] * (100 - clean), third=1.0)).choice.reason == reason
 
 
 @pytest.mark.parametrize(("times", "reason"), [(1.3, "no MPI to be seen"), (1.5, "tail")])
@@ -90,7 +92,7 @@ def test_mpi_is_seen_from_twice_the_variance_of_the_noise_on(times: float, reaso
     phase = [times * np.sqrt(h * h * VARIANCES[0] + v) * relative for h, v in zip((2, 3), VARIANCES[1:], strict=True)]
     second, third = ((1.0 - a) * np.exp(-1j * b) for a, b in zip(size, phase, strict=True))
     means = frame([second] * 80, third=third)
-    assert kinds(means).reason == reason
+    assert kinds(means).choice.reason == reason
     lit = np.ones((1, 80), bool)
     assert_allclose(np.mean(misfits_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3))), times**2)
 

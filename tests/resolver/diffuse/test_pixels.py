@@ -52,7 +52,7 @@ def model(
         DiffuseSettings(period_ns=40.0, harmonics=HARMONICS),
         DiffuseChoice("tail", 6, 0.0),
         VARIANCES,
-        CoarsePlanes(planes, DATA + 2, needed_entries(DATA)),
+        CoarsePlanes(planes, DATA, needed_entries(DATA)),
         upsampler(planes, range_m * every, every > 0, grid),
         every < 0,
         0.25,

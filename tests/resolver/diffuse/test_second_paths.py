@@ -20,9 +20,10 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     predict_further_harmonics,
     two_path_lag,
 )
-from cadtof_cli.resolver.kernels import available_kernels
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from tests.support.diffuse_frames import OMEGA, F, Tail
 from tests.support.diffuse_patches import PATCHES, patch_data
+from tests.support.kernels import by_kernel
 
 SIGMA = 1e-3
 
@@ -248,7 +249,7 @@ def test_the_median_chi_squared_of_noise_is_that_of_draws(numbers: int) -> None:
 @pytest.mark.parametrize("kernel", available_kernels())
 def test_every_kernel_gives_the_same_second_paths(kernel: str) -> None:
     patches = data(*second(0.1, LATER))
-    one, other = SecondPaths.of(patches), SecondPaths.of(patches, kernel=kernel)
+    one, other = (by_kernel(name, SecondPaths.of, patches) for name in (NUMPY, kernel))
     np.testing.assert_array_equal(one.log_share, other.log_share)
     np.testing.assert_array_equal(one.later_rad, other.later_rad)
 

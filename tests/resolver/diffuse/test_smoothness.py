@@ -14,6 +14,7 @@ from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
 from cadtof_cli.resolver.kernels import available_kernels
 from tests.support.diffuse_frames import OMEGA, T1_NS, F, Tail, Z, corner_range, phasors_of, variance, wall_range
+from tests.support.kernels import by_kernel
 
 HEIGHT, WIDTH, FOCAL_PX = 96, 128, 110.0
 
@@ -50,12 +51,10 @@ def patches_of(
 def is_smoothed(frame: tuple[PatchLight, PatchMeans, PatchGrid], lit: Bool | None = None) -> bool:
     light, means, grid = frame
     every = np.ones(means.amplitude.shape, np.bool_)
-    kernels = available_kernels()
+    given = light, means, every if lit is None else lit
     answers = {
-        are_smoothed_by_two_paths(
-            light, means, every if lit is None else lit, grid=grid, settings=SETTINGS, kernel=kernel
-        )
-        for kernel in kernels
+        by_kernel(kernel, are_smoothed_by_two_paths, *given, grid=grid, settings=SETTINGS)
+        for kernel in available_kernels()
     }
     assert len(answers) == 1
     return answers.pop()
@@ -165,9 +164,7 @@ def test_the_middle_row_of_each_patch_is_used(row: int) -> None:
     hidden = (np.arange(len(light.seen)) // SIDE == row)[:, None, None]
     every = np.ones(means.amplitude.shape, np.bool_)
     with np.errstate(all="ignore"):
-        answer = smoothness._smoothed_within_patches(
-            replace(light, seen=light.seen & ~hidden), every, available_kernels()[0]
-        )
+        answer = smoothness._smoothed_within_patches(replace(light, seen=light.seen & ~hidden), every)
     assert answer is (row != SIDE // 2)
 
 
@@ -178,9 +175,7 @@ def test_within_patches_only_pixels_that_are_seen_count() -> None:
 
     def is_smoothed_with(columns: Bool, lit: Bool) -> bool:
         with np.errstate(all="ignore"):
-            return smoothness._smoothed_within_patches(
-                replace(light, seen=light.seen & columns[:, None, None]), lit, available_kernels()[0]
-            )
+            return smoothness._smoothed_within_patches(replace(light, seen=light.seen & columns[:, None, None]), lit)
 
     assert is_smoothed_with(column < 3, every)
     assert not is_smoothed_with(column < 3, ~every)

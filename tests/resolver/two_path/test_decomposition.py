@@ -11,6 +11,7 @@ from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
 from tests.resolver.compiled import compiled_kernels
 from tests.support.hard_pixels import HARD
+from tests.support.kernels import by_kernel
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -19,11 +20,11 @@ pytestmark = pytest.mark.usefixtures("compiled")
 @pytest.mark.parametrize("count", [1, 31, 33, 1000])
 def test_hard_pixels_have_the_same_bits(name: str, count: int) -> None:
     p1, p2 = HARD[name](np.random.default_rng(count), count)
-    expected = decomposed(p1, p2)
+    expected = by_kernel(NUMPY, decomposed, p1, p2)
     with np.errstate(all="ignore"):
         phases = expected.phases()
     for kernel in compiled_kernels():
-        found = decomposed(p1, p2, kernel=kernel)
+        found = by_kernel(kernel, decomposed, p1, p2)
         for field in fields(TwoPaths):
             np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name), err_msg=field.name)
         np.testing.assert_array_equal(found.phases(), phases)
@@ -35,7 +36,7 @@ def test_two_known_paths_are_found() -> None:
     y = x + rng.uniform(0.3, 1.2, 500)
     p1, p2 = (a * np.exp(1j * h * x) + b * np.exp(1j * h * y) for h in (1, 2))
     for kernel in (NUMPY, *compiled_kernels()):
-        paths = decomposed(p1, p2, kernel=kernel)
+        paths = by_kernel(kernel, decomposed, p1, p2)
         first = paths.a > paths.b
         np.testing.assert_allclose(np.where(first, *paths.amplitude), a)
         np.testing.assert_allclose(np.where(first, *paths.phases()), x)
