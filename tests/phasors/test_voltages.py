@@ -68,7 +68,9 @@ def test_values_at_or_beyond_the_limits_are_saturated_and_nan_is_not() -> None:
 
 
 def test_whole_numbers_without_a_scale_are_refused_and_floats_are_volts() -> None:
-    with pytest.raises(SettingsError, match=r"whole numbers \(uint16\).*volts_per_count and zero_counts under \[voltage\]"):
+    with pytest.raises(
+        SettingsError, match=r"whole numbers \(uint16\).*volts_per_count and zero_counts under \[voltage\]"
+    ):
         ideal_phasor_map(CaptureMetadata(), np.dtype(np.uint16))
     ideal = ideal_phasor_map(CaptureMetadata(), np.dtype(np.float16))
     np.testing.assert_allclose(ideal.own[0], 1 / 0.2746 / 0.993591, rtol=1e-5)
