@@ -49,6 +49,7 @@ _ROOM = {
     "place",
     type=click.IntRange(0),
     default=0,
+    show_default=True,
     metavar="N",
     help="Which frame, if FRAME is a stack or a folder; 0 is the first.",
 )
