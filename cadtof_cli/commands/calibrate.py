@@ -119,7 +119,9 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
             capture_options("target.distance_m"),
         ),
         click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
-        click.option("-q", "--quiet", is_flag=True, help="Print errors only: no progress bar or notes on stderr."),
+        click.option(
+            "-q", "--quiet", is_flag=True, help="Print only errors on stderr: no progress bar, warnings or notes."
+        ),
     )
 
 

@@ -64,7 +64,7 @@ _ROOM = {
     declared_options(ResolveSettings)["calibration"],
     capture_options(),
 )
-@click.option("-q", "--quiet", is_flag=True, help="Print errors only: no notes on stderr.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only errors on stderr: no warnings or notes.")
 def inspect(
     *,
     frame: Path,

@@ -64,7 +64,11 @@ if TYPE_CHECKING:
     help="Append all messages to a file, with the time.",
 )
 @click.option(
-    "-q", "--quiet", is_flag=True, is_eager=True, help="Print errors only: no progress bar, notes or summary on stderr."
+    "-q",
+    "--quiet",
+    is_flag=True,
+    is_eager=True,
+    help="Print only errors on stderr: no progress bar, warnings, notes or summary.",
 )
 def resolve(
     *,
