@@ -105,7 +105,7 @@ def read_maps(path: str | os.PathLike[str], /) -> Maps:
     files = read_run(Path(path)).require_maps()
     if len(files) > 1:
         raise CaptureError(
-            f"{path}: found {len(files)} files that may hold maps, expected one; name one of them, such as {files[-1].name}"
+            f"{path}: found {len(files)} files that may hold maps, expected one; name one of them, such as {files[-1]}"
         )
     layers = {name: np.ascontiguousarray(plane) for name, plane in read_layers(files[0]).items()}
     return Maps(layers, read_facts(files[0]))

@@ -27,7 +27,7 @@ from cadtof_cli.workflows.calibrate.petzval import calibrate_petzval
 from cadtof_cli.workflows.calibrate.response import calibrate_response
 
 _SMALL = "--width 80 --height 60"
-_COVERED = f"cadtof simulate --scene wall --asr 1e6 --dark-offset 0.002 {_SMALL} --frames 20 -o covered"
+_COVERED = f"cadtof simulate --scene wall --asr 1e6 {_SMALL} --frames 20 -o covered"
 _TARGETS = tuple(
     f"cadtof simulate --scene wall --distance {metres} {_SMALL} --frames 5 -o wall_{metres}m" for metres in (1, 2, 3)
 )
@@ -52,7 +52,7 @@ class _StepsInOrder(click.Group):
     epilog=example(
         _COVERED,
         "cadtof calibrate dark covered -o camera",
-        f"cadtof simulate --scene corner --dark-offset 0.002 {_SMALL} -o corner",
+        f"cadtof simulate --scene corner {_SMALL} -o corner",
         "cadtof resolve corner -o maps --calibration camera",
     ),
 )
@@ -119,7 +119,9 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
             capture_options("target.distance_m"),
         ),
         click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
-        click.option("-q", "--quiet", is_flag=True, help="Print errors only: no progress bar or notes on stderr."),
+        click.option(
+            "-q", "--quiet", is_flag=True, help="Print only errors on stderr: no progress bar, warnings or notes."
+        ),
     )
 
 

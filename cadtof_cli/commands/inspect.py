@@ -49,6 +49,7 @@ _ROOM = {
     "place",
     type=click.IntRange(0),
     default=0,
+    show_default=True,
     metavar="N",
     help="Which frame, if FRAME is a stack or a folder; 0 is the first.",
 )
@@ -63,7 +64,7 @@ _ROOM = {
     declared_options(ResolveSettings)["calibration"],
     capture_options(),
 )
-@click.option("-q", "--quiet", is_flag=True, help="Print errors only: no notes on stderr.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only errors on stderr: no warnings or notes.")
 def inspect(
     *,
     frame: Path,

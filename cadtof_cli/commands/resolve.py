@@ -64,7 +64,11 @@ if TYPE_CHECKING:
     help="Append all messages to a file, with the time.",
 )
 @click.option(
-    "-q", "--quiet", is_flag=True, is_eager=True, help="Print errors only: no progress bar, notes or summary on stderr."
+    "-q",
+    "--quiet",
+    is_flag=True,
+    is_eager=True,
+    help="Print only errors on stderr: no progress bar, warnings, notes or summary.",
 )
 def resolve(
     *,
@@ -78,8 +82,8 @@ def resolve(
     """Resolve the direct path and the MPI in every pixel of recorded frames, and write depth maps.
 
     INPUT is a capture folder or a frame file. With - as INPUT, paths are read from stdin, one per line, and resolved as they
-    arrive. OUT gets one file of maps per frame, run.json and frames.jsonl. With several captures, OUT has a subfolder
-    for each of them, in the same tree as the captures below their common folder.
+    arrive. OUT gets one file of maps per frame, run.json and frames.jsonl. With several captures, OUT has the same tree of
+    folders as the captures have below the folder that holds all INPUTs.
 
     \b
     Exit status:

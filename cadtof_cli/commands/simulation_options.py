@@ -94,7 +94,7 @@ further_option = click.option(
 )
 
 quiet_option = click.option(
-    "-q", "--quiet", is_flag=True, help="Print errors only: no progress bar, notes or summary on stderr."
+    "-q", "--quiet", is_flag=True, help="Print only errors on stderr: no progress bar, notes or summary."
 )
 
 workers_option = RecordOptions("workers", Workers, jobs_option("Worker processes"))

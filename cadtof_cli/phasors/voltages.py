@@ -19,9 +19,11 @@ def volts_per_count(voltage: Voltage, dtype: np.dtype[np.generic], /) -> float:
             value of 0 V is unknown.
     """
     if voltage.volts_per_count is None and dtype.kind != "f":
+        no_zero = voltage.zero_counts is None and dtype.kind == "u"
         raise SettingsError(
             f"frames hold whole numbers ({dtype}), and the volts per count are unknown: "
-            "set volts_per_count under [voltage] in capture.toml, or --volts-per-count"
+            f"set volts_per_count{' and zero_counts' * no_zero} under [voltage] in capture.toml, "
+            f"or --volts-per-count{' and --zero-counts' * no_zero}"
         )
     if voltage.zero_counts is None and dtype.kind == "u":
         raise SettingsError(

@@ -49,3 +49,14 @@ def test_what_an_example_looks_like() -> None:
     assert example("cadtof a") == "\b\nExample:\n  cadtof a"
     assert example_lines(example("cadtof a", "cadtof b -o c")) == ("cadtof a", "cadtof b -o c")
     assert example_lines("Something else.") == example_lines(None) == ()
+
+
+def test_the_examples_of_all_steps_of_a_calibration_are_of_one_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for step in ("dark", "response", "petzval"):
+        for line in example_lines(COMMANDS[f"calibrate {step}"].epilog):
+            done = cadtof(*shlex.split(line)[1:])
+            assert done.status == 0, f"{line}: {done.err}"
+            assert "warning" not in done.out + done.err, f"{line}: {done.out}{done.err}"

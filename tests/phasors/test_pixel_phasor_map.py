@@ -59,7 +59,7 @@ def test_without_a_voltage_scale_floats_are_volts_and_counts_are_refused(dtype: 
     volts = np.array([[[0.25, 0.5], [0.125, 0.75]], [[0.375, 0.0], [1.0, 0.5]]])
     metadata = CaptureMetadata(modulation=Modulation(amplitude_v=1.0))
     if dtype is np.uint16:
-        with pytest.raises(SettingsError, match="set volts_per_count under"):
+        with pytest.raises(SettingsError, match="set volts_per_count and zero_counts under"):
             pixel_phasor_map(RESPONSES, metadata, np.dtype(dtype), offset_v=None, phase_rad=None, gain=None, pixels=2)
         return
     phasor_map = pixel_phasor_map(

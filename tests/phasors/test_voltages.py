@@ -68,7 +68,9 @@ def test_values_at_or_beyond_the_limits_are_saturated_and_nan_is_not() -> None:
 
 
 def test_whole_numbers_without_a_scale_are_refused_and_floats_are_volts() -> None:
-    with pytest.raises(SettingsError, match=r"whole numbers \(uint16\).*volts_per_count under \[voltage\]"):
+    with pytest.raises(
+        SettingsError, match=r"whole numbers \(uint16\).*volts_per_count and zero_counts under \[voltage\]"
+    ):
         ideal_phasor_map(CaptureMetadata(), np.dtype(np.uint16))
     ideal = ideal_phasor_map(CaptureMetadata(), np.dtype(np.float16))
     np.testing.assert_allclose(ideal.own[0], 1 / 0.2746 / 0.993591, rtol=1e-5)
@@ -88,7 +90,7 @@ def test_unsigned_counts_need_the_stored_value_of_0_v() -> None:
     assert volts_from_stored(np.array([110], np.uint16), known) == pytest.approx(0.01)
     with pytest.raises(SettingsError, match=r"unsigned numbers \(uint16\), and the stored value of 0 V is unknown"):
         volts_from_stored(np.array([110], np.uint16), Voltage(volts_per_count=1e-3))
-    with pytest.raises(SettingsError, match=r"whole numbers \(int16\), and the volts per count are unknown"):
+    with pytest.raises(SettingsError, match="set volts_per_count under"):
         volts_from_stored(np.array([110], np.int16), Voltage())
     assert volts_from_stored(np.array([110], np.int16), Voltage(volts_per_count=1e-3)) == pytest.approx(0.11)
     assert volts_from_stored(np.array([0.25], np.float32), Voltage()) == pytest.approx(0.25)

@@ -33,7 +33,9 @@ class ExportSettings(GivenOptics):
     """What a user can choose about an export, besides the optics."""
 
     layer: str = setting(DIRECT_DEPTH, "Layer of the depths for point clouds and images.", metavar="NAME")
-    depth: DepthKind | None = setting(None, "Kind of the depths.  [default: from the maps, else range]")
+    depth: DepthKind | None = setting(
+        None, "Kind of the depths, if the maps do not say it; nothing is converted.  [default: range]"
+    )
     overwrite: bool = setting(False, "Replace the files if they exist.")
 
     def __post_init__(self) -> None:

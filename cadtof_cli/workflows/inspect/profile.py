@@ -44,7 +44,7 @@ class ProfileSettings:
     frame: int = setting(0, "Which map of each folder; 0 is the first.")
     first_phasor: bool = setting(
         True,
-        "Whether to show the depth of the first phasor alone beside direct.depth; needs the recorded frames.",
+        "Whether to show the depth of the first phasor alone beside direct.depth.  [default: if the recorded frames are there]",
         option="--first-phasor/--no-first-phasor",
         show_default=False,
     )

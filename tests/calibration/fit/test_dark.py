@@ -159,7 +159,7 @@ def test_a_saturated_dark_frame_marks_its_pixel() -> None:
 
 
 def test_whole_numbers_need_volts_per_count() -> None:
-    with pytest.raises(SettingsError, match="set volts_per_count under"):
+    with pytest.raises(SettingsError, match="set volts_per_count and zero_counts under"):
         mean_volts([np.zeros(SHAPE, np.uint16)], voltage=Voltage())
 
 
