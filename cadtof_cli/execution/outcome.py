@@ -127,7 +127,8 @@ class Finisher:
             else:
                 self.most = len(self.ends)
         if not self.ends:
-            self.waiting.get().finish()
+            self.waiting.get()
+            result.finish()
         return result
 
     def attempt(self, function: Work[Task, Result], task: Task, /) -> Later[Result]:
