@@ -153,6 +153,15 @@ class Run:
         called = Path("" if self.record is None else str(self.record["arguments"].get("out", "")))
         return self.folder / place_in(called, Path(report.output))
 
+    def unnamed_files(self) -> list[Path]:
+        """Return the map files that `frames.jsonl` does not name: the run did not make them. Without its lines, none is known.
+
+        Raises:
+            CaptureError: `frames.jsonl` cannot be read.
+        """
+        named = {self.map_of(report) for report in self.reports()}
+        return [file for file in self.files if named and file not in named]
+
     def _inputs(self, arguments: Mapping[str, Any]) -> list[Path]:
         """Return the paths of the run's inputs, as its record has them.
 
