@@ -96,7 +96,9 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     run = read_run(maps)
     files = run.require_maps()
     for stranger in run.unnamed_files():
-        progress.say(f"{stranger}: {FRAMES_FILE} does not name it, so it may be of another run; it is counted all the same")
+        progress.say(
+            f"{stranger}: {FRAMES_FILE} does not name it, so it may be of another run; it is counted all the same"
+        )
     progress.advance(0, total=len(files))
     first = read_layers(files[0])
     shape = layer_of(first, DIRECT_DEPTH, files[0]).shape
