@@ -161,7 +161,8 @@ def _spread(frames: int, count: int) -> frozenset[int]:
 
 
 def _largest_step(samples: Sequence[Planes]) -> int:
-    return max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // LEAST_SIDE_PX)
+    longest: int = max(max(next(iter(planes.values())).shape) for planes in samples)
+    return max(1, longest // LEAST_SIDE_PX)
 
 
 def _bytes_at(samples: Sequence[Planes], step: int) -> float:

@@ -153,11 +153,11 @@ def test_a_pixel_alone_on_a_line_is_drawn_as_a_point(alone: int, figures: list[F
 @pytest.mark.parametrize("truth", [False, True])
 def test_the_legend_of_many_runs_is_whole(truth: bool, figures: list[Figure], tmp_path: Path) -> None:
     """No two runs have the same colour and kind of line."""
-    along = np.arange(9.0)
+    place, along = np.arange(9), np.arange(9.0)
     curves = tuple(Curve(f"a run with a long name {run}", along + run, np.ones(9)) for run in range(18))
     expected = along if truth else None
     draw_profile(
-        Profile("direct.depth", "m", "row 0", "column", along, along, "range", curves, expected), tmp_path / "a.png"
+        Profile("direct.depth", "m", "row 0", "column", place, place, "range", curves, expected), tmp_path / "a.png"
     )
     _require_whole(figures[0])
     lines = [line for line in figures[0].axes[0].get_lines() if "long name" in str(line.get_label())]
