@@ -65,6 +65,9 @@ _CUT_OFF = "Python has stored bytecode that is cut off; was a disk full?"
 RAISED_AGAIN_S = 0.001
 """Time after which the end of the command is tried again, if Python was in a call that cannot be ended."""
 
+_NO_ROOM = "failed to map segment from shared object"
+"""What the system says if memory is too short for a library."""
+
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 
@@ -195,7 +198,7 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
             return text.getvalue().rstrip(), error.exit_code
         case CadtofError():
             return f"Error: {error}", error.exit_status
-        case MemoryError():
+        case _ if isinstance(error, MemoryError) or _NO_ROOM in str(error):
             return "Error: not enough memory; try fewer --jobs, or smaller inputs", 1
         case OSError(filename=None):
             told = f"standard output: cannot be written: {error.strerror or error}"

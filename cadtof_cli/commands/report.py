@@ -24,7 +24,7 @@ def report(maps: Path, out: Path, settings: ReportSettings) -> None:
     """Write an HTML page about a run: one file that needs no network and no other file.
 
     OUT is the folder that `cadtof resolve` wrote, or one map file. The page shows the settings, totals, failures with their
-    reasons, and a thumbnail of every frame. Its viewer shows all layers: point at a pixel to read its values, drag a line for a
+    reasons, and thumbnails of the frames. Its viewer shows all layers: point at a pixel to read its values, drag a line for a
     profile, drag the ends of the colour scale, show status bits over the map, and slide between the first phasor and the
     resolved depth. A point cloud can be turned with the mouse. Maps are rounded to 16 bits; the page states the rounding error.
     The tables can be read without JavaScript.

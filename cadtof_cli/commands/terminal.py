@@ -37,7 +37,10 @@ def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = N
         OutputError: stdout cannot be written; errors of stderr are ignored.
         BrokenPipeError: the reader of stdout has gone away.
     """
-    line = re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], str(text))
+    line = str(text)
+    # the pattern takes time and memory, also after memory has run out
+    if not line.isprintable():
+        line = re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], line)
     if err:
         line = "\n".join(_wrapped(part) for part in line.split("\n"))
     if above is not None:

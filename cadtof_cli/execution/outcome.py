@@ -2,12 +2,16 @@
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import field
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
+from cadtof_cli.execution.threads import begin_thread
 from cadtof_cli.records import dataclass
+
+if TYPE_CHECKING:
+    import _thread
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -31,6 +35,10 @@ class Outcome(Generic[Task, Result]):
     result: Result | WorkerDied
 
 
+def _nothing() -> None:
+    pass
+
+
 @dataclass(eq=False)
 class Later(Generic[Result]):
     """A result that still has to be waited for. A task's function returns it when only waiting is left, as for a disk.
@@ -42,30 +50,40 @@ class Later(Generic[Result]):
     """
 
     wait: Callable[[Callable[[], None]], Result]
-    let_go: Callable[[], None] = lambda: None
+    let_go: Callable[[], None] = _nothing
     there: bool = False
     error: Exception | None = None
-    _found: SimpleQueue[Result | None] = field(default_factory=SimpleQueue)
+    _found: Result | None = None
+    _ended: threading.Lock = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        self._ended.acquire()
 
     def finish(self) -> "Later[Result]":
         """Call `wait` and keep its result or exception, but nothing that the result was made from."""
-        found = None
-        with ExitStack() as held:
-            held.callback(self.let_go)
-            try:
-                found = self.wait(held.close)
-            except Exception as error:  # noqa: BLE001  (`result` raises it)
-                self.error = error
-        del self.wait
-        self.there = True
-        self._found.put(found)
+        try:
+            self._found = self.wait(self._free)
+            self._free()
+        except Exception as error:  # noqa: BLE001  (`result` raises it)
+            self.error = error
+            self._free()
+        finally:
+            # also if memory runs out: a result that is not there would be waited for without end
+            del self.wait
+            self.there = True
+            self._ended.release()
         return self
+
+    def _free(self) -> None:
+        let_go, self.let_go = self.let_go, _nothing
+        let_go()
 
     def result(self) -> Result:
         """Wait until the result is there and return it, or raise the exception in its place. It can be called only once."""
-        found = self._found.get()
+        self._ended.acquire()
         if self.error is not None:
             raise self.error
+        found, self._found = self._found, None
         return cast("Result", found)
 
 
@@ -84,12 +102,13 @@ HELD_AT_ONCE = 2
 class Finisher:
     """Finishes results in threads, at most `LATER_AT_ONCE` at a time; see `finishing`.
 
-    A thread calls `then` each time that it has finished a result.
+    A thread calls `then` each time that it has finished a result. `ends` are the locks of the threads, see `begin_thread`.
     """
 
     then: Callable[[], None]
     waiting: SimpleQueue[Later[Any] | None] = field(default_factory=SimpleQueue)
-    threads: list[threading.Thread] = field(default_factory=list)
+    ends: "list[_thread.LockType]" = field(default_factory=list)
+    most: int = LATER_AT_ONCE
     room: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(HELD_AT_ONCE))
 
     def begin(self, result: Result | Later[Result], /) -> Later[Result]:
@@ -102,14 +121,12 @@ class Finisher:
         self.room.acquire()
         result.let_go = self.room.release
         self.waiting.put(result)
-        if len(self.threads) < LATER_AT_ONCE:
-            self.threads.append(threading.Thread(target=self._work))
-            try:
-                self.threads[-1].start()
-            except RuntimeError:
-                # the system allows no more threads
-                self.threads.pop()
-        if not self.threads:
+        if len(self.ends) < self.most:
+            if (end := begin_thread(self._work)) is not None:
+                self.ends.append(end)
+            else:
+                self.most = len(self.ends)
+        if not self.ends:
             self.waiting.get()
             result.finish()
         return result
@@ -143,9 +160,7 @@ def finishing(then: Callable[[], None] = lambda: None) -> Iterator[Finisher]:
                 finisher.waiting.get_nowait()
         raise
     finally:
-        for _ in finisher.threads:
+        for _ in finisher.ends:
             finisher.waiting.put(None)
-        for thread in finisher.threads:
-            # a signal may have come before the last thread was started
-            if thread.is_alive():
-                thread.join()
+        for end in finisher.ends:
+            end.acquire()

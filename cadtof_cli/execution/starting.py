@@ -4,10 +4,12 @@ import gc
 import os
 import signal
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import TYPE_CHECKING
+
+from cadtof_cli.execution.threads import begin_thread
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -94,9 +96,7 @@ def begin_worker(listening: "Connection", held: "Connection", core: int | None, 
 
         # the kernel kills the worker when its parent ends, even if the worker is stopped (SIGSTOP)
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    with suppress(RuntimeError):
-        # the system may allow no more threads
-        threading.Thread(target=_end_with_parent, args=(listening,), daemon=True).start()
+    begin_thread(partial(_end_with_parent, listening))
     # objects from before the fork stay in memory that is shared with the parent: the garbage collector no longer writes into them
     gc.freeze()
 

@@ -9,6 +9,7 @@ import matplotlib as mpl
 from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.textpath import TextPath
 
 from cadtof_cli.units import shortened
@@ -55,11 +56,11 @@ def add_title(figure: Figure, title: str, /, *, below: float, size: float = 11) 
     figure.text(0.5, 1 - below / height, told, ha="center", va="center", fontsize=size, parse_math=False)
 
 
-def legend_beside(axes: Axes, /, *others: Axes) -> None:
-    """Add a legend at the right of axes.
+def legend_beside(axes: Axes, /, *others: Axes) -> Legend:
+    """Add a legend at the right of axes, and return it.
 
     It names their curves, and the curves of `others`, which lie over the same axes.
     """
     found = [one.get_legend_handles_labels() for one in (axes, *others)]
     handles, labels = ([item for part in parts for item in part] for parts in zip(*found, strict=True))
-    axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
+    return axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)

@@ -17,6 +17,12 @@ from cadtof_cli.units import shortened
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Colours of runs, in their order. They are those of Okabe and Ito, which colour-blind people can tell apart."""
 
+_LINES = ("-", "-.", ":")
+"""Lines of the first runs, and of those that have the colours of the first ones again."""
+
+_ENTRY_IN, _BESIDE_ENTRIES_IN, _HIGHEST_IN = 0.17, 0.8, 100.0
+"""Height of an entry of the legend, of what is above and below the legend, and of the largest picture, in inches."""
+
 TRUTH_COLOUR = "#000000"
 
 DOTS_PER_INCH = 130
@@ -37,7 +43,10 @@ def draw_profile(profile: Profile, path: Path, /) -> None:
         _errors(panels[1], profile, profile.truth)
     panels[-1].set_xlabel(f"{profile.axis}, px")
     panels[0].set_xlim(profile.along.min() - 0.5, profile.along.max() + 0.5)
-    legend_beside(panels[0])
+    legend_in = _ENTRY_IN * len(legend_beside(panels[0]).get_texts())
+    # the legend stands beside the upper panel, whose share of the height is 3/5 if there are two
+    needed_in = legend_in * (1.0 if rows == 1 else 5.0 / 3.0) + _BESIDE_ENTRIES_IN
+    figure.set_figheight(max(figure.get_figheight(), min(needed_in, _HIGHEST_IN)))
     save(figure, path, dpi=DOTS_PER_INCH)
 
 
@@ -65,13 +74,13 @@ def _curves(axes: Axes, profile: Profile, shown: Callable[[Float], Float], facto
     """
     for name, first, colour in _first_phasors(profile):
         axes.plot(profile.along, shown(first), **_DASHED, color=colour, label=name)
-    for curve, name, colour in _named(profile):
-        values = shown(curve.values)
+    for number, (curve, name, colour) in enumerate(_named(profile)):
+        values, line = shown(curve.values), _LINES[number // len(COLOURS) % len(_LINES)]
         if curve.sigma is not None:
             low, high = values - factor * curve.sigma, values + factor * curve.sigma
             label = f"{name}: ± 1 σ, predicted"
             axes.fill_between(profile.along, low, high, color=colour, alpha=0.2, lw=0, label=label)
-        axes.plot(profile.along, values, lw=1.3, **_points(values), color=colour, label=name)
+        axes.plot(profile.along, values, lw=1.3, ls=line, **_points(values), color=colour, label=name)
 
 
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2)), "alpha": 0.8}

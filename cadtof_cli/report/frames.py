@@ -105,23 +105,38 @@ THUMBNAIL_SHARE = 0.25
 _THUMBNAIL_BYTES_PER_PIXEL = 1.2
 """Size of an indexed PNG of a noisy map, in bytes per pixel before base64."""
 
+_PICTURE_BYTES = 1_100.0
+"""Size of the head and the colours of such a PNG, in bytes in base64."""
+
 LEAST_SIDE_PX = 16
 """Number of pixels that the longer side of a frame keeps at least."""
+
+TEXT_BYTES = 1_500
+"""Bytes of the texts about a frame that a page shows."""
 
 _MARGIN = 1.1
 """Factor on measured sizes. Frames differ, and the frames that are measured may need less space than others."""
 
 
+def shown_places(samples: Sequence[Planes], frames: int, /, *, limit_bytes: float, whole: int | None) -> frozenset[int]:
+    """Return the places of the frames that a page of a given size shows: all, or as many as fit, evenly spread over the run.
+
+    See `planned_shares` for the arguments. At least one frame is shown, and not fewer than `whole`.
+    """
+    each = TEXT_BYTES + _thumbnail_bytes(samples, THUMBNAIL_PX[-1]) + _bytes_at(samples, _largest_step(samples))
+    return _spread(frames, min(frames, max(1, whole or 0, int(limit_bytes / each))))
+
+
 def planned_shares(samples: Sequence[Planes], frames: int, /, *, limit_bytes: float, whole: int | None) -> Shares:
-    """Return how many pixels of each of `frames` frames a page of a given size can hold.
+    """Return how many pixels of each of `frames` shown frames a page of a given size can hold.
 
     If there is no room for all pixels of all frames, some frames keep all pixels; they are evenly spread over the run.
     All other frames keep every n-th row and column.
 
     Args:
         samples: layers of some frames; sizes are measured on them.
-        frames: number of all frames.
-        limit_bytes: largest size of the page. It is exceeded only if `whole` frames need more.
+        frames: number of the frames that the page shows, see `shown_places`.
+        limit_bytes: largest size of the page without texts. It is exceeded only if `whole` frames need more.
         whole: number of frames that keep all pixels. None: as many as fit into half of the room, and some more if the
             other frames leave room.
     """
@@ -130,15 +145,24 @@ def planned_shares(samples: Sequence[Planes], frames: int, /, *, limit_bytes: fl
     room, full_bytes = limit_bytes - taken, _bytes_at(samples, 1)
     count = frames if frames * full_bytes <= room else max(0, int(0.5 * room / full_bytes))
     count = min(frames, count if whole is None else whole)
-    most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // LEAST_SIDE_PX)
+    most = _largest_step(samples)
     left, others = room - count * full_bytes, frames - count
     steps = ((step, _bytes_at(samples, step)) for step in range(1, most + 1))
     step, each = next(one for one in steps if others * one[1] <= left or one[0] == most)
     if whole is None and step > 1:
         # steps are coarse: the other frames leave room for all pixels of some more frames
         count += max(0, int((left - others * each) / (full_bytes - each)))
-    places = np.linspace(0, frames - 1, count).round().astype(int)
-    return Shares(frozenset(int(place) for place in places), step, thumbnail_px)
+    return Shares(_spread(frames, count), step, thumbnail_px)
+
+
+def _spread(frames: int, count: int) -> frozenset[int]:
+    """Return `count` places among frames, evenly spread."""
+    return frozenset(int(place) for place in np.linspace(0, frames - 1, count).round())
+
+
+def _largest_step(samples: Sequence[Planes]) -> int:
+    longest: int = max(max(next(iter(planes.values())).shape) for planes in samples)
+    return max(1, longest // LEAST_SIDE_PX)
 
 
 def _bytes_at(samples: Sequence[Planes], step: int) -> float:
@@ -148,4 +172,4 @@ def _bytes_at(samples: Sequence[Planes], step: int) -> float:
 def _thumbnail_bytes(samples: Sequence[Planes], longest_px: int) -> float:
     shapes = [next(iter(planes.values())).shape for planes in samples]
     pixels = max(float(height * width) * (longest_px / max(height, width)) ** 2 for height, width in shapes)
-    return 250.0 + 4.0 / 3.0 * _THUMBNAIL_BYTES_PER_PIXEL * float(pixels)
+    return _PICTURE_BYTES + 4.0 / 3.0 * _THUMBNAIL_BYTES_PER_PIXEL * float(pixels)

@@ -17,6 +17,10 @@ _UNFOLDED = 3
 """Largest number of tables of settings that are all open: those of a run of one capture, with its calibration."""
 
 
+LISTED_FAILURES = 500
+"""Most frames without maps that a page lists: a page of thousands of them would be too large."""
+
+
 @dataclass(frozen=True)
 class FrameLine:
     """A frame of the run, resolved or not.
@@ -65,6 +69,16 @@ class PageText:
     frames: Sequence[FrameLine] = ()
     settings: Mapping[str, Sequence[tuple[str, str, str]]] = field(default_factory=dict)
 
+    def lost(self) -> list[FrameLine]:
+        """Return the frames without maps: those that failed, then those that were skipped."""
+        skipped = [frame for frame in self.frames if frame.status == "skipped" and frame.number is None]
+        return [frame for frame in self.frames if frame.status == "failed"] + skipped
+
+    def listed(self) -> list[FrameLine]:
+        """Return the frames of thumbnails and table: those in the viewer, and the first `LISTED_FAILURES` without maps."""
+        lost = {id(frame) for frame in self.lost()[:LISTED_FAILURES]}
+        return [frame for frame in self.frames if frame.number is not None or id(frame) in lost]
+
 
 def summary(page: PageText, /) -> Markup:
     """Return the notes, the totals, the share of each kind of pixels, and the errors against truth."""
@@ -110,18 +124,25 @@ def _share(share: float) -> str:
 
 def failures(page: PageText, /) -> Markup:
     """Return the frames without maps, with the reasons."""
-    failed = [frame for frame in page.frames if frame.status == "failed"]
-    skipped = [frame for frame in page.frames if frame.status == "skipped" and frame.number is None]
-    if not (failed or skipped):
+    lost = page.lost()
+    if not lost:
         return element("p", "Every frame has its maps.")
-    rows = [(frame.name, frame.status, frame.reason or "no reason is recorded") for frame in (*failed, *skipped)]
-    caption = f"{len(failed)} failed, {len(skipped)} skipped"
+    rows = [(frame.name, frame.status, frame.reason or "no reason is recorded") for frame in lost[:LISTED_FAILURES]]
+    failed = sum(frame.status == "failed" for frame in lost)
+    caption = f"{failed} failed, {len(lost) - failed} skipped"
+    if len(rows) < len(lost):
+        caption += f"; the first {len(rows)} of them"
     return table(("frame", "status", "reason"), rows, caption=caption)
 
 
 def frame_list(page: PageText, /) -> Markup:
-    """Return the thumbnails of all frames in their order."""
-    return element("ol", *map(_thumbnail, page.frames), class_="strip", id="strip", aria_label="All frames")
+    """Return the thumbnails of the listed frames in their order."""
+    listed = page.listed()
+    return element("ol", *map(_thumbnail, listed), class_="strip", id="strip", aria_label=_title(page, listed))
+
+
+def _title(page: PageText, listed: Sequence[FrameLine]) -> str:
+    return "All frames" if len(listed) == len(page.frames) else f"{len(listed)} of {len(page.frames)} frames"
 
 
 def _thumbnail(frame: FrameLine) -> Markup:
@@ -142,8 +163,9 @@ def _thumbnail(frame: FrameLine) -> Markup:
 
 
 def frame_table(page: PageText, /) -> Markup:
-    """Return a table with a line for each frame: its status, and the share of each kind of pixels."""
-    kinds = list(dict.fromkeys(kind for frame in page.frames for kind in frame.pixels))
+    """Return a table with a line for each listed frame: its status, and the share of each kind of pixels."""
+    listed = page.listed()
+    kinds = list(dict.fromkeys(kind for frame in listed for kind in frame.pixels))
     rows = [
         (
             frame.name,
@@ -152,10 +174,10 @@ def frame_table(page: PageText, /) -> Markup:
             "–" if frame.seconds is None else f"{frame.seconds:.2f}",
             frame.reason or "",
         )
-        for frame in page.frames
+        for frame in listed
     ]
     head = ("frame", "status", *kinds, "seconds", "reason")
-    return table(head, rows, caption="All frames", numbers=range(2, 3 + len(kinds)))
+    return table(head, rows, caption=_title(page, listed), numbers=range(2, 3 + len(kinds)))
 
 
 def _count(frame: FrameLine, kind: str) -> str:

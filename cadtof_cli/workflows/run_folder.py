@@ -3,6 +3,7 @@
 `resolve/record.py` writes the two records.
 """
 
+import itertools
 import operator
 import os
 import re
@@ -16,6 +17,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
 from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures, steps_below
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
+from cadtof_cli.capture.listing import OnUnlisted, UnlistedError
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError
@@ -151,6 +153,15 @@ class Run:
         called = Path("" if self.record is None else str(self.record["arguments"].get("out", "")))
         return self.folder / place_in(called, Path(report.output))
 
+    def unnamed_files(self) -> list[Path]:
+        """Return the map files that `frames.jsonl` does not name: the run did not make them. Without its lines, none is known.
+
+        Raises:
+            CaptureError: `frames.jsonl` cannot be read.
+        """
+        named = {self.map_of(report) for report in self.reports()}
+        return [file for file in self.files if named and file not in named]
+
     def _inputs(self, arguments: Mapping[str, Any]) -> list[Path]:
         """Return the paths of the run's inputs, as its record has them.
 
@@ -218,13 +229,24 @@ def _by_map(captures: Sequence[Capture], chosen: slice, average: int) -> Recorde
 def read_run(maps: Path, /) -> Run:
     """Return the run that a folder of maps, or one map file, belongs to.
 
+    A folder that cannot be listed is left out if the run says that none of its maps lie in it, as `lost+found` on a disk.
+
     Raises:
-        CaptureError: there is no such folder or file, or the `run.json` of the run cannot be read.
+        CaptureError: there is no such folder or file, a folder cannot be listed, or the `run.json` of the run cannot be read.
     """
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")
-    files, folder = map_files(maps), maps if maps.is_dir() else maps.parent
+    closed = dict[Path, UnlistedError]()
+    files, folder = map_files(maps, on_unlisted=closed.__setitem__), maps if maps.is_dir() else maps.parent
     folder = next((above for above in (folder, *folder.parents) if os.path.lexists(above / RUN_FILE)), None) or folder
+    run = _run_in(folder, maps, files)
+    for place, error in closed.items():
+        if run.record is None or any(place in file.parents for file in map(run.map_of, run.reports()) if file):
+            raise error
+    return run
+
+
+def _run_in(folder: Path, maps: Path, files: tuple[Path, ...]) -> Run:
     path = folder / RUN_FILE
     if not os.path.lexists(path):
         return Run(maps, files, folder, None)
@@ -241,35 +263,48 @@ def is_run_folder(path: Path, /) -> bool:
     return is_folder(path) and os.path.lexists(path / RUN_FILE) and not os.path.lexists(path / CAPTURE_FILE)
 
 
-def map_files(maps: Path, /) -> tuple[Path, ...]:
+def _fail(_folder: Path, error: UnlistedError) -> None:
+    raise error
+
+
+def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = _fail) -> tuple[Path, ...]:
     """Return the map files in a folder in the order of their names, then those in folders below it; of a file, the file itself.
 
     An empty folder with the name of a map counts as a map: reading it fails, with a message that names it.
 
+    Args:
+        maps: the folder or file.
+        on_unlisted: called with each folder below that cannot be listed; by default, it raises the error.
+
     Raises:
-        CaptureError: a folder cannot be listed.
+        UnlistedError: the folder cannot be listed.
     """
-    return _map_files(maps, set()) if is_folder(maps) else (maps,)
+    return _map_files(maps, set(), on_unlisted) if is_folder(maps) else (maps,)
 
 
-def _map_files(folder: Path, seen: set[str]) -> tuple[Path, ...]:
+def _map_files(folder: Path, seen: set[str], on_unlisted: OnUnlisted) -> tuple[Path, ...]:
     """Return the map files in a folder and below it. Folders in `seen` are left out, because links may lead in a circle."""
     seen.add(real_path(folder))
     files, below = list[Path](), list[Path]()
     for path in _listed(folder):
-        inside = [one.name for one in _listed(path)] if is_folder(path) else []
+        try:
+            inside = [one.name for one in _listed(path)] if is_folder(path) else []
+        except UnlistedError as error:
+            on_unlisted(path, error)
+            continue
         if path.suffix in MAP_SUFFIXES and not inside:
             files.append(path)
         elif inside and OUTPUT_FILES.isdisjoint(inside):
             below.append(path)
-    return (*files, *(file for one in below if real_path(one) not in seen for file in _map_files(one, seen)))
+    found = (_map_files(one, seen, on_unlisted) for one in below if real_path(one) not in seen)
+    return (*files, *itertools.chain.from_iterable(found))
 
 
 def _listed(folder: Path) -> list[Path]:
     try:
         return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     except OSError as error:
-        raise CaptureError(f"{folder}: cannot be listed: {error.strerror}") from error
+        raise UnlistedError(f"{folder}: cannot be listed: {error.strerror}") from error
 
 
 def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:

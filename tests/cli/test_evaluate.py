@@ -145,6 +145,11 @@ def test_a_map_whose_frame_is_not_known_is_named(tmp_path: Path) -> None:
     assert done.err == (
         f"{out / 'frame_7.tif'}: run.json names no recorded frame of it, so the first phasor is left out\n"
     )
+    done = cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr")
+    assert (done.status, done.err) == (
+        0,
+        f"{out / 'frame_7.tif'}: frames.jsonl does not name it, so it may be of another run; it is counted all the same\n",
+    )
 
 
 def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:

@@ -56,6 +56,25 @@ def test_recursive_mirrors_the_tree(tree: Path) -> None:
         np.testing.assert_array_equal(layer, layers_of(tree / "out" / "b/two/frame_0.tif")[name])
 
 
+def test_a_folder_in_out_that_cannot_be_listed_matters_only_if_maps_of_the_run_lie_in_it(tree: Path) -> None:
+    """As `lost+found`, if OUT is a disk of its own."""
+    out, found = tree / "out", tree / "out" / "lost+found"
+    assert cadtof("resolve", "--recursive", tree / "rec", "-o", out, "-j", 1).status == 0
+    found.mkdir()
+    found.chmod(0)
+    (out / "b").chmod(0)
+    told = f"Error: {out / 'b'}: cannot be listed: Permission denied\n"
+    try:
+        done = without_privilege("report", out, "-o", tree / "page.html")
+        assert (done.status, done.err) == (2, told)
+        (out / "b").chmod(0o755)
+        assert without_privilege("report", out, "-o", tree / "page.html").status == 0
+        assert without_privilege("info", out).status == 0
+    finally:
+        (out / "b").chmod(0o755)
+        found.chmod(0o755)
+
+
 def test_a_folder_that_cannot_be_listed_fails_alone(tree: Path) -> None:
     closed, out = tree / "rec" / "b", tree / "out"
     closed.chmod(0)

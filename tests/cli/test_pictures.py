@@ -150,6 +150,20 @@ def test_a_pixel_alone_on_a_line_is_drawn_as_a_point(alone: int, figures: list[F
     assert (whole, broken) == ("None", ".")
 
 
+@pytest.mark.parametrize("truth", [False, True])
+def test_the_legend_of_many_runs_is_whole(truth: bool, figures: list[Figure], tmp_path: Path) -> None:
+    """No two runs have the same colour and kind of line."""
+    place, along = np.arange(9), np.arange(9.0)
+    curves = tuple(Curve(f"a run with a long name {run}", along + run, np.ones(9)) for run in range(18))
+    expected = along if truth else None
+    draw_profile(
+        Profile("direct.depth", "m", "row 0", "column", place, place, "range", curves, expected), tmp_path / "a.png"
+    )
+    _require_whole(figures[0])
+    lines = [line for line in figures[0].axes[0].get_lines() if "long name" in str(line.get_label())]
+    assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 18
+
+
 def _require_whole(figure: Figure) -> None:
     """Make sure that all text lies within the figure, headings do not overlap, legends are beside curves, axes are labelled."""
     figure.draw_without_rendering()

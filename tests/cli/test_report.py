@@ -244,3 +244,16 @@ def test_a_page_stays_below_the_size_that_was_asked_for(limit: int, tmp_path: Pa
     assert cadtof("report", tmp_path, "-o", out, "--max-size-mb", limit).status == 0
     assert 0.3e6 * limit < out.stat().st_size < 1e6 * limit
     assert "every" in out.read_text(encoding="utf-8")
+
+
+def test_a_page_of_many_frames_stays_below_its_limit(tmp_path: Path) -> None:
+    """It shows only as many frames as fit; totals are of all frames."""
+    out = _run(tmp_path, frames=200)
+    page = _page(out, "--max-size-mb", 1)
+    assert (tmp_path / "page.html").stat().st_size < 1_000_000
+    found = re.search(r"The page shows (\d+) of 200 frames with maps", page.text)
+    assert found is not None
+    assert 50 < int(found[1]) < 200
+    assert f"{found[1]} of 200 frames" in page.text
+    assert len([one for one in page.scripts if str(one.get("id")).startswith("frame-")]) == int(found[1])
+    assert "resolved200" in page.text

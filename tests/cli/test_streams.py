@@ -3,6 +3,7 @@
 import json
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,14 @@ def test_the_limit_of_open_files_is_reported(most: int, tmp_path: Path) -> None:
     assert "allow more open files (ulimit -n)" in done.err
     assert "standard output" not in done.err
     assert "unexpected" not in done.err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not count the memory of libraries")
+@pytest.mark.parametrize("most_kib", [30_000, 50_000])
+def test_too_little_memory_for_a_library_is_reported(most_kib: int, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture").folder
+    done = _shell(f'ulimit -v {most_kib}; "$@"', "resolve", capture, "-o", tmp_path / "out", "-j", 2)
+    assert (done.status, done.err) == (1, "Error: not enough memory; try fewer --jobs, or smaller inputs\n")
 
 
 @pytest.mark.parametrize("place", ["2>&-", "2>/dev/full"])

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.execution.ordered import run_ordered
-from cadtof_cli.execution.outcome import HELD_AT_ONCE, LATER_AT_ONCE, Later, Work, WorkerDied, finishing
+from cadtof_cli.execution.outcome import HELD_AT_ONCE, LATER_AT_ONCE, Later, WorkerDied
 from cadtof_cli.execution.pool import TASKS_PER_WORKER
 from cadtof_cli.execution.workers import ALONE, START_METHODS, StartMethod, Workers
 
@@ -20,10 +20,6 @@ pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded,
 
 def square(number: int) -> int:
     return number * number
-
-
-def half_later(number: int) -> Later[float]:
-    return Later(lambda _: 0.5 * number)
 
 
 def first_is_slow(number: int) -> int:
@@ -286,36 +282,3 @@ def test_with_fewer_or_more_workers_than_cores_each_may_run_on_any_core(more: in
     workers = Workers(jobs=max(len(cores) + more, 1), start_method="fork")
     outcomes = run_ordered(cores_of_worker, range(10), workers=workers)
     assert all(not isinstance(outcome.result, WorkerDied) and outcome.result[1] == cores for outcome in outcomes)
-
-
-@pytest.mark.parametrize("allowed", [0, 1])
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_results_are_finished_even_if_no_more_threads_can_start(
-    jobs: int, allowed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As under `ulimit -u` or `ulimit -v`: results are finished by the threads that could start, or without threads."""
-    start, started = threading.Thread.start, list[threading.Thread]()
-
-    def refused(thread: threading.Thread) -> None:
-        if len(started) >= allowed:
-            raise RuntimeError("can't start new thread")
-        started.append(thread)
-        start(thread)
-
-    monkeypatch.setattr(threading.Thread, "start", refused)
-    half: Work[int, float] = half_later
-    outcomes = run_ordered(half, range(20), workers=Workers(jobs=jobs, start_method="fork"))
-    assert [outcome.result for outcome in outcomes] == [0.5 * task for task in range(20)]
-
-
-def test_an_interrupt_while_a_thread_starts_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(thread: threading.Thread) -> None:
-        raise KeyboardInterrupt
-
-    def begun() -> Later[int]:
-        with finishing() as finisher:
-            return finisher.begin(Later(lambda _: 9))
-
-    monkeypatch.setattr(threading.Thread, "start", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        begun()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.report.frames import embedded_frame, planned_shares, sampled
+from cadtof_cli.report.frames import embedded_frame, planned_shares, sampled, shown_places
 
 MB = 1_000_000
 
@@ -53,6 +53,18 @@ def test_as_many_whole_frames_as_are_asked_for() -> None:
 def test_no_frame_is_whole_if_thumbnails_alone_exceed_the_limit() -> None:
     shares = planned_shares([_planes()], 20_000, limit_bytes=0.0, whole=None)
     assert (shares.whole, shares.step, shares.thumbnail_px) == (frozenset(), 20, 20)
+
+
+def test_only_as_many_frames_are_shown_as_fit() -> None:
+    """They are spread over the run, from the first frame to the last one."""
+    places = shown_places([_planes()], 20_000, limit_bytes=25 * MB, whole=None)
+    assert {0, 19_999} <= places
+    assert 2000 < len(places) < 5000
+    gaps = np.diff(sorted(places))
+    assert gaps.max() - gaps.min() <= 1
+    assert shown_places([_planes()], 500, limit_bytes=25 * MB, whole=None) == set(range(500))
+    assert len(shown_places([_planes()], 5, limit_bytes=0.0, whole=None)) == 1
+    assert len(shown_places([_planes()], 5, limit_bytes=0.0, whole=4)) == 4
 
 
 def test_thumbnails_shrink_if_there_are_many() -> None:

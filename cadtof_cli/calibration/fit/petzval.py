@@ -36,6 +36,9 @@ HIGH_CORRELATION = 0.999
 LARGEST_DISTANCE_ERROR_M = 0.01
 """A wall is refused if its given distance differs by more than this, and surely, from the one that its frames show."""
 
+LARGEST_K2_M = 0.5
+"""Largest |k2| that is taken for field curvature. Lenses have some centimetres."""
+
 MANY_OUTLIERS = 0.05
 """Share of outliers, among the pixels with a single path, above which the user is told. Noise alone makes far fewer."""
 
@@ -101,7 +104,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     Raises:
         SettingsError: a wall has too few pixels with a single path; or the focal length is unknown and cannot be
             fitted, for example because the distances of the walls differ too little; or the frames do not show a flat
-            wall, or show it at another distance than the given one.
+            wall, or show it at another distance than the given one; or no lens has the curvature.
     """
     usable = [np.isfinite(wall.range_m) & np.isfinite(wall.sigma_m) & (wall.sigma_m > 0.0) for wall in walls]
     for index, good in enumerate(usable):
@@ -122,6 +125,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
         )
     _require_distances(problem, fit, origin)
     _require_walls(problem, fit, usable, origin)
+    _require_lens(problem, fit)
     curved = np.arange(fit.parameters.size) < 2
     without = replace(problem, free=problem.free & ~curved)
     flat = robust_fit(without.residuals, np.where(curved, 0.0, fit.parameters), free=without.free)
@@ -148,6 +152,20 @@ def _require_distances(problem: _Problem, fit: RobustFit, origin: Origin) -> Non
                 f"distance of {expected:g} m, within {1000 * LARGEST_DISTANCE_ERROR_M:.0f} mm: correct distance_m or "
                 "--distance, or leave it out; or run `calibrate response` first, if the camera delays all light"
             )
+
+
+def _require_lens(problem: _Problem, fit: RobustFit) -> None:
+    """Make sure that a lens can have the curvature.
+
+    If a given distance is wrong by the unambiguous range, no phase shows it, and a curvature makes up for it: the ranges of
+    a flat wall rise less towards the corners the farther it is.
+    """
+    k2, error = abs(fit.parameters[0]), math.sqrt(fit.covariance[0, 0])
+    if k2 > LARGEST_K2_M + SURE * error:
+        raise SettingsError(
+            f"k2 = {fit.parameters[0]:.3f} m is more than any lens has, expected {LARGEST_K2_M:g} m at most: correct distance_m "
+            f"or --distance, which may be wrong by the unambiguous range of {problem.unambiguous_m:.3f} m, or the focal length"
+        )
 
 
 def _require_walls(problem: _Problem, fit: RobustFit, usable: Sequence[Bool], origin: Origin) -> None:

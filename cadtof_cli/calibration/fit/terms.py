@@ -69,7 +69,11 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
     terms: Terms = tuple(dict(one) for one in base)
     kept = np.ones(observed.phase.shape[1], np.bool_)
     if distances < 2:
-        said = "one distance: only k = 1 and the maps are determined; further terms need two or more distances"
+        said = (
+            "warning: one distance: only k = 1 and the maps are determined. If SC1 and SC2 differ in gain, or the waveform is "
+            "not the ideal one, depths at other distances will be wrong, at 5 % by centimetres, and sigma will not say it: "
+            "record targets at two or more distances, spread over the range"
+        )
         return TermFit(terms, tuple(() for _ in terms), 1.0, (said,), kept)
     changes: Terms = tuple({} for _ in base)
     for _ in range(PASSES):

@@ -18,6 +18,7 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.layers import Truth, layer_of, require_same_size
 from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE
 from cadtof_cli.workflows.run_folder import read_run
 
 
@@ -94,6 +95,10 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     require_new(out, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
+    for stranger in run.unnamed_files():
+        progress.say(
+            f"{stranger}: {FRAMES_FILE} does not name it, so it may be of another run; it is counted all the same"
+        )
     progress.advance(0, total=len(files))
     first = read_layers(files[0])
     shape = layer_of(first, DIRECT_DEPTH, files[0]).shape

@@ -178,15 +178,16 @@ def is_map(path: Path, /) -> bool:
 
 def facts_of_maps(path: Path, /) -> MapFacts:
     """Return what a map file, or a folder of maps, holds; a map that cannot be read is a problem."""
-    files = map_files(path)
-    facts = MapFacts(str(path), len(files))
+    facts, files = MapFacts(str(path), 0), None
     if is_run_folder(path):
         try:
             run = read_run(path)
-            facts.run = run.record
+            facts.run, files = run.record, run.files
             facts.problems += [] if run.record else [run.no_record]
         except CaptureError as error:
             facts.problems.append(str(error))
+    files = map_files(path) if files is None else files
+    facts.files = len(files)
     if not files:
         facts.problems.append(f"{path}: found no maps")
     described = False

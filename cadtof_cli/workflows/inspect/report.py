@@ -17,12 +17,14 @@ from cadtof_cli.report.frames import (
     ERROR,
     FIRST_PHASOR,
     FIRST_PHASOR_ERROR,
+    TEXT_BYTES,
     TRUTH,
     EmbeddedFrame,
     Planes,
     Shares,
     embedded_frame,
     planned_shares,
+    shown_places,
 )
 from cadtof_cli.report.page import ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
@@ -38,9 +40,6 @@ BYTES_PER_MB = 1_000_000
 _BESIDE_MAPS = 150_000
 """Bytes of a page's scripts, style and settings."""
 
-_PER_FRAME = 1_500
-"""Bytes of the texts about each frame on a page."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ReportSettings(GivenOptics):
@@ -53,7 +52,8 @@ class ReportSettings(GivenOptics):
     )
     max_size_mb: float = setting(
         25.0,
-        "Largest size of the page. If it cannot hold all pixels of all frames, most frames keep every n-th pixel only.",
+        "Largest size of the page. If it cannot hold all pixels of all frames, most frames keep every n-th pixel only; if that "
+        "is still too much, only some frames are shown.",
         metavar="MB",
     )
     full_frames: int | None = setting(
@@ -151,31 +151,35 @@ class _Gathered:
         errors = {"first phasor": found.first_phasor, "direct path": found.direct} if found.frames else {}
         return {name: one for name, one in errors.items() if one is not None}
 
-    def add(self, reader: _Reader, frame: _Frame, shares: Shares) -> None:
-        """Add a frame."""
+    def count(self, frame: _Frame) -> None:
+        """Add a frame to the errors and to the limits of the layers."""
+        planes, truth_m, first = frame.planes, frame.truth_m, frame.planes.get(FIRST_PHASOR)
+        for layer, plane in planes.items():
+            if layer != STATUS:
+                self.limits.add(layer, plane)
+        if truth_m is not None:
+            sigma = planes.get(DIRECT_SIGMA)
+            self.against_truth.add(planes[DIRECT_DEPTH], truth_m, sigma_m=sigma, first_phasor_m=first)
+            self.limits.add(ERROR, planes[DIRECT_DEPTH] - truth_m)
+            if first is not None:
+                self.limits.add(FIRST_PHASOR_ERROR, first - truth_m)
+
+    def show(self, reader: _Reader, frame: _Frame, shares: Shares) -> None:
+        """Add a frame to those that the page shows."""
         number, file, planes = len(self.shown), frame.file, frame.planes
         embedded = embedded_frame(planes, step=shares.step_of(number))
         truth = self._add_truth(frame, embedded.step)
         optics = reader.settings.optics(reader.run, file)
         self.shown.append(ShownFrame(reader.run.name(file), embedded, optics, reader.run.depth_kind, truth))
         self.maps[file] = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
-        for layer, plane in planes.items():
-            if layer != STATUS:
-                self.limits.add(layer, plane)
 
     def _add_truth(self, frame: _Frame, step: int) -> int | None:
         """Add the truth of a frame; return its place among the truths, because frames of a capture share one."""
-        planes, truth_m = frame.planes, frame.truth_m
-        if frame.truth_file is None or truth_m is None:
+        if frame.truth_file is None or frame.truth_m is None:
             return None
-        first, sigma = planes.get(FIRST_PHASOR), planes.get(DIRECT_SIGMA)
-        self.against_truth.add(planes[DIRECT_DEPTH], truth_m, sigma_m=sigma, first_phasor_m=first)
-        self.limits.add(ERROR, planes[DIRECT_DEPTH] - truth_m)
-        if first is not None:
-            self.limits.add(FIRST_PHASOR_ERROR, first - truth_m)
         key = frame.truth_file, step
         if key not in self.truths:
-            self.truths[key] = embedded_frame({TRUTH: truth_m}, step=step)
+            self.truths[key] = embedded_frame({TRUTH: frame.truth_m}, step=step)
         return list(self.truths).index(key)
 
 
@@ -188,15 +192,20 @@ def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
     if not samples:
         list(_read(reader, files, gathered.problems))
         return gathered
-    room = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS - _PER_FRAME * len(files)
+    room, whole = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS, reader.settings.full_frames
     planes = [one.planes for one in samples]
     if len({one.truth_file for one in samples}) > 1:
         # the frames share one truth, unless there are several: then each frame needs room for its own
         planes = [one.planes if one.truth_m is None else {**one.planes, TRUTH: one.truth_m} for one in samples]
-    shares = planned_shares(planes, len(files), limit_bytes=max(room, 0.0), whole=reader.settings.full_frames)
+    shown = shown_places(planes, len(files), limit_bytes=room, whole=whole)
+    room -= TEXT_BYTES * len(shown)
+    shares = planned_shares(planes, len(shown), limit_bytes=max(room, 0.0), whole=whole)
     del samples, planes
+    shown_files = {files[place] for place in shown}
     for frame in _read(reader, files, gathered.problems):
-        gathered.add(reader, frame, shares)
+        gathered.count(frame)
+        if frame.file in shown_files:
+            gathered.show(reader, frame, shares)
         progress.advance()
     return gathered
 

@@ -64,7 +64,7 @@ def page_text(
         subtitle=_subtitle(record, run),
         facts=tuple(_facts(record, totals, lines)),
         pixels={words: getattr(totals, name) for name, words in _PIXELS.items()},
-        notes=tuple(_notes(run, reports, problems)),
+        notes=tuple(_notes(run, reports, problems, shown=len(shown))),
         errors=errors,
         frames=lines,
         settings=dict(_settings(record)),
@@ -76,7 +76,7 @@ def _lines(
 ) -> Iterator[FrameLine]:
     """Yield a line for each frame of the record in its order, then a line for each map that the record does not name."""
     recorded = [(report, run.map_of(report)) for report in reports]
-    named = {file for _, file in recorded}
+    named, there = {file for _, file in recorded}, set(run.files) - problems.keys()
     for report, file in (*recorded, *((None, file) for file in run.files if file not in named)):
         line = FrameLine("" if report is None else report.source)
         if file is not None:
@@ -85,7 +85,7 @@ def _lines(
             counts = {words: getattr(report, name) for name, words in _PIXELS.items()}
             known = {words: count for words, count in counts.items() if count is not None}
             line = replace(line, status=report.status, reason=report.reason, seconds=report.seconds, pixels=known)
-        if file is not None and file not in shown:
+        if file is not None and file not in there:
             line = replace(line, status="failed", reason=problems.get(file, "its maps are gone"))
         yield line
 
@@ -111,7 +111,7 @@ def _facts(record: Mapping[str, Any], totals: RunTotals, lines: Sequence[FrameLi
         yield "time", f"{seconds:.1f} s"
 
 
-def _notes(run: Run, reports: Sequence[FrameReport], problems: Mapping[Path, str]) -> Iterator[str]:
+def _notes(run: Run, reports: Sequence[FrameReport], problems: Mapping[Path, str], *, shown: int) -> Iterator[str]:
     if run.record is None:
         yield f"There is no {RUN_FILE} beside the maps: settings, totals and failures of the run are not known."
     elif not run.record.get("finished"):
@@ -122,6 +122,11 @@ def _notes(run: Run, reports: Sequence[FrameReport], problems: Mapping[Path, str
         if capture.get("lossy_compression"):
             how = f"with lossy compression ({capture['lossy_compression']})"
             yield f"{capture.get('root')} was recorded {how}, which changes voltages and so depths."
+    if shown < (there := len(run.files) - len(problems)):
+        yield (
+            f"The page shows {shown} of {there} frames with maps, evenly spread over the run, because it would become larger "
+            f"than --max-size-mb. Totals are of all frames; {FRAMES_FILE} lists them."
+        )
     if problems:
         yield f"{len(problems)} of the maps cannot be read; the reasons are listed under Failures."
 

@@ -436,3 +436,20 @@ def test_a_given_distance_that_is_a_few_millimetres_off_is_taken(wrong_m: float)
     found = fitted(replace(measured_wall(1.0, seed=1), distance_m=1.0 + wrong_m), measured_wall(3.0, seed=2))
     assert found.quality.walls[0].distance_m == 1.0 + wrong_m
     assert found.quality.walls[0].distance_known
+
+
+@pytest.mark.parametrize(
+    ("true_m", "given_m"), [((1.0,), (1.0 + RANGE_M,)), ((7.5,), (7.5 - RANGE_M,)), ((1.0, 2.5), (7.0, 8.5))]
+)
+def test_given_distances_that_are_wrong_by_the_unambiguous_range_are_refused(
+    true_m: tuple[float, ...], given_m: tuple[float, ...]
+) -> None:
+    """The phases are right, but no lens has the curvature of 1.5 m that makes up for it."""
+    walls = [measured_wall(distance, seed=seed) for seed, distance in enumerate(true_m)]
+    message = r"k2 = -?1\.\d\d\d m is more than any lens has, expected 0\.5 m at most: .* range of 5\.996 m"
+    with pytest.raises(SettingsError, match=message):
+        fitted(*(replace(wall, distance_m=given) for wall, given in zip(walls, given_m, strict=True)))
+
+
+def test_a_given_distance_beyond_the_unambiguous_range_is_taken() -> None:
+    assert max(deviations(fitted(measured_wall(7.5, seed=1, known=True, normal=(0.0, 0.0))))) < 3.0

@@ -105,7 +105,8 @@ def test_one_distance_gives_only_the_main_term_and_reports_it() -> None:
     found = response_of(Defects(sc2_gain=1.05, phase_rad=(0.0, 0.3)), (1.0,))
     assert orders(found) == {1}
     assert any(
-        text.startswith("one distance: only k = 1 and the maps are determined") for text in found.quality.findings
+        text.startswith("warning: one distance: only k = 1 and the maps are determined. If SC1 and SC2 differ")
+        for text in found.quality.findings
     )
 
 
@@ -300,7 +301,7 @@ def test_a_twentieth_of_the_pixels_must_have_a_signal_from_every_target(dim: int
 @pytest.mark.parametrize(("gap_m", "distinct"), [(0.009, False), (0.012, True)])
 def test_distances_a_centimetre_apart_count_as_two(gap_m: float, distinct: bool) -> None:
     found = noiseless(distances_m=(1.0, 1.0 + gap_m))
-    assert any(text.startswith("one distance") for text in found.quality.findings) != distinct
+    assert any(text.startswith("warning: one distance") for text in found.quality.findings) != distinct
 
 
 @pytest.mark.parametrize("k", [-1, 0, -3, 5, 3])
