@@ -21,13 +21,15 @@ def begin_thread(work: Callable[[], None], /) -> _thread.LockType | None:
     begun, turn, ended = _thread.allocate_lock(), _thread.allocate_lock(), _thread.allocate_lock()
     begun.acquire()
     ended.acquire()
-    profile = threading.getprofile()
+    trace, profile = threading.gettrace(), threading.getprofile()
 
     def run() -> None:
         if not turn.acquire(blocking=False):
             # it comes too late
             return
         begun.release()
+        # what `threading` does for its threads: a debugger or a count of calls may want it
+        sys.settrace(trace)
         sys.setprofile(profile)
         try:
             work()
