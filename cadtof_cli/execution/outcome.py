@@ -121,11 +121,8 @@ class Finisher:
         self.room.acquire()
         result.let_go = self.room.release
         self.waiting.put(result)
-        if len(self.ends) < self.most:
-            if (end := begin_thread(self._work)) is not None:
-                self.ends.append(end)
-            else:
-                self.most = len(self.ends)
+        if len(self.ends) < self.most and not begin_thread(self._work, self.ends):
+            self.most = len(self.ends)
         if not self.ends:
             self.waiting.get()
             result.finish()

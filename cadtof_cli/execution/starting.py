@@ -96,7 +96,7 @@ def begin_worker(listening: "Connection", held: "Connection", core: int | None, 
 
         # the kernel kills the worker when its parent ends, even if the worker is stopped (SIGSTOP)
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    begin_thread(partial(_end_with_parent, listening))
+    begin_thread(partial(_end_with_parent, listening), [])
     # objects from before the fork stay in memory that is shared with the parent: the garbage collector no longer writes into them
     gc.freeze()
 

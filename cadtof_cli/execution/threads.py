@@ -9,22 +9,19 @@ BEGINS_S = 1.0
 """Longest wait for the first step of a new thread. A thread without memory ends before it, and tells nobody."""
 
 
-def begin_thread(work: Callable[[], None], /) -> _thread.LockType | None:
-    """Call `work` in a new thread.
+def begin_thread(work: Callable[[], None], ends: list[_thread.LockType], /) -> bool:
+    """Call `work` in a new thread, and return whether it began. If the system allows no more threads or memory, it never will.
 
-    The end of the process does not wait for the thread.
-
-    Returns:
-        A lock that can be acquired as soon as `work` has ended. None if the system allows no more threads or memory: then
-        `work` is never called.
+    The end of the process does not wait for the thread. `ends` gets a lock, which the thread holds while it works: whoever
+    acquires the lock waits for the end of the work, or keeps it from beginning. The lock is in the list before there is a
+    thread, because an exception by a signal may end this function at any step.
     """
-    begun, turn, ended = _thread.allocate_lock(), _thread.allocate_lock(), _thread.allocate_lock()
+    begun, end = _thread.allocate_lock(), _thread.allocate_lock()
     begun.acquire()
-    ended.acquire()
     trace, profile = threading.gettrace(), threading.getprofile()
 
     def run() -> None:
-        if not turn.acquire(blocking=False):
+        if not end.acquire(blocking=False):
             # it comes too late
             return
         begun.release()
@@ -34,10 +31,14 @@ def begin_thread(work: Callable[[], None], /) -> _thread.LockType | None:
         try:
             work()
         finally:
-            ended.release()
+            end.release()
 
+    ends.append(end)
     try:
         _thread.start_new_thread(run, ())
+        if begun.acquire(timeout=BEGINS_S) or not end.acquire(blocking=False):
+            return True
     except RuntimeError:
-        return None
-    return ended if begun.acquire(timeout=BEGINS_S) or not turn.acquire(blocking=False) else None
+        pass
+    ends.remove(end)
+    return False

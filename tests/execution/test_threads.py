@@ -4,6 +4,7 @@ import _thread
 import resource
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 
 import pytest
@@ -56,9 +57,42 @@ def test_a_thread_that_comes_too_late_does_nothing(monkeypatch: pytest.MonkeyPat
     late, calls = list[Callable[[], None]](), list[str]()
     monkeypatch.setattr(threads, "BEGINS_S", 0.01)
     monkeypatch.setattr(_thread, "start_new_thread", lambda work, _: late.append(work))
-    assert threads.begin_thread(lambda: calls.append("worked")) is None
+    ends = list[_thread.LockType]()
+    assert not threads.begin_thread(lambda: calls.append("worked"), ends)
     late[0]()
     assert not calls
+    assert not ends
+
+
+@pytest.mark.parametrize("begins", [False, True])
+def test_an_interrupt_after_a_thread_has_started_leaves_no_thread(
+    begins: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One thread works already. If the other one were not known, it would take the end that is meant for the first."""
+    start, waiting = _thread.start_new_thread, list[Callable[[], None]]()
+
+    def interrupted(work: Callable[[], None], arguments: tuple[()]) -> None:
+        if begins:
+            start(work, arguments)
+            time.sleep(0.2)
+        else:
+            waiting.append(work)
+        raise KeyboardInterrupt
+
+    def begun() -> Later[int]:
+        with finishing() as finisher:
+            first: Later[int] = finisher.begin(Later(lambda _: 9))
+            assert first.result() == 9
+            monkeypatch.setattr(_thread, "start_new_thread", interrupted)
+            return finisher.begin(Later(lambda _: 9))
+
+    before = _thread._count()
+    with pytest.raises(KeyboardInterrupt):
+        begun()
+    for work in waiting:
+        work()
+    time.sleep(0.1)
+    assert _thread._count() == before
 
 
 ONE_RESULT = """
