@@ -16,7 +16,7 @@ from typing import Any
 
 from cadtof_cli.capture.checks import InvalidValueError
 from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
-from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, entries_of
+from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, entries_of, fail
 from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.capture.planes import grouped_planes, hint_of_words
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
@@ -41,17 +41,13 @@ _MISNAMED = (
 """Wrong names that editors and other systems give to `capture.toml`."""
 
 
-def _fail(_folder: Path, error: UnlistedError) -> None:
-    raise error
-
-
 def find_captures(
     inputs: Sequence[Path],
     *,
     overrides: Mapping[str, Any] | None = None,
     settings_file: Path | None = None,
     recursive: bool = False,
-    on_unlisted: OnUnlisted = _fail,
+    on_unlisted: OnUnlisted = fail,
 ) -> tuple[Capture, ...]:
     """Return the captures in folders and files.
 
@@ -121,7 +117,7 @@ def find_placed_captures(
     overrides: Mapping[str, Any] | None = None,
     settings_file: Path | None = None,
     recursive: bool = False,
-    on_unlisted: OnUnlisted = _fail,
+    on_unlisted: OnUnlisted = fail,
     base: Path | None = None,
 ) -> tuple[tuple[Capture, ...], Path]:
     """Return the captures of `find_captures`, with their frames renamed for OUT, and the folder whose tree OUT mirrors.

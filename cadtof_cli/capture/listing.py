@@ -16,6 +16,11 @@ OnUnlisted = Callable[[Path, UnlistedError], None]
 """Called with each folder of a tree that cannot be listed; the search goes on with the other folders."""
 
 
+def fail(_folder: Path, error: UnlistedError, /) -> None:
+    """End the search at a folder that cannot be listed."""
+    raise error
+
+
 def entries_of(folder: Path, pattern: str | None = None, /) -> list[tuple[str, bool]]:
     """Return the entries of a folder: their paths relative to the folder, with slashes, and whether each is a folder.
 

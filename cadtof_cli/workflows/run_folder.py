@@ -17,7 +17,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
 from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures, steps_below
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
-from cadtof_cli.capture.listing import OnUnlisted, UnlistedError
+from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, fail
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError
@@ -263,11 +263,7 @@ def is_run_folder(path: Path, /) -> bool:
     return is_folder(path) and os.path.lexists(path / RUN_FILE) and not os.path.lexists(path / CAPTURE_FILE)
 
 
-def _fail(_folder: Path, error: UnlistedError) -> None:
-    raise error
-
-
-def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = _fail) -> tuple[Path, ...]:
+def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail) -> tuple[Path, ...]:
     """Return the map files in a folder in the order of their names, then those in folders below it; of a file, the file itself.
 
     An empty folder with the name of a map counts as a map: reading it fails, with a message that names it.
