@@ -152,25 +152,14 @@ def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: "Cal
 def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -> None:
     """Fill the maps of prepared pixels block by block, in numpy, with the compiled twins of single steps that the
     kernel has."""
-    from cadtof_cli.resolver.resolve import resolve_paths
-
-    response, tail = stages.response, pixels.tail
     step = BLOCK_PIXELS if stages.solver_module == CLOSED_FORM else SEARCHED_BLOCK_PIXELS
     for start in range(0, pixels.stored.shape[2], step):
         here = slice(start, start + step)
         block = pixels[here]
-        there = slice(block.first, block.first + block.stored.shape[2])
-        resolved = resolve_paths(
-            stages.phasors(block),
-            status=stages.status(block),
-            settings=stages.resolver,
-            noise=block.noise,
-            response=response.block(there) if response else None,
-            first=block.first,
-            tail=tail.block(there) if tail else None,
-        )
+        resolved = stages.resolved(block)
         if stages.plan.calibration is not None:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
+        there = slice(block.first, block.first + block.stored.shape[2])
         source = stages.depth.source(resolved, there, samples=block.noise.samples)
         write_block(maps, here, source, layers=stages.layers)
 

@@ -16,7 +16,7 @@ from cadtof_cli.pipeline.stages import FrameStages, frame_stages
 from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 from cadtof_cli.resolver.order import with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
-from cadtof_cli.resolver.resolve import resolve_paths, solver_for
+from cadtof_cli.resolver.resolve import solver_for
 from cadtof_cli.resolver.status import StatusBit
 
 
@@ -88,14 +88,7 @@ def pixel_evidence(
     here = slice(index, index + 1)
     pixel = pixels[here]
     tail, response, phasors = pixels.tail, stages.response, stages.phasors(pixel)
-    resolved = resolve_paths(
-        phasors,
-        status=stages.status(pixel),
-        settings=stages.resolver,
-        noise=pixel.noise,
-        response=response.block(here) if response else None,
-        tail=tail.block(here) if tail else None,
-    )
+    resolved = stages.resolved(pixel)
     free, nets = (phasors, None) if tail is None or response else freed_pixels(phasors, tail.block(here))
     fits = {count: _fit(free, count, pixel, here, stages) for count in (1, 2)}
     one, two = fits[1], fits[2]

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.light import FrameTraits
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+    from cadtof_cli.resolver.paths import ResolvedPaths
     from cadtof_cli.resolver.response.table import ResponseBlock
 
 
@@ -89,6 +90,22 @@ class FrameStages:
             beyond = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
             bits = bits | beyond * np.uint32(StatusBit.SATURATED)
         return np.asarray(bits, np.uint32)
+
+    def resolved(self, pixels: FramePixels, /) -> "ResolvedPaths":
+        """Return the paths of prepared pixels."""
+        from cadtof_cli.resolver.resolve import resolve_paths
+
+        here = slice(pixels.first, pixels.first + pixels.stored.shape[2])
+        response, tail = self.response, pixels.tail
+        return resolve_paths(
+            self.phasors(pixels),
+            status=self.status(pixels),
+            settings=self.resolver,
+            noise=pixels.noise,
+            response=response.block(here) if response else None,
+            tail=tail.block(here) if tail else None,
+            first=pixels.first,
+        )
 
 
 def _some(planes: Stored, chosen: SomePixels) -> Stored:

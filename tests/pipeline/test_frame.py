@@ -9,6 +9,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
 from cadtof_cli.maps.layers import ALWAYS, Layer
 from cadtof_cli.phasors.frame_mean import frame_mean
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.one_pixel import pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.pipeline.stages import frame_stages
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
@@ -84,3 +85,15 @@ def test_a_layer_that_the_compiled_kernel_does_not_know_has_its_own_values(monke
         maps = resolve_frame(frames(1)[0], plan=plan).maps
     assert np.isfinite(maps.layer("mpi.behind")).any()
     np.testing.assert_array_equal(maps.layer("mpi.behind"), maps.layer("mpi.depth"))
+
+
+def test_random_starts_of_one_pixel_are_those_of_the_frame() -> None:
+    settings = MapSettings(resolver=ResolverSettings(solver="lm", order="2", starts=1))
+    plan = FramePlan(metadata=CaptureMetadata(pixel=Pixel(integration_length=1e5)), settings=settings)
+    frame = frames(1)[0]
+    maps = resolve_frame(frame, plan=plan).maps
+    pixels, volts = prepare_frame(frame, plan=plan), plan.metadata.modulation.amplitude_v
+    for index in range(0, SIZE[0] * SIZE[1], 5):
+        paths = pixel_evidence(pixels, index, plan=plan).resolved.paths
+        map_v = maps.layer("direct.amplitude").reshape(-1)[index]
+        assert map_v == pytest.approx(paths.amplitude[0, 0] * volts, rel=1e-6, nan_ok=True)
