@@ -18,7 +18,7 @@ from cadtof_cli.commands.simulation_options import (
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH, grid_from_text
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.files.atomic import require_absent
+from cadtof_cli.files.atomic import require_absent, write_text
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.workflows.simulate import sweep as workflow
 
@@ -104,9 +104,11 @@ def sweep(
             require_absent(path)
     with progress_bar("sweep", "blocks", quiet=quiet) as bar:
         cells = workflow.sweep(settings, workers=workers, progress=bar)
+    table = workflow.table_text(cells)
     if out is not None:
-        workflow.write_table_file(cells, out)
+        require_absent(out)
+        write_text(out, table)
     else:
-        tell(workflow.table_text(cells).rstrip("\n"))
+        tell(table.rstrip("\n"))
     if plot is not None:
         workflow.draw_sweep(cells, plot)

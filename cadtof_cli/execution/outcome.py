@@ -35,10 +35,6 @@ class Outcome(Generic[Task, Result]):
     result: Result | WorkerDied
 
 
-def _nothing() -> None:
-    pass
-
-
 @dataclass(eq=False)
 class Later(Generic[Result]):
     """A result that still has to be waited for. A task's function returns it when only waiting is left, as for a disk.
@@ -50,7 +46,7 @@ class Later(Generic[Result]):
     """
 
     wait: Callable[[Callable[[], None]], Result]
-    let_go: Callable[[], None] = _nothing
+    let_go: Callable[[], None] | None = None
     there: bool = False
     error: Exception | None = None
     _found: Result | None = None
@@ -75,8 +71,9 @@ class Later(Generic[Result]):
         return self
 
     def _free(self) -> None:
-        let_go, self.let_go = self.let_go, _nothing
-        let_go()
+        let_go, self.let_go = self.let_go, None
+        if let_go is not None:
+            let_go()
 
     def result(self) -> Result:
         """Wait until the result is there and return it, or raise the exception in its place. It can be called only once."""

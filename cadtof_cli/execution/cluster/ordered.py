@@ -8,10 +8,10 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from cadtof_cli.errors import ClusterError
-from cadtof_cli.execution.cluster.connection import Connection, Finished, News, WorkerJoined, WorkerLost
+from cadtof_cli.execution.cluster.connection import Connection, Finished, WorkerJoined, WorkerLost
 from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
 from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
 
@@ -36,24 +36,6 @@ worker is silent for minutes. Results are small."""
 ANSWER_S = 10
 """How long a run waits for the first answers of all workers that are there. A worker that is frozen, or that is paused because
 of its memory, is there but does not answer."""
-
-
-class Cluster(Protocol):
-    """The methods of a connection that a run needs."""
-
-    address: str
-
-    def submit(self, work: int, worker: str, function: Callable[..., Any], /, *arguments: Any) -> None:
-        """Make a worker call a function; news of the call comes under the number `work`."""
-
-    def forget(self, works: Iterable[int], /) -> None:
-        """Cancel pieces of work."""
-
-    def news(self) -> list[News]:
-        """Wait for news, a second or so at most, and return all news."""
-
-    def close(self) -> None:
-        """Cancel all work and disconnect."""
 
 
 @dataclass(eq=False)
@@ -117,7 +99,7 @@ class ClusterRun(Generic[Task, Result]):
 
     def __init__(
         self,
-        cluster: Cluster,
+        cluster: Connection,
         function: Work[Task, Result],
         tasks: Iterator[Task],
         expected: Surroundings,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cadtof_cli.errors import require
 from cadtof_cli.execution.workers import ALONE, Workers
-from cadtof_cli.files.atomic import new_folder, require_absent, write_text
+from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
@@ -95,12 +95,6 @@ def table_text(cells: list[SweepCell], /) -> str:
     """Return the table as CSV; each number has seven digits."""
     table = list(rows(cells))
     return csv_text(table[0], (row.values() for row in table), digits=7)
-
-
-def write_table_file(cells: list[SweepCell], path: Path, /) -> None:
-    """Write the table to a new file; raises OutputError if there is a file already, or if it cannot be written."""
-    require_absent(path)
-    write_text(path, table_text(cells))
 
 
 def draw_sweep(cells: list[SweepCell], folder: Path, /) -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cadtof_cli.errors import ClusterError
 from cadtof_cli.execution.cluster import ordered
-from cadtof_cli.execution.cluster.connection import Finished, News, WorkerJoined, WorkerLost
+from cadtof_cli.execution.cluster.connection import Connection, Finished, News, WorkerJoined, WorkerLost
 from cadtof_cli.execution.cluster.ordered import BATCHES_PER_WORKER, MOST_IN_BATCH, SHORT_S, TASKS_AHEAD, ClusterRun
 from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
 from cadtof_cli.execution.outcome import Outcome, WorkerDied
@@ -19,7 +19,7 @@ from cadtof_cli.execution.outcome import Outcome, WorkerDied
 OURS = Surroundings("3.11.2", "0.1.0", "abc", None)
 
 
-class PretendedCluster:
+class PretendedCluster(Connection):
     """Workers that do a batch when their turn is drawn, join and leave by chance, and die of deadly tasks."""
 
     def __init__(self, seed: int, *, deadly: frozenset[int] = frozenset(), seconds: float = 1.0) -> None:
