@@ -151,7 +151,3 @@ class FramePlan:
         resolver, averaged = self.settings.resolver, self.settings.pool > 1 or self.settings.average > 1
         searched = resolver.solver_module(self.metadata.modulation.harmonics, sine=True) != CLOSED_FORM
         return wanted_layers(paths=resolver.paths, searched=searched, averaged=averaged)
-
-    def expected_seconds(self, pixels: int, /) -> float:
-        """Return about how many seconds one core takes for a frame of so many pixels."""
-        return pixels * self.settings.resolver.seconds_per_pixel(len(self.metadata.modulation.harmonics))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,8 +67,9 @@ class CapturePlan:
     lossy_compression: str | None = None
     doubts: tuple[str, ...] = ()
 
+    @cached_property
     def expected_maps(self) -> int:
-        """Return the expected number of maps. In stacks, frames are estimated from one file and the sizes of all files."""
+        """The expected number of maps. In stacks, frames are estimated from one file and the sizes of all files."""
         frames, frame_bytes = len(self.capture.frames), self.stack_frame_bytes
         if frame_bytes is not None:
             sizes = (file_size(source.paths[0]) for source in self.capture.frames)
@@ -279,8 +281,8 @@ def new_frames(frames: Sequence[FrameSource], counted: Collection[str], /) -> in
 
 def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:
     """Yield a note on how long a run will take, if pooling makes it so long that the progress bar shows nothing for a while."""
-    pooling = sum(one.expected_maps() * one.pooling_seconds() for one in plans)
-    maps = sum(one.expected_maps() for one in plans)
+    pooling = sum(one.expected_maps * one.pooling_seconds() for one in plans)
+    maps = sum(one.expected_maps for one in plans)
     seconds = pooling / max(min(settings.workers.jobs, maps), 1)
     if seconds > _SLOW_RUN_S:
         told = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

@@ -97,10 +97,11 @@ def resolve_captures(
             remove_partial_files(settings.out)
         for note in _notes(plans, calibration, settings, kernel=document["kernel"]):
             progress.say(note)
-        run = _Run(settings, progress, on_frame)
+        taken = arrivals.sources.keys if arrivals else partial(frame_names, captures)
+        run = _Run(settings, progress, on_frame, taken)
         try:
             # if a cluster does not answer, this fails before anything is written
-            first = run.outcomes(plans, partial(frame_names, captures))
+            first = run.outcomes(plans)
             if settings.overwrite:
                 remove_run(settings.out)
             if resumed and arrivals:
@@ -112,7 +113,7 @@ def resolve_captures(
                 later: Iterable[Outcomes] = ()
                 if arrivals:
                     arrivals.begin(plans, calibration, run.report, same_name)
-                    later = (run.outcomes(more, arrivals.sources.keys) for more in arrivals.plans(document))
+                    later = (run.outcomes(more) for more in arrivals.plans(document))
                 return run.report_all(itertools.chain([first], later))
         finally:
             # maps bear the token of the run, and the two records bear the number of this process
@@ -177,11 +178,15 @@ def _dry_run(
 
 @dataclass
 class _Run:
-    """A run in progress, and the outcomes of its frames so far. `expected` is how many maps there will be in all."""
+    """A run in progress, and the outcomes of its frames so far.
+
+    `taken` returns the names that no frame of a stack may get. `expected` is how many maps there will be in all.
+    """
 
     settings: ResolveSettings
     progress: Progress
     on_frame: Callable[[FrameReport], None]
+    taken: Callable[[], Collection[str]]
     token: str = field(default_factory=lambda: os.urandom(8).hex())
     record: RunRecorder = field(init=False)
     expected: int = 0
@@ -189,16 +194,16 @@ class _Run:
     noted: Counter[str] = field(default_factory=Counter)
     began: float = field(default_factory=time.monotonic)
 
-    def outcomes(self, plans: Sequence[CapturePlan], taken: Callable[[], Collection[str]]) -> Outcomes:
+    def outcomes(self, plans: Sequence[CapturePlan]) -> Outcomes:
         """Return a generator of the outcomes of some captures' frames. If a cluster is to do the work, connect to it."""
-        expected, workers = [one.expected_maps() for one in plans], self.settings.workers
-        tasks = self._tasks(plans, expected, taken)
-        if sum(expected) < workers.jobs and _are_worth_splitting(plans, self.settings):
+        tasks, workers = self._tasks(plans), self.settings.workers
+        expected = sum(one.expected_maps for one in plans)
+        if expected < workers.jobs and _are_worth_splitting(plans, self.settings):
             from cadtof_cli.workflows.resolve.split_frames import resolve_split
 
             return resolve_split(tasks, workers=workers)
         # no process is started that would have no frame
-        workers = replace(workers, jobs=min(workers.jobs, max(sum(expected), 1)))
+        workers = replace(workers, jobs=min(workers.jobs, max(expected, 1)))
         if workers.jobs > 1:
             # a forked process has the modules already
             for one in plans:
@@ -277,26 +282,24 @@ class _Run:
             f"{why}, so the run stopped with {done} resolved; remove the cause and continue with --resume"
         )
 
-    def _tasks(
-        self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
-    ) -> Iterator[FrameTask]:
+    def _tasks(self, plans: Sequence[CapturePlan]) -> Iterator[FrameTask]:
         """Yield the tasks of all plans. A task is drawn when a worker has room for it.
 
-        `expected` is the expected number of tasks of each plan; the total is corrected when a plan has more or fewer.
+        The expected total is corrected when a plan has more or fewer tasks than expected.
         """
-        self.expected += sum(expected)
+        self.expected += sum(one.expected_maps for one in plans)
         self.progress.advance(0, total=self.expected)
-        for one, count in zip(plans, expected, strict=True):
+        for one in plans:
             number = 0
-            tasks = one.tasks(taken=taken, before=self.record.before, token=self.token)
+            tasks = one.tasks(taken=self.taken, before=self.record.before, token=self.token)
             for number, task in enumerate(tasks, start=1):
-                if number > count:
+                if number > one.expected_maps:
                     self.expected += 1
                 if "/" in task.sources[0].name:
                     with self._needed(), writing(task.output.parent):
                         task.output.parent.mkdir(parents=True, exist_ok=True)
                 yield task
-            self.expected += min(number - count, 0)
+            self.expected += min(number - one.expected_maps, 0)
             self.progress.advance(0, total=self.expected)
 
 
@@ -311,6 +314,7 @@ def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings
     """Return whether frames are so slow that the pixels of each should be spread over the processes."""
     if settings.workers.scheduler != LOCAL:
         return False
-    pixels = [math.prod(one.pixels or (0,)) for one in plans]
-    seconds = (one.plan.expected_seconds(count) for one, count in zip(plans, pixels, strict=True))
-    return max(seconds, default=0.0) > WORTH_SPLITTING_S and max(pixels) <= MOST_PIXELS
+    sizes = [(math.prod(one.pixels or (0,)), len(one.plan.metadata.modulation.harmonics)) for one in plans]
+    per_pixel = settings.maps.resolver.seconds_per_pixel
+    seconds = max((pixels * per_pixel(harmonics) for pixels, harmonics in sizes), default=0.0)
+    return seconds > WORTH_SPLITTING_S and max(sizes)[0] <= MOST_PIXELS
