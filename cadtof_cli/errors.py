@@ -35,6 +35,11 @@ class UnreadableError(FrameError):
     """A frame that the system did not let us read, or that memory was too short for: nothing is known about its content."""
 
 
+def no_memory_for(frame: object) -> UnreadableError:
+    """Return the error for a frame that memory was too short for."""
+    return UnreadableError(f"{frame}: not enough memory for a frame of this size: try fewer --jobs, or more memory")
+
+
 class OutputError(CadtofError):
     """A place that cannot be written, or that holds files a run would replace."""
 

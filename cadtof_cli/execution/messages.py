@@ -24,17 +24,14 @@ class Said(IntEnum):
     ERROR = 2
 
 
-_COMPUTED = bytes((Said.COMPUTED,))
-
-
 def answer_message(said: Said, what: Any = None, /) -> bytes:
     """Return the message of a worker with this result or exception."""
-    return _COMPUTED if said == Said.COMPUTED else bytes((said,)) + pickle.dumps(what, pickle.HIGHEST_PROTOCOL)
+    return bytes((said,)) + pickle.dumps(what, pickle.HIGHEST_PROTOCOL)
 
 
 def answer_of(message: bytes, /) -> tuple[int, Any]:
     """Return the kind of a worker's message, one of `Said`, and the result or exception in it, None if it has neither."""
-    return message[0], pickle.loads(memoryview(message)[1:]) if len(message) > 1 else None
+    return message[0], pickle.loads(memoryview(message)[1:])
 
 
 class TaskMessages:

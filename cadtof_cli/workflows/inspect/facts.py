@@ -16,7 +16,7 @@ from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError, CaptureError
+from cadtof_cli.errors import CadtofError, CaptureError, no_memory_for
 from cadtof_cli.files.documents import plain
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
@@ -78,9 +78,7 @@ def facts_of_frame(
     except CadtofError as error:
         return FrameFacts(problem=str(error))
     except MemoryError:
-        return FrameFacts(
-            problem=f"{source}: not enough memory for a frame of this size: try fewer --jobs, or more memory"
-        )
+        return FrameFacts(problem=str(no_memory_for(source)))
 
 
 def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: CaptureMetadata) -> FrameFacts:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
-from cadtof_cli.errors import CadtofError, FrameError, PlaceError, SettingsError, UnreadableError
+from cadtof_cli.errors import CadtofError, FrameError, PlaceError, SettingsError, UnreadableError, no_memory_for
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
@@ -135,9 +135,7 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
         except CadtofError as error:
             failed = error
         except MemoryError:
-            failed = UnreadableError(
-                f"{source}: not enough memory for a frame of this size: try fewer --jobs, or more memory"
-            )
+            failed = no_memory_for(source)
         except Exception as error:  # noqa: BLE001  (an error that nobody expected must not stop the other frames)
             failed = FrameError(
                 f"{source}: unexpected {type(error).__name__}: {error}; please report it with the frame"
