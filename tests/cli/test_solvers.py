@@ -1,12 +1,16 @@
 """`cadtof resolve` with other solvers, more periods, more paths, pooled neighbours and averaged frames."""
 
 import json
+import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from cadtof_cli.arrays import Stored
 from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows.resolve import frame_task
 from cadtof_cli.workflows.resolve import resolve as resolve_workflow
 from tests.support.forward import depth_m
 from tests.support.mixture_captures import read_maps, write_capture
@@ -110,6 +114,21 @@ def test_a_lone_frame_over_processes_is_the_same_to_the_bit(
     assert one == three
     lines = [json.loads((tmp_path / name / "frames.jsonl").read_text()) for name in ("one", "three")]
     assert {**lines[0], "output": None, "seconds": 0} == {**lines[1], "output": None, "seconds": 0}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_the_time_of_a_frame_includes_its_reading(tmp_path: Path, jobs: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = frame_task.read_stored
+
+    def slowly(*arguments: Any, **named: Any) -> Stored:
+        time.sleep(0.2)
+        return read(*arguments, **named)
+
+    capture = write_capture(tmp_path / "capture", TWO)
+    monkeypatch.setattr(frame_task, "read_stored", slowly)
+    monkeypatch.setattr(resolve_workflow, "WORTH_SPLITTING_S", 0.0)
+    assert resolve(capture, tmp_path / "out", "--jobs", jobs).status == 0
+    assert json.loads((tmp_path / "out" / "frames.jsonl").read_text())["seconds"] > 0.2
 
 
 def test_a_lone_frame_that_cannot_be_read_fails_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -96,14 +96,16 @@ class Recording:
     """How a frame, or the mean of several frames, was read.
 
     Attributes:
+        began: when, as told by `time.monotonic`.
         digest: digest of the stored values.
         files: files of the frame, as they were before they were read; None: a file was missing.
         left_out: how many frames of a mean could not be read and why, in words; None: all were read.
     """
 
+    began: float
     digest: str
     files: tuple[SourceFile, ...] | None
-    left_out: str | None = None
+    left_out: str | None
 
 
 def content_digest(values: Stored, /) -> str:
@@ -114,19 +116,16 @@ def content_digest(values: Stored, /) -> str:
 
 
 def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameReport]:
-    """Return a function that does the work on a task and never fails: every error becomes the report on the frame.
-
-    The function hands on the time when the work on the frame `began`; if the caller does not give it, that is now.
-    """
+    """Return a function that does the work on a task and never fails: every error becomes the report on the frame."""
 
     @wraps(work)
-    def attempted(task: FrameTask, /, *arguments: Any, began: float | None = None) -> Result | FrameReport:
-        began = time.monotonic() if began is None else began
+    def attempted(task: FrameTask, /, *arguments: Any) -> Result | FrameReport:
+        began = time.monotonic()
         status: FrameStatus = "failed"
         failed: CadtofError
         source = task.sources[0]
         try:
-            return work(task, *arguments, began=began)
+            return work(task, *arguments)
         except NotAFrameError as error:
             status, failed = "skipped", error
         except SettingsError as error:
@@ -155,17 +154,17 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
 
 
 @reported
-def resolve_file(task: FrameTask, /, *, began: float) -> FrameReport | Later[FrameReport]:
+def resolve_file(task: FrameTask, /) -> FrameReport | Later[FrameReport]:
     """Read, resolve and write one frame. The steps that wait for the disk are left for later."""
     keep_freed_memory()
-    if task.resume and (kept := kept_maps(task, began=began)):
+    if task.resume and (kept := kept_maps(task)):
         return kept
     frame, recording = read_frame(task)
     resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
-    return written(task, resolved, recording, began=began)
+    return written(task, resolved, recording)
 
 
-def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *, began: float) -> Later[FrameReport]:
+def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /) -> Later[FrameReport]:
     """Prepare the file of a frame's maps. The report on the frame comes later, when the file is on the disk.
 
     Raises:
@@ -193,12 +192,12 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         output_digest=output_digest,
         note=f"{task.output}: {'; '.join(remarks)}" if remarks else None,
     )
-    return Later(partial(_committed, task, file, report, began=began))
+    return Later(partial(_committed, task, file, report, recording.began))
 
 
 @reported
 def _committed(
-    _task: FrameTask, file: PartialFile, report: FrameReport, let_go: Callable[[], None], /, *, began: float
+    _task: FrameTask, file: PartialFile, report: FrameReport, began: float, let_go: Callable[[], None], /
 ) -> FrameReport:
     """Wait until a frame's maps are on the disk, and complete the report. `let_go` is called when no memory holds the maps."""
     size = file.commit(let_go)
@@ -219,7 +218,7 @@ def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object
     return maps, counts
 
 
-def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
+def kept_maps(task: FrameTask, /) -> FrameReport | None:
     """Return the report on the maps of an earlier run if neither maps nor frame have changed; None: resolve the frame.
 
     The frame's values are read and compared only if its files may have changed: if a size or modification time differs, or if a
@@ -228,7 +227,7 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
     Raises:
         FrameError: the frame cannot be read any more.
     """
-    line, files = task.kept_line(), task.files()
+    began, line, files = time.monotonic(), task.kept_line(), task.files()
     if line is None or files is None:
         return None
     if files != line.files or _touched_since(task):
@@ -273,24 +272,24 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
         FrameError: no frame can be read, or none has the size of most frames of the capture; or the files keep changing.
     """
     frame: Stored | FrameMean
-    source, before = task.sources[0], None
+    began, source, before = time.monotonic(), task.sources[0], None
     for _ in range(MOST_READS):
-        files = task.files()
+        files, left_out = task.files(), None
         if len(task.sources) > 1:
-            frame, recording = _read_mean(task, files)
+            frame, digest, left_out = _read_mean(task)
         else:
             frame = read_stored(source, task.layout, size=task.pixels)
             require_plausible(frame, task.plan.metadata, of=source)
-            recording = Recording(content_digest(frame), files)
+            digest = content_digest(frame)
         # the file of a stack that grows changes, but this frame of it does not
-        if task.files() == files or recording.digest == before:
-            return frame, recording
-        before = recording.digest
+        if task.files() == files or digest == before:
+            return frame, Recording(began, digest, files, left_out)
+        before = digest
     raise FrameError(f"{source}: changed while it was read, {MOST_READS} times; expected a file that is complete")
 
 
-def _read_mean(task: FrameTask, files: tuple[SourceFile, ...] | None) -> tuple[FrameMean, Recording]:
-    """Return the mean of a task's frames that can be read, and how it was read."""
+def _read_mean(task: FrameTask) -> tuple[FrameMean, str, str | None]:
+    """Return the mean of a task's frames that can be read; its digest, and which frames were left out (see `Recording`)."""
     metadata = task.plan.metadata
     digests, errors = list[str](), list[FrameError]()
 
@@ -310,4 +309,4 @@ def _read_mean(task: FrameTask, files: tuple[SourceFile, ...] | None) -> tuple[F
 
     mean = frame_mean(readable(), saturated_counts=metadata.voltage.saturated_counts)
     left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
-    return mean, Recording(Digest(",".join(digests).encode()).hexdigest(), files, left_out)
+    return mean, Digest(",".join(digests).encode()).hexdigest(), left_out

@@ -32,7 +32,7 @@ def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:
 
 
 @reported
-def _resolved(task: FrameTask, pixels: FramePixels, *, began: float) -> DepthMaps:  # a part has no time of its own
+def _resolved(task: FrameTask, pixels: FramePixels) -> DepthMaps:
     return resolve_pixels(pixels, plan=task.plan, calibration=task.calibration())
 
 
@@ -55,9 +55,9 @@ def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
 
 
 @reported
-def _prepared(task: FrameTask, count: int, *, began: float) -> FrameReport | list[FramePart]:
+def _prepared(task: FrameTask, count: int) -> FrameReport | list[FramePart]:
     """Return the parts of a frame, after the stages that couple its pixels were done once for the whole frame."""
-    if task.resume and (kept := kept_maps(task, began=began)):
+    if task.resume and (kept := kept_maps(task)):
         return kept
     frame, recording = read_frame(task)
     pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
@@ -76,9 +76,9 @@ def _joined(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome
 
 
 @reported
-def _written(task: FrameTask, first: FramePart, found: Sequence[DepthMaps], *, began: float) -> FrameReport:
+def _written(task: FrameTask, first: FramePart, found: Sequence[DepthMaps]) -> FrameReport:
     """Write the maps that a frame's parts make up. The first part says how the frame was read."""
     assert isinstance(first.pixels, FramePixels)
     assert first.recording is not None
     resolved = joined_parts(first.pixels, found)
-    return written(task, resolved, first.recording, began=began).wait(lambda: None)
+    return written(task, resolved, first.recording).wait(lambda: None)
