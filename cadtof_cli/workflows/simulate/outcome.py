@@ -7,7 +7,12 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.statistics import averaging_gain, confidence_model_v, time_bounds_ns
+from cadtof_cli.simulation.pixel.statistics import (
+    averaging_gain,
+    confidence_model_v,
+    phase_precision_of_mix_rad,
+    time_bounds_ns,
+)
 from cadtof_cli.workflows.simulate.trials import Recordings, Trials, noise_length
 
 SUCCESS_NS = 1.0
@@ -35,6 +40,7 @@ class TrialsSummary:
         confidence_v: mean magnitude of the first phasor's voltages.
         confidence_model_v: the same magnitude by the analytical model.
         phase_std_rad: standard deviation of the first phasor's phase.
+        phase_model_std_rad: the same standard deviation by the analytical model.
         phase_bias_rad: mean of the first phasor's phase minus the phase of the direct path.
         impossible: share of runs whose amplitudes exceed what the modulation can record.
         steps: mean steps of the paper's search from one start; NaN with any other solver.
@@ -44,6 +50,7 @@ class TrialsSummary:
     confidence_v: float
     confidence_model_v: float
     phase_std_rad: float
+    phase_model_std_rad: float
     phase_bias_rad: float
     impossible: float
     steps: float
@@ -63,8 +70,9 @@ def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
     """Return the statistics of all runs."""
     condition, modulation = trials.condition, trials.model.modulation
     mix = condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
-    gain, sample_noise_v = averaging_gain(noise_length(trials.model)), trials.model.sample_noise_v
-    bounds = time_bounds_ns(mix, modulation, variance_gain=gain, sample_noise_v=sample_noise_v)
+    gain, noise_v = averaging_gain(noise_length(trials.model)), trials.model.sample_noise_v
+    bounds = time_bounds_ns(mix, modulation, variance_gain=gain, sample_noise_v=noise_v)
+    precision = phase_precision_of_mix_rad(mix, modulation, variance_gain=gain, sample_noise_v=noise_v)
     phasors = runs.voltages_v[:, 0, 0] + 1j * runs.voltages_v[:, 0, 1]
     lag = np.angle(phasors * np.exp(-2j * math.pi * condition.direct_ns / trials.period_ns))
     none = np.full(len(phasors), np.nan)
@@ -77,6 +85,7 @@ def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
         confidence_v=float(np.abs(phasors).mean()),
         confidence_model_v=float(confidence_model_v(mix, modulation)),
         phase_std_rad=float(np.std(lag, ddof=1)),
+        phase_model_std_rad=float(precision),
         phase_bias_rad=float(np.mean(lag)),
         impossible=float(np.mean(runs.impossible)),
         steps=float(np.mean(runs.steps)) if runs.steps.size else math.nan,

@@ -9,11 +9,10 @@ from cadtof_cli.errors import require
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.documents import csv_text
-from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary
 from cadtof_cli.workflows.simulate.simulate import named_paths, simulate_trials
-from cadtof_cli.workflows.simulate.trials import Trials, noise_length
+from cadtof_cli.workflows.simulate.trials import Trials
 
 MOST_CELLS = 100_000
 
@@ -75,16 +74,11 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
         }
         for name, path in named_paths(outcome).items():
             values |= {f"{name}_{column}": value for column, value in vars(path).items()}
-        mix = trials.condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
-        gain = averaging_gain(noise_length(trials.model))
-        precision = phase_precision_of_mix_rad(
-            mix, trials.model.modulation, variance_gain=gain, sample_noise_v=trials.model.sample_noise_v
-        )
         yield values | {
             "confidence_v": outcome.confidence_v,
             "confidence_model_v": outcome.confidence_model_v,
             "phase_std_rad": outcome.phase_std_rad,
-            "phase_model_std_rad": float(precision),
+            "phase_model_std_rad": outcome.phase_model_std_rad,
             "phase_bias_rad": outcome.phase_bias_rad,
             "impossible": outcome.impossible,
             "steps_per_start": outcome.steps,
