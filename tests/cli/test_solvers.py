@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.resolve import frame_task
 from cadtof_cli.workflows.resolve import resolve as resolve_workflow
@@ -118,11 +119,9 @@ def test_a_lone_frame_over_processes_is_the_same_to_the_bit(
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_the_time_of_a_frame_includes_its_reading(tmp_path: Path, jobs: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    read = frame_task.read_stored
-
     def slowly(*arguments: Any, **named: Any) -> Stored:
         time.sleep(0.2)
-        return read(*arguments, **named)
+        return read_stored(*arguments, **named)
 
     capture = write_capture(tmp_path / "capture", TWO)
     monkeypatch.setattr(frame_task, "read_stored", slowly)
