@@ -108,13 +108,6 @@ class CapturePlan:
             assert layers is not None
             layers()
 
-    def pooling_seconds(self) -> float:
-        """Return about how many seconds the pooling of one frame takes."""
-        from cadtof_cli.phasors.pooling import pooling_seconds
-
-        noise = noise_model(self.plan.metadata, integration_length=1e5, quantised=False)
-        return pooling_seconds(self.pixels or (0, 0), noise, window=self.settings.maps.pool)
-
     def notes(self) -> Iterator[str]:
         """Yield notes on what is assumed about the capture, and warnings of what is likely wrong with it."""
         source, root = self.capture.source, self.capture.root
@@ -281,9 +274,13 @@ def new_frames(frames: Sequence[FrameSource], counted: Collection[str], /) -> in
 
 def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:
     """Yield a note on how long a run will take, if pooling makes it so long that the progress bar shows nothing for a while."""
-    pooling = sum(one.expected_maps * one.pooling_seconds() for one in plans)
-    maps = sum(one.expected_maps for one in plans)
-    seconds = pooling / max(min(settings.workers.jobs, maps), 1)
+    from cadtof_cli.phasors.pooling import pooling_seconds
+
+    maps, seconds = sum(one.expected_maps for one in plans), 0.0
+    for one in plans:
+        noise = noise_model(one.plan.metadata, integration_length=1e5, quantised=False)
+        seconds += one.expected_maps * pooling_seconds(one.pixels or (0, 0), noise, window=settings.maps.pool)
+    seconds /= max(min(settings.workers.jobs, maps), 1)
     if seconds > _SLOW_RUN_S:
         told = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
         yield f"--pool {settings.maps.pool}: {counted(maps, 'frame')} will take about {told}"
