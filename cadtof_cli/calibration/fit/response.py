@@ -100,7 +100,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     _require_light(pixels)
     _require_one_response(pixels, usable.reshape(origin.pixels), origin, metadata.optics)
     rest = _fit_rest(every, seen, terms.terms)
-    findings = [*terms.findings, *_assumptions(metadata, seen, known_optics)]
+    findings = [*terms.findings, *_assumptions(seen, known_optics)]
     curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
     if known_optics:
         curvature, errors, own = _without_curvature(pixels, usable, metadata, origin)
@@ -146,7 +146,7 @@ def _fit_rest(every: Observations, seen: Bool, terms: Terms) -> RestFit:
     return RestFit(where, phase[:, where], log_gain[:, where])
 
 
-def _assumptions(metadata: CaptureMetadata, seen: Bool, known_optics: bool) -> list[str]:
+def _assumptions(seen: Bool, known_optics: bool) -> list[str]:
     said = ["gains are relative to harmonic 1, because its own gain cannot be separated from the target's reflectivity"]
     if known_optics:
         said.append("the targets are assumed to face the camera; their ranges follow from the optics")

@@ -22,6 +22,12 @@ from cadtof_cli.simulation.pixel.waveforms import (
     square_series,
 )
 
+_NO_NOISE = 1e-6
+"""Standard deviation, relative to the amplitude of the modulation, of voltages that have no noise.
+
+Photons that all arrive at the same time give the same voltage. A bound needs some noise; this one is too small to see.
+"""
+
 
 @dataclass(frozen=True)
 class VoltageStatistics:
@@ -164,8 +170,10 @@ def time_bounds_ns(
     information = np.zeros((2 * len(present), 2 * len(present)))
     for harmonic, (first, both, second) in zip(modulation.harmonics, noise.covariances_v2, strict=True):
         slopes = modulation.amplitude_v * _slopes(mix, modulation, harmonic)[:, present].reshape(-1)
-        jacobian = np.stack([slopes.real, slopes.imag])
-        information += jacobian.T @ np.linalg.solve(np.array([[first, both], [both, second]]), jacobian)
+        variances, axes = np.linalg.eigh(np.array([[first, both], [both, second]]))
+        along = axes.T @ np.stack([slopes.real, slopes.imag])
+        least = (_NO_NOISE * modulation.amplitude_v) ** 2
+        information += along.T @ (along / np.maximum(variances, least)[:, np.newaxis])
     bounds = np.full(len(mix.photons), np.nan)
     bounds[present] = np.inf
     if np.linalg.cond(information) < 1e14:

@@ -144,6 +144,20 @@ def test_bound_is_infinite_where_paths_coincide_and_absent_without_photons() -> 
     assert np.isnan(alone[1])
 
 
+def test_bound_without_any_noise_is_nothing() -> None:
+    """Without ambient light and with a pulse of no length, all photons of one path give the same voltages."""
+    mix = replace(paper_mix(0.0, mpi_ratio=0.0), fwhm_ns=0.0)
+    assert 0.0 < time_bounds_ns(mix, Modulation(), variance_gain=1e-5)[0] < 1e-4
+
+
+def test_bound_of_voltages_with_noise_in_one_direction_is_that_with_a_little_ambient_light() -> None:
+    """Two paths, without ambient light and with a pulse of no length: the voltages vary along one line only."""
+    without, little = (
+        time_bounds_ns(replace(paper_mix(asr), fwhm_ns=0.0), Modulation(), variance_gain=1e-5) for asr in (0.0, 1e-5)
+    )
+    np.testing.assert_allclose(without, little, rtol=0.01)
+
+
 def test_taking_triangles_for_sines_costs_up_to_68_mm() -> None:
     delays = np.linspace(0.0, 40.0, 801)
     mix = PhotonMix(

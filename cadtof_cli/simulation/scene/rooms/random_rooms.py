@@ -116,7 +116,7 @@ def _furnished(
             turn = float(generator.uniform(-math.pi, math.pi))
             x, z = float(generator.uniform(0, width)), float(generator.uniform(0, depth))
             if generator.random() < AGAINST_WALL:
-                x, z, turn = _against_wall(x, z, half_width, half_depth, draft.size_m)
+                x, z, turn = _against_wall(x, z, half_depth, draft.size_m)
                 across, along = (half_width, half_depth) if abs(math.cos(turn)) > 0.5 else (half_depth, half_width)
             else:
                 across = along = radius
@@ -131,9 +131,7 @@ def _furnished(
     return boxes, balls
 
 
-def _against_wall(
-    x: float, z: float, half_width: float, half_depth: float, size_m: Vector
-) -> tuple[float, float, float]:
+def _against_wall(x: float, z: float, half_depth: float, size_m: Vector) -> tuple[float, float, float]:
     """Return the place and the turn of a piece with its back to the left, right or far wall, whichever is nearest."""
     width, _, depth = size_m
     gap = half_depth + 0.02
