@@ -161,10 +161,10 @@ class Truth:
         _require_metres(file, known, direct)
         return known
 
-    def tell_of_captures(self, files: Sequence[Path], say: Callable[[str], None], /) -> None:
+    def tell_of_captures(self, say: Callable[[str], None], /) -> None:
         """Say so if one file is the truth of the maps of several captures."""
-        captures = len(self.run.record.get("captures", [])) if self.run.record else 1
-        if captures > 1 and len(files) > 1 and not is_folder(self.given):
+        captures = self.run.captures_shown
+        if captures > 1 and not is_folder(self.given):
             say(
                 f"{self.given}: the frames of {captures} captures are compared with this one truth; a folder may hold a truth for"
                 " each"
