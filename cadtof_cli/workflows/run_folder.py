@@ -105,6 +105,12 @@ class Run:
         words = (header.get("depth") for header in self._headers())
         return next((_DEPTH_BY_WORDS[said] for said in words if said in _DEPTH_BY_WORDS), None)
 
+    @property
+    def captures_shown(self) -> int:
+        """How many captures the maps are of: each capture of a run has a folder of its own. Without a record it is 1."""
+        recorded = len(self.record.get("captures", [])) if self.record else 1
+        return min(recorded, len({Path(self.name(file)).parent for file in self.files}))
+
     def optics(self, file: Path, /) -> Optics:
         """Return the optics of a map's recorded frame from the run's record. Without a record they are unknown.
 

@@ -303,6 +303,11 @@ def test_each_capture_is_compared_with_its_own_truth(tree: Path) -> None:
     assert medians["b/two/frame_0"] == pytest.approx(3.0, abs=0.1)
     one = shell("cadtof evaluate out --truth rec/a/truth.exr", tree)
     assert "rec/a/truth.exr: the frames of 3 captures are compared with this one truth" in one.err
+    two = shell("cadtof evaluate out/b --truth rec/b/truth.exr --over-time b.exr", tree)
+    assert "rec/b/truth.exr: the frames of 2 captures are compared with this one truth" in two.err
+    assert "out/b: --over-time takes the maps of 2 captures for one scene at rest; the folder of one capture" in two.err
+    alone = shell("cadtof evaluate out/b/one --truth rec/b/truth.exr --over-time one.exr", tree)
+    assert (alone.status, alone.err) == (0, "")
     _require_same_pages_and_pictures(tree)
     (tree / "rec" / "a" / "truth.exr").unlink()
     done = shell("cadtof report out -o none.html --truth rec", tree)

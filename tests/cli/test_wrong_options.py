@@ -197,6 +197,37 @@ def test_a_map_says_itself_that_its_depths_are_planar(capture: Path, tmp_path: P
     assert "--depth: found range, expected z" in contradicted.err
 
 
+def test_maps_that_serve_as_truth_say_what_they_hold(capture: Path, tmp_path: Path) -> None:
+    """A run of longer exposure may be the truth of another run; z depth, or other pixels, gave errors of decimetres."""
+    resolve = ("resolve", capture, "-j", 1, "-q", *FOCAL)
+    for name, options in (
+        ("range", ()),
+        ("z", ("--depth", "z")),
+        ("a", ("--roi", "0,0,6,5")),
+        ("b", ("--roi", "2,1,8,6")),
+    ):
+        assert cadtof(*resolve, "-o", tmp_path / name, *options).status == 0
+    (frame,) = (path.name for path in (tmp_path / "range").glob("frame_*"))
+
+    def refusals(maps: str, truth: str) -> set[str]:
+        given = (tmp_path / maps, "--truth", tmp_path / truth / frame)
+        tried = [
+            cadtof("evaluate", *given),
+            cadtof("profile", *given, "--row", 1),
+            cadtof("preview", *given, "-o", tmp_path / f"{maps}_{truth}.png"),
+            cadtof("report", *given, "-o", tmp_path / f"{maps}_{truth}.html"),
+        ]
+        assert len({done.status for done in tried}) == 1
+        return {done.err for done in tried if done.status}
+
+    (planar,) = refusals("range", "z")
+    assert planar.startswith(f"Error: {tmp_path / 'z' / frame}: holds z depth, and truth is radial range")
+    (other_part,) = refusals("a", "b")
+    assert f"a shows pixels 0,0,6,5 and {tmp_path / 'b' / frame} 2,1,8,6: resolve both with" in other_part
+    for maps, truth in (("range", "range"), ("a", "a"), ("b", "range")):
+        assert refusals(maps, truth) == set()
+
+
 @pytest.mark.parametrize("width", [1, 2])
 @pytest.mark.parametrize("height", [1, 5])
 @pytest.mark.parametrize("form", ["tif", "exr"])

@@ -51,7 +51,7 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
     run = read_run(maps)
     files = run.require_maps()
     known = Truth(truth, run)
-    known.tell_of_captures(files, progress.say)
+    known.tell_of_captures(progress.say)
     recorded = first_phasors(run, progress.say)
     whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.advance(0, total=len(files))
@@ -95,6 +95,11 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     require_new(out, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
+    if run.captures_shown > 1:
+        progress.say(
+            f"{maps}: --over-time takes the maps of {run.captures_shown} captures for one scene at rest; the folder of one"
+            " capture gives its own scatter"
+        )
     for stranger in run.unnamed_files():
         progress.say(
             f"{stranger}: {FRAMES_FILE} does not name it, so it may be of another run; it is counted all the same"

@@ -2,8 +2,8 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -88,9 +88,21 @@ def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     return layers[name]
 
 
-def _direct_depth(path: Path) -> Float:
-    """Return the direct depth in a map or truth file, float64 (Y, X) in m."""
-    return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
+def true_layer(run: Run, layer: str, path: Path, /) -> Float:
+    """Return a layer of the truth of a run's maps, float64 (Y, X): of whole frames, or of the part that the maps show.
+
+    Maps of another run may serve as truth. The header of such a map says what it holds; other truth says nothing.
+
+    Raises:
+        SettingsError: the truth holds z depth, or another part of the frames.
+    """
+    # without a record: a `run.json` beside the truth may be that of other maps
+    said = Run(path, (path,), path.parent, None)
+    if layer.endswith(".depth"):
+        _require_range(said)
+    if said.roi:
+        _require_same_part(run, said)
+    return layer_of(read_layers(path), layer, path).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -104,15 +116,15 @@ class Truth:
 
     given: Path
     run: Run
-    _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(_direct_depth), repr=False)
 
     def __post_init__(self) -> None:
         """Raise CaptureError if the truth does not exist. Raise SettingsError if the maps hold z depth: truth is radial range."""
         require_truth(self.given)
-        if self.run.depth_kind == "z":
-            raise SettingsError(
-                f"{self.run.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
-            )
+        _require_range(self.run)
+
+    @cached_property
+    def _read(self) -> Callable[[Path], Float]:
+        return lru_cache(maxsize=1)(partial(true_layer, self.run, DIRECT_DEPTH))
 
     def file(self, map_file: Path, /) -> Path:
         """Return the file with the truth of a map. In a folder, it is the `truth.*` in the place that the map has in its run.
@@ -149,10 +161,10 @@ class Truth:
         _require_metres(file, known, direct)
         return known
 
-    def tell_of_captures(self, files: Sequence[Path], say: Callable[[str], None], /) -> None:
+    def tell_of_captures(self, say: Callable[[str], None], /) -> None:
         """Say so if one file is the truth of the maps of several captures."""
-        captures = len(self.run.record.get("captures", [])) if self.run.record else 1
-        if captures > 1 and len(files) > 1 and not is_folder(self.given):
+        captures = self.run.captures_shown
+        if captures > 1 and not is_folder(self.given):
             say(
                 f"{self.given}: the frames of {captures} captures are compared with this one truth; a folder may hold a truth for"
                 " each"
@@ -183,6 +195,14 @@ def require_truth(path: Path, /) -> None:
         raise CaptureError(f"{path}: no such file or folder; expected the truth of the maps")
 
 
+def _require_range(run: Run) -> None:
+    """Raise SettingsError if maps hold z depth."""
+    if run.depth_kind == "z":
+        raise SettingsError(
+            f"{run.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
+        )
+
+
 def require_same_depth(run: Run, other: Run, /) -> None:
     """Make sure that the maps of two runs hold the same kind of depth.
 
@@ -202,8 +222,12 @@ def require_same_pixels(run: Run, other: Run, /) -> None:
     Raises:
         SettingsError: they show different parts.
     """
-    if run.record is None or other.record is None:
-        return
+    if run.record is not None and other.record is not None:
+        _require_same_part(run, other)
+
+
+def _require_same_part(run: Run, other: Run) -> None:
+    """Raise SettingsError if maps of the same size of two runs show different parts of the recorded frames."""
     # maps without --roi begin at 0,0; where maps of the same size begin at the same pixel, they also end at the same
     first, second = (tuple(one.roi) if one.roi else (0, 0) for one in (run, other))
     if first[: len(second)] != second[: len(first)]:

@@ -24,6 +24,7 @@ from cadtof_cli.workflows.inspect.layers import (
     require_same_pixels,
     require_same_size,
     require_truth,
+    true_layer,
 )
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
@@ -157,7 +158,7 @@ def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
 def _truth(truth: Path, run: Run, file: Path, layer: str, size: tuple[int, ...]) -> Float:
     """Return the truth of the layer, (Y, X). Depths are of the kind that the maps hold: radial range, or planar depth."""
     require_truth(truth)
-    whole = layer_of(read_layers(truth), layer, truth).astype(np.float64)
+    whole = true_layer(run, layer, truth)
     if run.depth_kind == "z" and layer.endswith(".depth"):
         whole = whole * planar_per_range(run.optics(file), (whole.shape[0], whole.shape[1]))
     known = run.cropped(whole)

@@ -85,7 +85,7 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     truth = None
     if settings.truth is not None:
         truth = Truth(settings.truth, run)
-        truth.tell_of_captures(run.files, progress.say)
+        truth.tell_of_captures(progress.say)
     reader = _Reader(run, settings, truth, first_phasors(run, progress.say))
     gathered = _gathered(reader, progress)
     if run.record is None and not gathered.shown:
