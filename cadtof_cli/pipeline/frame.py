@@ -7,7 +7,6 @@ resolve a part of it.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -154,7 +153,7 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -
     kernel has."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
-    response, tail = stages.response, pixels.tail
+    response = stages.response
     step = BLOCK_PIXELS if stages.solver_module == CLOSED_FORM else SEARCHED_BLOCK_PIXELS
     for start in range(0, pixels.stored.shape[2], step):
         here = slice(start, start + step)
@@ -167,7 +166,7 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -
             noise=block.noise,
             response=response.block(there) if response else None,
             first=block.first,
-            tail=tail.block(there) if tail else None,
+            tail=pixels.tail,
         )
         if stages.plan.calibration is not None:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
@@ -233,14 +232,13 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels
 
     noise = pixels.noise
     traits = (traits_of_frames if noise.samples is None else frame_traits)(stages, noise, pixels.stored.dtype)
-    harmonics, sampled = traits.settings.harmonics, None
-    if traits.look is not None and is_compiled_for(len(harmonics)):
+    sampled = None
+    if traits.look is not None and is_compiled_for(len(noise.harmonics)):
         light = compiled_light(pixels.stored, traits.look, traits.grid)
     else:
         sampled = frame_samples(pixels, stages, traits.grid)
         light = sampled.light()
-    means_of = partial(patch_means, variance=traits.variances[0], harmonics=harmonics, shared=traits.shared.pixels)
-    means = means_of(light, light.seen)
+    means = patch_means(light, light.seen, traits)
     kinds = patch_kinds(light, means, traits)
     if kinds.choice.reason != "tail":
         return replace(pixels, choice=kinds.choice)
@@ -252,7 +250,7 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels
         for _ in range(FREEING_ROUNDS):
             if not isinstance(model, str):
                 light = sampled.light(model)
-                model = diffuse_model(light, means_of(light, light.seen), kinds, traits)
+                model = diffuse_model(light, patch_means(light, light.seen, traits), kinds, traits)
     if isinstance(model, str):
         return replace(pixels, choice=replace(kinds.choice, reason=model))
     return replace(pixels, choice=model.choice, tail=model)

@@ -94,9 +94,10 @@ def pixel_evidence(
         settings=stages.resolver,
         noise=pixel.noise,
         response=response.block(here) if response else None,
-        tail=tail.block(here) if tail else None,
+        tail=tail,
+        first=index,
     )
-    free, nets = (phasors, None) if tail is None or response else freed_pixels(phasors, tail.block(here))
+    free, nets = (phasors, None) if tail is None or response else freed_pixels(phasors, tail, first=index)
     fits = {count: _fit(free, count, pixel, here, stages) for count in (1, 2)}
     one, two = fits[1], fits[2]
     answered_by_tail = bool(resolved.status[0] & StatusBit.DIFFUSE_MPI)

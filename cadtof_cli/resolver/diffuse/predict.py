@@ -166,7 +166,7 @@ def _two_path_chi_squared(patches: LitPatches, frame: FrameTraits) -> Float:
     if len(frame.settings.harmonics) == 2:
         # there are no further harmonics
         return np.zeros(patches.amplitude.size)
-    data = PatchData.of(patches.means, patches.valid, frame.variances, frame.settings.harmonics)
+    data = PatchData.of(patches.means, patches.valid, frame)
     tolerated = np.diagonal(patches.model_error).T[:-2].reshape(2, *patches.ratios.shape)
     with np.errstate(all="ignore"):
         return further_chi_squared(SecondPaths.of(data), replace(data, tolerated=tolerated))

@@ -107,10 +107,6 @@ class DiffuseModel:
     nets: Nets | None = None
     terms: TermTails | None = None
 
-    def block(self, pixels: slice, /) -> "DiffuseBlock":
-        """Return the model for consecutive pixels of the frame; the slice holds flat indices, row by row."""
-        return DiffuseBlock(self, pixels)
-
     def tails_of_patches(self, pixels: Index, /) -> PixelTails:
         """Return the tail of pixels, given by flat indices; each pixel gets the tail of its patch.
 
@@ -137,14 +133,6 @@ class DiffuseModel:
     def is_separate(self, pixels: slice, /) -> Bool:
         """Return which of consecutive pixels, flat indices row by row, lie in patches with separate paths, (n,)."""
         return np.asarray(self.separate[self.upsampler.grid.patch_of(np.arange(pixels.start, pixels.stop))])
-
-
-@dataclass(frozen=True, eq=False)
-class DiffuseBlock:
-    """The model of a frame, and the consecutive pixels that it is to answer: flat indices row by row."""
-
-    model: DiffuseModel
-    pixels: slice
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,4 +75,3 @@ def test_separate_pixels_and_offsets_of_a_part_are_those_of_its_pixels() -> None
     without_offset = model_of(phasors_of(wall_range(), tail))
     assert isinstance(without_offset, DiffuseModel)
     assert without_offset.range_offset(part) == 0.0
-    assert found.block(slice(3, 9)).pixels == slice(3, 9)
