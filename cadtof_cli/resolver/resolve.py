@@ -81,8 +81,8 @@ def resolve_paths(
             bits = np.where(answered, bits, status)
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
-        if predicted is not None:
-            _put_tail(fit, predicted, nets)
+        if tail is not None and predicted is not None:
+            _put_tail(fit, predicted, nets, tail.separate_variance)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
     return _resolved(fit, confidence, bits, noise)
 
@@ -174,14 +174,13 @@ def _of_tail(predicted: "DiffusePixels") -> Fit:
     return Fit(Paths(amplitude, phase_rad, sigma_rad), chi_squared, np.ones(count, np.bool_), np.zeros(count))
 
 
-def _put_tail(fit: Fit, predicted: "DiffusePixels", nets: "NetPixels | None") -> None:
+def _put_tail(fit: Fit, predicted: "DiffusePixels", nets: "NetPixels | None", left: float) -> None:
     """Write the direct light and the MPI light into `fit` as two paths, in pixels with a predicted tail.
 
-    The other pixels get the variance that the tail still adds to the phases of their separate paths: the room's tail,
-    or what is left of it in pixels that look through a net.
+    The other pixels get the variance that the tail still adds to the phases of their separate paths: `left`, rad², by
+    the room's tail, or what is left of it in pixels that look through a net.
     """
     where, paths = predicted.answered, fit.paths
-    left = predicted.separate_variance
     paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + (left if nets is None else nets.variance(left)))
     for row, (amplitude, phase, sigma) in enumerate((predicted.direct, predicted.mpi)):
         np.copyto(paths.amplitude[row], amplitude, where=where)

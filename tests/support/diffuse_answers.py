@@ -70,8 +70,8 @@ def predicted(phasors: Z, model: DiffuseModel, *, usable: B | None = None, step:
         diffuse_pixels(flat[:, a : a + step], model=model, first=a, usable=use[a : a + step])
         for a in range(0, count, step)
     ]
-    joined = (np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(DiffusePixels)[1:])
-    return DiffusePixels(model.separate_variance, *joined)
+    joined = (np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(DiffusePixels))
+    return DiffusePixels(*joined)
 
 
 def answers(phasors: Z, *, focal_px: float | None = 60.0, n_av: float = 1e5, model: MpiModel = "auto") -> DiffusePixels:

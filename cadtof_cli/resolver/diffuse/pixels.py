@@ -95,10 +95,11 @@ def diffuse_pixels(
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
     direct = _direct(seen, shrink, lag, np.maximum(posterior.covariance[1, 1], floor) + planes[-2])
     mpi = _mpi(seen, direct[1], shrink, lag, planes[-1])
-    answer = DiffusePixels(model.separate_variance, answered, *direct, *mpi, posterior.chi_squared)
+    rows = (*direct, *mpi, posterior.chi_squared)
     if not every:
-        answer.clear(~answered)
-    return answer
+        for row in rows:
+            row[~answered] = np.nan
+    return DiffusePixels(answered, *rows)
 
 
 def pixels_of_sine(
@@ -131,7 +132,7 @@ def _by_kernel(phasors: Complex, model: DiffuseModel, first: int, usable: Bool, 
     answered, rows = np.empty(usable.size, np.bool_), np.empty((7, usable.size), np.float32)
     given = [None if one is None else np.ascontiguousarray(one) for one in (phasors, usable, samples)]
     extension().answer_tail(chosen_kernel(), *given, answered, rows, *tail_buffers(model, first))
-    return DiffusePixels(model.separate_variance, answered, *rows)
+    return DiffusePixels(answered, *rows)
 
 
 def tail_buffers(model: DiffuseModel, first: int, /) -> Buffers:

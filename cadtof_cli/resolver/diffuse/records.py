@@ -1,6 +1,5 @@
 """Records that the prediction returns: the model of a frame, and the answers of its pixels."""
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -141,11 +140,8 @@ class DiffusePixels:
 
     `direct_phase_rad` lies in [0, 2π). The MPI light is given by its phasor at the fundamental; its phase lies between
     the direct phase and a turn later. `chi_squared` is χ² of the pixel's data about the values that its patches expect.
-    `separate_variance`, rad², is what the room's tail adds to the variance of the phases of pixels that are left to
-    separate paths.
     """
 
-    separate_variance: float
     answered: Bool
     direct_amplitude: Float32
     direct_phase_rad: Float32
@@ -164,8 +160,3 @@ class DiffusePixels:
     def mpi(self) -> tuple[Float32, Float32, Float32]:
         """Amplitude, phase and standard deviation of the MPI light."""
         return self.mpi_amplitude, self.mpi_phase_rad, self.mpi_sigma_rad
-
-    def clear(self, pixels: Bool, /) -> None:
-        """Set the answers of the given pixels, a mask (n,), to NaN."""
-        for field in fields(self)[2:]:
-            getattr(self, field.name)[pixels] = np.nan

@@ -62,7 +62,7 @@ def test_the_compiled_search_receives_the_problem_unchanged(number: int, kind: s
     samples, begins = np.linspace(1.0, 3.0, COUNT), paths().points
     found, call = handed_over("solve", SOLVER.solve, given, begins, samples=samples)
     assert call[:6] == [OTHER_KERNEL, number, 2, 17, 0.02, 0.005]
-    expected = (HARMONICS, measured().re, measured().im, weights, begins, 0.3 / samples)
+    expected: tuple[Any, ...] = (HARMONICS, measured().re, measured().im, weights, begins, 0.3 / samples)
     for received, sent in zip(call[6:12], expected, strict=True):
         np.testing.assert_allclose(received, sent, rtol=1e-15)
     assert [id(part) for part in call[12:]] == [id(part) for part in vars(found).values()]
