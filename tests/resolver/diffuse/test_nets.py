@@ -72,8 +72,9 @@ def seen_in(
     posterior = tail_values()[:, None] + np.zeros(int(every.sum()))
     posterior[-1] = lag_rad[every]
     # the other fields play no part
-    given: Any = SimpleNamespace(valid=every, means=means), SimpleNamespace(posterior=posterior)
-    return find_nets(*given, traits_of(HARMONICS, 0.0, grid()))
+    patches: Any = SimpleNamespace(valid=every, means=means)
+    fit: Any = SimpleNamespace(posterior=posterior)
+    return find_nets(patches, fit, traits_of(HARMONICS, 0.0, grid()))
 
 
 def tail_values() -> Float:
