@@ -14,7 +14,9 @@ from cadtof_cli.units import metres_per_radian
 def test_a_random_search_starts_where_it_starts_in_the_whole_frame() -> None:
     """With one start per pixel, some searches end elsewhere if they begin with the starts of another pixel."""
     resolver = ResolverSettings(solver="lm", order="2", starts=1, false_alarm=0.5)
-    metadata = CaptureMetadata(modulation=Modulation(periods_ns=(40.0, 20.0, 40.0 / 3.0)), pixel=Pixel(integration_length=1e5))
+    metadata = CaptureMetadata(
+        modulation=Modulation(periods_ns=(40.0, 20.0, 40.0 / 3.0)), pixel=Pixel(integration_length=1e5)
+    )
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=resolver))
     stored = 0.05 * np.random.default_rng(1).normal(size=(3, 2, 8, 8))
     depth_m = resolve_frame(stored, plan=plan).maps.layer(DIRECT_DEPTH).ravel()
