@@ -233,7 +233,7 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels
     noise = pixels.noise
     traits = (traits_of_frames if noise.samples is None else frame_traits)(stages, noise, pixels.stored.dtype)
     sampled = None
-    if traits.look is not None and is_compiled_for(len(noise.harmonics)):
+    if traits.look is not None and is_compiled_for(len(traits.settings.harmonics)):
         light = compiled_light(pixels.stored, traits.look, traits.grid)
     else:
         sampled = frame_samples(pixels, stages, traits.grid)
