@@ -7,7 +7,6 @@ resolve a part of it.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -222,14 +221,13 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels
 
     noise = pixels.noise
     traits = (traits_of_frames if noise.samples is None else frame_traits)(stages, noise, pixels.stored.dtype)
-    harmonics, sampled = traits.settings.harmonics, None
-    if traits.look is not None and is_compiled_for(len(harmonics)):
+    sampled = None
+    if traits.look is not None and is_compiled_for(len(traits.settings.harmonics)):
         light = compiled_light(pixels.stored, traits.look, traits.grid)
     else:
         sampled = frame_samples(pixels, stages, traits.grid)
         light = sampled.light()
-    means_of = partial(patch_means, variance=traits.variances[0], harmonics=harmonics, shared=traits.shared.pixels)
-    means = means_of(light, light.seen)
+    means = patch_means(light, light.seen, traits)
     kinds = patch_kinds(light, means, traits)
     if kinds.choice.reason != "tail":
         return replace(pixels, choice=kinds.choice)
@@ -241,7 +239,7 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels
         for _ in range(FREEING_ROUNDS):
             if not isinstance(model, str):
                 light = sampled.light(model)
-                model = diffuse_model(light, means_of(light, light.seen), kinds, traits)
+                model = diffuse_model(light, patch_means(light, light.seen, traits), kinds, traits)
     if isinstance(model, str):
         return replace(pixels, choice=replace(kinds.choice, reason=model))
     return replace(pixels, choice=model.choice, tail=model)

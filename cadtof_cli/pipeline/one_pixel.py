@@ -89,7 +89,7 @@ def pixel_evidence(
     pixel = pixels[here]
     tail, response, phasors = pixels.tail, stages.response, stages.phasors(pixel)
     resolved = stages.resolved(pixel)
-    free, nets = (phasors, None) if tail is None or response else freed_pixels(phasors, tail.block(here))
+    free, nets = (phasors, None) if tail is None or response else freed_pixels(phasors, tail, first=index)
     fits = {count: _fit(free, count, pixel, here, stages) for count in (1, 2)}
     one, two = fits[1], fits[2]
     answered_by_tail = bool(resolved.status[0] & StatusBit.DIFFUSE_MPI)

@@ -103,7 +103,7 @@ class FrameStages:
             settings=self.resolver,
             noise=pixels.noise,
             response=response.block(here) if response else None,
-            tail=tail.block(here) if tail else None,
+            tail=tail,
             first=pixels.first,
         )
 
@@ -189,7 +189,7 @@ def kernel_of_frame(
     if tail is not None:
         from cadtof_cli.resolver.diffuse.pixels import tail_buffers
 
-        buffers = tail_buffers(tail.block(block))
+        buffers = tail_buffers(tail, first)
     scales = KernelScales(
         phasor_map=stages.correction.phasor_map[block] if source_type.kind != "c" else None,
         saturated_counts=stages.saturated_counts,

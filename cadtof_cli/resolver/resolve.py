@@ -16,7 +16,7 @@ from cadtof_cli.resolver.status import StatusBit
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.net_pixels import NetPixels
-    from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
+    from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
     from cadtof_cli.resolver.response.table import ResponseBlock
 
 
@@ -28,7 +28,7 @@ def resolve_paths(
     settings: ResolverSettings,
     noise: NoiseModel,
     response: "ResponseBlock | None" = None,
-    tail: "DiffuseBlock | None" = None,
+    tail: "DiffuseModel | None" = None,
     first: int = 0,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
@@ -39,7 +39,7 @@ def resolve_paths(
 
     `response` is the response of the channel pairs if it is no pure sine. `tail` is the model of the frame's diffuse
     MPI: it answers all pixels except those of patches with separate paths. `first` is the flat index in the frame of
-    the first of the n pixels; the starts of a random search depend on it and on the seed.
+    the first of the n pixels; the tail, and with the seed the starts of a random search, depend on it.
 
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
@@ -47,10 +47,10 @@ def resolve_paths(
     make_solver = solver_for(settings, noise.harmonics, sine=response is None)
     # The tail answers first, because it leaves only few pixels to the solver. But a net is found in phasors of a pure
     # sine: with a response, these follow from the solver's paths, so there the solver runs first.
-    tail_first = tail is None or response is None or tail.model.nets is None
+    tail_first = tail is None or response is None or tail.nets is None
     before, after = (tail, None) if tail_first else (None, tail)
     with np.errstate(all="ignore"):
-        free, nets = _freed(phasors, before)
+        free, nets = _freed(phasors, before, first)
         start = partial(make_solver, free, noise=noise, settings=settings, response=response, first=first)
         solver: Solver | None = start() if before is None else None
         powers = list(free.real**2 + free.imag**2) if solver is None else solver.powers
@@ -62,7 +62,7 @@ def resolve_paths(
         predicted = None
         if before is not None:
             usable = answered if nets is None else answered & ~nets.where
-            predicted = _predicted(phasors, before, usable, noise, response)
+            predicted = _predicted(phasors, before, first, usable, noise, response)
             answered &= ~predicted.answered
             if not answered.any():
                 bits = status | predicted.answered * np.uint32(StatusBit.DIFFUSE_MPI)
@@ -72,31 +72,36 @@ def resolve_paths(
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            free, nets = _freed(sine, after)
+            free, nets = _freed(sine, after, first)
             usable = answered if nets is None else answered & ~nets.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
-            predicted = _predicted(phasors, after, usable, noise, response)
+            predicted = _predicted(phasors, after, first, usable, noise, response)
         bits = _bits(fit)
         if not answered.all():
             bits = np.where(answered, bits, status)
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
-        if predicted is not None:
-            _put_tail(fit, predicted, nets)
+        if tail is not None and predicted is not None:
+            _put_tail(fit, predicted, nets, tail.separate_variance)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
     return _resolved(fit, confidence, bits, noise)
 
 
 def _predicted(
-    phasors: Complex, tail: "DiffuseBlock", usable: Bool, noise: NoiseModel, response: "ResponseBlock | None"
+    phasors: Complex,
+    tail: "DiffuseModel",
+    first: int,
+    usable: Bool,
+    noise: NoiseModel,
+    response: "ResponseBlock | None",
 ) -> "DiffusePixels":
     """Return the answers that the tail's model gives for the usable pixels."""
     from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels, pixels_of_sine
 
     samples = noise.samples
     if response is not None:
-        phasors, samples = pixels_of_sine(phasors, tail=tail, response=response, samples=samples)
-    return diffuse_pixels(phasors, tail=tail, usable=usable, samples=samples)
+        phasors, samples = pixels_of_sine(phasors, model=tail, first=first, response=response, samples=samples)
+    return diffuse_pixels(phasors, model=tail, first=first, usable=usable, samples=samples)
 
 
 def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sine: bool) -> Callable[..., Solver]:
@@ -110,7 +115,7 @@ def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sin
     return made
 
 
-def _freed(phasors: Complex, tail: "DiffuseBlock | None") -> "tuple[Complex, NetPixels | None]":
+def _freed(phasors: Complex, tail: "DiffuseModel | None", first: int) -> "tuple[Complex, NetPixels | None]":
     """Return the phasors with the tails subtracted in pixels that look through a net, and the record of these pixels.
 
     Without a tail, or without a net in the frame, return the given phasors and None.
@@ -119,7 +124,7 @@ def _freed(phasors: Complex, tail: "DiffuseBlock | None") -> "tuple[Complex, Net
         return phasors, None
     from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 
-    return freed_pixels(phasors, tail)
+    return freed_pixels(phasors, tail, first=first)
 
 
 def _resolved(fit: Fit, confidence: Float, bits: Status, noise: NoiseModel) -> ResolvedPaths:
@@ -169,14 +174,13 @@ def _of_tail(predicted: "DiffusePixels") -> Fit:
     return Fit(Paths(amplitude, phase_rad, sigma_rad), chi_squared, np.ones(count, np.bool_), np.zeros(count))
 
 
-def _put_tail(fit: Fit, predicted: "DiffusePixels", nets: "NetPixels | None") -> None:
+def _put_tail(fit: Fit, predicted: "DiffusePixels", nets: "NetPixels | None", left: float) -> None:
     """Write the direct light and the MPI light into `fit` as two paths, in pixels with a predicted tail.
 
-    The other pixels get the variance that the tail still adds to the phases of their separate paths: the room's tail,
-    or what is left of it in pixels that look through a net.
+    The other pixels get the variance that the tail still adds to the phases of their separate paths: `left`, rad², by
+    the room's tail, or what is left of it in pixels that look through a net.
     """
     where, paths = predicted.answered, fit.paths
-    left = predicted.separate_variance
     paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + (left if nets is None else nets.variance(left)))
     for row, (amplitude, phase, sigma) in enumerate((predicted.direct, predicted.mpi)):
         np.copyto(paths.amplitude[row], amplitude, where=where)

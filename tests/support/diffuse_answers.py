@@ -48,7 +48,7 @@ def model_of(
     settings = DiffuseSettings(model=model, period_ns=period_ns, harmonics=harmonics)
     noise = np.full(len(phasors), variance(n_av))
     traits = FrameTraits(grid, settings, noise / samples, tuple(noise.tolist()), SharedNoise(1.0, 0.0), range_offset_m)
-    means = patch_means(light, light.seen, variance=noise[0] / samples, harmonics=harmonics)
+    means = patch_means(light, light.seen, traits)
     kinds = patch_kinds(light, means, traits)
     choice = kinds.choice
     if not second_paths and choice.separate_share <= SEPARATE_SHARE and choice.reason == "separate paths":
@@ -67,13 +67,11 @@ def predicted(phasors: Z, model: DiffuseModel, *, usable: B | None = None, step:
     use = np.ones(count, bool) if usable is None else usable.ravel()
     step = step or count
     parts = [
-        diffuse_pixels(
-            flat[:, a : a + step], tail=model.block(slice(a, min(a + step, count))), usable=use[a : a + step]
-        )
+        diffuse_pixels(flat[:, a : a + step], model=model, first=a, usable=use[a : a + step])
         for a in range(0, count, step)
     ]
-    joined = (np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(DiffusePixels)[1:])
-    return DiffusePixels(model.separate_variance, *joined)
+    joined = (np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(DiffusePixels))
+    return DiffusePixels(*joined)
 
 
 def answers(phasors: Z, *, focal_px: float | None = 60.0, n_av: float = 1e5, model: MpiModel = "auto") -> DiffusePixels:

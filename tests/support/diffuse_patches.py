@@ -5,13 +5,23 @@ import math
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex
-from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.phasors.pooling import SharedNoise
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, assumed_view, patch_grid
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import PatchData
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
 PATCHES = (15, 20)
 """Rows and columns of patches."""
 
 LIT: Bool = np.ones(PATCHES, np.bool_)
+
+
+def traits_of(harmonics: tuple[int, ...], variance: float, grid: PatchGrid | None = None) -> FrameTraits:
+    """Return what is known of a frame with a fundamental of 40 ns and the same noise in all harmonics."""
+    settings, noise = DiffuseSettings(period_ns=40.0, harmonics=harmonics), np.full(len(harmonics), variance)
+    grid = grid or patch_grid(48, 64, assumed_view(48, 64))
+    return FrameTraits(grid, settings, noise, tuple(noise.tolist()), SharedNoise(1.0, 0.0))
 
 
 def patch_data(*mpi: Complex, sigma: float, noisy: bool = True, seed: int = 0) -> PatchData:
@@ -29,4 +39,4 @@ def patch_data(*mpi: Complex, sigma: float, noisy: bool = True, seed: int = 0) -
         np.zeros(PATCHES),
         np.ones(PATCHES),
     )
-    return PatchData.of(means, LIT, np.full(len(mpi), sigma**2), tuple(range(1, len(mpi) + 1)))
+    return PatchData.of(means, LIT, traits_of(tuple(range(1, len(mpi) + 1)), sigma**2))

@@ -144,13 +144,12 @@ def patch_kinds(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> 
 
     If `frame.settings.model` is `diffuse`, every frame with enough light gets a tail.
     """
-    settings, variances = frame.settings, frame.variances
-    sigma = float(np.sqrt(variances[0]))
+    settings, sigma = frame.settings, float(np.sqrt(frame.variances[0]))
     lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.seen > SEEN_SHARE)
     count, none = int(lit.sum()), np.zeros_like(lit)
     if count < LEAST_PATCHES:
         return PatchKinds(lit, none, DiffuseChoice("few patches with light", count, 0.0))
-    misfits = misfits_without_mpi(means, lit, variances, harmonics=settings.harmonics)
+    misfits = misfits_without_mpi(means, lit, frame)
     misfit = float(np.mean(misfits))
     probability = mpi_probability(misfit, numbers=misfits.size)
     if settings.model == "diffuse":
@@ -163,9 +162,9 @@ def patch_kinds(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> 
     elif misfit < LEAST_MISFIT or _is_noise_in_half(misfits):
         reason = "no MPI to be seen"
     elif are_two_paths(
-        PatchData.of(means, lit, variances, settings.harmonics),
+        PatchData.of(means, lit, frame),
         PatchPlaces(frame.grid.even[lit], lit, settings.rad_per_ns, frame.shared.neighbours),
-    ) or are_smoothed_by_two_paths(light, means, lit, grid=frame.grid, settings=settings):
+    ) or are_smoothed_by_two_paths(light, means, lit, frame):
         reason = "separate paths"
     return PatchKinds(lit, separate, DiffuseChoice(reason, count, share), probability)
 
@@ -198,14 +197,14 @@ def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:
     return float(np.mean(unexplained)) <= UNEXPLAINED_SHARE[data > 2]
 
 
-def misfits_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, harmonics: tuple[int, ...]) -> Float:
+def misfits_without_mpi(means: PatchMeans, lit: Bool, frame: FrameTraits, /) -> Float:
     """Return the squared deviations of the lit patches' q_h from 1, over the noise variance, (2·H − 2, n).
 
     For each h, there is one row for the deviation of |q_h| and one for that of arg q_h.
     """
     noise = 1.0 / (means.amplitude[lit] ** 2 * means.pixels[lit])
-    misfits = []
-    for ratio, h, variance in zip(means.ratios[:, lit], harmonics[1:], variances[1:], strict=True):
+    misfits, variances = [], frame.variances
+    for ratio, h, variance in zip(means.ratios[:, lit], frame.settings.harmonics[1:], variances[1:], strict=True):
         misfits.append((np.abs(ratio) - 1.0) ** 2 / (noise * (variances[0] + variance)))
         misfits.append(np.angle(ratio) ** 2 / (noise * (h * h * variances[0] + variance)))
     return np.array(misfits)

@@ -204,30 +204,15 @@ def sample_places(grid: PatchGrid, /) -> Index:
     return sealed(np.ascontiguousarray(grid.samples(np.arange(1, 1 + grid.height * grid.width).reshape(size)) - 1))
 
 
-def patch_means(
-    light: PatchLight,
-    among: Bool,
-    /,
-    *,
-    variance: float,
-    harmonics: tuple[int, ...],
-    shared: float = 1.0,
-) -> PatchMeans:
+def patch_means(light: PatchLight, among: Bool, frame: FrameTraits, /) -> PatchMeans:
     """Return the means over the pixels `among`, (n, rows, columns), with ratios that are corrected for the bias by noise.
 
     Let ε along p_1 and δ across it be the relative noise of p_1 = A. To second order, the real part of
     |p_1|·exp(−ih·arg p_1) is A·(1 + ε + δ²/2 − h²δ²/2), and the mean of |p_1|² is A²·(1 + ε² + δ²). So in the dark, q_h
     is too small by (h² + 3)/2 · σ²/A², which a fit would take for a tail. With light, noise is weaker: δ² by the factor
     1 − A, and ε² + δ² by the factor 1 − A².
-
-    Args:
-        light: light of the patches.
-        among: pixels that count if they are seen.
-        variance: noise variance of p_1, of one channel without light.
-        harmonics: numbers of the harmonics.
-        shared: how many pixels share their noise, as in `SharedNoise`.
     """
-    counted = among & light.seen
+    counted, variance, harmonics = among & light.seen, float(frame.variances[0]), frame.settings.harmonics
     if not is_compiled_for(len(harmonics)):
         power, *parts = (light.weighted * counted).sum(axis=1, dtype=np.float64)
         pixels = counted.sum(axis=0).astype(np.float64)
@@ -246,7 +231,9 @@ def patch_means(
     both, across = 2.0 * (1.0 - share) * relative, (1.0 - np.sqrt(share)) * relative
     for row, h in enumerate(harmonics[1:]):
         ratios[row] *= (1.0 + both) * (1.0 + 0.5 * (h * h - 1) * across)
-    return PatchMeans(ratios, amplitude, pixels / shared, np.arctan2(parts[1], parts[0]), pixels / len(counted))
+    return PatchMeans(
+        ratios, amplitude, pixels / frame.shared.pixels, np.arctan2(parts[1], parts[0]), pixels / len(counted)
+    )
 
 
 def patch_phasors(means: PatchMeans, /, *, harmonics: tuple[int, ...]) -> Complex:

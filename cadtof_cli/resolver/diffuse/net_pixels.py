@@ -5,7 +5,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.nets import freed_paths
-from cadtof_cli.resolver.diffuse.records import DiffuseBlock
+from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.diffuse.settings import range_from_phase
 
 LEAST_SHARE = 0.1
@@ -34,17 +34,17 @@ class NetPixels:
         return np.where(self.where, self.own_variance, others)
 
 
-def freed_pixels(phasors: Complex, tail: DiffuseBlock, /) -> tuple[Complex, NetPixels | None]:
-    """Return the phasors (H, n) of a block of a frame's pixels, and which pixels see through a surface.
+def freed_pixels(phasors: Complex, model: DiffuseModel, /, *, first: int) -> tuple[Complex, NetPixels | None]:
+    """Return the phasors (H, n) of consecutive pixels of a frame, and which pixels see through a surface.
 
     Phasors of these pixels are freed of tails. If the frame has no such surface, the phasors are those given, and the
-    second answer is None.
+    second answer is None. `first` is the flat index of the first pixel.
     """
-    model, nets = tail.model, tail.model.nets
+    nets = model.nets
     if nets is None:
         return phasors, None
     count = phasors.shape[1]
-    net_m = nets.near_m[model.upsampler.grid.patch_of(tail.pixels.start + np.arange(count))]
+    net_m = nets.near_m[model.upsampler.grid.patch_of(first + np.arange(count))]
     there = np.isfinite(net_m)
     where = np.zeros(count, np.bool_)
     free, size = phasors.copy(), np.ones(count)

@@ -11,8 +11,11 @@ from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.diffuse.light import FrameTraits, patch_phasors
+from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
+from cadtof_cli.resolver.diffuse.patches import LitPatches
 from cadtof_cli.resolver.diffuse.records import Nets, Tails
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings, range_from_phase
+from cadtof_cli.resolver.diffuse.settings import range_from_phase
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
 from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
@@ -139,26 +142,16 @@ def _at_harmonics(path: tuple[Float, Float, Float], harmonics: tuple[int, ...]) 
     return phasors
 
 
-def find_nets(
-    phasors: Complex,
-    lag_rad: Float,
-    valid: Bool,
-    tails: Tails,
-    /,
-    *,
-    grid: PatchGrid,
-    settings: DiffuseSettings,
-) -> Nets | None:
-    """Return the surface that lets light through; None if there is none.
+def find_nets(patches: LitPatches, fit: PatchFit, frame: FrameTraits, uncovered: Bool | None = None, /) -> Nets | None:
+    """Return the surface that lets light through in a frame; None if there is none.
 
-    Args:
-        phasors: of the patches, (H, rows, columns).
-        lag_rad: lags of the valid patches, (n,), if a tail is all their MPI.
-        valid: patches that count, (rows, columns).
-        tails: the tails that are typical of near surfaces, and of the surfaces that may lie behind them.
-        grid: the patches of the frame.
-        settings: how phases become metres.
+    By default, both paths get the tail that is typical of the frame. With `uncovered`, (n,), the nearer path gets the
+    tail that is typical of the covered patches, and the farther path that of the uncovered ones.
     """
+    settings, valid = frame.settings, patches.valid
+    far = typical_tail(fit.posterior if uncovered is None else fit.posterior[:, uncovered], settings.harmonics)
+    near = far if uncovered is None else typical_tail(fit.posterior[:, ~uncovered], settings.harmonics)
+    tails, phasors = Tails(near, far, settings.harmonics), patch_phasors(patches.means, harmonics=settings.harmonics)
     paths = freed_paths(phasors, tails)
     apart_ns = paths.later_rad / settings.rad_per_ns
     two_paths: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
@@ -166,12 +159,12 @@ def find_nets(
     if not _large_groups(two_paths):
         return None
     phase_rad = np.angle(phasors[0])
-    phase_rad[valid] -= lag_rad
+    phase_rad[valid] -= fit.posterior[-1]
     range_m = range_from_phase(phase_rad, settings)
     near_m = range_from_phase(paths.near_rad, settings)
     far_m = near_m + paths.later_rad * settings.m_per_rad
     wall_amplitude, off_wall_m = _nearest_wall(
-        far_m, range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two_paths, grid
+        far_m, range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two_paths, frame.grid
     )
     with np.errstate(invalid="ignore"):
         amplitude_left = paths.far_amplitude / wall_amplitude

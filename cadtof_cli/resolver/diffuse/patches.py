@@ -47,14 +47,7 @@ class LitPatches:
     @classmethod
     def of(cls, light: PatchLight, planes: PatchPlanes, valid: Bool, frame: FrameTraits, /) -> "LitPatches":
         """Return the patches `valid`, (rows, columns), of a frame with this light and these planes."""
-        harmonics = frame.settings.harmonics
-        means = patch_means(
-            light,
-            planes.on_plane,
-            variance=frame.variances[0],
-            harmonics=harmonics,
-            shared=frame.shared.pixels,
-        )
+        means = patch_means(light, planes.on_plane, frame)
         ratios, amplitude = means.ratios[:, valid], means.amplitude[valid]
         data = np.concatenate([np.log(np.maximum(np.abs(ratios), NO_RATIO)), np.angle(ratios)])
         noise = _noise(ratios, amplitude, means.pixels[valid], frame)

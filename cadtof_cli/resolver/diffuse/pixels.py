@@ -16,7 +16,7 @@ from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
-from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels, PixelTails
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import residuals
 from cadtof_cli.resolver.diffuse.upsampling import row_above
@@ -60,19 +60,20 @@ class PixelData:
 
 
 def diffuse_pixels(
-    phasors: Complex, /, *, tail: DiffuseBlock, usable: Bool, samples: Float | None = None
+    phasors: Complex, /, *, model: DiffuseModel, first: int, usable: Bool, samples: Float | None = None
 ) -> DiffusePixels:
-    """Return the answers of the pixels for which a block of a frame's model was made; inputs are not changed.
+    """Return the answers of consecutive pixels by their frame's model; inputs are not changed.
 
     Args:
         phasors: (H, n), normalised by the modulation amplitude and corrected for the pulse.
-        tail: the frame's model, and which of its pixels these are.
+        model: that of the frame.
+        first: flat index of the first of these pixels.
         usable: (n,); all other pixels get NaN.
         samples: number of recorded pixels that each phasor is a mean of, (n,); None: 1.
     """
-    model, pixels = tail.model, tail.pixels
     if is_compiled_for(len(model.settings.harmonics)):
-        return _by_kernel(phasors, tail, usable, samples)
+        return _by_kernel(phasors, model, first, usable, samples)
+    pixels = slice(first, first + usable.size)
     with np.errstate(over="ignore"):
         re, im = phasors.real.astype(np.float32), phasors.imag.astype(np.float32)
         square = re * re + im * im
@@ -94,46 +95,53 @@ def diffuse_pixels(
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
     direct = _direct(seen, shrink, lag, np.maximum(posterior.covariance[1, 1], floor) + planes[-2])
     mpi = _mpi(seen, direct[1], shrink, lag, planes[-1])
-    answer = DiffusePixels(model.separate_variance, answered, *direct, *mpi, posterior.chi_squared)
+    rows = (*direct, *mpi, posterior.chi_squared)
     if not every:
-        answer.clear(~answered)
-    return answer
+        for row in rows:
+            row[~answered] = np.nan
+    return DiffusePixels(answered, *rows)
 
 
 def pixels_of_sine(
-    phasors: Complex, /, *, tail: DiffuseBlock, response: "ResponseBlock", samples: Float | None = None
+    phasors: Complex,
+    /,
+    *,
+    model: DiffuseModel,
+    first: int,
+    response: "ResponseBlock",
+    samples: Float | None = None,
 ) -> tuple[Complex, Float]:
     """Return what a sine would have recorded of pixels, (H, n), and a number of recorded pixels for each, (n,).
 
-    The result for a pixel has the noise of a mean over that number of recorded pixels.
+    The result for a pixel has the noise of a mean over that number of recorded pixels. `first` is the flat index of the
+    first of these consecutive pixels.
 
     Raises:
         ValueError: the model was made for a sine.
     """
-    model = tail.model
     if model.terms is None:
         raise ValueError("the model was made for a sine")
-    alone = first_phase(phasors[0], response=response)
-    planes = model.terms.upsampler.joint(tail.pixels, _first_range(alone.astype(np.float32), model, tail.pixels))
+    alone, pixels = first_phase(phasors[0], response=response), slice(first, first + phasors.shape[1])
+    planes = model.terms.upsampler.joint(pixels, _first_range(alone.astype(np.float32), model, pixels))
     tails = PixelTails.of(planes, model.terms.harmonics)
     sine, more = freed_of_other_terms(phasors, tails, response=response, alone_rad=alone)
     return sine, (1.0 if samples is None else samples) / more.astype(np.float64)
 
 
-def _by_kernel(phasors: Complex, tail: DiffuseBlock, usable: Bool, samples: Float | None) -> DiffusePixels:
+def _by_kernel(phasors: Complex, model: DiffuseModel, first: int, usable: Bool, samples: Float | None) -> DiffusePixels:
     answered, rows = np.empty(usable.size, np.bool_), np.empty((7, usable.size), np.float32)
     given = [None if one is None else np.ascontiguousarray(one) for one in (phasors, usable, samples)]
-    extension().answer_tail(chosen_kernel(), *given, answered, rows, *tail_buffers(tail))
-    return DiffusePixels(tail.model.separate_variance, answered, *rows)
+    extension().answer_tail(chosen_kernel(), *given, answered, rows, *tail_buffers(model, first))
+    return DiffusePixels(answered, *rows)
 
 
-def tail_buffers(tail: DiffuseBlock, /) -> Buffers:
-    """Return the model of a frame for consecutive pixels, as buffers for the compiled twin."""
-    compiled, model = extension(), tail.model
+def tail_buffers(model: DiffuseModel, first: int, /) -> Buffers:
+    """Return the model of a frame for pixels from the flat index `first` on, as buffers for the compiled twin."""
+    compiled = extension()
     up, settings = model.upsampler, model.settings
     height, width = up.grid.height, up.grid.width
     rows, columns = up.range_m.shape
-    sizes = {"first": tail.pixels.start, "height": height, "width": width, "side": up.grid.side, "left": up.first}
+    sizes = {"first": first, "height": height, "width": width, "side": up.grid.side, "left": up.first}
     sizes |= {"rows": rows, "columns": columns, "harmonics": len(settings.harmonics)}
     constants = {"separate_variance": model.separate_variance, "metres": settings.m_per_rad}
     offset = model.range_offset_m

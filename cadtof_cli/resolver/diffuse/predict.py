@@ -18,15 +18,15 @@ from cadtof_cli.resolver.diffuse.choice import (
 )
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.condition import Conditioned
-from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans, patch_phasors
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.model_error import mpi_share
-from cadtof_cli.resolver.diffuse.nets import find_nets, typical_tail
+from cadtof_cli.resolver.diffuse.nets import find_nets
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.patches import LitPatches, first_planes
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import DiffuseModel, Nets, Tails, TermTails
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, Nets, TermTails
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, further_chi_squared, two_path_lag
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
@@ -110,13 +110,13 @@ def _fitted(patches: LitPatches, tail: TailModel, frame: FrameTraits) -> _Fitted
     error, rule = patches.model_error + patches.noise, pattern(tail.light.direct)
     known = frame.grid.view.known
     fit = fitted_patches(patches.data, error, tail, rule, known_optics=known)
-    nets = _find_nets(patches, fit, frame) if frame.settings.model == "auto" else None
+    nets = find_nets(patches, fit, frame) if frame.settings.model == "auto" else None
     uncovered = np.ones(patches.amplitude.size, np.bool_)
     if nets is not None:
         uncovered = ~nets.found[patches.valid]
         error = np.where(uncovered, error, _covered_error(error))
         fit = fitted_patches(patches.data, error, tail, rule, known_optics=known)
-        candidates = (_find_nets(patches, fit, frame, which) for which in (uncovered, None))
+        candidates = (find_nets(patches, fit, frame, which) for which in (uncovered, None))
         nets = max(filter(None, candidates), key=lambda one: one.found.sum(), default=nets)
     return _Fitted(fit, patch_posterior(patches.data, error, fit), nets, uncovered)
 
@@ -166,29 +166,10 @@ def _two_path_chi_squared(patches: LitPatches, frame: FrameTraits) -> Float:
     if len(frame.settings.harmonics) == 2:
         # there are no further harmonics
         return np.zeros(patches.amplitude.size)
-    data = PatchData.of(patches.means, patches.valid, frame.variances, frame.settings.harmonics)
+    data = PatchData.of(patches.means, patches.valid, frame)
     tolerated = np.diagonal(patches.model_error).T[:-2].reshape(2, *patches.ratios.shape)
     with np.errstate(all="ignore"):
         return further_chi_squared(SecondPaths.of(data), replace(data, tolerated=tolerated))
-
-
-def _find_nets(patches: LitPatches, fit: PatchFit, frame: FrameTraits, uncovered: Bool | None = None) -> Nets | None:
-    """Return the surface that lets light through in a frame; None if there is none.
-
-    By default, both paths get the tail that is typical of the frame. With `uncovered`, (n,), the nearer path gets the
-    tail that is typical of the covered patches, and the farther path that of the uncovered ones.
-    """
-    harmonics = frame.settings.harmonics
-    far = typical_tail(fit.posterior if uncovered is None else fit.posterior[:, uncovered], harmonics)
-    near = far if uncovered is None else typical_tail(fit.posterior[:, ~uncovered], harmonics)
-    return find_nets(
-        patch_phasors(patches.means, harmonics=harmonics),
-        fit.posterior[-1],
-        patches.valid,
-        Tails(near, far, harmonics),
-        grid=frame.grid,
-        settings=frame.settings,
-    )
 
 
 def _lag_parts(patches: LitPatches, fit: PatchFit, tail: TailModel, guessed: Surfaces, frame: FrameTraits) -> LagParts:

@@ -1,6 +1,5 @@
 """Records that the prediction returns: the model of a frame, and the answers of its pixels."""
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -107,10 +106,6 @@ class DiffuseModel:
     nets: Nets | None = None
     terms: TermTails | None = None
 
-    def block(self, pixels: slice, /) -> "DiffuseBlock":
-        """Return the model for consecutive pixels of the frame; the slice holds flat indices, row by row."""
-        return DiffuseBlock(self, pixels)
-
     def tails_of_patches(self, pixels: Index, /) -> PixelTails:
         """Return the tail of pixels, given by flat indices; each pixel gets the tail of its patch.
 
@@ -140,24 +135,13 @@ class DiffuseModel:
 
 
 @dataclass(frozen=True, eq=False)
-class DiffuseBlock:
-    """The model of a frame, and the consecutive pixels that it is to answer: flat indices row by row."""
-
-    model: DiffuseModel
-    pixels: slice
-
-
-@dataclass(frozen=True, eq=False)
 class DiffusePixels:
     """Answers for n pixels, float32 (n,) each, NaN where `answered` is not set; amplitudes in units of the phasors.
 
     `direct_phase_rad` lies in [0, 2π). The MPI light is given by its phasor at the fundamental; its phase lies between
     the direct phase and a turn later. `chi_squared` is χ² of the pixel's data about the values that its patches expect.
-    `separate_variance`, rad², is what the room's tail adds to the variance of the phases of pixels that are left to
-    separate paths.
     """
 
-    separate_variance: float
     answered: Bool
     direct_amplitude: Float32
     direct_phase_rad: Float32
@@ -176,8 +160,3 @@ class DiffusePixels:
     def mpi(self) -> tuple[Float32, Float32, Float32]:
         """Amplitude, phase and standard deviation of the MPI light."""
         return self.mpi_amplitude, self.mpi_phase_rad, self.mpi_sigma_rad
-
-    def clear(self, pixels: Bool, /) -> None:
-        """Set the answers of the given pixels, a mask (n,), to NaN."""
-        for field in fields(self)[2:]:
-            getattr(self, field.name)[pixels] = np.nan

@@ -14,7 +14,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.quantiles import median, quantiles
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchMeans
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.two_path.decomposition import decomposed
@@ -79,13 +79,13 @@ class PatchData:
     tolerated: Float | None = None
 
     @classmethod
-    def of(cls, means: PatchMeans, lit: Bool, variances: Float, harmonics: tuple[int, ...], /) -> "PatchData":
-        """Return the data of the lit patches; `variances` are the noise variances of a channel of each harmonic."""
+    def of(cls, means: PatchMeans, lit: Bool, frame: FrameTraits, /) -> "PatchData":
+        """Return the data of the lit patches of a frame."""
         ratios = means.ratios[:, lit]
-        relative = variances[:, None] / (means.amplitude[lit] ** 2 * means.pixels[lit])
+        relative = frame.variances[:, None] / (means.amplitude[lit] ** 2 * means.pixels[lit])
         with np.errstate(divide="ignore"):
             relative[1:] /= np.abs(ratios) ** 2
-        return cls(ratios, relative, harmonics)
+        return cls(ratios, relative, frame.settings.harmonics)
 
     def noise(self, first: int, second: int, /) -> Float:
         """Return the covariances between two ratios, given by their rows: of ln|q_h| and of arg q_h, (2, n)."""

@@ -12,10 +12,9 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.quantiles import median
-from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans
+from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
-from cadtof_cli.resolver.diffuse.settings import NEAREST_M, DiffuseSettings, range_from_phase
+from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import wrapped
 
 LARGEST_LEFT = {1: 0.08, 2: 0.04}
@@ -29,15 +28,7 @@ LEAST_BENDS = 64
 """Smallest number of bends that must be seen: fewer do not tell."""
 
 
-def are_smoothed_by_two_paths(
-    light: PatchLight,
-    means: PatchMeans,
-    lit: Bool,
-    /,
-    *,
-    grid: PatchGrid,
-    settings: DiffuseSettings,
-) -> bool:
+def are_smoothed_by_two_paths(light: PatchLight, means: PatchMeans, lit: Bool, frame: FrameTraits, /) -> bool:
     """Return whether surfaces are smooth, apart from noise, once two paths are taken out of a frame's light.
 
     `means` are those of the frame's patches; `lit`, (rows, columns), are the patches that count. Field curvature stays
@@ -45,14 +36,14 @@ def are_smoothed_by_two_paths(
     """
     with np.errstate(all="ignore"):
         # if there is one path, the delay of the other is NaN
-        return _smoothed_between_patches(means, lit, grid, settings) or _smoothed_within_patches(light, lit)
+        return _smoothed_between_patches(means, lit, frame) or _smoothed_within_patches(light, lit)
 
 
-def _smoothed_between_patches(means: PatchMeans, lit: Bool, grid: PatchGrid, settings: DiffuseSettings) -> bool:
+def _smoothed_between_patches(means: PatchMeans, lit: Bool, frame: FrameTraits) -> bool:
     """Return whether two paths make 1/z smooth from patch to patch."""
     lag = two_path_lag(means.ratios[0])
     seen = lit & np.isfinite(lag)
-    recorded, direct = (_inverse_depth(phase, grid, settings) for phase in (means.phase_rad, means.phase_rad - lag))
+    recorded, direct = (_inverse_depth(phase, frame) for phase in (means.phase_rad, means.phase_rad - lag))
     return any(
         _are_smoother(_bends(direct, seen, distance), _bends(recorded, seen, distance), limit)
         for distance, limit in LARGEST_LEFT.items()
@@ -78,9 +69,9 @@ def _are_smoother(direct: Float, recorded: Float, limit: float) -> bool:
     return direct.size >= LEAST_BENDS and float(median(direct * direct)) < limit * float(median(recorded * recorded))
 
 
-def _inverse_depth(phase_rad: Float, grid: PatchGrid, settings: DiffuseSettings) -> Float:
+def _inverse_depth(phase_rad: Float, frame: FrameTraits) -> Float:
     """Return 1/z of patches, in 1/m, from their phases."""
-    return np.asarray(1.0 / (np.maximum(range_from_phase(phase_rad, settings), NEAREST_M) * grid.ray[2]))
+    return np.asarray(1.0 / (np.maximum(range_from_phase(phase_rad, frame.settings), NEAREST_M) * frame.grid.ray[2]))
 
 
 def _bends(image: Float, seen: Bool, distance: int) -> Float:

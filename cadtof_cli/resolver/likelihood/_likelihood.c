@@ -2,8 +2,8 @@
  * (paper/levenberg_marquardt.py), as a Python module. Each function reads buffers and fills buffers; the module keeps no
  * state.
  *
- * compiled.py and paper/levenberg_marquardt.py are its Python fronts. The buffers are checked here again: a buffer of
- * the wrong type, size, alignment or layout raises ValueError or TypeError and never crashes.
+ * These modules and mixture.py are its Python fronts. The buffers are checked here again: a buffer of the wrong type,
+ * size, alignment or layout raises ValueError or TypeError and never crashes.
  */
 #ifndef Py_GIL_DISABLED
 #define Py_LIMITED_API 0x030b0000 /* one build for every Python from 3.11 on */
@@ -177,13 +177,13 @@ static PyMethodDef METHODS[] = {
     {"solve", solve_problems, METH_VARARGS,
      "solve(level, kind, paths, most_steps, relative, first_damping, harmonics, re, im, weights, starts, worth, points, cost, "
      "matrix, converged, steps)\n\n"
-     "Minimise every problem from its start. Everybody but the tests calls it through compiled.py."},
+     "Minimise every problem from its start. Everybody but the tests calls it through levenberg_marquardt.py."},
     {"scan", scan_pixels, METH_VARARGS,
      "scan(level, rows, places, pairs, factors, lags, re, im, first, lag, peak, other)\n\n"
-     "Find the path or pair of a grid of delays that explains most. Everybody but the tests calls it through compiled.py."},
+     "Find the path or pair of a grid of delays that explains most. Everybody but the tests calls it through starts.py."},
     {"weigh", weigh_pixels, METH_VARARGS,
      "weigh(level, paths, harmonics, noise, points, weights)\n\n"
-     "Find the weights that the noise of the light of some paths gives. Everybody but the tests calls it through compiled.py."},
+     "Find the weights that the noise of the light of some paths gives. Everybody but the tests calls it through mixture.py."},
     {"shares", search_shares, METH_VARARGS,
      "shares(level, first_start, last_start, most_steps, key, relative, absolute, first_damping, harmonics, re, im, places, z, cost, "
      "converged, steps)\n\n"

@@ -7,8 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.rotors import powers
-from cadtof_cli.resolver.likelihood.compiled import Minimum
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.normal_equations import cholesky, inverse_diagonal
 from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path

@@ -2,18 +2,28 @@
 
 Settings are frozen, the state is explicit, one loop holds the limit of steps, and the result says which problems did
 not converge. The caller passes a `Problem`. The loop drops problems that have stopped from the block.
+`_levenberg_marquardt.h` is the compiled twin, and this module is its front.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol, Self
+from types import ModuleType
+from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
-from cadtof_cli.resolver.likelihood.compiled import Minimum, Planes, compiled_ends
 from cadtof_cli.resolver.likelihood.normal_equations import Triangle, cholesky, entry, solve
+
+if TYPE_CHECKING:
+    from cadtof_cli.resolver.likelihood.mixture import Measured
+
+WHITE, WEIGHTED = range(2)
+"""Kinds of problems, numbered as in `enum kind` of `_levenberg_marquardt.h`."""
+
+MOST_PATHS, MOST_ROWS, MOST_HARMONIC = 4, 8, 16
+"""Largest sizes that the compiled search has room for; numpy solves larger problems."""
 
 SHRINK_BELOW = 0.75
 """Stopped problems are dropped when the share still at work falls below this: copying costs a fifth of a step."""
@@ -45,10 +55,30 @@ class Problem(Protocol):
 
 
 class Compilable(Problem, Protocol):
-    """Problems that the compiled search can solve too."""
+    """Problems of paths, which the compiled search can solve too."""
 
-    def planes(self, points: Float, /) -> Planes:
-        """Return the problems at points, (P, n), in the form of the compiled search."""
+    @property
+    def kind(self) -> int:
+        """`WHITE` or `WEIGHTED`."""
+
+    @property
+    def measured(self) -> "Measured":
+        """The phasors to which paths are fitted."""
+
+    @property
+    def weights(self) -> tuple[float, ...] | Float:
+        """The weights of the phasors: (N,) if `WHITE`, (3, N, n) if `WEIGHTED`."""
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Ends of n searches: points (P, n), cost (n,), triangle of JᵀWJ, whether they converged, numbers of steps."""
+
+    points: Float
+    cost: Float
+    matrix: Triangle
+    converged: Bool
+    steps: Index
 
 
 @dataclass(frozen=True)
@@ -162,21 +192,39 @@ class LevenbergMarquardt(Descent):
         `samples`, (n,): each problem is the mean of so many recordings, and the cost is in units of the noise of one
         recording (None: 1). All kernels give the same bits.
         """
-        kernel = chosen_kernel()
-        if kernel != NUMPY:
-            ends = compiled_ends(
-                problem.planes(starts),
-                starts,
-                worth=self.worth(starts.shape[1], samples),
-                most_steps=self.max_steps,
-                relative=self.relative,
-                first_damping=self.first_damping,
-                kernel=kernel,
-            )
-            if ends is not None:
-                return ends
+        if (compiled := compiled_search(problem.measured.harmonics, paths=len(starts) // 3)) is not None:
+            return self._compiled_ends(compiled, problem, starts, samples)
         end, steps = self.descended(problem, starts, samples=samples)
         return Minimum(end.points, end.cost, end.matrix, end.converged, steps)
+
+    def _compiled_ends(
+        self, compiled: ModuleType, problem: Compilable, starts: Float, samples: Float | None
+    ) -> Minimum:
+        measured, count, size = problem.measured, starts.shape[1], len(starts) // 3 * 2
+        ends = Minimum(
+            np.empty_like(starts, order="C"),
+            np.empty(count),
+            np.empty((size * (size + 1) // 2, count)),
+            np.empty(count, np.bool_),
+            np.empty(count, np.intp),
+        )
+        given = (measured.re, measured.im, problem.weights, starts, self.worth(count, samples))
+        compiled.solve(
+            chosen_kernel(),
+            problem.kind,
+            size // 2,
+            self.max_steps,
+            self.relative,
+            self.first_damping,
+            np.array(measured.harmonics, np.int64),
+            *(np.ascontiguousarray(part) for part in given),
+            ends.points,
+            ends.cost,
+            ends.matrix,
+            ends.converged,
+            ends.steps,
+        )
+        return ends
 
     def begin(self, count: int, /) -> Float:
         """Return the damping, and the factor by which the next step that raises the cost multiplies it."""
@@ -201,3 +249,19 @@ class LevenbergMarquardt(Descent):
         eased = own * np.maximum(1.0 - twice * twice * twice, 0.1)
         down = drop > 0.0
         return np.array([np.where(down, eased, own * growth), np.where(down, 2.0, 2.0 * growth)])
+
+
+def compiled_search(harmonics: tuple[int, ...], /, *, paths: int) -> ModuleType | None:
+    """Return the extension module, or None if numpy must do the work.
+
+    Numpy must if it is the chosen kernel, or if the module has no room for these paths and harmonics.
+    """
+    if chosen_kernel() == NUMPY or not 0 < paths <= MOST_PATHS:
+        return None
+    if not (0 < len(harmonics) <= MOST_ROWS and max(harmonics) <= MOST_HARMONIC):
+        return None
+    try:
+        from cadtof_cli.resolver.likelihood import _likelihood
+    except ImportError:
+        return None
+    return _likelihood

@@ -5,16 +5,15 @@ a → 0. An amplitude that would fall below zero becomes positive half a turn aw
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor, powers, product, unit_rotor
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
-from cadtof_cli.resolver.likelihood.compiled import WEIGHTED, WHITE, Planes, compiled_weights
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
+from cadtof_cli.resolver.kernels import chosen_kernel
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import WEIGHTED, WHITE, Linearised, compiled_search
 from cadtof_cli.resolver.likelihood.normal_equations import entry
 
 
@@ -95,6 +94,8 @@ def moved_paths(points: Float, steps: Float, /) -> Float:
 class WhiteFit:
     """The fit with the noise of ambient light alone, which has one weight per harmonic, equal in all directions."""
 
+    kind: ClassVar[int] = WHITE
+
     measured: Measured
     weights: tuple[float, ...]
 
@@ -123,11 +124,6 @@ class WhiteFit:
 
     moved = staticmethod(moved_paths)
 
-    def planes(self, points: Float, /) -> Planes:
-        """Return the problems as the compiled search takes them, from points, (3·K, n)."""
-        one, weights = self.measured, np.array(self.weights)
-        return Planes(WHITE, len(points) // 3, one.harmonics, one.re, one.im, weights)
-
     def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.measured[chosen], self.weights)
 
@@ -139,22 +135,24 @@ class WeightedFit:
     `weights`, (3, N, n), are the entries re·re, re·im and im·im of the inverse covariances.
     """
 
+    kind: ClassVar[int] = WEIGHTED
+
     measured: Measured
     weights: Float
 
     @classmethod
     def around(cls, measured: Measured, paths: Mixture, /, *, noise: NoiseModel) -> "WeightedFit":
         """Return the fit with the noise that light of the given paths has; all kernels give the same bits."""
-        harmonics, kernel = measured.harmonics, chosen_kernel()
-        if kernel != NUMPY:
-            terms = np.array([one.covariance_terms for one in noise.each])
-            weights = compiled_weights(paths.points, harmonics=harmonics, noise=terms, kernel=kernel)
-            if weights is not None:
-                return cls(measured, weights)
+        harmonics, entries = measured.harmonics, np.empty((3, *measured.re.shape))
+        if (compiled := compiled_search(harmonics, paths=len(paths.amplitude))) is not None:
+            terms, numbers = np.array([one.covariance_terms for one in noise.each]), np.array(harmonics, np.int64)
+            compiled.weigh(
+                chosen_kernel(), len(paths.amplitude), numbers, terms, np.ascontiguousarray(paths.points), entries
+            )
+            return cls(measured, entries)
         total = np.maximum(_summed(paths.amplitude), 1.0)
         light = Mixture(paths.amplitude / total, paths.cos, paths.sin)
         single, doubled = light.phasors(harmonics), light.phasors(tuple(2 * h for h in harmonics))
-        entries = np.empty((3, *measured.re.shape))
         for row, harmonic in enumerate(noise.each):
             re_re, re_im, im_im = harmonic.covariance(
                 (single[0][row], single[1][row]), (doubled[0][row], doubled[1][row])
@@ -182,11 +180,6 @@ class WeightedFit:
         return Linearised(matrix, gradient, cost)
 
     moved = staticmethod(moved_paths)
-
-    def planes(self, points: Float, /) -> Planes:
-        """Return the problems as the compiled search takes them, from points, (3·K, n)."""
-        one = self.measured
-        return Planes(WEIGHTED, len(points) // 3, one.harmonics, one.re, one.im, self.weights)
 
     def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.measured[chosen], self.weights[:, :, chosen])

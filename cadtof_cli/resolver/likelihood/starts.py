@@ -1,4 +1,7 @@
-"""Starts of the search for paths: the exact answer of the first harmonics, and scans over a coarse grid of delays."""
+"""Starts of the search for paths: the exact answer of the first harmonics, and scans over a coarse grid of delays.
+
+`_starts.h` is the compiled twin of the scans, and this module is its front.
+"""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -6,8 +9,9 @@ from functools import lru_cache
 import numpy as np
 
 from cadtof_cli.arrays import Float, Index
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
-from cadtof_cli.resolver.likelihood.compiled import Scanned, compiled_scan
+from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.kernels import chosen_kernel
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import compiled_search
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture
 from cadtof_cli.resolver.likelihood.pisarenko import pisarenko, strongest_of
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
@@ -20,6 +24,20 @@ ALIKE = 1.0 - 1e-9
 
 SCANNED_PIXELS = 512
 """Pixels per block of a scan by numpy, which goes over hundreds of pairs."""
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """The best delays of a grid for n pixels, (n,) each.
+
+    `first` is the place of the path in the grid, `peak` its matched sum. For a pair, the other path lies `lag` places
+    later, and `other` is its matched sum.
+    """
+
+    first: Index
+    lag: Index
+    peak: Float
+    other: Float
 
 
 def exact_start(measured: Measured, /, *, paths: int) -> Mixture | None:
@@ -64,14 +82,14 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
 
 def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool) -> Scanned:
     """Return the path, or the pair, of the grid that explains most; all kernels give the same bits."""
-    harmonics = measured.harmonics
+    harmonics, count = measured.harmonics, measured.re.shape[1]
     factors, lags = _factors(harmonics, tuple(weights)), _lags(harmonics, tuple(weights))
-    kernel = chosen_kernel()
-    if kernel != NUMPY:
-        found = compiled_scan(factors, lags, measured.re, measured.im, harmonics=harmonics, pairs=pairs, kernel=kernel)
-        if found is not None:
-            return found
-    found, count = Scanned.empty(measured.re.shape[1]), measured.re.shape[1]
+    found = Scanned(np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count), np.empty(count))
+    if (compiled := compiled_search(harmonics, paths=1 + pairs)) is not None:
+        re, im = np.ascontiguousarray(measured.re), np.ascontiguousarray(measured.im)
+        sizes, answers = (len(harmonics), len(factors), pairs), (found.first, found.lag, found.peak, found.other)
+        compiled.scan(chosen_kernel(), *sizes, factors, lags, re, im, *answers)
+        return found
     for begin in range(0, count, SCANNED_PIXELS):
         block = slice(begin, begin + SCANNED_PIXELS)
         matched = np.stack([_matched(measured, factor, block) for factor in factors])

@@ -8,13 +8,13 @@ compiled twin of this module.
 """
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
-from cadtof_cli.resolver.likelihood.compiled import compiled_search
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State
+from cadtof_cli.resolver.kernels import chosen_kernel
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State, compiled_search
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.starts import RandomStarts
@@ -91,11 +91,9 @@ def best_ends(
     `places` are the flat indices of the pixels in the frame, (n,). Pixels of NaN have no end, and their cost is
     infinite. All kernels give the same bits.
     """
-    kernel, numbers = chosen_kernel(), range(starts.count) if numbers is None else numbers
-    if kernel != NUMPY:
-        found = compiled_best_ends(equations, places, starts, numbers=numbers, stopping=stopping, kernel=kernel)
-        if found is not None:
-            return found
+    numbers = range(starts.count) if numbers is None else numbers
+    if numbers and (compiled := compiled_search(equations.harmonics, paths=2)) is not None:
+        return _compiled_best_ends(compiled, equations, places, starts, numbers, stopping)
     count = places.size
     best = Ends(
         np.full((2, count), np.nan), np.full(count, np.inf), np.zeros(count, np.bool_), np.zeros(count, np.intp)
@@ -113,24 +111,18 @@ def best_ends(
     return best
 
 
-def compiled_best_ends(
+def _compiled_best_ends(
+    compiled: ModuleType,
     equations: EliminatedPath,
     places: Index,
     starts: RandomStarts,
-    /,
-    *,
     numbers: range,
     stopping: MisfitDamped,
-    kernel: str,
-) -> Ends | None:
-    """Return the result of `best_ends` from the compiled kernel, or None if numpy must do it."""
-    compiled = compiled_search(equations.harmonics, paths=2)
-    if compiled is None or not numbers:
-        return None
+) -> Ends:
     count = places.size
     found = Ends(np.empty((2, count)), np.empty(count), np.empty(count, np.bool_), np.empty(count, np.intp))
     compiled.shares(
-        kernel,
+        chosen_kernel(),
         numbers.start,
         numbers.stop,
         stopping.max_steps,

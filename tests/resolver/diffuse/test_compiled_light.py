@@ -22,6 +22,7 @@ from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY
 from cadtof_cli.resolver.resolve import screened
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.resolver.compiled import compiled_kernels
+from tests.support.diffuse_patches import traits_of
 from tests.support.kernels import by_kernel
 
 pytestmark = pytest.mark.usefixtures("compiled")
@@ -102,7 +103,7 @@ def test_the_first_look_has_the_same_bits(
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
         chosen = rng.random(found.seen.shape) < 0.7
         found_means, expected_means = (
-            by_kernel(one, patch_means, expected, chosen, variance=1e-4, harmonics=harmonics) for one in (kernel, NUMPY)
+            by_kernel(one, patch_means, expected, chosen, traits_of(harmonics, 1e-4)) for one in (kernel, NUMPY)
         )
         for name in ("ratios", "amplitude", "pixels", "phase_rad"):
             np.testing.assert_array_equal(getattr(found_means, name), getattr(expected_means, name))
@@ -125,9 +126,9 @@ def test_means_of_as_many_harmonics_as_the_kernel_takes_and_of_more_have_the_sam
     seen = rng.random((9, 2, 3)) < 0.8
     weighted = rng.uniform(0.1, 1.0, (1 + 2 * harmonics, *seen.shape)).astype(np.float32)
     light = PatchLight(seen, weighted[0], weighted)
-    expected = by_kernel(NUMPY, patch_means, light, seen, variance=1e-4, harmonics=numbers)
+    expected = by_kernel(NUMPY, patch_means, light, seen, traits_of(numbers, 1e-4))
     for kernel in compiled_kernels():
-        found = by_kernel(kernel, patch_means, light, seen, variance=1e-4, harmonics=numbers)
+        found = by_kernel(kernel, patch_means, light, seen, traits_of(numbers, 1e-4))
         for name in ("ratios", "amplitude", "pixels", "phase_rad"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 

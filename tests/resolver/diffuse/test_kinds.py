@@ -20,10 +20,12 @@ from cadtof_cli.resolver.diffuse.grid import assumed_view, patch_grid
 from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.settings import MpiModel
+from tests.support.diffuse_patches import traits_of
 
 SIGMA = 1e-3
 
 VARIANCES: Float = np.array([SIGMA**2, 2 * SIGMA**2, 3 * SIGMA**2])
+FRAME = replace(traits_of((1, 2, 3), 0.0), variances=VARIANCES)
 
 TAIL = 0.8 * np.exp(-0.2j)
 
@@ -94,7 +96,7 @@ def test_mpi_is_seen_from_twice_the_variance_of_the_noise_on(times: float, reaso
     means = frame([second] * 80, third=third)
     assert kinds(means).choice.reason == reason
     lit = np.ones((1, 80), bool)
-    assert_allclose(np.mean(misfits_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3))), times**2)
+    assert_allclose(np.mean(misfits_without_mpi(means, lit, FRAME)), times**2)
 
 
 def test_noise_alone_gives_mpi_a_low_probability_and_a_room_gives_it_1() -> None:
@@ -129,7 +131,7 @@ def test_the_misfit_is_the_mean_over_lit_patches_only() -> None:
     means = frame([1.0, 1.0 - 5e-3, 7.0], third=1.0)
     lit: Bool = np.array([[True, True, False]])
     single = (5e-3) ** 2 / (3 * SIGMA**2) * 0.2**2 * 64.0
-    found = misfits_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3))
+    found = misfits_without_mpi(means, lit, FRAME)
     assert_allclose(np.mean(found), single / 8, rtol=1e-9)
 
 

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
 from cadtof_cli.resolver.diffuse.light import is_light, patch_light, patch_means, sample_places
+from tests.support.diffuse_patches import traits_of
 
 HARMONICS = (1, 2, 4)
 
@@ -21,7 +22,7 @@ def test_ratios_do_not_depend_on_the_direct_phase_and_are_weighted_by_power() ->
     seen = rng.random((9, 2, 3)) < 0.8
     spoilt = np.where(seen, p, 1e200)
     found = patch_light(spoilt, seen, harmonics=HARMONICS)
-    means = patch_means(found, np.ones_like(seen), variance=0.0, harmonics=HARMONICS)
+    means = patch_means(found, np.ones_like(seen), traits_of(HARMONICS, 0.0))
     for row, h in zip(means.ratios, HARMONICS[1:], strict=True):
         expected = light[h] / abs(light[1]) * np.exp(-1j * h * np.angle(light[1]))
         assert_allclose(row, np.full((2, 3), expected), rtol=1e-6)
@@ -38,7 +39,7 @@ def test_pixels_are_weighted_by_their_power() -> None:
     second = first * np.array([0.5, 1.0 + 0.2j, -0.4j])
     light = patch_light(np.stack([first + 0j, second]), np.ones(3, bool), harmonics=(1, 2))
     chosen = np.array([True, True, False])
-    means = patch_means(light, chosen, variance=0.0, harmonics=(1, 2))
+    means = patch_means(light, chosen, traits_of((1, 2), 0.0))
     assert_allclose(means.ratios, [(0.01 * 0.5 + 0.09 * (1.0 + 0.2j)) / 0.1], rtol=1e-6)
     assert_allclose((means.amplitude, means.pixels), (np.sqrt(0.05), 2.0), rtol=1e-6)
 
@@ -55,10 +56,10 @@ def test_noise_does_not_bias_ratios(amplitude: float, sigma: float) -> None:
     count = 400_000
     first = amplitude + along * rng.standard_normal(count) + 1j * across * rng.standard_normal(count)
     light = patch_light(np.stack([first, *[np.full(count, amplitude)] * 2]), np.ones(count, bool), harmonics=(1, 2, 3))
-    mean = partial(patch_means, light, np.ones(count, bool), harmonics=(1, 2, 3))
-    biased = mean(variance=0.0)
+    mean = partial(patch_means, light, np.ones(count, bool))
+    biased = mean(traits_of((1, 2, 3), 0.0))
     assert (np.abs(biased.ratios) < 1.0 - 1.5 * (across / amplitude) ** 2).all()
-    corrected = mean(variance=sigma**2).ratios
+    corrected = mean(traits_of((1, 2, 3), sigma**2)).ratios
     assert (
         np.abs(corrected - 1.0) < 0.05 * np.abs(biased.ratios - 1.0) + 15.0 * across / amplitude / np.sqrt(count)
     ).all()
@@ -67,14 +68,14 @@ def test_noise_does_not_bias_ratios(amplitude: float, sigma: float) -> None:
 @pytest.mark.parametrize("amplitude", [1.02, 1.3])
 def test_amplitudes_above_1_get_no_correction_for_noise(amplitude: float) -> None:
     light = patch_light(np.full((3, 4), amplitude, complex), np.ones(4, bool), harmonics=(1, 2, 3))
-    means = patch_means(light, np.ones(4, bool), variance=0.01, harmonics=(1, 2, 3))
+    means = patch_means(light, np.ones(4, bool), traits_of((1, 2, 3), 0.01))
     assert_allclose(means.ratios, [1.0, 1.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("variance", [0.0, 1e-4])
 def test_patches_without_pixels_have_no_amplitude_and_finite_ratios(variance: float) -> None:
     light = patch_light(np.full((2, 4), np.nan + 0j), np.zeros(4, bool), harmonics=(1, 2))
-    means = patch_means(light, np.ones(4, bool), variance=variance, harmonics=(1, 2))
+    means = patch_means(light, np.ones(4, bool), traits_of((1, 2), variance))
     assert (means.ratios.tolist(), float(means.amplitude), float(means.pixels)) == ([0.0], 0.0, 0.0)
 
 

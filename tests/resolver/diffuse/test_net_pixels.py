@@ -51,7 +51,7 @@ def two_paths(share: Float | float, near_m: Float | float = NET_M, delay_ns: flo
 
 def test_only_pixels_of_a_net_are_freed_of_the_tail() -> None:
     seen = two_paths(0.5)
-    free, nets = freed_pixels(seen, model().block(slice(0, NET.size)))
+    free, nets = freed_pixels(seen, model(), first=0)
     assert nets is not None
     np.testing.assert_array_equal(nets.where, NET.ravel())
     assert_allclose(free[:, NET.ravel()], (seen / TAIL[:, np.newaxis])[:, NET.ravel()])
@@ -63,8 +63,8 @@ def test_only_pixels_of_a_net_are_freed_of_the_tail() -> None:
 @pytest.mark.parametrize("part", [slice(13 * 64 + 30, 15 * 64 + 25), slice(0, 64), slice(19 * 64, 48 * 64)])
 def test_a_part_of_the_pixels_is_freed_as_in_the_whole_frame(part: slice) -> None:
     seen = two_paths(0.4)
-    whole, _ = freed_pixels(seen, model().block(slice(0, NET.size)))
-    found, nets = freed_pixels(seen[:, part], model().block(part))
+    whole, _ = freed_pixels(seen, model(), first=0)
+    found, nets = freed_pixels(seen[:, part], model(), first=part.start)
     np.testing.assert_array_equal(found, whole[:, part])
     assert nets is not None
     np.testing.assert_array_equal(nets.where, NET.ravel()[part])
@@ -72,7 +72,7 @@ def test_a_part_of_the_pixels_is_freed_as_in_the_whole_frame(part: slice) -> Non
 
 @pytest.mark.parametrize(("share", "freed"), [(0.09, False), (0.11, True), (0.89, True), (0.91, False)])
 def test_both_paths_have_at_least_a_tenth_of_the_light_of_a_pixel(share: float, freed: bool) -> None:
-    _, nets = freed_pixels(two_paths(share), model().block(slice(0, NET.size)))
+    _, nets = freed_pixels(two_paths(share), model(), first=0)
     assert nets is not None
     np.testing.assert_array_equal(nets.where, NET.ravel() & freed)
 
@@ -80,7 +80,7 @@ def test_both_paths_have_at_least_a_tenth_of_the_light_of_a_pixel(share: float, 
 @pytest.mark.parametrize(("near_m", "freed"), [(1.81, True), (1.79, False), (2.19, True), (2.21, False)])
 def test_the_nearer_path_is_within_a_tenth_of_the_range_of_the_net(near_m: float, freed: bool) -> None:
     seen = two_paths(0.5, near_m)
-    free, nets = freed_pixels(seen, model().block(slice(0, NET.size)))
+    free, nets = freed_pixels(seen, model(), first=0)
     assert nets is not None
     np.testing.assert_array_equal(nets.where, NET.ravel() & freed)
     assert freed or (free == seen).all()
@@ -88,6 +88,6 @@ def test_the_nearer_path_is_within_a_tenth_of_the_range_of_the_net(near_m: float
 
 def test_without_a_net_the_phasors_are_returned_unchanged() -> None:
     seen = two_paths(0.5)
-    free, nets = freed_pixels(seen, replace(model(), nets=None).block(slice(0, NET.size)))
+    free, nets = freed_pixels(seen, replace(model(), nets=None), first=0)
     assert free is seen
     assert nets is None

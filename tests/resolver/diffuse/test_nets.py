@@ -1,5 +1,6 @@
 """Patches with two paths count as a surface that lets light through: each limit, tested on both sides."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,18 +9,15 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid
+from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.nets import find_nets, freed_paths, typical_tail
 from cadtof_cli.resolver.diffuse.records import Nets, Tails
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from tests.support.diffuse_frames import M_PER_RAD, OMEGA, Tail
+from tests.support.diffuse_patches import traits_of
 
 HARMONICS = (1, 2, 3)
 
-SETTINGS = DiffuseSettings(period_ns=40.0, harmonics=HARMONICS)
-
 TAIL = np.array([1.0 + Tail(0.2, 3.0, 9.0).phasor(h) for h in HARMONICS])
-
-TAILS = Tails(TAIL, TAIL, HARMONICS)
 
 
 def grid() -> PatchGrid:
@@ -68,7 +66,22 @@ def seen_in(
     )
     every = np.ones(net.shape, bool) if valid is None else valid
     lag_rad = np.angle(phasors[0]) - np.where(net, 1.0, wall_m()) / M_PER_RAD
-    return find_nets(phasors, lag_rad[every], every, TAILS, grid=grid(), settings=SETTINGS)
+    back = np.exp(-1j * np.array(HARMONICS[1:])[:, None, None] * np.angle(phasors[0]))
+    ratios = phasors[1:] / np.abs(phasors[0]) * back
+    means = PatchMeans(ratios, np.abs(phasors[0]), weight, np.angle(phasors[0]), weight)
+    posterior = tail_values()[:, None] + np.zeros(int(every.sum()))
+    posterior[-1] = lag_rad[every]
+    # the other fields play no part
+    patches: Any = SimpleNamespace(valid=every, means=means)
+    fit: Any = SimpleNamespace(posterior=posterior)
+    return find_nets(patches, fit, traits_of(HARMONICS, 0.0, grid()))
+
+
+def tail_values() -> Float:
+    """Return ln|H_h/H_1|, arg H_h − h·arg H_1, ln|H_1| and arg H_1 of TAIL."""
+    first, second, third = TAIL
+    sizes, phases = np.log(np.abs(TAIL[1:] / first)), np.angle([second / first**2, third / first**3])
+    return np.array([*sizes, *phases, np.log(abs(first)), np.angle(first)])
 
 
 def found_by(net: Bool, **options: Any) -> Bool:
@@ -154,25 +167,12 @@ def test_ranges_extend_one_patch_beyond_the_net_and_the_variance_follows_from_th
     assert_allclose(seen.near_m[2, 6], near_m[3, 5:8].mean(), atol=1e-3)
     lag = float(np.angle(TAIL[0]))
     assert seen.variance == pytest.approx((0.7 * off_m / M_PER_RAD) ** 2 + (0.2 * lag) ** 2, rel=0.05)
-    assert seen.tails is TAILS
-
-
-def test_without_light_no_net_is_found() -> None:
-    nothing = np.zeros((3, *grid().ray.shape[1:]), complex)
-    none = np.zeros(grid().ray.shape[1:], bool)
-    assert find_nets(nothing, np.empty(0), none, TAILS, grid=grid(), settings=SETTINGS) is None
+    assert_allclose((seen.tails.near, seen.tails.far), (TAIL, TAIL))
 
 
 def test_the_typical_tail_is_that_of_the_median_values() -> None:
     """The values are ln|H_h/H_1|, arg H_h − h·arg H_1, ln|H_1| and arg H_1; the middle one of three patches has TAIL."""
-    tail_values = [np.log(abs(TAIL[1] / TAIL[0])), np.log(abs(TAIL[2] / TAIL[0]))]
-    tail_values += [
-        np.angle(TAIL[1] / TAIL[0] ** 2),
-        np.angle(TAIL[2] / TAIL[0] ** 3),
-        np.log(abs(TAIL[0])),
-        np.angle(TAIL[0]),
-    ]
-    values = np.array(tail_values)[:, np.newaxis] + np.array([-0.2, 0.0, 0.5])
+    values = tail_values()[:, np.newaxis] + np.array([-0.2, 0.0, 0.5])
     assert_allclose(typical_tail(values, HARMONICS), TAIL, rtol=1e-9)
 
 

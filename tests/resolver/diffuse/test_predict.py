@@ -279,7 +279,7 @@ def test_bad_pixels_have_no_answer_and_harm_no_other() -> None:
     bad[:, 50] = bad[4, 4] = bad[6, 6] = True
     np.testing.assert_array_equal(pixels.answered, ~bad.ravel())
     for name, values in vars(pixels).items():
-        if name not in {"answered", "separate_variance"}:
+        if name != "answered":
             np.testing.assert_array_equal(np.isnan(values), bad.ravel(), err_msg=name)
     moved = np.abs(pixels.direct_phase_rad - clean.direct_phase_rad)[~bad.ravel()] * M_PER_RAD
     assert np.median(moved) < 0.002
@@ -317,8 +317,8 @@ def test_means_of_pixels_have_smaller_sigmas_if_noise_is_most_of_the_error() -> 
     flat = p.reshape(2, -1)
     every = slice(0, flat.shape[1])
     usable, samples = np.ones(every.stop, bool), np.full(every.stop, 25.0)
-    alone = diffuse_pixels(flat, tail=one.block(every), usable=usable).direct_sigma_rad
-    pooled = diffuse_pixels(flat, tail=many.block(every), usable=usable, samples=samples).direct_sigma_rad
+    alone = diffuse_pixels(flat, model=one, first=0, usable=usable).direct_sigma_rad
+    pooled = diffuse_pixels(flat, model=many, first=0, usable=usable, samples=samples).direct_sigma_rad
     assert np.median(pooled) < 0.6 * np.median(alone)
 
 

@@ -37,13 +37,11 @@ def test_ranges_are_those_of_the_phase_within_a_turn() -> None:
     assert_allclose(turns, np.rint(turns), atol=1e-9)
 
 
-def test_cleared_pixels_become_nan() -> None:
+def test_direct_light_and_mpi_light_are_rows_of_the_answers() -> None:
     rows = np.arange(7.0, dtype=np.float32)[:, None] + np.zeros(6, np.float32)
-    pixels = DiffusePixels(0.4, np.ones(6, bool), *rows)
-    pixels.clear(np.arange(6) == 3)
-    assert pixels.answered.all()
+    pixels = DiffusePixels(np.ones(6, bool), *rows)
     for number, values in enumerate((*pixels.direct, *pixels.mpi, pixels.chi_squared)):
-        assert_allclose(values, [number, number, number, np.nan, number, number])
+        assert_allclose(values, np.full(6, number))
     amplitude, phase, sigma = pixels.direct
     assert amplitude is pixels.direct_amplitude
     assert phase is pixels.direct_phase_rad
@@ -75,4 +73,3 @@ def test_separate_pixels_and_offsets_of_a_part_are_those_of_its_pixels() -> None
     without_offset = model_of(phasors_of(wall_range(), tail))
     assert isinstance(without_offset, DiffuseModel)
     assert without_offset.range_offset(part) == 0.0
-    assert found.block(slice(3, 9)).pixels == slice(3, 9)

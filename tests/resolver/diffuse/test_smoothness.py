@@ -10,15 +10,13 @@ from cadtof_cli.arrays import Bool
 from cadtof_cli.resolver.diffuse import smoothness
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, sampled_light
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
 from cadtof_cli.resolver.kernels import available_kernels
-from tests.support.diffuse_frames import OMEGA, T1_NS, F, Tail, Z, corner_range, phasors_of, variance, wall_range
+from tests.support.diffuse_frames import OMEGA, F, Tail, Z, corner_range, phasors_of, variance, wall_range
+from tests.support.diffuse_patches import traits_of
 from tests.support.kernels import by_kernel
 
 HEIGHT, WIDTH, FOCAL_PX = 96, 128, 110.0
-
-SETTINGS = DiffuseSettings(period_ns=T1_NS, harmonics=(1, 2))
 
 SIDE = 6
 """Side of a patch of such a frame, in pixels."""
@@ -45,7 +43,7 @@ def patches_of(
     grid = patch_grid(HEIGHT, WIDTH, View(FOCAL_PX, ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)))
     assert (grid.side, grid.stride) == (SIDE, 1)
     light = sampled_light(phasors, np.ones((HEIGHT, WIDTH), bool), grid, harmonics=(1, 2))
-    return light, patch_means(light, light.seen, variance=variance(n_av), harmonics=(1, 2)), grid
+    return light, patch_means(light, light.seen, traits_of((1, 2), variance(n_av))), grid
 
 
 def is_smoothed(frame: tuple[PatchLight, PatchMeans, PatchGrid], lit: Bool | None = None) -> bool:
@@ -53,7 +51,7 @@ def is_smoothed(frame: tuple[PatchLight, PatchMeans, PatchGrid], lit: Bool | Non
     every = np.ones(means.amplitude.shape, np.bool_)
     given = light, means, every if lit is None else lit
     answers = {
-        by_kernel(kernel, are_smoothed_by_two_paths, *given, grid=grid, settings=SETTINGS)
+        by_kernel(kernel, are_smoothed_by_two_paths, *given, traits_of((1, 2), 0.0, grid))
         for kernel in available_kernels()
     }
     assert len(answers) == 1
@@ -98,7 +96,7 @@ def test_noise_and_no_light_are_not_taken_for_two_paths() -> None:
 @pytest.mark.parametrize("distance_m", [0.5, 2.9, 4.5])
 def test_the_inverse_depth_of_a_flat_wall_has_no_bends_at_any_distance(distance_m: float) -> None:
     _, means, grid = patches_of(wall((0.4, -0.3), distance_m), None, n_av=1e12)
-    inverse_depth = smoothness._inverse_depth(means.phase_rad, grid, SETTINGS)
+    inverse_depth = smoothness._inverse_depth(means.phase_rad, traits_of((1, 2), 0.0, grid))
     everywhere = np.ones(inverse_depth.shape, np.bool_)
     bends = smoothness._bends(inverse_depth, everywhere, 2)
     # for patches that extend beyond the frame, the mean is not that of the middle
@@ -143,7 +141,7 @@ def test_each_distance_of_patches_has_its_own_limit(monkeypatch: pytest.MonkeyPa
     lit = np.ones((rows, columns), np.bool_)
     lit[:, -1] = False
     columns -= 1
-    assert not are_smoothed_by_two_paths(light, means, lit, grid=grid, settings=SETTINGS)
+    assert not are_smoothed_by_two_paths(light, means, lit, traits_of((1, 2), 0.0, grid))
     # a third of the last column of patches lies in the view
     pixels = int(light.seen[: SIDE - 2, lit].sum())
     between = [(rows - 2 * distance) * columns + rows * (columns - 2 * distance) for distance in (1, 2)]
@@ -153,7 +151,7 @@ def test_each_distance_of_patches_has_its_own_limit(monkeypatch: pytest.MonkeyPa
 def test_surfaces_at_the_camera_count_as_five_centimetres_away() -> None:
     _, means, grid = patches_of(wall(), None)
     nothing = np.full(means.amplitude.shape, 1e-9)
-    assert_allclose(smoothness._inverse_depth(nothing, grid, SETTINGS) * grid.ray[2], 20.0)
+    assert_allclose(smoothness._inverse_depth(nothing, traits_of((1, 2), 0.0, grid)) * grid.ray[2], 20.0)
 
 
 @pytest.mark.parametrize("row", range(SIDE))

@@ -1,6 +1,6 @@
 """The compiled search returns the bits of the search in numpy for any input, and refuses buffers that do not fit."""
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from types import ModuleType
 from typing import Any
 
@@ -9,8 +9,13 @@ import pytest
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.kernels import NUMPY
-from cadtof_cli.resolver.likelihood.compiled import WHITE, Minimum, Planes, compiled_ends
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import Compilable, LevenbergMarquardt
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import (
+    WHITE,
+    Compilable,
+    LevenbergMarquardt,
+    Minimum,
+    compiled_search,
+)
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.starts import scanned
 from cadtof_cli.resolver.resolve import resolve_paths
@@ -161,22 +166,12 @@ def test_resolved_paths_have_the_bits_of_numpy(search: ModuleType, settings: Res
     np.testing.assert_array_equal(one.chi_squared, other.chi_squared)
 
 
-def ends(planes: Planes, starts: Float, level: str) -> Minimum | None:
-    return compiled_ends(
-        planes, starts, worth=np.ones(starts.shape[1]), most_steps=3, relative=0.0, first_damping=1e-3, kernel=level
-    )
-
-
 def test_a_problem_too_large_for_the_compiled_search_is_left_to_numpy(search: ModuleType) -> None:
-    planes, starts = Planes(WHITE, 1, (1,), np.ones((1, 2)), np.ones((1, 2)), np.ones(1)), np.ones((3, 2))
-    assert ends(planes, starts, search.levels()[0]) is not None
-    nine = np.ones((9, 2))
-    for larger in (
-        replace(planes, harmonics=(17,)),
-        replace(planes, harmonics=tuple(range(1, 10)), re=nine, im=nine, weights=np.ones(9)),
-        replace(planes, paths=5),
-    ):
-        assert ends(larger, np.ones((3 * larger.paths, 2)), search.levels()[0]) is None
+    kernel = search.levels()[0]
+    assert by_kernel(kernel, compiled_search, (1,), paths=1) is search
+    assert by_kernel(NUMPY, compiled_search, (1,), paths=1) is None
+    for harmonics, paths in (((17,), 1), (tuple(range(1, 10)), 1), ((1,), 5)):
+        assert by_kernel(kernel, compiled_search, harmonics, paths=paths) is None
 
 
 def arguments(level: str) -> list[Any]:

@@ -1,0 +1,25 @@
+"""What `inspect` says of a pixel is what a run writes of it."""
+
+import numpy as np
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame
+from cadtof_cli.pipeline.one_pixel import pixel_evidence
+from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.units import metres_per_radian
+
+
+def test_a_random_search_starts_where_it_starts_in_the_whole_frame() -> None:
+    """With one start per pixel, some searches end elsewhere if they begin with the starts of another pixel."""
+    resolver = ResolverSettings(solver="lm", order="2", starts=1, false_alarm=0.5)
+    metadata = CaptureMetadata(
+        modulation=Modulation(periods_ns=(40.0, 20.0, 40.0 / 3.0)), pixel=Pixel(integration_length=1e5)
+    )
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=resolver))
+    stored = 0.05 * np.random.default_rng(1).normal(size=(3, 2, 8, 8))
+    depth_m = resolve_frame(stored, plan=plan).maps.layer(DIRECT_DEPTH).ravel()
+    pixels = prepare_frame(stored, plan=plan)
+    phases = [pixel_evidence(pixels, index, plan=plan).resolved.paths.phase_rad[0, 0] for index in range(64)]
+    np.testing.assert_allclose(np.array(phases) * metres_per_radian(40.0), depth_m, rtol=1e-5)
