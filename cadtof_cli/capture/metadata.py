@@ -160,6 +160,11 @@ class Voltage(Table):
         """The stored value that means 0 V; 0 if it is not given."""
         return self.zero_counts or 0.0
 
+    @property
+    def zero_v(self) -> float:
+        """The stored value that means 0 V, times the volts per count: it depends on the camera, not on the bits of its files."""
+        return self.zero * (self.volts_per_count or 1.0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Optics(Table):

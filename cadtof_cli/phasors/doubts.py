@@ -70,12 +70,31 @@ _SLENDER = 2
 """Largest ratio of the two sides of a frame at which it is checked for being swapped: with longer lines, most pixels
 have the same neighbours either way."""
 
+def _planes(frame: Stored) -> Stored:
+    return frame
+
+
+def _lines(frame: Stored) -> Stored:
+    return np.moveaxis(frame.reshape(frame.shape[2], -1, frame.shape[3]), 1, 0)
+
+
+def _pixels(frame: Stored) -> Stored:
+    return frame.reshape(-1, 2 * len(frame)).T
+
+
+def _channels_first(planes: Callable[[Stored], Stored]) -> Callable[[Stored], Stored]:
+    """Return the function that finds planes as `planes` does, and takes all of SC1 to come before all of SC2."""
+    return lambda frame: planes(frame).reshape(2, len(frame), -1).swapaxes(0, 1)
+
+
 _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
     "with SC1 and SC2 swapped": lambda frame: frame[:, ::-1],
     "with the harmonics in the opposite order": lambda frame: frame[::-1],
-    "with SC1 of all harmonics before SC2": lambda frame: frame.reshape(2, len(frame), -1).swapaxes(0, 1),
-    "interleaved line by line": lambda frame: np.moveaxis(frame.reshape(frame.shape[2], -1, frame.shape[3]), 1, 0),
-    "interleaved pixel by pixel": lambda frame: frame.reshape(-1, 2 * len(frame)).T,
+    "with SC1 of all harmonics before SC2": _channels_first(_planes),
+    "interleaved line by line": _lines,
+    "interleaved line by line, with SC1 of all harmonics before SC2": _channels_first(_lines),
+    "interleaved pixel by pixel": _pixels,
+    "interleaved pixel by pixel, with SC1 of all harmonics before SC2": _channels_first(_pixels),
 }
 """Other orders in which the values of a frame, (H, 2, Y, X), may have been stored: the order in words, and the function
 that puts the values back into planes of SC1 and SC2 for one harmonic after the other."""

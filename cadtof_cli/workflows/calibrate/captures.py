@@ -106,6 +106,9 @@ def averaged_captures(
         averaged.append((capture, mean))
     metadata, pixels = captures[0].source.metadata, averaged[0][1].pixels
     earlier = _earlier_parts(settings.out, kind, metadata, pixels, progress)
+    for one in captures:
+        for doubt in earlier.doubts(one.source.metadata) if earlier else ():
+            progress.say(f"warning: {one.root}: {doubt}")
     origin = Origin(
         captures=tuple(str(one.root) for one in captures),
         frames=sum(mean.frames for _, mean in averaged),
