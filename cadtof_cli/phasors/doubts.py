@@ -70,6 +70,7 @@ _SLENDER = 2
 """Largest ratio of the two sides of a frame at which it is checked for being swapped: with longer lines, most pixels
 have the same neighbours either way."""
 
+
 def _planes(frame: Stored) -> Stored:
     return frame
 

@@ -101,7 +101,11 @@ def test_planes_that_are_interleaved_with_the_channels_first_are_doubted(scene: 
     """A camera that stores C H by line or by pixel, or `fwrite` of a MATLAB array H × C × Y × X."""
     (frame,) = read_frames(SAMPLES / scene)
     after = ", with SC1 of all harmonics before SC2, they would in "
-    for axes, words in (((2, 1, 0, 3), "line by line"), ((2, 3, 1, 0), "pixel by pixel"), ((3, 2, 1, 0), "pixel by pixel")):
+    for axes, words in (
+        ((2, 1, 0, 3), "line by line"),
+        ((2, 3, 1, 0), "pixel by pixel"),
+        ((3, 2, 1, 0), "pixel by pixel"),
+    ):
         stored = frame.stored.transpose(axes).reshape(frame.stored.shape)
         assert f"; interleaved {words}{after}" in str(mistaken_order(stored, frame.metadata))
 
