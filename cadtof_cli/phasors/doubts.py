@@ -1,5 +1,5 @@
 """Likely faults of a frame that may still be a recording: height and width swapped, planes in another order, no light,
-values that are cut off.
+the same plane twice, values that are cut off.
 
 Order of planes: light of one path with the phase x has the phases x, 2x, … at the harmonics 1, 2, …, and the same
 amplitude at all of them. Several paths shift phases and amplitudes, but hardly ever in nearly all pixels of a frame.
@@ -11,16 +11,20 @@ or a harmonic that is not modulated, holds noise alone.
 Height and width swapped, as in a wrong shape given for a raw dump: neighbours in a column should hold nearly the same
 values, and then they do not.
 
+The same plane twice: planes of one scene differ by far more than noise. Two that do not are recordings of one plane, as
+in a stack that holds all frames of a plane before those of the next plane.
+
 Values cut off: noise spreads the largest and the least values as it spreads all values. If many pixels hold exactly the
 largest value, or the least, a converter has cut values off there.
 """
 
 import math
 from collections.abc import Callable, Mapping
+from itertools import combinations
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored
+from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
@@ -110,15 +114,17 @@ def doubts(
         stored: the frame's stored values.
         metadata: of the capture.
         has_light: whether the frame shows a scene. If not, only values that are cut off are looked for.
-        of_order: whether to look for planes in another order. This is never done if some planes hold noise alone.
+        of_order: whether to look for planes in another order. This is never done if some planes hold noise alone, or
+            show the same.
 
     Raises:
         SettingsError: see `volts_per_count`.
     """
     slanted = sheared(stored, metadata) if has_light else None
     dark = without_light(stored, metadata) if has_light else None
-    mistaken = mistaken_order(stored, metadata) if has_light and of_order and not dark else None
-    return tuple(doubt for doubt in (slanted, dark, mistaken, cut_off(stored, metadata)) if doubt)
+    twice = recorded_twice(stored, metadata) if has_light else None
+    mistaken = mistaken_order(stored, metadata) if has_light and of_order and not dark and not twice else None
+    return tuple(doubt for doubt in (slanted, dark, twice, mistaken, cut_off(stored, metadata)) if doubt)
 
 
 def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
@@ -158,24 +164,53 @@ def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
     NaN and saturated pixels are left out.
     """
+    here, noise = _values_and_noise(stored, metadata)
+    if not here.size:
+        return None
+    scatter = here.std(axis=1)
+    dark = (scatter <= _AS_NOISE * noise) & (np.abs(here.mean(axis=1) - metadata.voltage.zero) < scatter.max())
+    if not dark.any() or not (scatter > _AS_SCENE * noise).any():
+        return None
+    names = [name for name, is_dark in zip(plane_names(metadata.modulation.harmonics), dark, strict=True) if is_dark]
+    return f"{', '.join(names)}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
+
+
+def recorded_twice(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return a message that names two planes of a frame, (H, 2, Y, X), that show the same scene and differ by noise
+    alone; else None.
+
+    NaN and saturated pixels are left out.
+    """
+    here, noise = _values_and_noise(stored, metadata)
+    if not here.size:
+        return None
+    names, shows = plane_names(metadata.modulation.harmonics), here.std(axis=1) > _AS_SCENE * noise
+    for one, other in combinations(np.flatnonzero(shows), 2):
+        apart = math.sqrt(float(np.mean((here[other] - here[one]) ** 2)))
+        if apart <= _AS_NOISE * math.hypot(noise[one], noise[other]):
+            return (
+                f"{names[other]} shows the same as {names[one]}, apart from noise: are both recordings of one plane, as in a "
+                "stack that holds all frames of one plane before those of the next?"
+            )
+    return None
+
+
+def _values_and_noise(stored: Stored, metadata: CaptureMetadata) -> tuple[Float, Float]:
+    """Return values of sound pixels that are spread over a frame, (planes, n), and the noise of each plane, which their
+    neighbours show. n is 0 if too few pixels are sound."""
     every = max(1, math.isqrt(math.prod(stored.shape[2:]) // LOOKED_AT))
     rows = stored[:, :, ::every]
     sound = sound_pixels(rows, metadata.voltage.saturated_counts)
     sound = sound[:, :-1:every] & sound[:, 1::every]
     count = np.count_nonzero(sound)
     if count < FEWEST:
-        return None
+        return np.empty((0, 0)), np.empty(0)
     # a mask leaves the values of each pixel side by side in memory; sums over a plane need the plane's values side by side
     here, beside = (
         np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
         for values in (rows[..., :-1:every], rows[..., 1::every])
     )
-    noise, scatter = (beside - here).std(axis=1) / math.sqrt(2.0), here.std(axis=1)
-    dark = (scatter <= _AS_NOISE * noise) & (np.abs(here.mean(axis=1) - metadata.voltage.zero) < scatter.max())
-    if not dark.any() or not (scatter > _AS_SCENE * noise).any():
-        return None
-    names = [name for name, is_dark in zip(plane_names(metadata.modulation.harmonics), dark, strict=True) if is_dark]
-    return f"{', '.join(names)}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
+    return here, (beside - here).std(axis=1) / math.sqrt(2.0)
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
