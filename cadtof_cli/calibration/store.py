@@ -79,18 +79,18 @@ class Calibration:
                 "the same lamp_offset_m under [optics], or --lamp-offset-m"
             )
 
-    def doubts(self, metadata: CaptureMetadata, /) -> tuple[str, ...]:
-        """Return in words what of the calibration is probably not that of a capture: the zero of its dark frames.
+    def doubt(self, metadata: CaptureMetadata, /) -> str | None:
+        """Return in words that the dark frames probably had another zero than a capture; None: nothing says so.
 
         A zero of 0 says nothing: the program that wrote the frames may have subtracted it.
         """
         before, now = self.dark.zero_v if self.dark else 0.0, metadata.voltage.zero_v
         if not before or not now or abs(now - before) <= ZERO_LIMIT * metadata.modulation.amplitude_v:
-            return ()
+            return None
         return (
             f"zero_counts is {now:.6g} V in the capture and was {before:.6g} V in the dark frames (zero_counts × "
             f"volts_per_count), so all voltages are {abs(now - before) * 1e3:.3g} mV off if the camera is the same: give both "
-            "the same values under [voltage], or repeat `cadtof calibrate dark`",
+            "the same values under [voltage], or repeat `cadtof calibrate dark`"
         )
 
     def stale(self) -> tuple[str, ...]:

@@ -133,16 +133,16 @@ def test_dark_frames_with_another_zero_than_the_capture_are_doubted(tmp_path: Pa
     assert kept.dark is not None
     assert kept.dark.zero_v == 8192 * 6e-5
 
-    def doubts(zero: float | None, scale: float | None) -> tuple[str, ...]:
-        return kept.doubts(CaptureMetadata(voltage=Voltage(zero_counts=zero, volts_per_count=scale)))
+    def doubt(zero: float | None, scale: float | None) -> str | None:
+        return kept.doubt(CaptureMetadata(voltage=Voltage(zero_counts=zero, volts_per_count=scale)))
 
     # the same zero, also in files whose counts are shifted to the left; volts; a zero that a program has subtracted
     for zero, scale in ((8192.0, 6e-5), (32768.0, 1.5e-5), (None, None), (0.0, 6e-5)):
-        assert doubts(zero, scale) == ()
-    (message,) = doubts(8230.0, 6e-5)
+        assert doubt(zero, scale) is None
+    message = str(doubt(8230.0, 6e-5))
     assert "was 0.49152 V in the dark frames" in message
     assert "2.28 mV off" in message
-    assert Calibration(dark=dark()).doubts(CaptureMetadata(voltage=Voltage(zero_counts=8230.0))) == ()
+    assert Calibration(dark=dark()).doubt(CaptureMetadata(voltage=Voltage(zero_counts=8230.0))) is None
 
 
 def test_figures_are_read_as_written_and_a_change_of_the_file_is_refused(tmp_path: Path) -> None:

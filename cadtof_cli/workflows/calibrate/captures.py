@@ -107,7 +107,7 @@ def averaged_captures(
     metadata, pixels = captures[0].source.metadata, averaged[0][1].pixels
     earlier = _earlier_parts(settings.out, kind, metadata, pixels, progress)
     for one in captures:
-        for doubt in earlier.doubts(one.source.metadata) if earlier else ():
+        if earlier and (doubt := earlier.doubt(one.source.metadata)):
             progress.say(f"warning: {one.root}: {doubt}")
     origin = Origin(
         captures=tuple(str(one.root) for one in captures),
