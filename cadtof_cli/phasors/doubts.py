@@ -63,6 +63,9 @@ In 28 captures with light, the least of any plane is 2.3; noise has 1.0. A plane
 largest scatter of all planes is not doubted: a cosine near its peak is flat and far from 0, and its sine changes most
 there."""
 
+_MEDIAN_OF_NORMAL = 0.6745
+"""Median magnitude of a normal distribution, in units of its standard deviation."""
+
 _SHEARED = 1.4
 """Threshold for height and width being swapped, on d(width)/d(height) divided by (longer side)/(shorter side). d(n) is
 the mean difference between pixels that are n places apart in the file: pixels in one column, if lines have n pixels.
@@ -164,10 +167,10 @@ def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
     NaN and saturated pixels are left out.
     """
-    here, noise = _values_and_noise(stored, metadata)
+    here, beside = _neighbours(stored, metadata)
     if not here.size:
         return None
-    scatter = here.std(axis=1)
+    noise, scatter = (beside - here).std(axis=1) / math.sqrt(2.0), here.std(axis=1)
     dark = (scatter <= _AS_NOISE * noise) & (np.abs(here.mean(axis=1) - metadata.voltage.zero) < scatter.max())
     if not dark.any() or not (scatter > _AS_SCENE * noise).any():
         return None
@@ -181,9 +184,11 @@ def recorded_twice(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
     NaN and saturated pixels are left out.
     """
-    here, noise = _values_and_noise(stored, metadata)
+    here, beside = _neighbours(stored, metadata)
     if not here.size:
         return None
+    # the median leaves out edges of the scene, between which neighbours differ by more than noise
+    noise = np.median(np.abs(beside - here), axis=1) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
     names, shows = plane_names(metadata.modulation.harmonics), here.std(axis=1) > _AS_SCENE * noise
     for one, other in combinations(np.flatnonzero(shows), 2):
         apart = math.sqrt(float(np.mean((here[other] - here[one]) ** 2)))
@@ -195,22 +200,22 @@ def recorded_twice(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     return None
 
 
-def _values_and_noise(stored: Stored, metadata: CaptureMetadata) -> tuple[Float, Float]:
-    """Return values of sound pixels that are spread over a frame, (planes, n), and the noise of each plane, which their
-    neighbours show. n is 0 if too few pixels are sound."""
+def _neighbours(stored: Stored, metadata: CaptureMetadata) -> tuple[Float, Float]:
+    """Return values of sound pixels that are spread over a frame, (planes, n), and the values of their neighbours; n is 0
+    if too few pixels are sound."""
     every = max(1, math.isqrt(math.prod(stored.shape[2:]) // LOOKED_AT))
     rows = stored[:, :, ::every]
     sound = sound_pixels(rows, metadata.voltage.saturated_counts)
     sound = sound[:, :-1:every] & sound[:, 1::every]
     count = np.count_nonzero(sound)
     if count < FEWEST:
-        return np.empty((0, 0)), np.empty(0)
+        return np.empty((0, 0)), np.empty((0, 0))
     # a mask leaves the values of each pixel side by side in memory; sums over a plane need the plane's values side by side
     here, beside = (
         np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
         for values in (rows[..., :-1:every], rows[..., 1::every])
     )
-    return here, (beside - here).std(axis=1) / math.sqrt(2.0)
+    return here, beside
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:

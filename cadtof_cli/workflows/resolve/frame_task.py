@@ -292,7 +292,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
 
 
 def _read_mean(task: FrameTask, files: tuple[SourceFile, ...] | None) -> tuple[FrameMean, Recording]:
-    """Return the mean of a task's frames that can be read, and how it was read."""
+    """Return the mean of a task's frames that can be read and are no copies of others, and how it was read."""
     metadata = task.plan.metadata
     digests, errors = list[str](), list[FrameError]()
 
@@ -305,8 +305,13 @@ def _read_mean(task: FrameTask, files: tuple[SourceFile, ...] | None) -> tuple[F
                 errors.append(error)
                 digests.append("")
                 continue
-            digests.append(content_digest(stored))
-            yield stored
+            digest = content_digest(stored)
+            if digest in digests:
+                # a copy adds nothing to the mean, which would seem to have less noise than it has
+                errors.append(FrameError(f"{source}: holds the same values as another of these frames"))
+            else:
+                yield stored
+            digests.append(digest)
         if len(errors) == len(task.sources):
             raise errors[0]
 
