@@ -140,7 +140,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
         content = hash(stored.tobytes())
         if content in known:
             raise FrameError(
-                f"{source}: holds the same values as {known[content]} in every pixel, but noise makes two recordings differ; "
+                f"{source}: holds the same values as {known[content]} in every pixel, but noise makes two recordings differ: "
                 "remove the copy, or record again"
             )
         known[content] = source
