@@ -41,7 +41,8 @@ class DarkCalibration:
     """Offsets that do not depend on the light, and the noise of a single dark frame, in V, float32 (H, 2, Y, X) each.
 
     `defects`, uint32 (Y, X), holds bits of `Defect`. `figures` holds the answer of `quality` from the time when the
-    part was made; if it is empty, `quality` computes its figures from the maps.
+    part was made; if it is empty, `quality` computes its figures from the maps. `zero_v` is `zero_counts` of the dark
+    frames, in V; 0: none was given, or the file held volts or values without it.
 
     An offset has two sources: electronics and stray charge, and the mean of the sampled wave. All light adds this mean
     alike, because the average of Eq. (1) is over photons of every origin.
@@ -54,6 +55,7 @@ class DarkCalibration:
     noise_v: Float32
     defects: NDArray[np.uint32]
     figures: Mapping[str, float] = field(default_factory=dict)
+    zero_v: float = 0.0
 
     def __post_init__(self) -> None:
         shape = (len(self.origin.harmonics), CHANNELS, *self.origin.pixels)
@@ -98,8 +100,9 @@ class DarkCalibration:
         return tuple((whole["offset_stderr_v"] * typical / np.median(noise)).tolist())
 
     def tables(self) -> dict[str, dict[str, Any]]:
-        """Return the quality of the fit and the counts of defects."""
-        return {"quality": self.quality(), "defects": self.defect_counts()}
+        """Return the quality of the fit, the counts of defects, and the zero of the stored values."""
+        tables: dict[str, dict[str, Any]] = {"quality": self.quality(), "defects": self.defect_counts()}
+        return tables | ({"voltage": {"zero_v": self.zero_v}} if self.zero_v else {})
 
     def maps(self) -> dict[str, NDArray[Any]]:
         """Return offsets and noise per channel, and the defects."""
@@ -112,4 +115,5 @@ class DarkCalibration:
         """Build the calibration from its maps, with the figures of its tables."""
         shape = (len(origin.harmonics), CHANNELS, *origin.pixels)
         offset, noise = (stacked(maps, what, origin.harmonics, CHANNELS).reshape(shape) for what in ("offset", "noise"))
-        return cls(origin, offset, noise, np.asarray(maps["defects"], np.uint32), dict(tables["quality"]))
+        zero = float(tables.get("voltage", {}).get("zero_v", 0.0))
+        return cls(origin, offset, noise, np.asarray(maps["defects"], np.uint32), dict(tables["quality"]), zero)

@@ -25,6 +25,10 @@ from cadtof_cli.files.toml import read_toml, toml_from_tables
 
 DIGEST_LENGTH = 16
 
+ZERO_LIMIT = 1e-3
+"""Difference between the zeros of the dark frames and of a capture, as a share of the modulation amplitude, that is
+doubted. It moves phases by up to a milliradian: 1 mm at 40 ns."""
+
 Part = DarkCalibration | ResponseCalibration | PetzvalCalibration
 """One part. Its `origin`, its `tables` and its `maps` hold everything in it, and `from_stored` builds it from these."""
 
@@ -74,6 +78,20 @@ class Calibration:
                 f"{', '.join(self.response.origin.captures)}; its maps would be wrong by the way of the lamp's light; give both "
                 "the same lamp_offset_m under [optics], or --lamp-offset-m"
             )
+
+    def doubt(self, metadata: CaptureMetadata, /) -> str | None:
+        """Return in words that the dark frames probably had another zero than a capture; None: nothing says so.
+
+        A zero of 0 says nothing: the program that wrote the frames may have subtracted it.
+        """
+        before, now = self.dark.zero_v if self.dark else 0.0, metadata.voltage.zero_v
+        if not before or not now or abs(now - before) <= ZERO_LIMIT * metadata.modulation.amplitude_v:
+            return None
+        return (
+            f"zero_counts is {now:.6g} V in the capture and was {before:.6g} V in the dark frames (zero_counts × "
+            f"volts_per_count), so all voltages are {abs(now - before) * 1e3:.3g} mV off if the camera is the same: give both "
+            "the same values under [voltage], or repeat `cadtof calibrate dark`"
+        )
 
     def stale(self) -> tuple[str, ...]:
         """Return a sentence for each part that was measured with another version of an earlier part than the folder has."""

@@ -23,8 +23,12 @@ _ANY_WORD = r"[^/]+"
 
 _PIECES = r"\d+|[^\W\d_]+|[\W_]+"
 
-_WORDS_FOR = {"channel": r"(?i)s?c|ch\w*|sin|cos|iq", "harmonic": r"(?i)h\w*|mhz|f|freq\w*"}
-"""Words before or after a number by which it is the number of a channel or of a harmonic."""
+_WORDS_FOR = {
+    "channel": {r"(?i)s?c|ch\w*|sin|cos|iq": 2},
+    "harmonic": {r"(?i)h\w*|mhz|freq\w*": 2, r"(?i)f": 1},
+}
+"""Words before or after a number by which it is the number of a channel or of a harmonic, and how much each word speaks
+for that; f may also be the frame."""
 
 EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
 
@@ -43,13 +47,15 @@ class _Column:
     values: tuple[str, ...]
     beside: tuple[str, str]
 
-    def is_named_for(self, what: str) -> bool:
-        """Return whether the values are probably channels, or harmonics: by the values, or by a word beside them.
+    def likeness(self, what: str) -> int:
+        """Return how much speaks for the values being channels, or harmonics: a word beside them, then the values.
 
         Values of letters are probably channels; other values, such as numbers, are probably harmonics.
         """
         letters = all(value.isalpha() for value in self.values)
-        return letters == (what == "channel") or any(re.fullmatch(_WORDS_FOR[what], word) for word in self.beside)
+        words = _WORDS_FOR[what].items()
+        named = [points for form, points in words if any(re.fullmatch(form, word) for word in self.beside)]
+        return max(named, default=0) + (letters == (what == "channel"))
 
 
 def hint_of_planes(capture: Capture, /) -> str | None:
@@ -83,7 +89,8 @@ def guessed_layout(capture: Capture, /) -> Layout | None:
 def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layout | None:
     """Return the layout whose pattern fits these file names of planes; None: there is none.
 
-    With it, every frame must have every harmonic and channel exactly once.
+    With it, every frame must have every harmonic and channel exactly once. If a number may as well be that of the frame
+    as that of a harmonic or channel, the names suggest nothing.
     """
     split = [re.findall(_PIECES, name) for name in names]
     if len({len(pieces) for pieces in split}) != 1:
@@ -99,15 +106,19 @@ def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layo
         for harmonic, channel in itertools.permutations(columns, 2)
         if len(harmonic.values) == len(harmonics) and len(channel.values) == CHANNELS
     ]
-    pairs.sort(key=_least_likely_last)
-    return next((found for pair in pairs if (found := _layout(split, columns, *pair, harmonics))), None)
+    fitting = [(pair, layout) for pair in pairs if (layout := _layout(split, columns, *pair, harmonics))]
+    most = max((_likeness(*pair) for pair, _ in fitting), default=0)
+    likeliest = [(pair, layout) for pair, layout in fitting if _likeness(*pair) == most]
+    if len({frozenset(pair) for pair, _ in likeliest}) != 1:
+        return None
+    # harmonics come before channels
+    return min(likeliest, key=lambda one: one[0][0].place)[1]
 
 
-def _least_likely_last(pair: tuple[_Column, _Column]) -> tuple[int, bool]:
-    """Return a sort key by which the likeliest pair of columns, for harmonic and channel, comes first."""
-    harmonic, channel = pair
-    wrong = channel.is_named_for("harmonic") + harmonic.is_named_for("channel")
-    return wrong - harmonic.is_named_for("harmonic") - channel.is_named_for("channel"), harmonic.place > channel.place
+def _likeness(harmonic: _Column, channel: _Column) -> int:
+    """Return how much speaks for two columns being harmonic and channel, and not channel and harmonic."""
+    right = harmonic.likeness("harmonic") + channel.likeness("channel")
+    return right - channel.likeness("harmonic") - harmonic.likeness("channel")
 
 
 def _layout(

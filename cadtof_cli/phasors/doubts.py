@@ -1,5 +1,5 @@
 """Likely faults of a frame that may still be a recording: height and width swapped, planes in another order, no light,
-values that are cut off.
+the same plane twice, values that are cut off.
 
 Order of planes: light of one path with the phase x has the phases x, 2x, … at the harmonics 1, 2, …, and the same
 amplitude at all of them. Several paths shift phases and amplitudes, but hardly ever in nearly all pixels of a frame.
@@ -11,16 +11,20 @@ or a harmonic that is not modulated, holds noise alone.
 Height and width swapped, as in a wrong shape given for a raw dump: neighbours in a column should hold nearly the same
 values, and then they do not.
 
+The same plane twice: planes of one scene differ by far more than noise. Two that do not are recordings of one plane, as
+in a stack that holds all frames of a plane before those of the next plane.
+
 Values cut off: noise spreads the largest and the least values as it spreads all values. If many pixels hold exactly the
 largest value, or the least, a converter has cut values off there.
 """
 
 import math
 from collections.abc import Callable, Mapping
+from itertools import combinations
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored
+from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
@@ -59,6 +63,9 @@ In 28 captures with light, the least of any plane is 2.3; noise has 1.0. A plane
 largest scatter of all planes is not doubted: a cosine near its peak is flat and far from 0, and its sine changes most
 there."""
 
+_MEDIAN_OF_NORMAL = 0.6745
+"""Median magnitude of a normal distribution, in units of its standard deviation."""
+
 _SHEARED = 1.4
 """Threshold for height and width being swapped, on d(width)/d(height) divided by (longer side)/(shorter side). d(n) is
 the mean difference between pixels that are n places apart in the file: pixels in one column, if lines have n pixels.
@@ -70,12 +77,32 @@ _SLENDER = 2
 """Largest ratio of the two sides of a frame at which it is checked for being swapped: with longer lines, most pixels
 have the same neighbours either way."""
 
+
+def _planes(frame: Stored) -> Stored:
+    return frame
+
+
+def _lines(frame: Stored) -> Stored:
+    return np.moveaxis(frame.reshape(frame.shape[2], -1, frame.shape[3]), 1, 0)
+
+
+def _pixels(frame: Stored) -> Stored:
+    return frame.reshape(-1, 2 * len(frame)).T
+
+
+def _channels_first(planes: Callable[[Stored], Stored]) -> Callable[[Stored], Stored]:
+    """Return the function that finds planes as `planes` does, and takes all of SC1 to come before all of SC2."""
+    return lambda frame: planes(frame).reshape(2, len(frame), -1).swapaxes(0, 1)
+
+
 _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
     "with SC1 and SC2 swapped": lambda frame: frame[:, ::-1],
     "with the harmonics in the opposite order": lambda frame: frame[::-1],
-    "with SC1 of all harmonics before SC2": lambda frame: frame.reshape(2, len(frame), -1).swapaxes(0, 1),
-    "interleaved line by line": lambda frame: np.moveaxis(frame.reshape(frame.shape[2], -1, frame.shape[3]), 1, 0),
-    "interleaved pixel by pixel": lambda frame: frame.reshape(-1, 2 * len(frame)).T,
+    "with SC1 of all harmonics before SC2": _channels_first(_planes),
+    "interleaved line by line": _lines,
+    "interleaved line by line, with SC1 of all harmonics before SC2": _channels_first(_lines),
+    "interleaved pixel by pixel": _pixels,
+    "interleaved pixel by pixel, with SC1 of all harmonics before SC2": _channels_first(_pixels),
 }
 """Other orders in which the values of a frame, (H, 2, Y, X), may have been stored: the order in words, and the function
 that puts the values back into planes of SC1 and SC2 for one harmonic after the other."""
@@ -90,15 +117,17 @@ def doubts(
         stored: the frame's stored values.
         metadata: of the capture.
         has_light: whether the frame shows a scene. If not, only values that are cut off are looked for.
-        of_order: whether to look for planes in another order. This is never done if some planes hold noise alone.
+        of_order: whether to look for planes in another order. This is never done if some planes hold noise alone, or
+            show the same.
 
     Raises:
         SettingsError: see `volts_per_count`.
     """
     slanted = sheared(stored, metadata) if has_light else None
     dark = without_light(stored, metadata) if has_light else None
-    mistaken = mistaken_order(stored, metadata) if has_light and of_order and not dark else None
-    return tuple(doubt for doubt in (slanted, dark, mistaken, cut_off(stored, metadata)) if doubt)
+    twice = recorded_twice(stored, metadata) if has_light else None
+    mistaken = mistaken_order(stored, metadata) if has_light and of_order and not dark and not twice else None
+    return tuple(doubt for doubt in (slanted, dark, twice, mistaken, cut_off(stored, metadata)) if doubt)
 
 
 def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
@@ -138,24 +167,55 @@ def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
     NaN and saturated pixels are left out.
     """
-    every = max(1, math.isqrt(math.prod(stored.shape[2:]) // LOOKED_AT))
-    rows = stored[:, :, ::every]
-    sound = sound_pixels(rows, metadata.voltage.saturated_counts)
-    sound = sound[:, :-1:every] & sound[:, 1::every]
-    count = np.count_nonzero(sound)
-    if count < FEWEST:
+    here, beside = _neighbours(stored, metadata)
+    if not here.size:
         return None
-    # a mask leaves the values of each pixel side by side in memory; sums over a plane need the plane's values side by side
-    here, beside = (
-        np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
-        for values in (rows[..., :-1:every], rows[..., 1::every])
-    )
     noise, scatter = (beside - here).std(axis=1) / math.sqrt(2.0), here.std(axis=1)
     dark = (scatter <= _AS_NOISE * noise) & (np.abs(here.mean(axis=1) - metadata.voltage.zero) < scatter.max())
     if not dark.any() or not (scatter > _AS_SCENE * noise).any():
         return None
     names = [name for name, is_dark in zip(plane_names(metadata.modulation.harmonics), dark, strict=True) if is_dark]
     return f"{', '.join(names)}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
+
+
+def recorded_twice(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return a message that names two planes of a frame, (H, 2, Y, X), that show the same scene and differ by noise
+    alone; else None.
+
+    NaN and saturated pixels are left out.
+    """
+    here, beside = _neighbours(stored, metadata)
+    if not here.size:
+        return None
+    # the median leaves out edges of the scene, between which neighbours differ by more than noise
+    noise = np.median(np.abs(beside - here), axis=1) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
+    names, shows = plane_names(metadata.modulation.harmonics), here.std(axis=1) > _AS_SCENE * noise
+    for one, other in combinations(np.flatnonzero(shows), 2):
+        apart = math.sqrt(float(np.mean((here[other] - here[one]) ** 2)))
+        if apart <= _AS_NOISE * math.hypot(noise[one], noise[other]):
+            return (
+                f"{names[other]} shows the same as {names[one]}, apart from noise: are both recordings of one plane, as in a "
+                "stack that holds all frames of one plane before those of the next?"
+            )
+    return None
+
+
+def _neighbours(stored: Stored, metadata: CaptureMetadata) -> tuple[Float, Float]:
+    """Return values of sound pixels that are spread over a frame, (planes, n), and the values of their neighbours; n is 0
+    if too few pixels are sound."""
+    every = max(1, math.isqrt(math.prod(stored.shape[2:]) // LOOKED_AT))
+    rows = stored[:, :, ::every]
+    sound = sound_pixels(rows, metadata.voltage.saturated_counts)
+    sound = sound[:, :-1:every] & sound[:, 1::every]
+    count = np.count_nonzero(sound)
+    if count < FEWEST:
+        return np.empty((0, 0)), np.empty((0, 0))
+    # a mask leaves the values of each pixel side by side in memory; sums over a plane need the plane's values side by side
+    here, beside = (
+        np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
+        for values in (rows[..., :-1:every], rows[..., 1::every])
+    )
+    return here, beside
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:

@@ -17,6 +17,7 @@ REASONS = frozenset(
         "mistaken_order",
         "sheared",
         "without_light",
+        "recorded_twice",
         "cut_off",
         "doubt",
         "all_saturated",

@@ -126,6 +126,25 @@ def test_a_part_measured_with_another_dark_part_is_stale() -> None:
     assert len(Calibration(dark=first, petzval=petzval()).stale()) == 1
 
 
+def test_dark_frames_with_another_zero_than_the_capture_are_doubted(tmp_path: Path) -> None:
+    """The offsets were measured from another zero, so all voltages would be off by the difference."""
+    save_part(tmp_path, replace(dark(), zero_v=8192 * 6e-5))
+    kept = load_calibration(tmp_path)
+    assert kept.dark is not None
+    assert kept.dark.zero_v == 8192 * 6e-5
+
+    def doubt(zero: float | None, scale: float | None) -> str | None:
+        return kept.doubt(CaptureMetadata(voltage=Voltage(zero_counts=zero, volts_per_count=scale)))
+
+    # the same zero, also in files whose counts are shifted to the left; volts; a zero that a program has subtracted
+    for zero, scale in ((8192.0, 6e-5), (32768.0, 1.5e-5), (None, None), (0.0, 6e-5)):
+        assert doubt(zero, scale) is None
+    message = str(doubt(8230.0, 6e-5))
+    assert "was 0.49152 V in the dark frames" in message
+    assert "2.28 mV off" in message
+    assert Calibration(dark=dark()).doubt(CaptureMetadata(voltage=Voltage(zero_counts=8230.0))) is None
+
+
 def test_figures_are_read_as_written_and_a_change_of_the_file_is_refused(tmp_path: Path) -> None:
     """Figures are read from the file and not computed again, because the version that made them may have computed them
     differently.

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.support.run_cadtof import ROOT, cadtof
@@ -42,6 +43,19 @@ def test_unsuitable_captures_are_refused(title: str, tmp_path: Path) -> None:
     for words in MESSAGES[title]:
         assert words in done.err
     assert not (tmp_path / "camera" / f"{CASES[title].step}.toml").exists()
+
+
+def test_a_copy_of_a_dark_frame_is_refused(tmp_path: Path) -> None:
+    """Of copies alone, the measured noise would be 0."""
+    frames = [np.rint(np.random.default_rng(seed).normal(8192.0, 7.0, (2, 2, 8, 9))).astype("u2") for seed in (1, 2)]
+    folder = tmp_path / "dark"
+    folder.mkdir()
+    (folder / "capture.toml").write_text("[voltage]\nzero_counts = 8192\nvolts_per_count = 6e-5\n")
+    for index, frame in enumerate([*frames, frames[0]]):
+        np.save(folder / f"{index}.npy", frame)
+    done = cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera")
+    assert done.status == 1
+    assert f"{folder / '2.npy'}: holds the same values as {folder / '0.npy'} in every pixel" in done.err
 
 
 @pytest.mark.parametrize("title", SUITABLE)

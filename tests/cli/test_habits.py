@@ -212,6 +212,23 @@ def test_names_of_planes_suggest_a_pattern(
     assert layout_of_names(["one.tif", "two.tif", "three.tif", "four.tif"], (1, 2)) is None
 
 
+@pytest.mark.parametrize(
+    ("names", "pattern"),
+    [
+        ("{f}_h{h}_sc{c}.tif", "{frame}_h{harmonic}_sc{channel}.tif"),
+        ("h{h}_sc{c}_f{f}.tif", "h{harmonic}_sc{channel}_f{frame}.tif"),
+        ("{f}_{M}MHz_{A}.tif", "{frame}_{harmonic}MHz_{channel}.tif"),
+        ("img{f}_{h}_{c}.tif", None),
+        ("{f}_{M}_{A}.tif", None),
+    ],
+)
+def test_the_number_of_one_of_two_frames_is_not_taken_for_a_harmonic(names: str, pattern: str | None) -> None:
+    """Two frames with the numbers 1 and 2: nothing but words beside the numbers tells them from two harmonics."""
+    files = [names.format(f=f, h=h, c=c, M=25 * h, A="AB"[c - 1]) for f in (1, 2) for h in (1, 2) for c in (1, 2)]
+    found = layout_of_names(files, (1, 2))
+    assert (found and found.pattern) == pattern
+
+
 def test_info_writes_settings_to_be_completed(here: Path) -> None:
     toml = here / "cap" / "capture.toml"
     known = toml.read_text()

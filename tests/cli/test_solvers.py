@@ -90,6 +90,18 @@ def test_pooling_and_averaging_lower_the_noise_and_say_by_how_much(tmp_path: Pat
             np.testing.assert_array_equal(pooled, effective > 1.0)
 
 
+def test_a_copy_of_a_frame_is_left_out_of_the_mean(tmp_path: Path) -> None:
+    """It makes no noise smaller: the mean of two frames and a copy is that of the two."""
+    capture = write_capture(tmp_path / "capture", TWO, frames=3)
+    (capture / "frame_0001.tif").write_bytes((capture / "frame_0000.tif").read_bytes())
+    out = tmp_path / "out"
+    done = cadtof("resolve", capture, "-o", out, "--format", "exr", "--jobs", 1, "--average", 3)
+    assert done.status == 0
+    why = f"1 of 3 frames left out of the mean: {capture / 'frame_0001.tif'}: holds the same values as another"
+    assert why in done.err
+    assert read_maps(out / "frame_0000.exr")["effective_pixels"].max() == 2.0
+
+
 def test_a_frame_that_cannot_be_read_is_left_out_of_its_mean(tmp_path: Path) -> None:
     capture = write_capture(tmp_path / "capture", TWO, frames=3)
     (capture / "frame_0001.tif").write_bytes(b"II*\0 and no more")

@@ -63,3 +63,8 @@ def test_optics_that_are_hardly_in_pixels_raise_a_doubt(optics: Optics, beginnin
 
 def test_the_middle_of_a_tiny_frame_may_be_near_its_first_pixel() -> None:
     assert Optics(principal_point_px=(0.5, 0.5)).doubt((2, 2)) is None
+
+
+def test_a_lamp_farther_than_a_metre_from_the_camera_raises_a_doubt() -> None:
+    assert Optics(lamp_offset_m=(0.3, 0.0, 0.1)).doubt((2, 2)) is None
+    assert str(Optics(lamp_offset_m=(3.0, 0.0, 0.0)).doubt((2, 2))).endswith("is the value in cm instead of m?")

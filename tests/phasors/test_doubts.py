@@ -1,13 +1,15 @@
 """Frames that may be recordings but likely have a fault: values cut off, a dark plane, height and width swapped."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cadtof_cli import read_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
-from cadtof_cli.phasors.doubts import cut_off, doubts, sheared, without_light
+from cadtof_cli.phasors.doubts import cut_off, doubts, recorded_twice, sheared, without_light
 from cadtof_cli.phasors.plausible import FEWEST
 
 ZERO, STEP = 8192.0, 6e-5
@@ -87,6 +89,23 @@ def test_planes_that_hold_only_noise_are_doubted(
         doubt
         == f"{named}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
     )
+
+
+def test_planes_of_a_stack_that_holds_all_frames_of_one_plane_first_are_doubted() -> None:
+    first, second = slanted_wall(7.0), slanted_wall(7.0)
+    second = second + np.random.default_rng(6).integers(-9, 10, second.shape).astype(np.uint16)
+    # read as a frame: the planes H1.SC1 and H1.SC2 of the first frame, each followed by that of the second
+    mixed = np.stack([first[0], second[0]], axis=1)
+    metadata = CaptureMetadata(voltage=COUNTS)
+    assert recorded_twice(first, metadata) is None
+    (doubt,) = doubts(mixed, metadata)
+    assert doubt.startswith("H1.SC2 shows the same as H1.SC1, apart from noise: are both recordings of one plane")
+
+
+@pytest.mark.parametrize("scene", ["card", "corner", "inter-reflection", "room", "wall"])
+def test_planes_of_a_scene_differ_by_more_than_noise(scene: str) -> None:
+    (frame,) = read_frames(Path(__file__).parents[2] / "sample_data" / scene)
+    assert doubts(frame.stored, frame.metadata) == ()
 
 
 def test_a_dark_plane_is_not_doubted_in_a_frame_of_noise_few_pixels_or_bad_pixels() -> None:

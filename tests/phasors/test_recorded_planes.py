@@ -96,6 +96,20 @@ def test_planes_that_are_interleaved_are_doubted(periods_ns: tuple[float, ...]) 
     assert "; interleaved pixel by pixel, they would in " in str(doubt_of_order(by_pixel, periods_ns))
 
 
+@pytest.mark.parametrize("scene", ["card", "corner", "inter-reflection", "room", "wall"])
+def test_planes_that_are_interleaved_with_the_channels_first_are_doubted(scene: str) -> None:
+    """A camera that stores C H by line or by pixel, or `fwrite` of a MATLAB array H × C × Y × X."""
+    (frame,) = read_frames(SAMPLES / scene)
+    after = ", with SC1 of all harmonics before SC2, they would in "
+    for axes, words in (
+        ((2, 1, 0, 3), "line by line"),
+        ((2, 3, 1, 0), "pixel by pixel"),
+        ((3, 2, 1, 0), "pixel by pixel"),
+    ):
+        stored = frame.stored.transpose(axes).reshape(frame.stored.shape)
+        assert f"; interleaved {words}{after}" in str(mistaken_order(stored, frame.metadata))
+
+
 @pytest.mark.parametrize("signs", [((-1, -1), (-1, -1)), ((-1, 1), (-1, 1)), ((1, 1), (-1, -1))])
 def test_channels_of_the_opposite_sign_are_doubted(signs: tuple[tuple[int, int], ...]) -> None:
     assert "with the opposite sign" in str(doubt_of_order(light() * np.array(signs)[..., np.newaxis]))

@@ -23,7 +23,9 @@ def test_a_sweep_reports_a_step_for_each_cell() -> None:
 
 def test_a_calibration_reports_a_step_for_each_frame_of_a_stack(tmp_path: Path) -> None:
     told, folder = Told(), record(tmp_path / "capture", frames=0, toml=TOML["tif"]).folder
-    np.save(folder / "stack.npy", np.full((3, 2, 2, 8, 6), 8192, "u2"))
+    np.save(
+        folder / "stack.npy", np.arange(8190, 8193, dtype="u2").reshape(3, 1, 1, 1, 1) + np.zeros((2, 2, 8, 6), "u2")
+    )
     settings = CalibrateSettings(out=tmp_path / "camera")
     averaged_captures([folder], "dark", settings=settings, progress=told)
     assert (told.expected, told.steps) == (3, 3)

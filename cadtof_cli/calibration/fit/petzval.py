@@ -36,6 +36,9 @@ HIGH_CORRELATION = 0.999
 LARGEST_DISTANCE_ERROR_M = 0.01
 """A wall is refused if its given distance differs by more than this, and surely, from the one that its frames show."""
 
+DISTANCE_ERROR_M = 0.001
+"""The user is warned if a given distance differs by more than this, and surely, from the one that the frames show."""
+
 LARGEST_K2_M = 0.5
 """Largest |k2| that is taken for field curvature. Lenses have some centimetres."""
 
@@ -123,22 +126,26 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
             "the focal length is unknown and cannot be found from the walls: the view is too narrow, or they are not flat: "
             "set focal_length_px under [optics] in capture.toml, or --focal-length-px"
         )
-    _require_distances(problem, fit, origin)
+    distances = _doubtful_distances(problem, fit, origin)
     _require_walls(problem, fit, usable, origin)
     _require_lens(problem, fit)
     curved = np.arange(fit.parameters.size) < 2
     without = replace(problem, free=problem.free & ~curved)
     flat = robust_fit(without.residuals, np.where(curved, 0.0, fit.parameters), free=without.free)
     quality = _quality(problem, fit, flat)
-    quality = replace(quality, findings=_findings(problem, quality, fit, optics))
+    quality = replace(quality, findings=_findings(problem, quality, fit, optics) + distances)
     return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), problem.point, quality)
 
 
-def _require_distances(problem: _Problem, fit: RobustFit, origin: Origin) -> None:
-    """Make sure that the frames do not contradict a given distance: the curvature would make up for its error."""
-    given = ~problem.free[3::3]
+def _doubtful_distances(problem: _Problem, fit: RobustFit, origin: Origin) -> tuple[str, ...]:
+    """Return a finding for each given distance that the frames contradict: the curvature makes up for its error.
+
+    Raises:
+        SettingsError: they contradict it by more than `LARGEST_DISTANCE_ERROR_M`.
+    """
+    given, findings = ~problem.free[3::3], []
     if not given.any():
-        return
+        return ()
     every = problem.free.copy()
     every[3::3] = True
     shown = robust_fit(replace(problem, free=every).residuals, fit.parameters, free=every)
@@ -152,6 +159,13 @@ def _require_distances(problem: _Problem, fit: RobustFit, origin: Origin) -> Non
                 f"distance of {expected:g} m, within {1000 * LARGEST_DISTANCE_ERROR_M:.0f} mm: correct distance_m or "
                 "--distance, or leave it out; or run `calibrate response` first, if the camera delays all light"
             )
+        if abs(distance - expected) > DISTANCE_ERROR_M + SURE * errors[place]:
+            findings.append(
+                f"warning: the frames show wall {index + 1} at {distance:.4f} m, {1000 * abs(distance - expected):.1f} mm from "
+                f"its given distance; if it were not given, k2 would be {shown.parameters[0]:.4f} m: leave it out, unless it is "
+                "exact"
+            )
+    return tuple(findings)
 
 
 def _require_lens(problem: _Problem, fit: RobustFit) -> None:

@@ -12,9 +12,9 @@ from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, save_part
 from cadtof_cli.capture.checks import shown
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, read_stored, single_frames
+from cadtof_cli.capture.frames import Capture, FrameSource, read_stored, single_frames
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
@@ -106,6 +106,9 @@ def averaged_captures(
         averaged.append((capture, mean))
     metadata, pixels = captures[0].source.metadata, averaged[0][1].pixels
     earlier = _earlier_parts(settings.out, kind, metadata, pixels, progress)
+    for one in captures:
+        if earlier and (doubt := earlier.doubt(one.source.metadata)):
+            progress.say(f"warning: {one.root}: {doubt}")
     origin = Origin(
         captures=tuple(str(one.root) for one in captures),
         frames=sum(mean.frames for _, mean in averaged),
@@ -123,12 +126,24 @@ def predicted_noise_v(metadata: CaptureMetadata, /) -> float:
 
 
 def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterator[Stored]:
-    """Yield the frames of a capture. Warn if the first is likely wrong; `has_light`: look at its size and planes too."""
+    """Yield the frames of a capture. Warn if the first is likely wrong; `has_light`: look at its size and planes too.
+
+    Raises:
+        FrameError: a frame cannot be read or is no recording; or it is a copy of an earlier frame, which would make the
+            noise that is measured too small.
+    """
     size = capture.typical.pixels if capture.typical else None
-    metadata = capture.source.metadata
+    metadata, known = capture.source.metadata, dict[int, FrameSource]()
     for number, source in enumerate(single_frames(capture)):
         stored = read_stored(source, capture.layout, size=size)
         require_plausible(stored, metadata, of=source)
+        content = hash(stored.tobytes())
+        if content in known:
+            raise FrameError(
+                f"{source}: holds the same values as {known[content]} in every pixel, but noise makes two recordings differ: "
+                "remove the copy, or record again"
+            )
+        known[content] = source
         if number == 0:
             for doubt in doubts(stored, metadata, has_light=has_light):
                 progress.say(f"warning: {capture.root}: {doubt}")

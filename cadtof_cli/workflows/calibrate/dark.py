@@ -1,6 +1,7 @@
 """`cadtof calibrate dark`: covered-lens frames → offsets, noise and bad pixels."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from cadtof_cli.calibration.dark import DEFECT_MEANING
@@ -33,6 +34,7 @@ def calibrate_dark(inputs: Sequence[Path], /, *, settings: CalibrateSettings, pr
     _require_dark(capture, mean)
     metadata = capture.source.metadata
     dark = fit_dark(mean, origin=averaged.origin, predicted_noise_v=predicted_noise_v(metadata))
+    dark = replace(dark, zero_v=metadata.voltage.zero_v)
     counts = dark.defect_counts()
     known = zip(counts.values(), DEFECT_MEANING.values(), strict=True)
     findings = tuple(f"{count} pixels with {meaning}" for count, meaning in known if count)

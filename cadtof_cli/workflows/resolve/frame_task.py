@@ -289,7 +289,8 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
 
 
 def _read_mean(task: FrameTask) -> tuple[FrameMean, str, str | None]:
-    """Return the mean of a task's frames that can be read; its digest, and which frames were left out (see `Recording`)."""
+    """Return the mean of a task's frames that can be read and are no copies of others; its digest, and which frames were
+    left out (see `Recording`)."""
     metadata = task.plan.metadata
     digests, errors = list[str](), list[FrameError]()
 
@@ -302,8 +303,13 @@ def _read_mean(task: FrameTask) -> tuple[FrameMean, str, str | None]:
                 errors.append(error)
                 digests.append("")
                 continue
-            digests.append(content_digest(stored))
-            yield stored
+            digest = content_digest(stored)
+            if digest in digests:
+                # a copy adds nothing to the mean, which would seem to have less noise than it has
+                errors.append(FrameError(f"{source}: holds the same values as another of these frames"))
+            else:
+                yield stored
+            digests.append(digest)
         if len(errors) == len(task.sources):
             raise errors[0]
 

@@ -312,6 +312,7 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
     notes = (
         f"{folder}: applied {_description(calibration)}",
         *(f"warning: {folder}: {text}" for text in calibration.stale()),
+        *(f"warning: {one.root}: {doubt}" for one in captures if (doubt := calibration.doubt(one.source.metadata))),
     )
     return AppliedCalibration(CalibrationUse(folder, calibration.digest, sine=calibration.sine), parts, notes)
 

@@ -1,5 +1,6 @@
 """Field curvature from known ranges: rays are intersected with walls here, and curvature is added."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -436,6 +437,15 @@ def test_a_given_distance_that_is_a_few_millimetres_off_is_taken(wrong_m: float)
     found = fitted(replace(measured_wall(1.0, seed=1), distance_m=1.0 + wrong_m), measured_wall(3.0, seed=2))
     assert found.quality.walls[0].distance_m == 1.0 + wrong_m
     assert found.quality.walls[0].distance_known
+    told = [finding for finding in found.quality.findings if "mm from its given distance" in finding]
+    assert len(told) == (wrong_m != 0.0)
+    if told:
+        (wall, shown_m, apart_mm, k2_m) = re.findall(r"wall (\d) at (\S+) m, (\S+) mm .* k2 would be (\S+) m", told[0])[
+            0
+        ]
+        assert wall == "1"
+        assert (float(shown_m), float(apart_mm)) == pytest.approx((1.0, 4.0), abs=0.5)
+        assert float(k2_m) == pytest.approx(K2_M, abs=0.003)
 
 
 @pytest.mark.parametrize(
