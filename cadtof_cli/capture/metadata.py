@@ -39,15 +39,6 @@ SHORTEST_PULSE_NS = 1e-6
 MOST_RANGES = 10
 """Largest distance of a target in unambiguous ranges; a larger number was probably meant in millimetres."""
 
-WIDEST_VIEW_DEG = 140.0
-"""Widest angle of view for which a lens can be treated as a pinhole."""
-
-FAR_LAMP_M = 1.0
-"""Distance of the lamp from the camera above which its position is probably not in m."""
-
-LARGE_ARRAY = 16
-"""Width or height in pixels above which a principal point in the first pixel is probably a mistake."""
-
 HARMONIC_TOLERANCE = 5e-4
 """Largest relative distance of periods_ns[0] / period from a whole number; given periods are rounded decimals."""
 
@@ -191,21 +182,6 @@ class Optics(Table):
     def principal_point(self, pixels: tuple[int, int], /) -> tuple[float, float]:
         """Return the principal point, column and row, of an array (Y, X); it is the middle if none is given."""
         return self.principal_point_px or ((pixels[1] - 1) / 2.0, (pixels[0] - 1) / 2.0)
-
-    def doubt(self, pixels: tuple[int, int], /) -> str | None:
-        """Return in words which value is probably in another unit, for an array (Y, X); None: none seems to be."""
-        across, focal, point = max(pixels), self.focal_length_px, self.principal_point_px
-        lamp_m = math.hypot(*self.lamp_offset_m or ())
-        if focal is not None and (view_deg := 2.0 * math.degrees(math.atan(across / 2.0 / focal))) > WIDEST_VIEW_DEG:
-            return f"optics.focal_length_px = {focal:g} means a view of {view_deg:.0f}°: is the value in mm instead of pixels?"
-        if point is not None and across > LARGE_ARRAY and max(point) <= 1.0:
-            return (
-                f"optics.principal_point_px = {point[0]:g}, {point[1]:g} lies in a corner of the frame: is the value a share of "
-                "width and height instead of pixels?"
-            )
-        if lamp_m > FAR_LAMP_M:
-            return f"optics.lamp_offset_m puts the lamp {lamp_m:g} m from the camera: is the value in cm instead of m?"
-        return None
 
 
 @dataclass(frozen=True, kw_only=True)

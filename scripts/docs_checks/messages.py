@@ -20,6 +20,7 @@ REASONS = frozenset(
         "recorded_twice",
         "cut_off",
         "doubt",
+        "mistaken_unit",
         "all_saturated",
         "likely_cause",
         "_shifted_or_scaled",

@@ -36,35 +36,3 @@ def test_without_a_focal_length_there_are_no_rays() -> None:
 def test_a_principal_point_that_is_not_given_is_the_middle_as_column_and_row() -> None:
     assert Optics().principal_point((6, 9)) == (4.0, 2.5)
     assert Optics(principal_point_px=(1.0, 2.0)).principal_point((6, 9)) == (1.0, 2.0)
-
-
-@pytest.mark.parametrize(
-    ("optics", "beginning"),
-    [
-        (Optics(), None),
-        (Optics(focal_length_px=280.0, principal_point_px=(159.5, 119.5)), None),
-        (Optics(focal_length_px=59.0), None),
-        (
-            Optics(focal_length_px=4.2),
-            "optics.focal_length_px = 4.2 means a view of 177°: is the value in mm instead of pixels?",
-        ),
-        (
-            Optics(principal_point_px=(0.5, 0.5)),
-            "optics.principal_point_px = 0.5, 0.5 lies in a corner of the frame: ",
-        ),
-        (Optics(principal_point_px=(-20.0, 119.5)), None),
-    ],
-)
-def test_optics_that_are_hardly_in_pixels_raise_a_doubt(optics: Optics, beginning: str | None) -> None:
-    """With a focal length of 59 pixels, a width of 320 pixels is a view of 2·atan(160/59) = 139.5°."""
-    found = optics.doubt((240, 320))
-    assert found is None if beginning is None else str(found).startswith(beginning)
-
-
-def test_the_middle_of_a_tiny_frame_may_be_near_its_first_pixel() -> None:
-    assert Optics(principal_point_px=(0.5, 0.5)).doubt((2, 2)) is None
-
-
-def test_a_lamp_farther_than_a_metre_from_the_camera_raises_a_doubt() -> None:
-    assert Optics(lamp_offset_m=(0.3, 0.0, 0.1)).doubt((2, 2)) is None
-    assert str(Optics(lamp_offset_m=(3.0, 0.0, 0.0)).doubt((2, 2))).endswith("is the value in cm instead of m?")

@@ -13,6 +13,7 @@ import numpy as np
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
+from cadtof_cli.capture.mistaken_units import mistaken_unit
 from cadtof_cli.capture.planes import guessed_layout, hint_of_planes
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import run_ordered
@@ -153,7 +154,7 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     if implausible:
         more = f" (and {counted(len(implausible) - 1, 'more frame')})" if len(implausible) > 1 else ""
         facts.problems.append(f"{implausible[0]}{more}")
-    if pixels and (doubt := metadata.optics.doubt(pixels)):
+    if pixels and (doubt := mistaken_unit(metadata, pixels)):
         facts.problems.append(f"{capture.root}: {doubt}")
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:

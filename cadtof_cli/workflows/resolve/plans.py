@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
+from cadtof_cli.capture.mistaken_units import mistaken_unit
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.files.reading import real_path
@@ -122,8 +123,8 @@ class CapturePlan:
                 f"warning: {root}: recorded with lossy compression ({self.lossy_compression}), which changes voltages and so"
                 " depths; record without compression, or with a lossless one: deflate, LZW, Zstandard; in EXR ZIP or PIZ"
             )
-        of_optics = source.metadata.optics.doubt(self.pixels) if self.pixels is not None else None
-        for doubt in (*self.doubts, *filter(None, [of_optics])):
+        of_unit = mistaken_unit(source.metadata, self.pixels) if self.pixels is not None else None
+        for doubt in (*self.doubts, *filter(None, [of_unit])):
             yield f"warning: {root}: {doubt}"
         resolver, harmonics = self.settings.maps.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
