@@ -11,8 +11,8 @@ or a harmonic that is not modulated, holds noise alone.
 Height and width swapped, as in a wrong shape given for a raw dump: neighbours in a column should hold nearly the same
 values, and then they do not.
 
-The same plane twice: planes of one scene differ by far more than noise. Two that do not are recordings of one plane, as
-in a stack that holds all frames of a plane before those of the next plane.
+The same plane twice: planes of one scene differ by far more than noise. If two pairs of planes do not, they are probably
+recordings of one plane each, as in a stack that holds all frames of a plane before those of the next plane.
 
 Values cut off: noise spreads the largest and the least values as it spreads all values. If many pixels hold exactly the
 largest value, or the least, a converter has cut values off there.
@@ -182,7 +182,8 @@ def recorded_twice(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """Return a message that names two planes of a frame, (H, 2, Y, X), that show the same scene and differ by noise
     alone; else None.
 
-    NaN and saturated pixels are left out.
+    Light of one phase may make one such pair: SC1 and SC2 are the same at 45°. Two pairs of one harmonic or of one channel
+    need another cause. NaN and saturated pixels are left out.
     """
     here, beside = _neighbours(stored, metadata)
     if not here.size:
@@ -190,14 +191,19 @@ def recorded_twice(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     # the median leaves out edges of the scene, between which neighbours differ by more than noise
     noise = np.median(np.abs(beside - here), axis=1) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
     names, shows = plane_names(metadata.modulation.harmonics), here.std(axis=1) > _AS_SCENE * noise
-    for one, other in combinations(np.flatnonzero(shows), 2):
-        apart = math.sqrt(float(np.mean((here[other] - here[one]) ** 2)))
-        if apart <= _AS_NOISE * math.hypot(noise[one], noise[other]):
-            return (
-                f"{names[other]} shows the same as {names[one]}, apart from noise: are both recordings of one plane, as in a "
-                "stack that holds all frames of one plane before those of the next?"
-            )
-    return None
+    same = [
+        (one, other)
+        for one, other in combinations(np.flatnonzero(shows), 2)
+        if (one // 2 == other // 2 or one % 2 == other % 2)
+        and np.sqrt(np.mean((here[other] - here[one]) ** 2)) <= _AS_NOISE * math.hypot(noise[one], noise[other])
+    ]
+    if len(same) < 2:
+        return None
+    one, other = same[0]
+    return (
+        f"{names[other]} shows the same as {names[one]}, apart from noise: are both recordings of one plane, as in a stack "
+        "that holds all frames of one plane before those of the next?"
+    )
 
 
 def _neighbours(stored: Stored, metadata: CaptureMetadata) -> tuple[Float, Float]:

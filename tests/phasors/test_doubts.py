@@ -91,15 +91,35 @@ def test_planes_that_hold_only_noise_are_doubted(
     )
 
 
-def test_planes_of_a_stack_that_holds_all_frames_of_one_plane_first_are_doubted() -> None:
-    first, second = slanted_wall(7.0), slanted_wall(7.0)
-    second = second + np.random.default_rng(6).integers(-9, 10, second.shape).astype(np.uint16)
-    # read as a frame: the planes H1.SC1 and H1.SC2 of the first frame, each followed by that of the second
-    mixed = np.stack([first[0], second[0]], axis=1)
+@pytest.mark.parametrize("frames", [2, 3, 4, 9])
+def test_planes_of_a_stack_that_holds_all_frames_of_one_plane_first_are_doubted(frames: int) -> None:
+    """Its first four planes are read as a frame: they are H1.SC1 of all frames, then perhaps H1.SC2, H2.SC1 …"""
+    scene, noise = slanted_wall(7.0), np.random.default_rng(6)
+    recorded = [scene + noise.integers(-9, 10, scene.shape).astype(np.uint16) for _ in range(frames)]
+    first = np.stack(recorded, axis=2).reshape(4 * frames, *scene.shape[2:])[:4].reshape(scene.shape)
     metadata = CaptureMetadata(voltage=COUNTS)
-    assert recorded_twice(first, metadata) is None
-    (doubt,) = doubts(mixed, metadata)
+    assert recorded_twice(scene, metadata) is None
+    (doubt,) = doubts(first, metadata)
     assert doubt.startswith("H1.SC2 shows the same as H1.SC1, apart from noise: are both recordings of one plane")
+
+
+def test_a_harmonic_that_was_recorded_at_the_period_of_another_is_doubted() -> None:
+    scene = slanted_wall(7.0)
+    noise = np.random.default_rng(6).integers(-9, 10, scene.shape).astype(np.uint16)
+    assert str(recorded_twice(scene[:1] + noise, CaptureMetadata(voltage=COUNTS))).startswith(
+        "H2.SC1 shows the same as H1.SC1"
+    )
+
+
+def test_a_checkerboard_at_any_distance_is_not_taken_for_one_plane_twice() -> None:
+    """Its planes differ in amplitude over the frame and hardly in phase. At some phases two of them are the same."""
+    y, x = np.mgrid[:96, :128]
+    amplitude = 0.05 + 0.05 * ((x // 16 + y // 16) % 2)
+    noise = np.random.default_rng(8).normal(0.0, 0.004, (2, 2, 96, 128))
+    for degrees in range(1, 360):
+        phase = np.full(y.shape, np.radians(degrees)) + 0.0005 * x
+        volts = amplitude * np.stack([[np.cos(h * phase), np.sin(h * phase)] for h in (1, 2)])
+        assert recorded_twice(volts + noise, CaptureMetadata()) is None
 
 
 @pytest.mark.parametrize("scene", ["card", "corner", "inter-reflection", "room", "wall"])
