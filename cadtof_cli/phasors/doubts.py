@@ -63,6 +63,10 @@ In 28 captures with light, the least of any plane is 2.3; noise has 1.0. A plane
 largest scatter of all planes is not doubted: a cosine near its peak is flat and far from 0, and its sine changes most
 there."""
 
+_UNEVEN, _UNEVEN_SHARE = 0.1, 0.15
+"""Difference between the amplitudes of harmonics beyond noise, relative to the largest, and the least share of pixels with a
+larger one, for a plane without light. Light of one phase has the same amplitude at all harmonics, even if a channel is 0."""
+
 _MEDIAN_OF_NORMAL = 0.6745
 """Median magnitude of a normal distribution, in units of its standard deviation."""
 
@@ -174,6 +178,10 @@ def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     dark = (scatter <= _AS_NOISE * noise) & (np.abs(here.mean(axis=1) - metadata.voltage.zero) < scatter.max())
     if not dark.any() or not (scatter > _AS_SCENE * noise).any():
         return None
+    amplitudes = np.hypot(here[::2] - metadata.voltage.zero, here[1::2] - metadata.voltage.zero)
+    differ = amplitudes.min(axis=0) < (1.0 - _UNEVEN) * amplitudes.max(axis=0) - 3.0 * _noise(here, beside).max()
+    if len(amplitudes) > 1 and differ.mean() < _UNEVEN_SHARE:
+        return None
     names = [name for name, is_dark in zip(plane_names(metadata.modulation.harmonics), dark, strict=True) if is_dark]
     return f"{', '.join(names)}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
 
@@ -188,8 +196,7 @@ def recorded_twice(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     here, beside = _neighbours(stored, metadata)
     if not here.size:
         return None
-    # the median leaves out edges of the scene, between which neighbours differ by more than noise
-    noise = np.median(np.abs(beside - here), axis=1) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
+    noise = _noise(here, beside)
     names, shows = plane_names(metadata.modulation.harmonics), here.std(axis=1) > _AS_SCENE * noise
     same = [
         (one, other)
@@ -222,6 +229,12 @@ def _neighbours(stored: Stored, metadata: CaptureMetadata) -> tuple[Float, Float
         for values in (rows[..., :-1:every], rows[..., 1::every])
     )
     return here, beside
+
+
+def _noise(here: Float, beside: Float) -> Float:
+    """Return the standard deviation of each plane's noise, (planes,), from values and their neighbours, (planes, n)."""
+    # the median leaves out edges of the scene, between which neighbours differ by more than noise
+    return np.asarray(np.median(np.abs(beside - here), axis=1) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0)))
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
