@@ -43,7 +43,7 @@ class GivenOptics:
     )
     principal_point_px: tuple[float, float] | None = setting(
         None,
-        "Column and row of the optical axis.  [default: from run.json, else the centre]",
+        "Column and row of the optical axis, counted from the corner of the maps.  [default: from run.json, else the centre]",
         metavar="X,Y",
     )
 

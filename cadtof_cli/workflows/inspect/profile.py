@@ -51,7 +51,9 @@ class ProfileSettings:
         option="--first-phasor/--no-first-phasor",
         show_default=False,
     )
-    truth: Path | None = setting(None, "File with the true values of the layer; they and the errors are drawn too.")
+    truth: Path | None = setting(
+        None, "File with the true values of the layer, depths as radial range; they and the errors are drawn too."
+    )
     overwrite: bool = setting(False, "Replace the file if it exists.")
 
     def __post_init__(self) -> None:
