@@ -113,6 +113,15 @@ class LampBeside:
             ranges = (half_way_m * half_way_m - self.distance_m**2) / (half_way_m - self.along_m[pixels])
         return np.where(half_way_m <= self.distance_m, 0.0, ranges)
 
+    def range_per_half_way(self, half_way_m: Float, pixels: slice, /) -> Float:
+        """Return by how much the ranges of consecutive pixels, (n,), grow per metre of half the way of their light.
+
+        It is more than 1 where the lamp is to one side of the pixel's ray. 1 if the way is too short.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            growth = (2.0 * half_way_m - self.range_m(half_way_m, pixels)) / (half_way_m - self.along_m[pixels])
+        return np.where(half_way_m <= self.distance_m, 1.0, growth)
+
     def half_way_m(self, range_m: Float, /) -> Float:
         """Return half the ways of the light, (N, n), from the ranges from the camera, (N, n), of all n pixels."""
         to_lamp = np.sqrt(range_m * (range_m - 4.0 * self.along_m) + 4.0 * self.distance_m**2)

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 @click.option(
     "--truth",
     type=PATH,
-    help="File of the true depths: a layer direct.depth in metres. Or a folder with such a file, truth.exr, for each capture, "
-    "in the same tree as OUT.",
+    help="File of the true depths: a layer direct.depth, radial range in metres. Or a folder with such a file, truth.exr, "
+    "for each capture, in the same tree as OUT.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 @click.option(

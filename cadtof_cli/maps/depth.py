@@ -66,8 +66,20 @@ class DepthScale:
         """
         if self.lamp is None:
             return depth.astype(np.float64)
-        planar: Float | float = 1.0 if self.planar_per_range is None else self.planar_per_range[block]
+        planar = self._planar(block)
         return np.asarray(self.lamp.range_m(depth.astype(np.float64) / planar, block) * planar)
+
+    def sigma_from_camera(self, sigma: Float | Float32, depth: Float | Float32, block: slice, /) -> Float:
+        """Return standard deviations of depths from the camera, (n,), from those of `depth`.
+
+        `depth`, (n,), is what half the ways of the light stand for. `block` holds the flat indices of the pixels in the frame.
+        """
+        if self.lamp is None:
+            return sigma.astype(np.float64)
+        return sigma * self.lamp.range_per_half_way(depth.astype(np.float64) / self._planar(block), block)
+
+    def _planar(self, block: slice) -> Float | float:
+        return 1.0 if self.planar_per_range is None else self.planar_per_range[block]
 
     def source(self, resolved: "ResolvedPaths", block: slice, /, *, samples: Float | None) -> LayerSource:
         """Return the source of all layers of a block of the frame's pixels."""

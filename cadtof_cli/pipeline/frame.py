@@ -14,7 +14,7 @@ import numpy as np
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
-from cadtof_cli.maps.layers import ALWAYS, AVERAGED, DIRECT_DEPTH
+from cadtof_cli.maps.layers import ALWAYS, AVERAGED, DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.plausible import is_without_noise
@@ -141,8 +141,10 @@ def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: "Cal
         longest = stages.response.longest if stages.response else 1.0
         clear_impossible(maps, noise=pixels.noise, amplitude_v=stages.depth.amplitude_v, longest=longest)
     if stages.depth.lamp is not None:
-        depth = maps.layer(DIRECT_DEPTH).reshape(-1)
-        depth[:] = stages.depth.from_camera(depth, slice(pixels.first, pixels.first + depth.size))
+        depth, sigma = (maps.layer(name).reshape(-1) for name in (DIRECT_DEPTH, DIRECT_SIGMA))
+        here = slice(pixels.first, pixels.first + depth.size)
+        sigma[:] = stages.depth.sigma_from_camera(sigma, depth, here)
+        depth[:] = stages.depth.from_camera(depth, here)
     if pixels.without_noise:
         clear_pixels(maps, has_answer(maps.status.reshape(-1)))
     return maps

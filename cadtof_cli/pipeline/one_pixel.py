@@ -154,6 +154,7 @@ def _numbers(
             for factors in (source.depth(row), source.amplitude(row), source.sigma(row))
         )
         if row == 0:
+            sigma_m = stages.depth.sigma_from_camera(sigma_m, depth, here)
             depth = stages.depth.from_camera(depth, here)
     return PathNumbers(float(depth[0]), float(amplitude[0]), float(sigma_m[0]))
 

@@ -27,6 +27,20 @@ def _truth(path: Path, *, known: NDArray[np.bool_] | None = None, height: int = 
     return path
 
 
+@pytest.mark.parametrize("no_depth", [0.0, -1.0, np.inf])
+def test_a_truth_without_a_depth_does_not_count(no_depth: float, tmp_path: Path) -> None:
+    """Depth cameras write 0 where they know no depth, and renderers infinity where there is no surface."""
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
+    known = np.random.default_rng(1).random((24, 32)) < 0.8
+    truth = np.where(known, step_truth(), no_depth).astype(np.float32)
+    write_exr(tmp_path / "marked.exr", {"direct.depth": truth})
+    _truth(tmp_path / "nan.exr", known=known)
+    for command in (("evaluate", out), ("profile", out, "--row", 3)):
+        marked, expected = (cadtof(*command, "--truth", tmp_path / name).out for name in ("marked.exr", "nan.exr"))
+        assert marked == expected != ""
+
+
 def _expected(errors_cm: NDArray[Any], valid: float) -> dict[str, Any]:
     size = np.abs(errors_cm)
     return {

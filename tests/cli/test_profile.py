@@ -96,6 +96,32 @@ def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -
     assert (done.status, ": resolve both with the same --depth" in done.err) == (2, True)
 
 
+def test_planar_truth_of_the_pixels_of_a_roi_alone(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    """The optical axis lies at column 15, row 10 of the frame, whichever part of it truth and maps hold."""
+    capture, out, truth = runs[0].parent / "capture", tmp_path / "z", tmp_path / "part.exr"
+    write_exr(truth, {"direct.depth": step_truth()[2:12, 4:20].astype(np.float32)})
+    options = ("-j", 1, "-q", "--depth", "z", "--roi", "4,2,20,12")
+    assert cadtof("resolve", capture, "-o", out, *options).status == 0
+    slope = np.hypot((np.arange(4, 20) - 15.0) / 28.0, (6 - 10.0) / 28.0)
+    for given in (truth, runs[0].parent / "truth.exr"):
+        found = _table(cadtof("profile", out, "--row", 4, "--truth", given).out)
+        np.testing.assert_allclose(found["truth"], step_truth()[6, 4:20] / np.sqrt(1 + slope**2), rtol=1e-6)
+
+
+def test_planar_truth_of_a_roi_needs_the_principal_point(tmp_path: Path) -> None:
+    """Without a principal point, the axis is in the middle of the frame, and truth of a part does not tell where that is."""
+    capture, out, truth = record(tmp_path / "capture"), tmp_path / "z", tmp_path / "part.exr"
+    settings = capture.folder / "capture.toml"
+    lines = settings.read_text().splitlines(keepends=True)
+    settings.write_text("".join(line for line in lines if not line.startswith("principal_point_px")))
+    write_exr(truth, {"direct.depth": step_truth()[2:12, 4:20].astype(np.float32)})
+    options = ("-j", 1, "-q", "--depth", "z", "--roi", "4,2,20,12")
+    assert cadtof("resolve", capture.folder, "-o", out, *options).status == 0
+    done = cadtof("profile", out, "--row", 4, "--truth", truth)
+    assert (done.status, done.out) == (2, "")
+    assert f"{truth}: holds only the pixels of --roi, and run.json names no principal point" in done.err
+
+
 def test_maps_of_other_pixels_are_not_drawn_together(runs: tuple[Path, Path], tmp_path: Path) -> None:
     """The maps have the same size, so a picture would not show that they are different parts of a frame."""
     capture = runs[0].parent / "capture"

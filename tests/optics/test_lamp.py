@@ -7,7 +7,7 @@ import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.optics import LampBeside
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.pipeline.one_pixel import pixel_evidence
@@ -85,6 +85,35 @@ def test_maps_hold_depth_from_the_camera(depth: str, kernel: str | None) -> None
     assert abs(np.median(found - truth)) < 2e-4
     left, right = (np.median((found - truth)[:, part]) for part in (slice(0, 16), slice(48, 64)))
     assert max(abs(left), abs(right)) < 5e-4
+
+
+@pytest.mark.parametrize("offset", [*OFFSETS, (0.5, -0.3, 0.1)])
+def test_the_growth_of_the_range_is_its_derivative(offset: tuple[float, float, float]) -> None:
+    range_m = np.linspace(0.3, 5.0, SIZE[0] * SIZE[1]).reshape(SIZE)
+    lamp = LampBeside.of(Optics(focal_length_px=60.0, lamp_offset_m=offset), SIZE)
+    assert lamp is not None
+    more, half = (half_way(range_m + step, offset).ravel() for step in (1e-6, 0.0))
+    np.testing.assert_allclose(lamp.range_per_half_way(half, slice(None)), 1e-6 / (more - half), rtol=1e-4)
+    assert lamp.range_per_half_way(np.array([0.0, 0.5 * lamp.distance_m]), slice(0, 2)).tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("depth", ["range", "z"])
+@pytest.mark.parametrize("kernel", [None, "numpy"])
+def test_sigma_is_that_of_the_depth_from_the_camera(depth: str, kernel: str | None) -> None:
+    """A lamp .5 m to the side makes the range grow a third faster than half the way of the light, .3 m before the camera."""
+    offset = (0.5, 0.0, 0.0)
+    range_m = np.full(SIZE, 0.3)
+    growth = 1e-6 / (half_way(range_m + 1e-6, offset) - half_way(range_m, offset))
+    stored, settings = volts(half_way(range_m, offset)), MapSettings(depth="z" if depth == "z" else "range")
+    plan, at_camera = (FramePlan(metadata=metadata(lamp), settings=settings) for lamp in (offset, None))
+    found, of_half_way = (
+        by_kernel(kernel, resolve_frame, stored, plan=one).maps.layer(DIRECT_SIGMA) for one in (plan, at_camera)
+    )
+    assert growth.min() > 1.1
+    np.testing.assert_allclose(found, of_half_way * growth, rtol=0.05)
+    evidence = pixel_evidence(prepare_frame(stored, plan=plan), 5, plan=plan)
+    assert evidence.one is not None
+    assert evidence.one[0].sigma_m == pytest.approx(found[0, 5], rel=1e-5)
 
 
 def test_a_frame_with_a_lamp_is_resolved_in_parts_with_the_same_maps() -> None:

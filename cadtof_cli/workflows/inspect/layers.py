@@ -43,7 +43,7 @@ class GivenOptics:
     )
     principal_point_px: tuple[float, float] | None = setting(
         None,
-        "Column and row of the optical axis.  [default: from run.json, else the centre]",
+        "Column and row of the optical axis, counted from the corner of the maps.  [default: from run.json, else the centre]",
         metavar="X,Y",
     )
 
@@ -91,6 +91,8 @@ def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
 def true_layer(run: Run, layer: str, path: Path, /) -> Float:
     """Return a layer of the truth of a run's maps, float64 (Y, X): of whole frames, or of the part that the maps show.
 
+    A depth of 0 or less is NaN, no truth: no surface is there, and many programs write 0 where they know no depth.
+
     Maps of another run may serve as truth. The header of such a map says what it holds; other truth says nothing.
 
     Raises:
@@ -102,7 +104,10 @@ def true_layer(run: Run, layer: str, path: Path, /) -> Float:
         _require_range(said)
     if said.roi:
         _require_same_part(run, said)
-    return layer_of(read_layers(path), layer, path).astype(np.float64)
+    known = layer_of(read_layers(path), layer, path).astype(np.float64)
+    if layer.endswith(".depth"):
+        known[known <= 0.0] = np.nan
+    return known
 
 
 @dataclass(frozen=True)

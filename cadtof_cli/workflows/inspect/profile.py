@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Index
+from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
@@ -19,6 +20,7 @@ from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.layers import (
+    GivenOptics,
     layer_of,
     require_same_depth,
     require_same_pixels,
@@ -49,7 +51,9 @@ class ProfileSettings:
         option="--first-phasor/--no-first-phasor",
         show_default=False,
     )
-    truth: Path | None = setting(None, "File with the true values of the layer; they and the errors are drawn too.")
+    truth: Path | None = setting(
+        None, "File with the true values of the layer, depths as radial range; they and the errors are drawn too."
+    )
     overwrite: bool = setting(False, "Replace the file if it exists.")
 
     def __post_init__(self) -> None:
@@ -159,11 +163,27 @@ def _truth(truth: Path, run: Run, file: Path, layer: str, size: tuple[int, ...])
     """Return the truth of the layer, (Y, X). Depths are of the kind that the maps hold: radial range, or planar depth."""
     require_truth(truth)
     whole = true_layer(run, layer, truth)
-    if run.depth_kind == "z" and layer.endswith(".depth"):
-        whole = whole * planar_per_range(run.optics(file), (whole.shape[0], whole.shape[1]))
     known = run.cropped(whole)
     require_same_size(known, size, truth, file)
+    if run.depth_kind == "z" and layer.endswith(".depth"):
+        is_part = run.roi is not None and known.shape == whole.shape
+        optics = _optics_of_part(run, truth, file) if is_part else run.optics(file)
+        known = known * run.cropped(planar_per_range(optics, (whole.shape[0], whole.shape[1])))
     return known
+
+
+def _optics_of_part(run: Run, truth: Path, file: Path) -> Optics:
+    """Return the optics of a map of `--roi` for truth of its pixels alone: the principal point counts from the map's corner.
+
+    Raises:
+        SettingsError: the principal point is unknown. It is the middle of the frame, whose size such truth does not tell.
+    """
+    if run.optics(file).principal_point_px is None:
+        raise SettingsError(
+            f"{truth}: holds only the pixels of --roi, and run.json names no principal point, so z depth cannot be computed; give"
+            " truth of whole frames, or resolve with --principal-point-px"
+        )
+    return GivenOptics().optics(run, file)
 
 
 def profile_table(profile: Profile, /) -> str:
