@@ -185,7 +185,8 @@ def test_a_response_with_which_the_solver_cannot_resolve_is_refused_before_anyth
 
 
 def test_a_response_needs_to_know_the_distance(campaign: Campaign, tmp_path: Path) -> None:
-    unknown = write(tmp_path / "target", campaign.seen, [np.full((2, 2, 60, 80), 9000, np.uint16)])
+    noisy = np.random.default_rng(0).normal(9000.0, 7.0, (2, 2, 60, 80)).astype(np.uint16)
+    unknown = write(tmp_path / "target", campaign.seen, [noisy])
     done = cadtof("calibrate", "response", unknown, "-o", tmp_path / "camera")
     assert done.status == 2
     assert "the target's distance is not known: set distance_m under [target] in capture.toml" in done.err

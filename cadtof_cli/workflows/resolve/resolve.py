@@ -295,6 +295,7 @@ class _Run:
             for number, task in enumerate(tasks, start=1):
                 if number > one.expected_maps:
                     self.expected += 1
+                self.record.meet(task)
                 if "/" in task.sources[0].name:
                     with self._needed(), writing(task.output.parent):
                         task.output.parent.mkdir(parents=True, exist_ok=True)
