@@ -142,12 +142,14 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
 
 
 def _shows_no_noise(planes: Stored, metadata: CaptureMetadata) -> bool:
-    """Return whether all pixels, (H, 2, n), hold the same values although the capture's noise makes that impossible.
+    """Return whether all pixels, (H, 2, n), hold the same sound values although the capture's noise makes that impossible.
 
     If whole numbers may hide the noise and the integration length is unknown, nothing tells.
     """
     n_av, is_whole = metadata.pixel.integration_length, planes.dtype.kind in "iu"
     if planes.shape[2] < FEWEST or planes[0, 0, 0] != planes[0, 0, 1] or (is_whole and n_av is None):
+        return False
+    if not sound_pixels(planes[:, :, :1], metadata.voltage.saturated_counts).all():
         return False
     return is_without_noise(planes, noise_model(metadata, integration_length=n_av or 1.0, quantised=is_whole))
 
