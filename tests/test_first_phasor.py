@@ -150,6 +150,28 @@ def test_a_frame_that_was_replaced_after_the_run_is_reported(tmp_path: Path) -> 
     assert cadtof("evaluate", out, "--truth", tmp_path / "truth.exr", "--json").err == ""
 
 
+@pytest.mark.parametrize("command", ["evaluate", "profile", "preview", "report"])
+def test_settings_that_were_edited_after_the_run_are_reported(command: str, tmp_path: Path) -> None:
+    """With another zero, the first phasor would be decimetres off, as if the resolver had removed that."""
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
+    write_exr(tmp_path / "truth.exr", {"direct.depth": np.full(SHAPE, 2.0, np.float32)})
+    toml = capture.folder / "capture.toml"
+    toml.write_text(toml.read_text().replace("8192.0", "7900.0"))
+    more = {"profile": ("--row", 3), "preview": ("-o", tmp_path / "a.png"), "report": ("-o", tmp_path / "a.html")}
+    done = cadtof(command, out, "--truth", tmp_path / "truth.exr", *more.get(command, ()))
+    assert done.status == 0
+    told = "voltage.zero_counts has changed from 8192.0 to 7900.0 since the run, so the first phasor is left out\n"
+    assert done.err.count(f"{capture.folder}: {told}") == 1
+    # an option of the run counts, too, and captures that were moved with the run are known by their settings
+    toml.write_text(toml.read_text().replace("7900.0", "8192.0"))
+    place = (tmp_path / "moved").resolve()
+    place.mkdir()
+    for folder in (capture.folder, out):
+        folder.rename(place / folder.name)
+    assert "first phasor" in cadtof("evaluate", place / "out", "--truth", tmp_path / "truth.exr").out
+
+
 def test_the_first_phasor_of_averaged_frames_is_that_of_their_mean(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=5), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--average", 2, "--frames", "1:5").status == 0

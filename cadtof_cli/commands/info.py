@@ -155,10 +155,9 @@ def _capture_lines(facts: Any) -> Iterator[str]:
         by = "the integration length" if known else "the integration length seen"
         yield _row("noise", f"{facts.noise_mv:.3f} mV per channel at most, from {by}")
     if facts.integration_length_seen is not None:
-        yield _row(
-            "integration length seen",
-            f"{facts.integration_length_seen:.4g} or more, from the scatter of neighbouring pixels in a frame",
-        )
+        most = f" … {facts.integration_lengths_seen[1]:.4g}" if facts.noise_changes else ""
+        seen = f"{facts.integration_length_seen:.4g}{most} or more"
+        yield _row("integration length seen", f"{seen}, from the scatter of neighbouring pixels in a frame")
     for name, (low, high) in facts.planes.items():
         yield _row(f"{name} stored", f"{low:g} … {high:g}")
     if facts.shape:

@@ -4,7 +4,7 @@ Values: no light gives a phasor longer than the modulation amplitude, so SC1² +
 and offsets. Counts taken for volts, a missing zero or unit, and values that a program has scaled exceed that limit by
 far.
 
-Planes: because of noise, no two recorded planes are the same, and none holds one value everywhere while other planes scatter.
+Planes: because of noise, no two recorded planes are the same, and none holds one value everywhere, alone or with all others.
 """
 
 import math
@@ -16,7 +16,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of
-from cadtof_cli.phasors.noise import NoiseModel, ambient_noise_v
+from cadtof_cli.phasors.noise import NoiseModel, ambient_noise_v, noise_model
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_per_count
 
 LOOKED_AT = 4096
@@ -55,6 +55,8 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     kind, voltage, together = stored.dtype, metadata.voltage, np.ascontiguousarray(some)
     if missing := no_recording(together, metadata.modulation.harmonics):
         return missing
+    if _shows_no_noise(together.reshape(*stored.shape[:2], -1), metadata):
+        return "all pixels hold the same values, but noise makes pixels differ: the frame was not recorded"
     longest, least, largest = _limits(metadata, kind)
     # a quick test that nearly all frames pass; a comparison with NaN is false
     if (
@@ -137,6 +139,19 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
         return False
     # the floor is the variance of rounding to steps of s, s²/12: the rest is then more than 3·s²/12 = (s/2)²
     return all(one.dark_variance > 4.0 * one.floor for one in noise.each)
+
+
+def _shows_no_noise(planes: Stored, metadata: CaptureMetadata) -> bool:
+    """Return whether all pixels, (H, 2, n), hold the same sound values although the capture's noise makes that impossible.
+
+    If whole numbers may hide the noise and the integration length is unknown, nothing tells.
+    """
+    n_av, is_whole = metadata.pixel.integration_length, planes.dtype.kind in "iu"
+    if planes.shape[2] < FEWEST or planes[0, 0, 0] != planes[0, 0, 1] or (is_whole and n_av is None):
+        return False
+    if not sound_pixels(planes[:, :, :1], metadata.voltage.saturated_counts).all():
+        return False
+    return is_without_noise(planes, noise_model(metadata, integration_length=n_av or 1.0, quantised=is_whole))
 
 
 def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[float, float, float]:

@@ -16,7 +16,7 @@ from typing import Any, cast
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
 from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures, steps_below
-from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
+from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, natural_key, single_frames
 from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, fail
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -45,7 +45,7 @@ class Run:
 
     Attributes:
         maps: folder or file, as the user gave it.
-        files: its map files, in the order of their names.
+        files: its map files, in natural order: frame_2 before frame_10.
         folder: folder of the run.
         record: content of `run.json` in that folder; None if there is no such file, or if it is not the record of a run.
         no_record: which of these two is the reason for None.
@@ -270,7 +270,7 @@ def is_run_folder(path: Path, /) -> bool:
 
 
 def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail) -> tuple[Path, ...]:
-    """Return the map files in a folder in the order of their names, then those in folders below it; of a file, the file itself.
+    """Return the map files in a folder in natural order, as frames are taken, then those in folders below it; of a file, itself.
 
     An empty folder with the name of a map counts as a map: reading it fails, with a message that names it.
 
@@ -304,7 +304,8 @@ def _map_files(folder: Path, seen: set[str], on_unlisted: OnUnlisted) -> tuple[P
 
 def _listed(folder: Path) -> list[Path]:
     try:
-        return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+        paths = (path for path in folder.iterdir() if not path.name.startswith("."))
+        return sorted(paths, key=lambda path: natural_key(path.name))
     except OSError as error:
         raise UnlistedError(f"{folder}: cannot be listed: {error.strerror}") from error
 

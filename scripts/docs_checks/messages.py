@@ -26,6 +26,7 @@ REASONS = frozenset(
         "_shifted_or_scaled",
         "why_no_answer",
         "hint_of_planes",
+        "_too_much_scatter",
         "_lost",
         "_message_and_status",
     }

@@ -243,7 +243,9 @@ def test_a_frame_whose_noise_cannot_be_estimated_fails(tmp_path: Path) -> None:
 
 
 def test_a_frame_without_light_has_no_answer(tmp_path: Path) -> None:
-    capture = record(tmp_path / "capture")
+    """The counts are so coarse that noise need not change any."""
+    text = TOML["tif"].replace("6.0e-5", "1.0e-3")
+    capture = record(tmp_path / "capture", toml=text)
     write_pages(capture.files[0], np.full((4, 24, 32), 8192, np.uint16))
     for extra in ((), ("--min-confidence", "0"), ("--order", "2"), ("--solver", "one-path")):
         done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--overwrite", *extra)

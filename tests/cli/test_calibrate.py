@@ -184,8 +184,23 @@ def test_a_response_with_which_the_solver_cannot_resolve_is_refused_before_anyth
     assert not (tmp_path / "maps").exists()
 
 
+def test_frames_that_differ_by_more_than_noise_are_warned_of(campaign: Campaign, tmp_path: Path) -> None:
+    """One lit frame among the dark ones makes all offsets wrong; so does an offset that drifts."""
+    rng = np.random.default_rng(0)
+    steady = rng.normal(8192.0, 30.0, (2, 2, 60, 80))
+    still = [np.rint(steady + rng.normal(0.0, 7.0, steady.shape)).astype(np.uint16) for _ in range(10)]
+    drifting = [frame + np.uint16(5 * number) for number, frame in enumerate(still)]
+    lit = [*still[:9], np.rint(still[9] + rng.normal(0.0, 500.0, steady.shape)).astype(np.uint16)]
+    said = "times what integration_length = 100000 explains"
+    for name, frames, warned in (("still", still, False), ("drifting", drifting, True), ("lit", lit, True)):
+        folder = write(tmp_path / name, campaign.seen, frames)
+        done = cadtof("calibrate", "dark", folder, "-o", tmp_path / f"camera_{name}")
+        assert (done.status, said in done.err) == (0, warned), done.err
+
+
 def test_a_response_needs_to_know_the_distance(campaign: Campaign, tmp_path: Path) -> None:
-    unknown = write(tmp_path / "target", campaign.seen, [np.full((2, 2, 60, 80), 9000, np.uint16)])
+    noisy = np.random.default_rng(0).normal(9000.0, 7.0, (2, 2, 60, 80)).astype(np.uint16)
+    unknown = write(tmp_path / "target", campaign.seen, [noisy])
     done = cadtof("calibrate", "response", unknown, "-o", tmp_path / "camera")
     assert done.status == 2
     assert "the target's distance is not known: set distance_m under [target] in capture.toml" in done.err

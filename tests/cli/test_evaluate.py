@@ -58,6 +58,18 @@ def _first_phasor_m(file: Path) -> NDArray[Any]:
     return np.asarray(phase * C_M_PER_NS * T1_NS / (4 * np.pi))
 
 
+def test_maps_come_in_the_order_of_time(tmp_path: Path) -> None:
+    """Frames are numbered without zeros in front: frame_10 is recorded after frame_2."""
+    capture, out = record(tmp_path / "capture", frames=12), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    arguments = ("evaluate", out, "--truth", _truth(tmp_path / "truth.exr"), "--csv", tmp_path / "table.csv")
+    assert cadtof(*arguments).status == 0
+    with (tmp_path / "table.csv").open(newline="") as table:
+        assert [row["frame"] for row in csv.DictReader(table)] == [f"frame_{number}" for number in range(12)]
+    third = cadtof("profile", out, "--row", 3, "--frame", 2).out
+    assert third.splitlines()[1:] == cadtof("profile", out / "frame_2.tif", "--row", 3).out.splitlines()[1:]
+
+
 def test_errors_equal_those_computed_from_the_maps(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=3), tmp_path / "out"
     pages = tifffile.imread(capture.files[0])

@@ -12,7 +12,7 @@ import tifffile
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata
 from tests.support.calibrations import made_up_calibration
-from tests.support.captures import PLANE_NAMES, Form, layers_of, record, write_exr, write_pages
+from tests.support.captures import PLANE_NAMES, VOLTS_PER_COUNT, Form, layers_of, record, write_exr, write_pages
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, step_frame, step_truth
 from tests.support.run_cadtof import cadtof
 
@@ -51,6 +51,21 @@ def test_a_capture_of_counts(tmp_path: Path) -> None:
     toml = str(capture.folder / "capture.toml")
     assert facts["metadata"]["voltage.volts_per_count"] == {"value": 6e-5, "from": toml}
     assert facts["metadata"]["target.distance_m"] == {"value": None, "from": "default"}
+
+
+def test_an_exposure_that_changed_midway_is_shown(tmp_path: Path) -> None:
+    """The first frames alone show an integration length that the last ones do not have."""
+    capture = record(tmp_path / "capture", frames=4)
+    sigma = 3.0 * AMPLITUDE_V / (2.0 * 1e5**0.5) / VOLTS_PER_COUNT
+    for number, file in enumerate(capture.files[2:]):
+        pages = tifffile.imread(file)
+        noise = np.random.default_rng(number).normal(scale=sigma, size=pages.shape)
+        write_pages(file, np.rint(pages + noise).astype(np.uint16))
+    facts = _facts(capture.folder)
+    assert facts["integration_lengths_seen"] == pytest.approx([1e4, 1e5], rel=0.4)
+    assert facts["integration_length_seen"] == facts["integration_lengths_seen"][0]
+    least, most = (f"{length:.4g}" for length in facts["integration_lengths_seen"])
+    assert f"integration length seen     {least} … {most} or more" in cadtof("info", capture.folder, "--jobs", 1).out
 
 
 def test_the_origin_of_each_value_is_shown(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 import tifffile
 
 from cadtof_cli.files.layers import write_layers
-from tests.support.captures import TOML, layers_of, record, write_frame
+from tests.support.captures import TOML, counts_of, layers_of, record, write_frame
 from tests.support.forward import step_frame
 from tests.support.needed import needed_program
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, cadtof, without_privilege
@@ -38,6 +38,27 @@ MIRRORED = ["a/frame_0.tif", "b/one/frame_0.tif", "b/two/frame_0.tif"]
 
 def _maps(out: Path) -> list[str]:
     return sorted(path.relative_to(out).as_posix() for path in out.rglob("*.tif"))
+
+
+def test_a_stack_that_cannot_be_counted_fails_the_capture_of_chosen_frames(tmp_path: Path) -> None:
+    """Counted as one frame, a damaged stack of three would shift the frames of `--frames` by two."""
+    rng = np.random.default_rng(0)
+    for name in "ab":
+        folder = record(tmp_path / "rec" / name, frames=0).folder
+        for stack in range(3):
+            np.save(folder / f"r_{stack}.npy", np.stack([counts_of(step_frame(rng)) for _ in range(3)]))
+    damaged = tmp_path / "rec" / "a" / "r_1.npy"
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[:-100])
+    command = "cadtof resolve --recursive rec -o out -j 1 --frames 6:8"
+    done = shell(command, tmp_path)
+    assert done.status == 1
+    assert "failed: --frames: the frames of this stack cannot be counted: rec/a/r_1.npy: damaged NPY: " in done.err
+    of_b = ["b/r_2_0000.tif", "b/r_2_0001.tif"]
+    assert _maps(tmp_path / "out") == of_b
+    damaged.write_bytes(whole)
+    assert shell(f"{command} --resume", tmp_path).status == 0
+    assert _maps(tmp_path / "out") == ["a/r_2_0000.tif", "a/r_2_0001.tif", *of_b]
 
 
 def test_recursive_mirrors_the_tree(tree: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from tests.support.captures import TOML, Recorded, counts_of, record, write_frame, write_pages
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import Finished, cadtof, program, without_privilege
-from tests.support.runs import lines_of, require_same_run, run_of
+from tests.support.runs import lines_of, maps_of, require_same_run, run_of
 
 
 def _resolve(*arguments: object) -> Finished:
@@ -221,6 +221,32 @@ def test_maps_keep_their_lines_if_their_frames_do_not_come_again(tmp_path: Path)
     assert [Path(json.loads(line)["source"]).name for line in lines.splitlines()] == [
         f"frame_{i}.tif" for i in range(3)
     ]
+
+
+@pytest.mark.parametrize("arriving", [False, True])
+@pytest.mark.parametrize("change", ["added", "first removed", "removed"])
+def test_means_of_other_frames_replace_those_of_the_earlier_run(tmp_path: Path, change: str, arriving: bool) -> None:
+    """With another first frame, all means are of other frames; the earlier ones would count each frame twice."""
+    capture, out, fresh = record(tmp_path / "A", frames=7), tmp_path / "out", tmp_path / "fresh"
+
+    def resolve(folder: Path, *more: str) -> Finished:
+        if not arriving:
+            return _resolve(capture.folder, "-o", folder, "--average", 2, *more)
+        paths = "\n".join(sorted(map(str, capture.folder.glob("*.tif"))))
+        return program("resolve", "-", "-o", folder, "--average", 2, "-j", 1, *more, stdin=paths)
+
+    assert resolve(out).status == 0
+    if change == "added":
+        shutil.copy(record(tmp_path / "B", seed=9).files[0], capture.folder / "a_frame.tif")
+    else:
+        capture.files[0 if change == "first removed" else 3].unlink()
+    done = resolve(out, "--resume")
+    assert (done.status, "because other maps show their recorded frames now" in done.err) == (0, True)
+    assert resolve(fresh).status == 0
+    assert (maps_of(out), lines_of(out)) == (maps_of(fresh), lines_of(fresh))
+    assert run_of(out)["totals"] == run_of(fresh)["totals"]
+    if not arriving:
+        require_same_run(out, fresh)
 
 
 def test_a_folder_that_was_moved_and_copied_is_the_same_run(tmp_path: Path) -> None:

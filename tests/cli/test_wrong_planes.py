@@ -88,4 +88,9 @@ def test_a_frame_of_one_value_is_wrong_for_info_as_for_resolve(recorded: Recorde
     )
     done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
     assert done.status == 1
-    assert f"failed: {recorded.files[0]}: no pixel has an answer (100.0% impossible); impossible means: " in done.err
+    assert f"failed: {recorded.files[0]}: all pixels hold the same values, but noise makes pixels differ" in done.err
+    # a mean leaves it out: a frame that the camera dropped would lower all amplitudes and offsets
+    done = cadtof("resolve", recorded.folder, "-o", tmp_path / "mean", "--jobs", "1", "--average", 2)
+    assert f"1 of 2 frames left out of the mean: {recorded.files[0]}: all pixels hold the same values" in done.err
+    done = cadtof("calibrate", "dark", recorded.folder, "-o", tmp_path / "camera")
+    assert (done.status, f"{recorded.files[0]}: all pixels hold the same values" in done.err) == (1, True)

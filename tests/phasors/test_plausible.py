@@ -247,3 +247,14 @@ def test_bytes_with_saturated_pixels_are_called_scaled_to_8_bits_too() -> None:
 )
 def test_the_range_of_whole_numbers_is_printed_without_decimals(values: NDArray[np.float64], message: str) -> None:
     assert str(range_of(values, np.dtype(np.int16))).endswith(message)
+
+
+@pytest.mark.parametrize("n_av", [None, 1e5])
+def test_a_frame_of_one_value_is_refused_unless_whole_numbers_may_hide_its_noise(n_av: float | None) -> None:
+    assert "all pixels hold the same values" in refused(equal_pixels(100), n_av=n_av)
+    stored = np.full((2, 2, 100), 8192, np.uint16)
+    assert refusal(stored, Voltage(zero_counts=ZERO, volts_per_count=1e-3), n_av) is None
+    assert (refusal(stored, COUNTS, n_av) is None) is (n_av is None)
+    # saturated pixels do hold one value
+    saturated = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 8192.0))
+    assert refused(stored, saturated, n_av).startswith("every pixel is saturated")

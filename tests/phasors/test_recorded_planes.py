@@ -179,7 +179,7 @@ def test_a_plane_of_one_value_is_accepted_if_a_step_is_wider_than_the_noise() ->
 
 
 def test_planes_that_all_hold_one_value_are_not_refused_here() -> None:
-    """`is_without_noise` decides that such a frame has no answer."""
+    """Whether noise would show in such a frame depends on more than its planes: `implausible` decides."""
     assert no_recording(np.full((2, 2, 500), 8192, np.uint16), (1, 2)) is None
     assert no_recording(np.full((2, 2, 500), np.nan), (1, 2)) is None
 

@@ -1,6 +1,7 @@
 """What every `cadtof calibrate` step has in common: captures → mean frames, earlier parts of the calibration, the report."""
 
 import itertools
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, replace
@@ -26,6 +27,10 @@ from cadtof_cli.workflows.progress import Progress
 
 ASSUMED_LENGTH = 1e5
 """Integration length n_av for predicting the noise of a frame if the metadata do not give it."""
+
+
+MOST_SCATTER = 1.5
+"""Largest scatter of the typical pixel over its frames, in units of the noise, that is not warned of."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +104,8 @@ def averaged_captures(
             progress.say(f"{capture.root}: {taken}")
         frames = _frames(capture, progress, has_light=kind == "response")
         mean = mean_volts(frames, voltage=capture.source.metadata.voltage)
+        if doubt := _too_much_scatter(capture, mean):
+            progress.say(f"warning: {capture.root}: {doubt}")
         first, expected = averaged[0] if averaged else (capture, mean)
         if mean.pixels != expected.pixels:
             here, there = size_text(mean.pixels), size_text(expected.pixels)
@@ -149,6 +156,22 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
                 progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()
+
+
+def _too_much_scatter(capture: Capture, mean: FrameMean) -> str | None:
+    """Return in words that the frames of a capture differ by far more than noise; None: they do not, or the noise is unknown."""
+    n_av = capture.source.metadata.pixel.integration_length
+    if n_av is None or not mean.sound.any():
+        return None
+    seen = float(mean.frame_noise().max())
+    expected = math.hypot(predicted_noise_v(capture.source.metadata), mean.step / math.sqrt(12.0))
+    if seen <= MOST_SCATTER * expected:
+        return None
+    return (
+        f"its frames differ by {1000.0 * seen:.3g} mV per channel, {seen / expected:.1f} times what integration_length = "
+        f"{n_av:g} explains: a frame of another scene is among them, something changed meanwhile (light, temperature, "
+        "settings), or integration_length is not that of the camera; the mean of such frames may be wrong"
+    )
 
 
 def _at_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> tuple[Capture, ...]:

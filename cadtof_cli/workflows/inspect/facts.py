@@ -25,8 +25,8 @@ from cadtof_cli.files.maps import STATUS, is_map_layer
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.phasors.doubts import doubts
-from cadtof_cli.phasors.noise import estimated_integration_length, noise_model
-from cadtof_cli.phasors.plausible import implausible, is_without_noise
+from cadtof_cli.phasors.noise import estimated_integration_length
+from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.layers import first_sound_layers
@@ -116,11 +116,6 @@ def wrong_with(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """Return in words what is wrong, or likely wrong, with the values of a frame, (H, 2, Y, X); None: nothing."""
     if wrong := implausible(stored, metadata):
         return wrong
-    n_av = metadata.pixel.integration_length
-    if n_av is not None:
-        noise = noise_model(metadata, integration_length=n_av, quantised=stored.dtype.kind in "iu")
-        if is_without_noise(stored.reshape(*stored.shape[:2], -1), noise):
-            return "all pixels hold the same values, but noise makes pixels differ: the frame was not recorded"
     return "; ".join(doubts(stored, metadata)) or None
 
 

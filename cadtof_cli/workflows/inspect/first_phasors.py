@@ -4,9 +4,10 @@ It gets all that the resolver gets: the same calibration, the same means over fr
 maps of a run, a pixel that has no answer in the maps has no answer here either.
 """
 
+import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError
+from cadtof_cli.files.reading import real_path
 from cadtof_cli.maps.layers import without_offset
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline.frame import prepare_frame
@@ -106,6 +109,10 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
         return FirstPhasors(run, {}, say)
     try:
         settings, calibration = _map_settings(run.record), run.calibration()
+        for capture in {one.root: one for one, _ in recorded.values()}.values():
+            if changed := _changed_setting(capture, run.record):
+                say(f"{capture.root}: {changed} since the run, {NOT_EVALUATED}")
+                return FirstPhasors(run, {}, say)
         tasks = {}
         for name, (capture, sources) in recorded.items():
             plan = FramePlan(metadata=capture.source.metadata, settings=settings, calibration=calibration)
@@ -119,6 +126,26 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
         say(f"the calibration of the run has changed or is gone, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
     return FirstPhasors(run, tasks, say, _digests(run))
+
+
+def _changed_setting(capture: Capture, record: Mapping[str, Any]) -> str | None:
+    """Return in words which setting of a capture has changed since a run with this record; None: none has.
+
+    If captures were moved together with the run, the settings are compared with those of all captures of the run.
+    """
+    now = json.loads(json.dumps(asdict(capture.source.metadata), default=str))
+    there = real_path(capture.root)
+    known = [one for one in record["captures"] if one.get("resolved_root") == there] or record["captures"]
+    changes = [
+        [
+            f"{table}.{key} has changed from {value!r} to {now[table][key]!r}"
+            for table, keys in one["metadata"].items()
+            for key, value in keys.items()
+            if key in now.get(table, ()) and now[table][key] != value
+        ]
+        for one in known
+    ]
+    return None if [] in changes or not changes else changes[0][0]
 
 
 def _digests(run: Run) -> dict[str, str]:

@@ -36,10 +36,18 @@ from cadtof_cli.workflows.inspect.facts import (
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import is_run_folder
 
+_LARGEST_RATIO = 2.0
+"""Largest ratio between the integration lengths that frames show, up to which they may be the same. Scatter alone makes
+1.2 in frames of 64 × 48 pixels, and less in larger ones."""
+
 
 @dataclass
 class CaptureFacts:
-    """What a capture holds, gathered frame by frame. `problems` is empty if all of the capture can be resolved."""
+    """What a capture holds, gathered frame by frame. `problems` is empty if all of the capture can be resolved.
+
+    `integration_length_seen` is that of the first frame, or the least one if `noise_changes`. `integration_lengths_seen`
+    are the least and the largest one of all frames.
+    """
 
     root: str
     frames: int = 0
@@ -53,10 +61,17 @@ class CaptureFacts:
     unambiguous_range_m: float = 0.0
     noise_mv: float | None = None
     integration_length_seen: float | None = None
+    integration_lengths_seen: tuple[float, float] | None = None
     lossy_compression: str | None = None
     guessed_layout: Layout | None = None
     not_frames: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
+
+    @property
+    def noise_changes(self) -> bool:
+        """Whether the noise of the frames differs too much for one integration length."""
+        least, most = self.integration_lengths_seen or (1.0, 1.0)
+        return most > _LARGEST_RATIO * least
 
     def add(self, facts: FrameFacts) -> None:
         """Count one more frame."""
@@ -76,8 +91,11 @@ class CaptureFacts:
         good = self.frames - len(self.problems)
         self.saturated += (facts.saturated - self.saturated) / good
         self.not_finite += (facts.not_finite - self.not_finite) / good
-        if self.integration_length_seen is None and math.isfinite(facts.integration_length_seen):
-            self.integration_length_seen = facts.integration_length_seen
+        if math.isfinite(seen := facts.integration_length_seen):
+            least, most = self.integration_lengths_seen or (seen, seen)
+            self.integration_lengths_seen = min(least, seen), max(most, seen)
+            if self.integration_length_seen is None or self.noise_changes:
+                self.integration_length_seen = self.integration_lengths_seen[0] if self.noise_changes else seen
 
 
 Facts = CaptureFacts | MapFacts | CalibrationFacts

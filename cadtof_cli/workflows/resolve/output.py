@@ -7,7 +7,6 @@ import math
 import os
 import platform
 import re
-import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -18,12 +17,12 @@ from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import writing
-from cadtof_cli.files.formats import MAP_FORMATS, MAP_SUFFIXES
+from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
 from cadtof_cli.units import first_of
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, place_in, read_record
-from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, place_in, read_record, remove_map
+from cadtof_cli.workflows.resolve.reports import report_of
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 LOCK_FILE = ".cadtof.lock"
@@ -206,20 +205,9 @@ def remove_run(out: Path, /) -> None:
             with path.open("rb") as lines:
                 for report in map(report_of, lines):
                     if report and report.output:
-                        _remove_map(out, out / place_in(called, Path(report.output)), report)
+                        remove_map(out, out / place_in(called, Path(report.output)), report)
         path.unlink(missing_ok=True)
         sync_folder(out)
-
-
-def _remove_map(out: Path, place: Path, report: FrameReport) -> None:
-    """Remove the map of a line if the file there is a map of the recorded size, and no link leads out of the folder."""
-    with contextlib.suppress(FileNotFoundError, NotADirectoryError, ValueError):
-        found = place.lstat()
-        inside = Path(real_path(place.parent)).is_relative_to(real_path(out))
-        is_map = place.suffix in MAP_SUFFIXES and stat.S_ISREG(found.st_mode)
-        if inside and is_map and found.st_size == report.output_bytes:
-            with writing(place):
-                place.unlink(missing_ok=True)
 
 
 def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:

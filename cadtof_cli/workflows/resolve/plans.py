@@ -92,15 +92,30 @@ class CapturePlan:
             taken: returns the names that no frame of a stack may get.
             before: returns the report of an earlier run on the maps at a path; None: there is none.
             token: marks temporary files.
+
+        Raises:
+            CaptureError: nothing tells how many frames come before those of `--frames`.
         """
         settings, layout = self.settings, self.capture.layout
-        chosen = settings.frames or slice(None)
-        frames = itertools.islice(single_frames(self.capture, taken=taken), chosen.start, chosen.stop, chosen.step)
+        frames = self._chosen(single_frames(self.capture, taken=taken))
         while sources := tuple(itertools.islice(frames, settings.maps.average)):
             form = map_format(settings.map_format, sources[0].paths[0])
             output = settings.out / f"{sources[0].name}.{form.name}"
             earlier = before(output) if settings.resume else None
             yield FrameTask(sources, layout, self.plan, self.pixels, output, settings.resume, earlier, token)
+
+    def _chosen(self, frames: Iterator[FrameSource]) -> Iterator[FrameSource]:
+        """Yield the frames that `--frames` chooses: all frames are counted, so stacks before these must be readable."""
+        chosen = self.settings.frames or slice(None)
+        for source in itertools.islice(frames, chosen.start or 0):
+            if self.stack_frame_bytes is not None and source.index is None:
+                try:
+                    with open_frames(source, self.capture.layout):
+                        continue
+                except FrameError as error:
+                    raise CaptureError(f"--frames: the frames of this stack cannot be counted: {error}") from error
+        left = None if chosen.stop is None else max(chosen.stop - (chosen.start or 0), 0)
+        yield from itertools.islice(frames, 0, left, chosen.step)
 
     def load_map_files(self) -> None:
         """Load the module that writes the maps of most frames, before there are maps to be written."""

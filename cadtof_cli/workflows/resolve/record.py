@@ -15,9 +15,12 @@ from typing import Any, BinaryIO
 
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writing
-from cadtof_cli.files.reading import read_text
+from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.files.reading import read_text, real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
 from cadtof_cli.records import dataclass
+from cadtof_cli.units import first_of
+from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, report_of
 
 RUN_FILE = "run.json"
@@ -45,6 +48,7 @@ class RunRecorder:
     A line is appended to `frames.jsonl` as soon as its frame is finished. A run that continues an earlier one appends too. When
     such a run ends, the lines are put into the order of the frames, one line per frame, as if there had been no interruption.
     Before these come the lines of earlier maps for which this run had no frame, because their recorded frames were removed.
+    An earlier map goes if its recorded frames are in other maps now: means of frames, if frames were added or removed.
 
     If frames arrive during the run, it may name frames twice, or not name those of the earlier run. Then the lines of both
     runs stay, but of several lines about a frame only the last.
@@ -70,11 +74,19 @@ class RunRecorder:
     _places: "array[int]" = field(default_factory=lambda: array("q"))
     _not_met: set[str] = field(default_factory=set)
     _failed: set[str] = field(default_factory=set)
+    _recorded: set[str] = field(default_factory=set)
+    _removed: list[str] = field(default_factory=list)
 
     def before(self, output: Path, /) -> FrameReport | None:
         """Return the report of an earlier run on the frame whose maps it wrote into `output`; None: there is none."""
         place = self._known_place(str(output))
         return None if place is None else report_of(self._line_at(place))
+
+    def meet(self, task: FrameTask, /) -> None:
+        """Remember the recorded frames of a task, if maps of an earlier run may show the same frames."""
+        if self.resumed:
+            folder = place_in(self.path.parent, task.output).rpartition("/")[0]
+            self._recorded.update(f"{folder}/{Path(str(source)).name}" for source in task.sources)
 
     def add(self, report: FrameReport, /) -> None:
         """Append a frame's line. If the maps were kept, the line may be there already; then nothing is written.
@@ -115,6 +127,9 @@ class RunRecorder:
             self._require_there()
             os.fsync(self.lines.fileno())
         places, totals = self._last_lines() if self.arriving else self._lines_in_order()
+        if self._removed:
+            names = first_of(self._removed, 3)
+            self.say(f"{self.path.parent}: removed {names}, because other maps show their recorded frames now")
         if self.resumed or len(places) < len(self._places):
             with atomic_write(self.path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, places))
@@ -131,7 +146,7 @@ class RunRecorder:
         for place in (*self._earlier_places, *self._places):
             report = report_of(self._line_at(place))
             assert report is not None
-            if report.output and not (out / place_in(out, Path(report.output))).exists():
+            if report.output and not self._stays(place_in(out, Path(report.output)), report):
                 continue
             names = [name for name in (report.output, report.source) if name]
             key, *others = [*dict.fromkeys(key_of[name] for name in names if name in key_of), report.source]
@@ -149,10 +164,22 @@ class RunRecorder:
         kept, totals = array("q"), replace(self._totals)
         for name in filter(self._not_met.__contains__, self._before):
             report = report_of(self._line_at(self._before[name]))
-            if report and report.source not in self._failed and (self.path.parent / name).is_file():
+            if report and report.source not in self._failed and self._stays(name, report):
                 totals.add(report)
                 kept.append(self._before[name])
         return kept + self._places, totals
+
+    def _stays(self, name: str, report: FrameReport) -> bool:
+        """Return whether a line about the map called `name` stays. The map is removed if other maps show its frames now."""
+        out = self.path.parent
+        if name in self._not_met and (out / name).exists():
+            frames = {Path(report.source).name, *(file.name for file in report.files or ())}
+            folder = name.rpartition("/")[0]
+            if not self._recorded.isdisjoint(f"{folder}/{frame}" for frame in frames):
+                remove_map(out, out / name, report)
+                self._removed.append(name)
+                return False
+        return (out / name).is_file()
 
     def find_lines(self, out: Path, /) -> None:
         """Find the lines of frames that have maps. Cut off a last line that is incomplete because the run was killed.
@@ -208,6 +235,21 @@ class RunRecorder:
 def place_in(out: Path, output: Path, /) -> str:
     """Return the path of a map file from the run's folder `out`; if it does not lie below `out`, only its name."""
     return str(output.relative_to(out)) if output.is_relative_to(out) else output.name
+
+
+def remove_map(out: Path, place: Path, report: FrameReport, /) -> None:
+    """Remove the map of a line if the file there is a map of the recorded size, and no link leads out of the folder.
+
+    Raises:
+        OutputError: it cannot be removed.
+    """
+    with suppress(FileNotFoundError, NotADirectoryError, ValueError):
+        found = place.lstat()
+        inside = Path(real_path(place.parent)).is_relative_to(real_path(out))
+        is_map = place.suffix in MAP_SUFFIXES and stat.S_ISREG(found.st_mode)
+        if inside and is_map and found.st_size == report.output_bytes:
+            with writing(place):
+                place.unlink(missing_ok=True)
 
 
 @contextmanager

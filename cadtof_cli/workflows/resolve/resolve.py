@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names
-from cadtof_cli.errors import OutputError, RunStoppedError
+from cadtof_cli.errors import CaptureError, OutputError, RunStoppedError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Outcome, WorkerDied
 from cadtof_cli.execution.workers import LOCAL
@@ -292,13 +292,17 @@ class _Run:
         for one in plans:
             number = 0
             tasks = one.tasks(taken=self.taken, before=self.record.before, token=self.token)
-            for number, task in enumerate(tasks, start=1):
-                if number > one.expected_maps:
-                    self.expected += 1
-                if "/" in task.sources[0].name:
-                    with self._needed(), writing(task.output.parent):
-                        task.output.parent.mkdir(parents=True, exist_ok=True)
-                yield task
+            try:
+                for number, task in enumerate(tasks, start=1):
+                    if number > one.expected_maps:
+                        self.expected += 1
+                    self.record.meet(task)
+                    if "/" in task.sources[0].name:
+                        with self._needed(), writing(task.output.parent):
+                            task.output.parent.mkdir(parents=True, exist_ok=True)
+                    yield task
+            except CaptureError as error:
+                self.report(failed_input(one.capture.root, error))
             self.expected += min(number - one.expected_maps, 0)
             self.progress.advance(0, total=self.expected)
 
