@@ -135,6 +135,11 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
     return tuple(written)
 
 
+def is_calibration_folder(path: Path, /) -> bool:
+    """Return whether a path is a folder that `cadtof calibrate` wrote."""
+    return is_folder(path) and any(os.path.lexists(path / f"{kind}.toml") for kind in PART_KINDS)
+
+
 def load_calibration(folder: Path, /, *, kinds: Sequence[PartKind] = PART_KINDS) -> Calibration:
     """Read the parts of these kinds that a calibration folder holds.
 

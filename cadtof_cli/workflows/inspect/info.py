@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cadtof_cli.calibration.store import is_calibration_folder
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
@@ -30,7 +31,6 @@ from cadtof_cli.workflows.inspect.facts import (
     facts_of_calibration,
     facts_of_frame,
     facts_of_maps,
-    is_calibration_folder,
     is_map,
 )
 from cadtof_cli.workflows.progress import Progress
