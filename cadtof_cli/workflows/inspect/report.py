@@ -28,8 +28,9 @@ from cadtof_cli.report.frames import (
 )
 from cadtof_cli.report.page import ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
-from cadtof_cli.workflows.inspect.layers import GivenOptics, Truth, layer_of
+from cadtof_cli.workflows.inspect.layers import GivenOptics, layer_of
 from cadtof_cli.workflows.inspect.report_text import page_text
+from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
