@@ -116,13 +116,13 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
             "distances right, and is the target flat, still and without multi-path interference?"
         )
     quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
-    responses, phase, gain = _terms_and_maps(own, pixels.log_gain, rest, terms.terms, ideal, usable)
+    responses, phases, gains = _terms_and_maps(own, pixels.log_gain, rest, terms.terms, ideal, usable)
     shape = (len(ideal), *origin.pixels)
     return ResponseCalibration(
         origin,
         responses,
-        phase.reshape(shape),
-        gain.reshape(shape),
+        phases.reshape(shape),
+        gains.reshape(shape),
         curvature,
         metadata.optics.principal_point(origin.pixels),
         quality,

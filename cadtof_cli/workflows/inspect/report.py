@@ -133,8 +133,8 @@ class _Reader:
             except CadtofError as error:
                 problems[file] = str(error)
                 continue
-            truth_file = self.truth and self.truth.file(file)
-            truth_m = self.truth and self.truth.depth(file, planes[DIRECT_DEPTH])
+            truth_file = self.truth.file(file) if self.truth else None
+            truth_m = self.truth.depth(file, planes[DIRECT_DEPTH]) if self.truth else None
             yield _Frame(file, planes, truth_file, truth_m)
 
     def _planes(self, file: Path) -> Planes:
