@@ -5,7 +5,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +50,7 @@ class Calibration:
         """The parts that the folder has, in the order in which they are applied."""
         return tuple(part for part in (self.dark, self.response, self.petzval) if part is not None)
 
-    @property
+    @cached_property
     def digests(self) -> dict[str, str]:
         """The digest of every part, by kind."""
         return {part.kind: digest_of(part) for part in self.parts}
@@ -95,12 +95,11 @@ class Calibration:
 
     def stale(self) -> tuple[str, ...]:
         """Return a sentence for each part that was measured with another version of an earlier part than the folder has."""
-        digests = self.digests
         return tuple(
             f"the {part.kind} calibration was measured with another {kind} calibration: repeat `cadtof calibrate {part.kind}`"
             for part in self.parts
             for kind in PART_KINDS[: PART_KINDS.index(part.kind)]
-            if part.origin.used.get(kind) != digests.get(kind)
+            if part.origin.used.get(kind) != self.digests.get(kind)
         )
 
 

@@ -61,6 +61,7 @@ class Truth:
 
     @cached_property
     def _read(self) -> Callable[[Path], Float]:
+        """The function that reads a file with truth. It keeps the last one, because the frames of a capture share it."""
         return lru_cache(maxsize=1)(partial(true_layer, self.run, DIRECT_DEPTH))
 
     def file(self, map_file: Path, /) -> Path:
