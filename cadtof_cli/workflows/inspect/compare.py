@@ -1,6 +1,5 @@
 """`cadtof compare`: what differs between two runs, or between a run and truth, layer by layer and bit by bit."""
 
-from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -126,7 +125,7 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
         CadtofError: maps cannot be read, differ in size, or have no layer in common.
     """
     found, tallies = Comparison(), dict[str, MagnitudeTally]()
-    frames: list[FrameDifference] = []
+    frames, only_a, only_b = list[FrameDifference](), set[str](), set[str]()
     progress.advance(0, total=len(pairs.files))
     for pair in map(pairs.pair, pairs.files):
         found.frames += 1
@@ -138,30 +137,28 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
             if layer == leading:
                 of_frame.add(change)
             _count_answers(found, layer, np.isfinite(one), np.isfinite(other))
-        for which, names in (
-            (found.only_a, pair.first.keys() - pair.second),
-            (found.only_b, pair.second.keys() - pair.first),
-        ):
-            which["layers"] = sorted({*which.get("layers", []), *names})
+        only_a |= pair.first.keys() - pair.second
+        only_b |= pair.second.keys() - pair.first
         worst = of_frame.summary()
         frames.append(FrameDifference(pair.name, worst.p90_abs, worst.max_abs, _count_bits(found, pair)))
         progress.advance()
-    _require_common_layers(found, tallies.keys(), pairs)
     found.layers = {name: tally.summary() for name, tally in tallies.items()}
-    found.only_a["frames"], found.only_b["frames"] = pairs.only
+    found.only_a = {"layers": sorted(only_a), "frames": pairs.only[0]}
+    found.only_b = {"layers": sorted(only_b), "frames": pairs.only[1]}
+    _require_common_layers(found, pairs)
     found.worst_by = _leading(tuple(found.layers))
     frames.sort(key=lambda one: (one.p90_abs or 0.0, one.max_abs or 0.0, one.status_changed or 0), reverse=True)
     found.worst = frames[:WORST]
     return found
 
 
-def _require_common_layers(found: Comparison, layers: Collection[str], pairs: MapPairs) -> None:
+def _require_common_layers(found: Comparison, pairs: MapPairs) -> None:
     """Make sure that something could be compared: values of a layer, or status bits.
 
     Raises:
         CaptureError: no frame has a layer in both.
     """
-    if not layers and found.status_changed is None:
+    if not found.layers and found.status_changed is None:
         one, other = (", ".join(only["layers"]) for only in (found.only_a, found.only_b))
         raise CaptureError(
             f"{pairs.a.maps} and {pairs.b.maps} have no layer in common: found {one} in A and {other} in B; give two runs, or a"
