@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.discovery import find_placed_captures
+from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
 from cadtof_cli.capture.toml import load_metadata
@@ -137,12 +137,11 @@ def read_frames(
         settings_file=None if settings_file is None else Path(settings_file),
         frames=frames,
     )
-    captures, _ = find_placed_captures(
-        [Path(one) for one in inputs],
-        overrides=_overrides(metadata),
-        settings_file=settings.settings_file,
-        recursive=recursive,
+    paths = [Path(one) for one in inputs]
+    found = find_captures(
+        paths, overrides=_overrides(metadata), settings_file=settings.settings_file, recursive=recursive
     )
+    captures, _ = placed_captures(found, paths)
     for plan in plan_captures(captures, settings, None):
         for note in plan.notes():
             _log.warning(note)

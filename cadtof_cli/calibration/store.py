@@ -5,7 +5,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +50,7 @@ class Calibration:
         """The parts that the folder has, in the order in which they are applied."""
         return tuple(part for part in (self.dark, self.response, self.petzval) if part is not None)
 
-    @property
+    @cached_property
     def digests(self) -> dict[str, str]:
         """The digest of every part, by kind."""
         return {part.kind: digest_of(part) for part in self.parts}
@@ -95,12 +95,11 @@ class Calibration:
 
     def stale(self) -> tuple[str, ...]:
         """Return a sentence for each part that was measured with another version of an earlier part than the folder has."""
-        digests = self.digests
         return tuple(
             f"the {part.kind} calibration was measured with another {kind} calibration: repeat `cadtof calibrate {part.kind}`"
             for part in self.parts
             for kind in PART_KINDS[: PART_KINDS.index(part.kind)]
-            if part.origin.used.get(kind) != digests.get(kind)
+            if part.origin.used.get(kind) != self.digests.get(kind)
         )
 
 
@@ -133,6 +132,11 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
     comments = [made, f"its maps are in {part.kind}.exr"] if maps else [made]
     write_text(path, toml_from_tables(document, comments=comments))
     return tuple(written)
+
+
+def is_calibration_folder(path: Path, /) -> bool:
+    """Return whether a path is a folder that `cadtof calibrate` wrote."""
+    return is_folder(path) and any(os.path.lexists(path / f"{kind}.toml") for kind in PART_KINDS)
 
 
 def load_calibration(folder: Path, /, *, kinds: Sequence[PartKind] = PART_KINDS) -> Calibration:

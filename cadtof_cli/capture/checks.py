@@ -131,9 +131,15 @@ def each(check: Check, /) -> Check:
 
 def _is_sample_type(dtype: str) -> bool:
     # imported here, because commands that only print their options do not need numpy
-    from cadtof_cli.files.frames import is_sample_type
+    import numpy as np
 
-    return is_sample_type(dtype)
+    from cadtof_cli.files.frames import SAMPLE_TYPES
+
+    try:
+        return np.dtype(dtype).name in SAMPLE_TYPES
+    except (TypeError, ValueError, SyntaxError):
+        # SyntaxError: numpy parses texts with commas and brackets as structured types
+        return False
 
 
 def _names_planes(pattern: str) -> bool:

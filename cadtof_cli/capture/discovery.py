@@ -111,31 +111,19 @@ def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:
                 yield replace(capture, frames=frames) if len(frames) < len(files) else capture
 
 
-def find_placed_captures(
-    inputs: Sequence[Path],
-    *,
-    overrides: Mapping[str, Any] | None = None,
-    settings_file: Path | None = None,
-    recursive: bool = False,
-    on_unlisted: OnUnlisted = fail,
-    base: Path | None = None,
+def placed_captures(
+    captures: Sequence[Capture], inputs: Sequence[Path], /, *, base: Path | None = None
 ) -> tuple[tuple[Capture, ...], Path]:
-    """Return the captures of `find_captures`, with their frames renamed for OUT, and the folder whose tree OUT mirrors.
+    """Return captures with their frames renamed for OUT, and the folder whose tree OUT mirrors.
 
     The name of a frame gets the path of its capture relative to that folder in front of it. If a capture lies outside
     of the folder, the steps `..` of this path are left out.
 
     Args:
-        inputs: see `find_captures`.
-        overrides: see `find_captures`.
-        settings_file: see `find_captures`.
-        recursive: see `find_captures`.
-        on_unlisted: see `find_captures`.
+        captures: the captures that `find_captures` found in `inputs`.
+        inputs: folders and files.
         base: the folder whose tree OUT mirrors; None: the deepest folder that contains all inputs and captures.
     """
-    captures = find_captures(
-        inputs, overrides=overrides, settings_file=settings_file, recursive=recursive, on_unlisted=on_unlisted
-    )
     if base is None:
         folders = [path if path.is_dir() else path.parent for path in inputs] + [one.root for one in captures]
         base = Path(os.path.commonpath(map(os.path.abspath, folders)))

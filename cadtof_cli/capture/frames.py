@@ -301,7 +301,6 @@ class TypicalFile:
         dtype: type of the stored values.
         frames: number of frames in the file.
         source: the file.
-        bytes: size of the file.
         is_plain: whether the file is known to hold a single frame whose values are not compressed.
     """
 
@@ -309,7 +308,6 @@ class TypicalFile:
     dtype: np.dtype[Any]
     frames: int
     source: FrameSource
-    bytes: int
     is_plain: bool
 
 
@@ -319,8 +317,8 @@ def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[Typ
         try:
             with open_frames(source, layout) as frames:
                 height, width = frames.shape[2:]
-                size, is_plain = file_size(source.paths[0]), frames.read_like is not None
-                found = TypicalFile((height, width), frames.dtype, frames.count, source, size, is_plain)
+                is_plain = frames.read_like is not None
+                found = TypicalFile((height, width), frames.dtype, frames.count, source, is_plain)
         except FrameError:
             continue
         yield found

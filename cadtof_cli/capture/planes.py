@@ -58,8 +58,11 @@ class _Column:
         return max(named, default=0) + (letters == (what == "channel"))
 
 
-def hint_of_planes(capture: Capture, /) -> str | None:
-    """Return a hint for a capture in which no whole frame was found; None unless its files seem to be planes."""
+def hint_of_planes(capture: Capture, /) -> tuple[str, Layout | None] | None:
+    """Return a hint for a capture in which no whole frame was found, and the layout that the names of its files suggest.
+
+    None unless its files seem to be planes. The layout is None if the names suggest none.
+    """
     layout = capture.layout
     if capture.source.metadata.layout.pattern is not None or len(capture.frames) < layout.planes:
         return None
@@ -68,22 +71,17 @@ def hint_of_planes(capture: Capture, /) -> str | None:
         detect_format(path).frames().read_plane(path, layout)
     except FrameError:
         return None
-    guess = guessed_layout(capture)
+    guess = layout_of_names([frame.paths[0].name for frame in capture.frames], layout.harmonics)
     keys = f'pattern = "{guess.pattern if guess else EXAMPLE_PATTERN}"'
     if guess and guess.channel:
         keys += f", channel = {list(guess.channel)}".replace("'", '"')
     if guess and guess.harmonic:
         keys += ", harmonic = { " + ", ".join(f'"{name}" = {number}' for name, number in guess.harmonic) + " }"
-    return (
+    hint = (
         f"{capture.root}: found {len(capture.frames)} files with one plane each, and nothing says which plane is which; write "
         f"the pattern of their names under [layout] in capture.toml, {'probably' if guess else 'for example'}: {keys}"
     )
-
-
-def guessed_layout(capture: Capture, /) -> Layout | None:
-    """Return the layout that the names of a capture's files suggest; None: they suggest none."""
-    harmonics = capture.source.metadata.modulation.harmonics
-    return layout_of_names([frame.paths[0].name for frame in capture.frames], harmonics)
+    return hint, guess
 
 
 def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layout | None:

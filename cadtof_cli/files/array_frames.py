@@ -33,7 +33,7 @@ With two harmonics, H and C have the same length, so two orders are possible.
 
 
 @contextmanager
-def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: str | None = None) -> Iterator[Frames]:
+def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: str) -> Iterator[Frames]:
     """Yield the frames of an array that a file holds. Each frame is read from the file when it is asked for.
 
     Args:
@@ -42,7 +42,7 @@ def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: 
             channel may be a single axis.
         layout: harmonics of the capture, and the number of frames in a stack if the metadata gives it.
         mended_by: the Python call that saves the array in our order of axes, with `{}` at the place of the
-            transposition. Messages show it. None: no call can be given.
+            transposition. Messages show it.
 
     Raises:
         FrameError: the planes do not make up whole frames, or their type is not in `SAMPLE_TYPES`.
@@ -52,7 +52,7 @@ def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: 
     try:
         table = plane_table("Q" * (array.ndim - 2), array.shape[:-2], layout, where=where)
     except FrameError:
-        ways = mended_by and transpositions(mended_by, array.shape, len(layout.harmonics))
+        ways = transpositions(mended_by, array.shape, len(layout.harmonics))
         if not ways:
             raise
         raise FrameError(

@@ -19,7 +19,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader, require_different_names
-from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
+from cadtof_cli.files.named_planes import NamedPart, Place, places_in, voltage_places
 from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_through, require_plausible_size
 from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.records import dataclass
@@ -193,7 +193,7 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
         FrameError: the file cannot be read, is damaged, or holds more than one plane.
     """
     parts = read_parts(path)
-    places = [Place(index, name) for index, part in enumerate(parts) for name in part.channels]
+    places = places_in(parts)
     chosen = places if len(places) == 1 else [place for place in places if place.channel == "Y"]
     if len(chosen) != 1:
         found = ", ".join(place.channel for place in places)
@@ -269,7 +269,7 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     Raises:
         FrameError: the file cannot be read, is damaged, or two parts have a channel of the same name.
     """
-    places = [Place(index, name) for index, part in enumerate(read_parts(path)) for name in part.channels]
+    places = places_in(read_parts(path))
     require_different_names(path, [place.channel for place in places])
     with open_pixels(path, places) as planes:
         return {place.channel: plane.copy() for place, plane in zip(places, planes, strict=True)}

@@ -88,15 +88,6 @@ class Frames:
     read_like: Callable[[Path], Stored | None] | None = None
 
 
-def is_sample_type(dtype: str, /) -> bool:
-    """Return whether a frame may be stored in the type that numpy calls `dtype`, in any byte order."""
-    try:
-        return np.dtype(dtype).name in SAMPLE_TYPES
-    except (TypeError, ValueError, SyntaxError):
-        # SyntaxError: numpy parses texts with commas and brackets as structured types
-        return False
-
-
 def plane_name(harmonic: int, channel: int) -> str:
     """Return the name of a plane in EXR files and in messages, such as H1.SC2."""
     return f"H{harmonic}.SC{channel}"

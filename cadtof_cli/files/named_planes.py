@@ -175,6 +175,11 @@ def planes_in_order(found: Mapping[tuple[int, int], Found], layout: FrameLayout,
     return [found[plane] for plane in wanted]
 
 
+def places_in(parts: Sequence[NamedPart], /) -> list[Place]:
+    """Return the place of every channel, in the order of the file."""
+    return [Place(index, name) for index, part in enumerate(parts) for name in part.channels]
+
+
 def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: str) -> list[Place]:
     """Return the places of a frame's planes in the order H1.SC1, H1.SC2, H2.SC1, …
 
@@ -188,7 +193,7 @@ def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: st
     """
     found = _labelled(parts, layout, where)
     if not found:
-        names = [name for part in parts for name in part.channels]
+        names = [place.channel for place in places_in(parts)]
         what = "a colour picture, " if _COLOURS.issuperset(names) else ""
         raise NotAFrameError(
             f"{where}: holds {what}the channels {', '.join(names)}, expected voltages {', '.join(layout.plane_names)}"
@@ -200,7 +205,8 @@ def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> di
     """Return the place of every plane by its harmonic label and channel."""
     by_part = _part_labels(parts, layout, where)
     found: dict[tuple[int, int], Place] = {}
-    for place, label in _labels_in_our_form(parts) or _labels_in_words(parts, layout):
+    ours = [(place, label) for place in places_in(parts) if (label := _label(parts[place.part], place.channel))]
+    for place, label in ours or _labels_in_words(parts, layout):
         if label.channel is None:
             continue
         plane = label.harmonic or by_part[place.part], label.channel
@@ -210,15 +216,6 @@ def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> di
     return found
 
 
-def _labels_in_our_form(parts: Sequence[NamedPart]) -> list[tuple[Place, PlaneLabel]]:
-    return [
-        (Place(index, name), label)
-        for index, part in enumerate(parts)
-        for name in part.channels
-        if (label := _label(part, name))
-    ]
-
-
 def _labels_in_words(parts: Sequence[NamedPart], layout: FrameLayout) -> list[tuple[Place, PlaneLabel]]:
     """Return the labels that names in other words give to all channels.
 
@@ -226,7 +223,7 @@ def _labels_in_words(parts: Sequence[NamedPart], layout: FrameLayout) -> list[tu
 
     If a channel is the only one of its part and its own name gives no channel, the name of the part is used.
     """
-    places = [Place(index, name) for index, part in enumerate(parts) for name in part.channels]
+    places = places_in(parts)
     alone = [len(parts[place.part].channels) == 1 and not says_a_channel(place.channel) for place in places]
     names = [parts[place.part].name if lone else place.channel for place, lone in zip(places, alone, strict=True)]
     # `labels_in_words` returns a label for every name, or none at all

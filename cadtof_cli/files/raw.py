@@ -8,7 +8,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.array_frames import Mapped, open_array, single_plane
+from cadtof_cli.files.array_frames import Mapped, lengths_text, open_array, single_plane
 from cadtof_cli.files.frames import FrameLayout, Frames
 from cadtof_cli.files.reading import damage_as_frame_error, require_regular
 
@@ -42,10 +42,9 @@ def _mapped(path: Path, layout: FrameLayout) -> Mapped:
         once = math.prod(raw.shape) * dtype.itemsize
         times, rest = divmod(size - raw.offset_bytes, once)
         if rest or times < 1:
-            lengths = " × ".join(map(str, raw.shape))
             raise FrameError(
-                f"{path}: found {size:,} bytes, expected {raw.offset_bytes + once:,}: {lengths} values of {raw.dtype} after"
-                f" {raw.offset_bytes:,} bytes (layout.raw), or a whole multiple for a stack"
+                f"{path}: found {size:,} bytes, expected {raw.offset_bytes + once:,}: {lengths_text(raw.shape)} values of"
+                f" {raw.dtype} after {raw.offset_bytes:,} bytes (layout.raw), or a whole multiple for a stack"
             )
         shape = raw.shape if times == 1 else (times, *raw.shape)
         mapped: Mapped = np.memmap(path, dtype, "r", raw.offset_bytes, shape)

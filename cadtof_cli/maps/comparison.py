@@ -75,11 +75,6 @@ class MagnitudeTally:
         return 0.0 if place == 0 else min(float(edges.mean()), self._largest)
 
 
-def changed_pixels(before: Status, after: Status, /) -> int:
-    """Return how many pixels of two status maps of the same shape differ in any bit."""
-    return int(np.count_nonzero(before != after))
-
-
 def changed_bits(before: Status, after: Status, /) -> dict[StatusBit, BitChange]:
     """Return, for every status bit, how many pixels gained and lost it between two maps of the same shape."""
     gained, lost = after & ~before, before & ~after

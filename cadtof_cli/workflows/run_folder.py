@@ -15,7 +15,7 @@ from typing import Any, cast
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
-from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures, steps_below
+from cadtof_cli.capture.discovery import OUTPUT_FILES, find_captures, placed_captures, steps_below
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, natural_key, single_frames
 from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, fail
 from cadtof_cli.capture.metadata import KEYS, Optics
@@ -208,14 +208,15 @@ class Run:
             settings = arguments.get("settings")
             # inputs that were moved with the run lie below another folder
             is_moved = list(map(str, inputs)) != arguments.get("absolute_inputs")
-            captures, _ = find_placed_captures(
+            base = None if is_moved else shared_folder(self.folder, self.record)
+            found = find_captures(
                 inputs,
                 overrides=arguments["overrides"],
                 settings_file=Path(settings) if settings else None,
                 recursive=bool(arguments.get("recursive")),
                 on_unlisted=lambda *_: None,
-                base=None if is_moved else shared_folder(self.folder, self.record),
             )
+            captures, _ = placed_captures(found, inputs, base=base)
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
             say(f"the recorded frames are no longer where they were, {NOT_EVALUATED}: {error}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels
 from cadtof_cli.calibration.fit.robust import SURE, RobustFit, robust_fit, shape_rms
 from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
@@ -116,9 +116,18 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
             "distances right, and is the target flat, still and without multi-path interference?"
         )
     quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
-    lens = curvature, metadata.optics.principal_point(origin.pixels)
-    found = _calibration(pixels, own, rest, terms, ideal, usable, lens, quality, origin)
-    return replace(found, lamp_offset_m=metadata.optics.lamp_offset_m or found.lamp_offset_m)
+    responses, phases, gains = _terms_and_maps(own, pixels.log_gain, rest, terms.terms, ideal, usable)
+    shape = (len(ideal), *origin.pixels)
+    return ResponseCalibration(
+        origin,
+        responses,
+        phases.reshape(shape),
+        gains.reshape(shape),
+        curvature,
+        metadata.optics.principal_point(origin.pixels),
+        quality,
+        metadata.optics.lamp_offset_m or ResponseCalibration.lamp_offset_m,
+    )
 
 
 def _seen(volts: Complex, noise: Float) -> Bool:
@@ -300,34 +309,24 @@ def _quality(
     )
 
 
-def _calibration(
-    pixels: PixelFit,
-    own: Float,
-    rest: RestFit,
-    terms: TermFit,
-    ideal: tuple[HarmonicResponse, ...],
-    usable: Bool,
-    lens: tuple[tuple[float, float], tuple[float, float]],
-    quality: ResponseQuality,
-    origin: Origin,
-) -> ResponseCalibration:
-    """Return the calibration: the means of phases and gains over the array become part of G, and the maps hold the rest.
+def _terms_and_maps(
+    own: Float, log_gain: Float, rest: RestFit, terms: Terms, ideal: tuple[HarmonicResponse, ...], usable: Bool
+) -> tuple[tuple[HarmonicResponse, ...], Float32, Float32]:
+    """Return G, which contains the means of phases and gains over the array, and maps of what is left, (H, Y·X) each.
 
-    `lens` holds the field curvature (k2, k4) and the principal point.
+    `own` and `log_gain` are the phases and logarithms of the gains of the usable pixels, (H, n).
     """
-    size = origin.pixels[0] * origin.pixels[1]
-    phase = np.zeros((len(ideal), size), np.float32)
-    gain = np.ones((len(ideal), size), np.float32)
-    nominal = np.array([abs(response.main) for response in ideal])
+    phase = np.zeros((len(ideal), usable.size), np.float32)
+    gain = np.ones((len(ideal), usable.size), np.float32)
+    nominal = abs(ideal[0].main)
     responses = []
     for row, (response, rotor) in enumerate(zip(ideal, _mean_rotor(own), strict=True)):
-        gains = np.exp(pixels.log_gain[row]) * nominal[0]
+        gains = np.exp(log_gain[row]) * nominal
         middle = float(np.median(gains))
         phase[row, usable] = np.angle(np.exp(1j * own[row]) / rotor)
         gain[row, usable] = gains / middle
         phase[row, rest.where] = np.angle(np.exp(1j * rest.phase[row]) / rotor)
-        gain[row, rest.where] = np.exp(rest.log_gain[row]) * nominal[0] / middle
-        higher = [(k, middle * value * complex(rotor) ** k) for k, value in terms.terms[row].items()]
+        gain[row, rest.where] = np.exp(rest.log_gain[row]) * nominal / middle
+        higher = [(k, middle * value * complex(rotor) ** k) for k, value in terms[row].items()]
         responses.append(HarmonicResponse(response.harmonic, ((1, middle * complex(rotor)), *higher)))
-    shape = (len(ideal), *origin.pixels)
-    return ResponseCalibration(origin, tuple(responses), phase.reshape(shape), gain.reshape(shape), *lens, quality)
+    return tuple(responses), phase, gain

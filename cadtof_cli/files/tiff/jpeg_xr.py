@@ -9,8 +9,10 @@ from cadtof_cli.files.tiff.pages import Page
 COMPRESSIONS = frozenset({22610, 34934})
 """Codes of JPEG XR among the compressions of TIFF."""
 
-_BEGIN = b"WMPHOTO\0"
-_COLOURS_BYTE = len(_BEGIN) + 3
+BEGIN = b"WMPHOTO\0"
+"""First bytes of the picture's header."""
+
+_COLOURS_BYTE = len(BEGIN) + 3
 """Place of the byte whose upper four bits say how colours are stored (ITU-T T.832, 8.3.12)."""
 
 _WITH_COARSE_COLOURS = frozenset({1, 2})
@@ -30,6 +32,6 @@ def require_plain_colours(path: Path, page: Page, descriptor: int, /) -> None:
     """
     for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False):
         data = read_at(descriptor, min(count, _SEARCHED_BYTES), offset)
-        header = data[max(data.find(_BEGIN), 0) :]
+        header = data[max(data.find(BEGIN), 0) :]
         if header[_COLOURS_BYTE:] and header[_COLOURS_BYTE] >> 4 in _WITH_COARSE_COLOURS:
             raise FrameError(f"{path}: damaged TIFF: its JPEG XR data declares YUV colours, expected one value a pixel")

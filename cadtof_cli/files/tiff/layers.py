@@ -22,8 +22,9 @@ from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.system import BLOCK_BYTES, codes_of_the_system
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
+from cadtof_cli.files.tiff.names import GDAL_METADATA, PAGE_NAME
 
-_PAGE_NAME, _GDAL_METADATA, _ASCII = 285, 42112, 2
+_ASCII = 2
 
 _REFERENCES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 
@@ -91,15 +92,15 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> Envelope | N
             software=SOFTWARE,
             metadata=None,
             align=BLOCK_BYTES,
-            extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
+            extratags=[(code, _ASCII, None, " ", False) for code in (PAGE_NAME, GDAL_METADATA)],
         )
     with tifffile.TiffFile(path, mode="r+") as file:
         pages, page_bytes = list(file.pages), maps.status.nbytes
         for page, name, band in zip(pages, names, bands, strict=True):
             assert isinstance(page, tifffile.TiffPage)
             # tifffile writes a value that does not fit into the place of the old one to the end of the file
-            page.tags[_PAGE_NAME].overwrite(name)
-            page.tags[_GDAL_METADATA].overwrite(band if name != STATUS else _at_end_of_block(file.filehandle, band))
+            page.tags[PAGE_NAME].overwrite(name)
+            page.tags[GDAL_METADATA].overwrite(band if name != STATUS else _at_end_of_block(file.filehandle, band))
         starts = [page.dataoffsets[0] for page in pages if page.databytecounts == (page_bytes,)]
         if starts != [pages[0].dataoffsets[0] + place * page_bytes for place in range(len(maps.pages))]:
             return None

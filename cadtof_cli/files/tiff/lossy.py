@@ -13,6 +13,7 @@ import imagecodecs
 import numpy as np
 import tifffile
 
+from cadtof_cli.files.tiff import jpeg_xr
 from cadtof_cli.files.tiff.images import reading_tiff
 
 _LERC_PARAMETERS = 50674
@@ -116,7 +117,6 @@ def _jpeg_xl(data: bytes, _page: tifffile.TiffPage) -> str | None:
     return "JPEG XL" if not take(2) and take(1) else None
 
 
-_JPEG_XR = b"WMPHOTO\0"
 _GREY = 0
 _SHIFTED = frozenset({2, 3, 6})
 """Types of samples, whole numbers of 16 and 32 bits, whose low bits may be left out."""
@@ -126,7 +126,7 @@ _MANTISSA_BITS = 23
 
 def _jpeg_xr(data: bytes, _page: tifffile.TiffPage) -> str | None:
     """Examine JPEG XR: lossless data keeps all bits and all bands, with divisors of 1 (ITU-T T.832, 8.3 and 8.4)."""
-    start = data.index(_JPEG_XR) + len(_JPEG_XR)
+    start = data.index(jpeg_xr.BEGIN) + len(jpeg_xr.BEGIN)
     header = data[start : start + _MOST_HEADER_BYTES].ljust(_MOST_HEADER_BYTES, b"\0")
     bits, place = int.from_bytes(header, "big"), 8 * _MOST_HEADER_BYTES
 

@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 _SEVERAL = 2
 
 _DESCRIPTION = 270
-_PAGE_NAME = 285
-_GDAL_METADATA = 42112
+PAGE_NAME = 285
+GDAL_METADATA = 42112
+"""Codes of the tags in which names stand."""
 
 
 def names_of_planes(
@@ -106,7 +107,7 @@ def _bands(page: tifffile.TiffPage, samples: int) -> tuple[str, ...]:
     """Return the descriptions of a GeoTIFF's bands, which GDAL wrote."""
     from xml.etree import ElementTree
 
-    tag = page.tags.get(_GDAL_METADATA)
+    tag = page.tags.get(GDAL_METADATA)
     try:
         root = ElementTree.fromstring(str(tag.value) if tag else "")
     except ElementTree.ParseError:
@@ -122,6 +123,6 @@ def _page_name(page: object) -> str:
         page = page.aspage()
     if not isinstance(page, tifffile.TiffPage):
         return ""
-    values = (page.tags.valueof(code) for code in (_PAGE_NAME, _DESCRIPTION))
+    values = (page.tags.valueof(code) for code in (PAGE_NAME, _DESCRIPTION))
     texts = [text for text in values if isinstance(text, str)]
     return next(filter(plane_label, texts), None) or next(filter(says_a_channel, texts), "")

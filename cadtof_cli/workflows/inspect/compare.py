@@ -1,24 +1,15 @@
 """`cadtof compare`: what differs between two runs, or between a run and truth, layer by layer and bit by bit."""
 
-from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Status
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import STATUS
-from cadtof_cli.maps.comparison import (
-    BitChange,
-    LayerDifference,
-    MagnitudeTally,
-    changed_bits,
-    changed_pixels,
-    difference,
-)
+from cadtof_cli.maps.comparison import BitChange, LayerDifference, MagnitudeTally, changed_bits, difference
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
 from cadtof_cli.resolver.status import bit_words
 from cadtof_cli.workflows.inspect.layers import Layers, require_same_depth, require_same_pixels, require_same_size
@@ -86,11 +77,6 @@ class FramePair:
         """The layers, besides the status, that both have."""
         return tuple(name for name in self.first if name in self.second and name != STATUS)
 
-    def status(self) -> tuple[Status, Status] | None:
-        """Return the status bits of both; None: A or B has none."""
-        one, other = self.first.get(STATUS), self.second.get(STATUS)
-        return None if one is None or other is None else (one, other)
-
 
 class MapPairs:
     """The frames that A and B, folders or files of maps, share by name. A lone file, such as truth, goes with every frame.
@@ -139,38 +125,40 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
         CadtofError: maps cannot be read, differ in size, or have no layer in common.
     """
     found, tallies = Comparison(), dict[str, MagnitudeTally]()
-    frames: list[FrameDifference] = []
+    frames, only_a, only_b = list[FrameDifference](), set[str](), set[str]()
     progress.advance(0, total=len(pairs.files))
     for pair in map(pairs.pair, pairs.files):
         found.frames += 1
+        leading, of_frame = _leading(pair.shared), MagnitudeTally()
         for layer in pair.shared:
             one, other = pair.first[layer], pair.second[layer]
-            tallies.setdefault(layer, MagnitudeTally()).add(difference(one, other))
+            change = difference(one, other)
+            tallies.setdefault(layer, MagnitudeTally()).add(change)
+            if layer == leading:
+                of_frame.add(change)
             _count_answers(found, layer, np.isfinite(one), np.isfinite(other))
-        for which, names in (
-            (found.only_a, pair.first.keys() - pair.second),
-            (found.only_b, pair.second.keys() - pair.first),
-        ):
-            which["layers"] = sorted({*which.get("layers", []), *names})
-        frames.append(_frame_difference(pair))
-        _count_bits(found, pair)
+        only_a |= pair.first.keys() - pair.second
+        only_b |= pair.second.keys() - pair.first
+        worst = of_frame.summary()
+        frames.append(FrameDifference(pair.name, worst.p90_abs, worst.max_abs, _count_bits(found, pair)))
         progress.advance()
-    _require_common_layers(found, tallies.keys(), pairs)
     found.layers = {name: tally.summary() for name, tally in tallies.items()}
-    found.only_a["frames"], found.only_b["frames"] = pairs.only
+    found.only_a = {"layers": sorted(only_a), "frames": pairs.only[0]}
+    found.only_b = {"layers": sorted(only_b), "frames": pairs.only[1]}
+    _require_common_layers(found, pairs)
     found.worst_by = _leading(tuple(found.layers))
     frames.sort(key=lambda one: (one.p90_abs or 0.0, one.max_abs or 0.0, one.status_changed or 0), reverse=True)
     found.worst = frames[:WORST]
     return found
 
 
-def _require_common_layers(found: Comparison, layers: Collection[str], pairs: MapPairs) -> None:
+def _require_common_layers(found: Comparison, pairs: MapPairs) -> None:
     """Make sure that something could be compared: values of a layer, or status bits.
 
     Raises:
         CaptureError: no frame has a layer in both.
     """
-    if not layers and found.status_changed is None:
+    if not found.layers and found.status_changed is None:
         one, other = (", ".join(only["layers"]) for only in (found.only_a, found.only_b))
         raise CaptureError(
             f"{pairs.a.maps} and {pairs.b.maps} have no layer in common: found {one} in A and {other} in B; give two runs, or a"
@@ -185,29 +173,26 @@ def _count_answers(found: Comparison, layer: str, one: NDArray[np.bool_], other:
         change.only_b += int(np.count_nonzero(other & ~one))
 
 
-def _count_bits(found: Comparison, pair: FramePair) -> None:
-    """Count the pixels of a frame whose status changed: in all, and for each bit that changed, by the bit in words."""
-    bits = pair.status()
-    if bits is None:
-        return
-    found.status_changed = (found.status_changed or 0) + changed_pixels(*bits)
-    for bit, here in changed_bits(*bits).items():
+def _count_bits(found: Comparison, pair: FramePair) -> int | None:
+    """Count the pixels that gain and lose each status bit, by the bit in words, and return how many differ in any bit.
+
+    None: A or B has no status.
+    """
+    bits, others = pair.first.get(STATUS), pair.second.get(STATUS)
+    if bits is None or others is None:
+        return None
+    for bit, here in changed_bits(bits, others).items():
         if here.gained or here.lost:
             change = found.status_bits.setdefault(bit_words(bit), BitChange(0, 0))
             change.gained += here.gained
             change.lost += here.lost
+    changed = int(np.count_nonzero(bits != others))
+    found.status_changed = (found.status_changed or 0) + changed
+    return changed
 
 
 def _leading(layers: tuple[str, ...]) -> str | None:
     return DIRECT_DEPTH if DIRECT_DEPTH in layers else next(iter(layers), None)
-
-
-def _frame_difference(pair: FramePair) -> FrameDifference:
-    layer, bits, tally = _leading(pair.shared), pair.status(), MagnitudeTally()
-    if layer is not None:
-        tally.add(difference(pair.first[layer], pair.second[layer]))
-    summary = tally.summary()
-    return FrameDifference(pair.name, summary.p90_abs, summary.max_abs, None if bits is None else changed_pixels(*bits))
 
 
 def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:

@@ -16,7 +16,8 @@ from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import Truth, layer_of, require_same_size
+from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
+from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE
 from cadtof_cli.workflows.run_folder import read_run

@@ -1,7 +1,6 @@
 """What a recorded frame, a map file and a calibration folder hold, for `cadtof info`."""
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.calibration.parts import PART_KINDS
 from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata
@@ -22,7 +20,6 @@ from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.layers import read_facts, read_layers
 from cadtof_cli.files.maps import STATUS, is_map_layer
-from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import estimated_integration_length
@@ -215,11 +212,6 @@ class CalibrationFacts:
     digest: str | None = None
     parts: dict[str, dict[str, Any]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
-
-
-def is_calibration_folder(path: Path, /) -> bool:
-    """Return whether a path is a folder that `cadtof calibrate` wrote."""
-    return is_folder(path) and any(os.path.lexists(path / f"{kind}.toml") for kind in PART_KINDS)
 
 
 def facts_of_calibration(path: Path, /) -> CalibrationFacts:

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from cadtof_cli.calibration.store import is_calibration_folder
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.capture.mistaken_units import mistaken_unit
-from cadtof_cli.capture.planes import guessed_layout, hint_of_planes
+from cadtof_cli.capture.planes import hint_of_planes
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied
@@ -30,7 +31,6 @@ from cadtof_cli.workflows.inspect.facts import (
     facts_of_calibration,
     facts_of_frame,
     facts_of_maps,
-    is_calibration_folder,
     is_map,
 )
 from cadtof_cli.workflows.progress import Progress
@@ -151,9 +151,9 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
         value = getattr(getattr(metadata, key.table), key.name)
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
     typical = capture.typical
-    if typical is None and (hint := hint_of_planes(capture)):
+    if typical is None and (found := hint_of_planes(capture)):
+        hint, facts.guessed_layout = found
         facts.problems.append(hint)
-        facts.guessed_layout = guessed_layout(capture)
         return facts
     if typical and not typical.is_plain:
         facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import find_placed_captures
+from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, open_frames, single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import SettingsError
@@ -53,7 +53,7 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
                 name = run.name(file) if len(inputs) == 1 or path.is_dir() else f"{file.parent.name}/{file.stem}"
                 yield Pictured(name, partial(_read_map, run, file), DIRECT_DEPTH, run, file)
             continue
-        for capture in find_placed_captures([path], recursive=path.is_dir())[0]:
+        for capture in placed_captures(find_captures([path], recursive=path.is_dir()), [path])[0]:
             for source in single_frames(capture):
                 yield Pictured(source.name, partial(_read_frame, capture, source), LIGHT)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.calibration.store import load_calibration
+from cadtof_cli.calibration.store import is_calibration_folder, load_calibration
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, require
 from cadtof_cli.figures.calibration import draw_calibration
 from cadtof_cli.figures.kinds import require_picture
@@ -33,11 +33,10 @@ from cadtof_cli.figures.sequence import (
     thumbnail_size,
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.workflows.inspect.facts import is_calibration_folder
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import Truth
 from cadtof_cli.workflows.inspect.pictured import Pictured, pictured
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
+from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 
 _FILM_PIXELS = 640

@@ -25,9 +25,8 @@ from cadtof_cli.workflows.inspect.layers import (
     require_same_depth,
     require_same_pixels,
     require_same_size,
-    require_truth,
-    true_layer,
 )
+from cadtof_cli.workflows.inspect.truth import require_truth, true_layer
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 

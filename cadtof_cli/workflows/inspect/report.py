@@ -28,8 +28,9 @@ from cadtof_cli.report.frames import (
 )
 from cadtof_cli.report.page import ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
-from cadtof_cli.workflows.inspect.layers import GivenOptics, Truth, layer_of
+from cadtof_cli.workflows.inspect.layers import GivenOptics, layer_of
 from cadtof_cli.workflows.inspect.report_text import page_text
+from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -120,13 +121,23 @@ class _Reader:
     truth: Truth | None
     recorded: FirstPhasors
 
-    def frame(self, file: Path, planes: Planes, /) -> _Frame:
-        """Return the frame of a map with its truth; raises CadtofError if the truth does not fit."""
-        if self.truth is None:
-            return _Frame(file, planes, None, None)
-        return _Frame(file, planes, self.truth.file(file), self.truth.depth(file, planes[DIRECT_DEPTH]))
+    def frames(self, files: Sequence[Path], problems: dict[Path, str], /) -> Iterator[_Frame]:
+        """Yield the frames with maps that can be read; for the others, keep the reason in `problems`.
 
-    def planes(self, file: Path, /) -> Planes:
+        Raises:
+            CadtofError: the truth does not fit.
+        """
+        for file in files:
+            try:
+                planes = self._planes(file)
+            except CadtofError as error:
+                problems[file] = str(error)
+                continue
+            truth_file = self.truth.file(file) if self.truth else None
+            truth_m = self.truth.depth(file, planes[DIRECT_DEPTH]) if self.truth else None
+            yield _Frame(file, planes, truth_file, truth_m)
+
+    def _planes(self, file: Path) -> Planes:
         """Return a map's layers, and the first phasor's depth if the recorded frame is there and can be compared."""
         layers = {name: plane for name, plane in read_layers(file).items() if plane.ndim == 2}
         first = self.recorded.depth(file, layer_of(layers, DIRECT_DEPTH, file))
@@ -188,9 +199,9 @@ def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
     files = reader.run.files
     progress.advance(0, total=len(files))
     places = sorted({0, len(files) // 2, len(files) - 1}) if files else ()
-    samples = list(_read(reader, [files[place] for place in places], {}))
+    samples = list(reader.frames([files[place] for place in places], {}))
     if not samples:
-        list(_read(reader, files, gathered.problems))
+        list(reader.frames(files, gathered.problems))
         return gathered
     room, whole = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS, reader.settings.full_frames
     planes = [one.planes for one in samples]
@@ -202,20 +213,9 @@ def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
     shares = planned_shares(planes, len(shown), limit_bytes=max(room, 0.0), whole=whole)
     del samples, planes
     shown_files = {files[place] for place in shown}
-    for frame in _read(reader, files, gathered.problems):
+    for frame in reader.frames(files, gathered.problems):
         gathered.count(frame)
         if frame.file in shown_files:
             gathered.show(reader, frame, shares)
         progress.advance()
     return gathered
-
-
-def _read(reader: _Reader, files: Sequence[Path], problems: dict[Path, str]) -> Iterator[_Frame]:
-    """Yield the frames with maps that can be read; for the others, keep the reason in `problems`."""
-    for file in files:
-        try:
-            planes = reader.planes(file)
-        except CadtofError as error:
-            problems[file] = str(error)
-            continue
-        yield reader.frame(file, planes)

@@ -6,7 +6,7 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import absolute, find_placed_captures, is_existing_folder
+from cadtof_cli.capture.discovery import absolute, find_captures, is_existing_folder, placed_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
@@ -142,14 +142,14 @@ class Arrivals:
     def _captures(self, paths: Sequence[Path], *, last: bool = False) -> tuple[Capture, ...]:
         """Return the captures of paths. Unless these are the last paths, frames that lack files wait for them."""
         settings = self.settings
-        captures, self.base = find_placed_captures(
+        found = find_captures(
             paths,
             overrides=settings.overrides,
             settings_file=settings.settings_file,
             recursive=settings.recursive,
             on_unlisted=lambda folder, error: self._fail(failed_input(folder, error)),
-            base=self.base,
         )
+        captures, self.base = placed_captures(found, paths, base=self.base)
         if not last:
             captures, waiting = _without_incomplete_frames(captures, paths, settings)
             self.waiting += waiting

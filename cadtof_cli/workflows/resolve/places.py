@@ -25,7 +25,7 @@ def capture_folders(record: Mapping[str, Any], /) -> list[Path]:
 
 
 def shared_folder(out: Path, record: Mapping[str, Any], /) -> Path:
-    """Return the folder whose tree a run's folder mirrors, as `find_placed_captures` chose it.
+    """Return the folder whose tree a run's folder mirrors, as `placed_captures` chose it.
 
     Inputs that arrived later did not change this folder. So it follows from the first frame that has maps, if its line is there.
 

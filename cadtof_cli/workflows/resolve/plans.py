@@ -165,11 +165,12 @@ def plan_captures(
         if typical is None:
             from cadtof_cli.capture.planes import hint_of_planes
 
-            if hint := hint_of_planes(capture):
-                raise CaptureError(hint)
+            if found := hint_of_planes(capture):
+                raise CaptureError(found[0])
             plans.append(CapturePlan(capture, plan, settings, None))
             continue
-        frame_bytes = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
+        size = file_size(typical.source.paths[0])
+        frame_bytes = max(size / typical.frames, 1.0) if typical.frames > 1 else None
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadtof_cli.capture.discovery import find_placed_captures
+from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names
 from cadtof_cli.errors import CaptureError, OutputError, RunStoppedError
 from cadtof_cli.execution.ordered import run_ordered
@@ -131,13 +131,14 @@ def _first_captures(
         arrivals = Arrivals(settings, arriving)
         return arrivals.first_captures(inputs), arrivals, arrivals.failed
     failed = list[FrameReport]()
-    captures, _ = find_placed_captures(
+    found = find_captures(
         inputs,
         overrides=settings.overrides,
         settings_file=settings.settings_file,
         recursive=settings.recursive,
         on_unlisted=lambda folder, error: failed.append(failed_input(folder, error)),
     )
+    captures, _ = placed_captures(found, inputs)
     return captures, None, failed
 
 
