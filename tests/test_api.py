@@ -3,7 +3,7 @@
 import logging
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -13,6 +13,7 @@ import pytest
 import tifffile
 
 from cadtof_cli import Frame, Maps, read_frames, read_maps, resolve, simulate_scene
+from cadtof_cli.api import notes
 from cadtof_cli.api.resolve import ResolveOptions, ResolverOptions
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import Pixel
@@ -118,6 +119,25 @@ def test_a_list_of_frames_is_resolved_as_their_mean(tmp_path: Path) -> None:
         resolve([])
 
 
+def test_a_copy_of_a_frame_is_left_out_of_the_mean(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A driver that fills one buffer again gives the same values under several names; they make no noise smaller."""
+    capture = record(tmp_path / "capture", frames=3)
+    capture.files[1].write_bytes(capture.files[0].read_bytes())
+    (file,) = _written(capture.folder, tmp_path / "out", "--average", "3")
+    _same(resolve(list(read_frames(capture.folder)), mpi_model="auto"), file)
+    assert "frame_1.tif: holds the same values as another of these frames, so the mean is without it" in caplog.text
+
+
+def test_reading_goes_on_after_a_frame_that_cannot_be_read(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=3)
+    capture.files[1].write_bytes(capture.files[1].read_bytes()[:100])
+    frames = read_frames(capture.folder)
+    assert str(next(frames)) == "frame_0.tif"
+    with pytest.raises(FrameError, match="frame_1"):
+        next(frames)
+    assert [str(frame) for frame in frames] == ["frame_2.tif"]
+
+
 def test_frames_of_a_stack_are_read_by_a_slice(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=5)
     pages = np.concatenate([tifffile.imread(file) for file in capture.files])
@@ -195,6 +215,8 @@ def test_a_key_without_its_table_is_named_with_it(tmp_path: Path) -> None:
         SettingsError, match=r"found 'optics\.focal_length', expected keys such as optics\.focal_length_px, …"
     ):
         list(read_frames(tmp_path, metadata={"optics.focal_length": 280.0}))
+    with pytest.raises(SettingsError, match=r"found 'pixel', expected keys such as pixel\.integration_length, …"):
+        read_frames(tmp_path, metadata={"pixel": {"integration_length": 1e5}})
 
 
 @pytest.mark.parametrize("inputs", [(), ("",), ("capture", "")])
@@ -221,10 +243,65 @@ def test_an_order_may_be_a_number_and_a_region_lies_in_the_frame(tmp_path: Path)
             resolve(frame, roi=region)
 
 
-def test_masked_values_are_not_taken_for_numbers() -> None:
-    values = np.ma.masked_greater(np.full((2, 2, 4, 4), 0.1), 0.05)
+MASKED = np.ma.masked_greater(np.full((2, 2, 4, 4), 0.1), 0.05)
+
+
+@pytest.mark.parametrize("make", [Frame.from_array, Frame])
+@pytest.mark.parametrize("values", [MASKED, list(MASKED), [list(of_harmonic) for of_harmonic in MASKED]])
+def test_masked_values_are_not_taken_for_numbers(make: Callable[[Any], Frame], values: Any) -> None:
     with pytest.raises(FrameError, match="frame: found masked values"):
-        Frame.from_array(values)
+        make(values)
+
+
+@pytest.mark.parametrize("dtype", ["<u2", ">u2", "<f8", ">f4"])
+def test_values_may_lie_at_any_place_in_a_buffer(tmp_path: Path, dtype: str) -> None:
+    """A packet of a camera has a header, often of an odd number of bytes, before its values."""
+    frame = next(read_frames(record(tmp_path / "capture").folder))
+    values = frame.stored.astype(dtype)
+    packet = bytearray(b"header " + values.tobytes())
+    odd = np.ndarray(values.shape, dtype, buffer=packet, offset=7)
+    for made in (
+        Frame.from_array(odd, settings_file=tmp_path / "capture" / "capture.toml"),
+        Frame(odd, frame.metadata),
+    ):
+        assert (
+            resolve(made)["direct.depth"].tobytes() == resolve(Frame(values, frame.metadata))["direct.depth"].tobytes()
+        )
+
+
+def test_what_is_likely_wrong_with_an_array_is_logged_once(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`cadtof resolve` warns of planes in another order, of periods in ps and of assumptions; so does a frame from an array."""
+    monkeypatch.setattr(notes, "_kinds", set())
+    frame = next(read_frames(ROOT / "sample_data" / "card"))
+    volts, periods = frame.stored[:, ::-1], {"modulation.periods_ns": [40.0e3, 20.0e3]}
+    for _ in range(3):
+        Frame.from_array(volts, periods, name="live")
+    assert caplog.text.count("with SC1 and SC2 swapped, they would in") == 1
+    assert caplog.text.count("warning: live: modulation.periods_ns = 40000, … means depths up to 5996 m") == 1
+    assert caplog.text.count("live: not given, so taken from the paper: modulation.waveform = 'sine'") == 1
+
+
+def test_a_frame_without_a_recording_does_not_stand_for_those_after_it(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The buffer of a driver is empty when it starts. Values that `resolve` refuses are left to it."""
+    monkeypatch.setattr(notes, "_kinds", set())
+    frame = next(read_frames(ROOT / "sample_data" / "card"))
+    for values in (np.full_like(frame.stored, 1000.0), frame.stored[:, ::-1]):
+        Frame.from_array(values, {"modulation.amplitude_v": 0.25}, name="live")
+    assert caplog.text.count("with SC1 and SC2 swapped, they would in") == 1
+    Frame.from_array(np.ones((2, 2, 8, 8), np.uint16), name="counts")
+    assert "counts" not in caplog.text
+
+
+@pytest.mark.parametrize("options", [{"mpi_model": "diffuse"}, {"pool": 3}], ids=str)
+def test_the_answer_does_not_depend_on_how_the_caller_treats_rounding(options: Any) -> None:
+    frame = next(read_frames(ROOT / "sample_data" / "card"))
+    with np.errstate(all="raise"):
+        strict = resolve(frame, **options)
+    assert strict["direct.depth"].tobytes() == resolve(frame, **options)["direct.depth"].tobytes()
 
 
 WRONG_KINDS: list[tuple[dict[str, Any], str]] = [
@@ -251,6 +328,7 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
     known = frame.metadata
     settings = {
         "modulation.periods_ns": np.array(known.modulation.periods_ns),
+        "optics.principal_point_px": (np.float32(15.0), np.int64(10)),
         "pixel.integration_length": np.float32(1e5),
         "voltage.zero_counts": np.int64(8192),
         "voltage.volts_per_count": np.float64(known.voltage.volts_per_count or 0.0),

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cadtof_cli.api.notes import log_notes
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import frame_names
@@ -22,7 +23,7 @@ from cadtof_cli.files.array_frames import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.frame_task import read_frame
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
 from cadtof_cli.workflows.resolve.plans import plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -49,7 +50,7 @@ class Frame:
     source: str = ""
 
     def __post_init__(self) -> None:
-        stored, harmonics = self.stored, len(self.metadata.modulation.harmonics)
+        stored, harmonics = self._numbers(), len(self.metadata.modulation.harmonics)
         if stored.ndim != 4 or stored.shape[:2] != (harmonics, CHANNELS) or 0 in stored.shape:
             ways = transpositions("stored{}", stored.shape, harmonics)
             raise FrameError(
@@ -58,6 +59,18 @@ class Frame:
             )
         if stored.dtype.name not in SAMPLE_TYPES:
             raise FrameError(f"{self}: found values of type {stored.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
+        object.__setattr__(self, "stored", stored)
+
+    def _numbers(self) -> Stored:
+        """Return the stored values as a plain array, contiguous and aligned. Such an array is not copied."""
+        if _masked(self.stored):
+            raise FrameError(
+                f"{self}: found masked values, expected an array of numbers; fill the masked ones with NaN or a saturated value"
+            )
+        try:
+            return np.require(self.stored, requirements=("C_CONTIGUOUS", "ALIGNED", "ENSUREARRAY"))
+        except ValueError as error:
+            raise FrameError(f"{self}: found no array of numbers: {error}") from error
 
     def __str__(self) -> str:
         return self.source or self.name
@@ -78,6 +91,9 @@ class Frame:
     ) -> "Frame":
         """Return a frame made from an array in memory, such as from a camera's own driver. A contiguous array is not copied.
 
+        The logger `cadtof_cli` says which values are the paper's, and what is likely wrong, such as planes in another order. It
+        says so once, for the first frame with the same settings, size and type.
+
         Args:
             stored: (H, 2, Y, X): harmonics in the order of the periods, SC1 and SC2, rows, columns. Floats are volts, unless
                 `volts_per_count` is given. Whole numbers need `volts_per_count`.
@@ -91,17 +107,11 @@ class Frame:
             MetadataError: a value is not allowed.
             FrameError: the array has another shape or type, or values that are masked.
         """
-        if np.ma.is_masked(stored):
-            raise FrameError(
-                f"{name}: found masked values, expected an array of numbers; fill the masked ones with NaN or a saturated value"
-            )
         path = None if settings_file is None else Path(settings_file)
-        known = load_metadata(path, _overrides(metadata)).metadata
-        try:
-            values = np.ascontiguousarray(stored)
-        except ValueError as error:
-            raise FrameError(f"{name}: found no array of numbers: {error}") from error
-        return cls(values, known, name)
+        known = load_metadata(path, _overrides(metadata))
+        made = cls(stored, known.metadata, name)
+        log_notes(made.stored, known, of=name)
+        return made
 
 
 def read_frames(
@@ -111,9 +121,11 @@ def read_frames(
     recursive: bool = False,
     frames: slice | None = None,
 ) -> Iterator[Frame]:
-    """Yield the recorded frames of folders and files in the order of `cadtof resolve`. Only one frame is in memory at a time.
+    """Return an iterator over the recorded frames of folders and files, in the order of `cadtof resolve`.
 
-    Assumptions, such as values that default to the paper's, are logged by the logger `cadtof_cli`.
+    Only one frame is in memory at a time. If a frame cannot be read, `next` raises FrameError, and the next call of `next`
+    goes on with the frame after it. Assumptions, such as values that default to the paper's, are logged by the logger
+    `cadtof_cli`.
 
     Args:
         inputs: capture folders, and single files.
@@ -137,19 +149,33 @@ def read_frames(
         settings_file=None if settings_file is None else Path(settings_file),
         frames=frames,
     )
-    paths = [Path(one) for one in inputs]
+    # a generator ends with the first error, `map` goes on with the task after it
+    return map(_frame_of, _tasks([Path(one) for one in inputs], _overrides(metadata), settings))
+
+
+def _tasks(inputs: list[Path], overrides: Mapping[str, Any], settings: ResolveSettings) -> Iterator[FrameTask]:
     found = find_captures(
-        paths, overrides=_overrides(metadata), settings_file=settings.settings_file, recursive=recursive
+        inputs, overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
     )
-    captures, _ = placed_captures(found, paths)
+    captures, _ = placed_captures(found, inputs)
     for plan in plan_captures(captures, settings, None):
         for note in plan.notes():
             _log.warning(note)
-        for task in plan.tasks(taken=partial(frame_names, captures)):
-            stored, _ = read_frame(task)
-            assert isinstance(stored, np.ndarray)
-            source = task.sources[0]
-            yield Frame(stored, plan.plan.metadata, source.name, source.file_name)
+        yield from plan.tasks(taken=partial(frame_names, captures))
+
+
+def _frame_of(task: FrameTask) -> Frame:
+    stored, _ = read_frame(task)
+    assert isinstance(stored, np.ndarray)
+    source = task.sources[0]
+    return Frame(stored, task.plan.metadata, source.name, source.file_name)
+
+
+def _masked(values: Any, /, *, depth: int = 2) -> bool:
+    """Return whether an array has masked values, or an array in a list of (lists of) arrays: planes by harmonic and channel."""
+    if isinstance(values, list | tuple):
+        return depth > 0 and any(_masked(one, depth=depth - 1) for one in values)
+    return bool(np.ma.is_masked(values))
 
 
 def _counts_from_0(frames: slice) -> bool:
@@ -160,11 +186,16 @@ def _counts_from_0(frames: slice) -> bool:
 def _overrides(metadata: Mapping[str, Any] | None) -> dict[str, Any]:
     for name in metadata or {}:
         if name not in KEYS:
-            meant = [key for key in KEYS if key.endswith(f".{name}")] or difflib.get_close_matches(str(name), KEYS, n=1)
+            meant = [
+                key for key in KEYS if key.endswith(f".{name}") or key.startswith(f"{name}.")
+            ] or difflib.get_close_matches(str(name), KEYS, n=1)
             named = meant or sorted(KEYS)[:3]
             raise SettingsError(f"metadata: found {name!r}, expected keys such as {', '.join(named)}, …")
-    # numbers and arrays of numpy become what `capture.toml` would hold
-    return {
-        name: value.tolist() if isinstance(value, np.generic | np.ndarray) else value
-        for name, value in (metadata or {}).items()
-    }
+    return {name: _plain(value) for name, value in (metadata or {}).items()}
+
+
+def _plain(value: Any) -> Any:
+    """Return numbers and arrays of numpy, also in a list, as what `capture.toml` would hold."""
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value

@@ -1,10 +1,13 @@
 """Frames → maps for Python, by the functions that `cadtof resolve` uses, so with the same bits."""
 
+import logging
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TypedDict, Unpack
+
+import numpy as np
 
 from cadtof_cli.api.frames import Frame
 from cadtof_cli.api.maps import Maps
@@ -18,7 +21,9 @@ from cadtof_cli.phasors.plausible import require_plausible
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, SolverName
-from cadtof_cli.workflows.resolve.frame_task import answered_maps
+from cadtof_cli.workflows.resolve.frame_task import answered_maps, content_digest
+
+_log = logging.getLogger("cadtof_cli")
 
 
 class ResolverOptions(TypedDict, total=False):
@@ -44,6 +49,8 @@ class ResolveOptions(ResolverOptions, total=False):
     min_confidence_v: float | None
 
 
+# the answer must not depend on how the caller treats rounding to 0: numpy's own default, as in the command
+@np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")
 def resolve(
     frame: Frame | Sequence[Frame],
     /,
@@ -54,7 +61,8 @@ def resolve(
     """Return the maps of a recorded frame, or of the mean of several frames, with the same bits as `cadtof resolve` writes.
 
     Args:
-        frame: a frame; or several frames of one capture, whose mean is resolved, as with `--average`.
+        frame: a frame; or several frames of one capture, whose mean is resolved, as with `--average`. A frame that holds the
+            same values as another one is left out of the mean, and the logger `cadtof_cli` names it.
         calibration: folder made by `cadtof calibrate`.
         options: options of `cadtof resolve` under the names of the settings records, such as `solver="lm"`, `pool=5`,
             `depth="z"`, `returns="strongest"`, `min_confidence_v=0.001`. The defaults are those of the command.
@@ -120,7 +128,19 @@ def _recorded(frames: Sequence[Frame]) -> Stored | FrameMean:
         require_plausible(one.stored, one.metadata, of=one)
     if len(frames) == 1:
         return first.stored
-    return frame_mean((one.stored for one in frames), saturated_counts=first.metadata.voltage.saturated_counts)
+    return frame_mean(_without_copies(frames), saturated_counts=first.metadata.voltage.saturated_counts)
+
+
+def _without_copies(frames: Sequence[Frame]) -> Iterator[Stored]:
+    """Yield the values of frames, but not those that an earlier frame holds too: a copy makes no noise smaller."""
+    digests = set[str]()
+    for one in frames:
+        digest = content_digest(one.stored)
+        if digest in digests:
+            _log.warning(f"warning: {one}: holds the same values as another of these frames, so the mean is without it")
+        else:
+            yield one.stored
+        digests.add(digest)
 
 
 def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:

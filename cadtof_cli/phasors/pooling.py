@@ -24,6 +24,9 @@ BENT = 0.1
 turned by +δ and −δ. Their mean has the right phase, but only cos δ of the amplitude, and less at higher harmonics: it
 looks like light of more than one path."""
 
+LARGEST = 1e18
+"""Longest phasor that is pooled, in units of its noise. No light is that strong, and float32 cannot hold its square."""
+
 BLOCK_PIXELS = 8192
 """Least number of pixels in a block. With a quarter of them, numpy's loops take half as long again per pixel; many more
 do not stay in the processor's cache."""
@@ -62,7 +65,7 @@ def pooled_phasors(
 
     Args:
         phasors: (H, Y, X), each the mean of `samples` recorded pixels.
-        usable: (Y, X); unusable pixels keep their phasors, and add nothing to their neighbours.
+        usable: (Y, X); unusable pixels keep their phasors, and add nothing to their neighbours. So do pixels beyond `LARGEST`.
         samples: (Y, X), at least 1.
         noise: noise of a recorded pixel.
         window: side of the square of neighbours, an odd number of pixels.
@@ -71,6 +74,9 @@ def pooled_phasors(
     height, width = usable.shape
     margins = _Margins(height, width, window // 2)
     values, weight = margins.zeros(2 * len(phasors)), margins.zeros(1)
+    with np.errstate(over="ignore"):
+        for plane, scale in zip(phasors, scales, strict=True):
+            usable = usable & (np.abs(plane) < LARGEST / scale)
     for plane, part in zip(margins.inside(values), (*phasors.real, *phasors.imag), strict=True):
         np.copyto(plane, part, where=usable)
     inside = margins.inside(values).reshape(2, *phasors.shape)

@@ -14,7 +14,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import PLANE_NAMES, VOLTS_PER_COUNT, Form, layers_of, record, write_exr, write_pages
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, step_frame, step_truth
-from tests.support.run_cadtof import cadtof
+from tests.support.run_cadtof import ROOT, cadtof
 
 
 def _facts(*arguments: object) -> dict[str, Any]:
@@ -26,6 +26,20 @@ def _facts(*arguments: object) -> dict[str, Any]:
 
 def _refuse(word: str) -> None:
     raise AssertionError(f"{word} is no JSON")
+
+
+def test_every_key_is_in_the_documentation(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "looking.md").read_text()
+    section = page.split("## What a capture or run holds, for programs")[1].split("\n## ")[0]
+    capture = record(tmp_path / "capture")
+    assert cadtof("resolve", capture.folder, "-o", tmp_path / "maps", "-j", 1).status == 0
+    dark = made_up_calibration(CaptureMetadata(), (24, 32), ("dark",)).dark
+    assert dark is not None
+    save_part(tmp_path / "calibration", dark)
+    for name in ("capture", "maps", "calibration"):
+        facts = _facts(tmp_path / name)
+        assert facts["kind"] == name
+        assert {key for key in facts if f"`{key}`" not in section} == set()
 
 
 def test_a_capture_of_counts(tmp_path: Path) -> None:

@@ -97,6 +97,19 @@ def test_unusable_pixels_neither_change_others_nor_are_changed() -> None:
     np.testing.assert_array_equal(clean.samples[~usable], 1.0)
 
 
+@pytest.mark.parametrize("huge", [1e17, 1e36, 1e150, 1e308])
+def test_a_pixel_of_any_size_takes_no_answer_from_its_neighbours(huge: float) -> None:
+    """Memory that was never written may hold any float; float32 cannot hold all of them, or their squares."""
+    phasors = np.full((2, 9, 9), 0.2 + 0.1j)
+    phasors[0, 4, 4] = complex(huge, huge)
+    pooled = pool(phasors, window=5)
+    phasors[0, 4, 4] = np.nan
+    expected = pool(phasors, window=5, usable=np.isfinite(phasors).all(axis=0))
+    others = np.isfinite(phasors).all(axis=0)
+    assert (pooled.phasors[:, others] == expected.phasors[:, others]).all()
+    assert (pooled.samples == expected.samples).all()
+
+
 def test_pixels_unlike_their_neighbours_stay_alone() -> None:
     phasors = frame(Mixture((1.0,), (5.0,), asr=2.0))
     phasors[:, 10, 10] = Mixture((1.0,), (15.0,), asr=2.0).exact(HARMONICS)[:, 0]
