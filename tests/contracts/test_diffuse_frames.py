@@ -57,6 +57,21 @@ def test_blocks_of_any_size_have_the_same_bits(corner: tuple[Stored, FramePlan],
     np.testing.assert_array_equal(cut.status, whole.status)
 
 
+def test_pixels_that_always_hold_a_value_beyond_light_are_left_out_of_the_prediction(
+    corner: tuple[Stored, FramePlan],
+) -> None:
+    """A phasor of 1.7 is impossible. The other pixels get the answers that they get without these pixels."""
+    stored, plan = corner
+    voltage = plan.metadata.voltage
+    volts = (stored - voltage.zero) * (voltage.volts_per_count or 1.0)
+    in_volts = replace(plan, metadata=replace(plan.metadata, voltage=Voltage()))
+    stuck, missing = volts.copy(), volts.copy()
+    stuck[0, 0, 5::40, 5::40], missing[0, 0, 5::40, 5::40] = 1.7 * plan.metadata.modulation.amplitude_v, np.nan
+    found, expected = (resolve_frame(one, plan=in_volts).maps for one in (stuck, missing))
+    assert (found.status.reshape(240, 320)[5::40, 5::40] & StatusBit.IMPOSSIBLE).all()
+    np.testing.assert_array_equal(found.values, expected.values)
+
+
 def test_a_frame_with_separate_patches_has_the_same_bits_in_blocks_without_them() -> None:
     """In four patches, the second phasor leads, which no tail explains. With three harmonics, the maps also have χ²."""
     (frame,) = simulate_scene(

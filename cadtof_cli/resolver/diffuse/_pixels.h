@@ -12,7 +12,7 @@
 #define MOST_PLANES (MOST_DATA + 2 + MOST_DATA * (MOST_DATA + 1) / 2 + 2 * MOST_DATA + 1 + 2)
 
 /* Constants of the modules named beside them, where their docstrings are. */
-#define LARGEST_AMPLITUDE 1e3f              /* light.py */
+#define LARGEST_AMPLITUDE 1.5f              /* light.py */
 #define LEAST_AMPLITUDE_SQUARE 0.01f        /* pixels.py: LEAST_AMPLITUDE; LEAST_HARMONIC is 1 */
 #define LEAST_SHARE 0.05f
 #define UNKNOWN_PHASE_RAD 1.8137993642342178f

@@ -19,9 +19,9 @@ from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_fo
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, saturation
 
-LARGEST_AMPLITUDE = 1e3
-"""Largest |p_h| of light. Phasors of light are 1 at most; a larger value is damage, and would dominate the mean of its
-patch."""
+LARGEST_AMPLITUDE = 1.5
+"""Largest real or imaginary part of p_h of light and its noise. Phasors of light are 1 at most. A larger value is damage,
+such as a pixel that always holds the same value, and would move the mean of its patch."""
 
 TINY = 1e-30
 """Keeps patches without pixels from dividing by zero; their values are never used."""

@@ -159,6 +159,8 @@ def buffers() -> dict[str, Any]:
     given["constants"][:] = (np.nan, np.nan, 0.0, 0.0)
     given["numbers"][1] = 2
     given["hot"][:] = False
+    for name in ("own", "other", "constant"):
+        given[name][:] = 0.25
     return given
 
 

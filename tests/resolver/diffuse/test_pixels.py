@@ -157,7 +157,7 @@ def test_the_sigma_of_a_phase_is_at_most_that_of_a_random_phase(mpi_variance: fl
 def test_pixels_without_light_and_unusable_pixels_are_not_answered() -> None:
     p, usable = light(), np.ones(PIXELS, bool)
     usable[3] = False
-    p[:, 10], p[1, 11], p[2, 12], p[0, 13], p[0, 14] = np.nan, 1001.0, -1001.0j, 0.0, 999.0
+    p[:, 10], p[1, 11], p[2, 12], p[0, 13], p[0, 14] = np.nan, 1.51, -1.51j, 0.0, 1.49
     found = diffuse_pixels(p, model=model(), first=0, usable=usable)
     assert np.flatnonzero(~found.answered).tolist() == [3, 10, 11, 12, 13]
     for values in (*found.direct, *found.mpi, found.chi_squared):
