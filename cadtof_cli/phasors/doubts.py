@@ -24,7 +24,7 @@ from itertools import combinations
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Stored
+from cadtof_cli.arrays import Bool, Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
@@ -128,10 +128,9 @@ def doubts(
         SettingsError: see `volts_per_count`.
     """
     slanted = sheared(stored, metadata) if has_light else None
-    dark = without_light(stored, metadata) if has_light else None
-    twice = recorded_twice(stored, metadata) if has_light else None
-    mistaken = mistaken_order(stored, metadata) if has_light and of_order and not dark and not twice else None
-    return tuple(doubt for doubt in (slanted, dark, twice, mistaken, cut_off(stored, metadata)) if doubt)
+    planes = wrong_planes(stored, metadata) if has_light else None
+    mistaken = mistaken_order(stored, metadata) if has_light and of_order and not planes else None
+    return tuple(doubt for doubt in (slanted, planes, mistaken, cut_off(stored, metadata)) if doubt)
 
 
 def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
@@ -165,76 +164,70 @@ def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
 
 
-def without_light(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return a message that names the planes of a frame, (H, 2, Y, X), that hold noise alone while others show a scene;
-    else None.
+def wrong_planes(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return a message that names planes of a frame, (H, 2, Y, X), that hold noise alone while others show a scene, or two
+    planes that show the same scene; else None.
 
     NaN and saturated pixels are left out.
     """
-    here, beside = _neighbours(stored, metadata)
-    if not here.size:
-        return None
-    noise, scatter = (beside - here).std(axis=1) / math.sqrt(2.0), here.std(axis=1)
-    dark = (scatter <= _AS_NOISE * noise) & (np.abs(here.mean(axis=1) - metadata.voltage.zero) < scatter.max())
-    if not dark.any() or not (scatter > _AS_SCENE * noise).any():
-        return None
-    amplitudes = np.hypot(here[::2] - metadata.voltage.zero, here[1::2] - metadata.voltage.zero)
-    differ = amplitudes.min(axis=0) < (1.0 - _UNEVEN) * amplitudes.max(axis=0) - 3.0 * _noise(here, beside).max()
-    if len(amplitudes) > 1 and differ.mean() < _UNEVEN_SHARE:
-        return None
-    names = [name for name, is_dark in zip(plane_names(metadata.modulation.harmonics), dark, strict=True) if is_dark]
-    return f"{', '.join(names)}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
-
-
-def recorded_twice(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return a message that names two planes of a frame, (H, 2, Y, X), that show the same scene and differ by noise
-    alone; else None.
-
-    Light of one phase may make one such pair: SC1 and SC2 are the same at 45°. Two pairs of one harmonic or of one channel
-    need another cause. NaN and saturated pixels are left out.
-    """
-    here, beside = _neighbours(stored, metadata)
-    if not here.size:
-        return None
-    noise = _noise(here, beside)
-    names, shows = plane_names(metadata.modulation.harmonics), here.std(axis=1) > _AS_SCENE * noise
-    same = [
-        (one, other)
-        for one, other in combinations(np.flatnonzero(shows), 2)
-        if (one // 2 == other // 2 or one % 2 == other % 2)
-        and np.sqrt(np.mean((here[other] - here[one]) ** 2)) <= _AS_NOISE * math.hypot(noise[one], noise[other])
-    ]
-    if len(same) < 2:
-        return None
-    one, other = same[0]
-    return (
-        f"{names[other]} shows the same as {names[one]}, apart from noise: are both recordings of one plane, as in a stack "
-        "that holds all frames of one plane before those of the next?"
-    )
-
-
-def _neighbours(stored: Stored, metadata: CaptureMetadata) -> tuple[Float, Float]:
-    """Return values of sound pixels that are spread over a frame, (planes, n), and the values of their neighbours; n is 0
-    if too few pixels are sound."""
     every = max(1, math.isqrt(math.prod(stored.shape[2:]) // LOOKED_AT))
     rows = stored[:, :, ::every]
     sound = sound_pixels(rows, metadata.voltage.saturated_counts)
     sound = sound[:, :-1:every] & sound[:, 1::every]
     count = np.count_nonzero(sound)
     if count < FEWEST:
-        return np.empty((0, 0)), np.empty((0, 0))
+        return None
     # a mask leaves the values of each pixel side by side in memory; sums over a plane need the plane's values side by side
     here, beside = (
         np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
         for values in (rows[..., :-1:every], rows[..., 1::every])
     )
-    return here, beside
-
-
-def _noise(here: Float, beside: Float) -> Float:
-    """Return the standard deviation of each plane's noise, (planes,), from values and their neighbours, (planes, n)."""
+    here, change, names = here - metadata.voltage.zero, beside - here, plane_names(metadata.modulation.harmonics)
     # the median leaves out edges of the scene, between which neighbours differ by more than noise
-    return np.asarray(np.median(np.abs(beside - here), axis=1) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0)))
+    noise = np.median(np.abs(change), axis=1) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
+    if (dark := _without_light(here, change, noise)).any():
+        found = ", ".join(name for name, is_dark in zip(names, dark, strict=True) if is_dark)
+        return (
+            f"{found}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
+        )
+    if (same := _same_planes(here, noise)) is not None:
+        return (
+            f"{names[same[1]]} shows the same as {names[same[0]]}, apart from noise: are both recordings of one plane, as in a "
+            "stack that holds all frames of one plane before those of the next?"
+        )
+    return None
+
+
+def _without_light(here: Float, change: Float, noise: Float) -> Bool:
+    """Return which planes hold noise alone while others show a scene, (planes,): all False if light of one phase explains it.
+
+    Args:
+        here: values of pixels about 0 V, (planes, n).
+        change: from each pixel to its neighbour, (planes, n).
+        noise: standard deviation of the noise of each plane, (planes,).
+    """
+    neighbours, scatter = change.std(axis=1) / math.sqrt(2.0), here.std(axis=1)
+    dark = (scatter <= _AS_NOISE * neighbours) & (np.abs(here.mean(axis=1)) < scatter.max())
+    if dark.any() and len(here) > 2:
+        amplitudes = np.hypot(here[::2], here[1::2])
+        differ = amplitudes.min(axis=0) < (1.0 - _UNEVEN) * amplitudes.max(axis=0) - 3.0 * noise.max()
+        dark &= differ.mean() >= _UNEVEN_SHARE
+    return np.asarray(dark & (scatter > _AS_SCENE * neighbours).any())
+
+
+def _same_planes(here: Float, noise: Float) -> tuple[int, int] | None:
+    """Return two planes of values, (planes, n), that show the same scene and differ by noise, (planes,), alone; else None.
+
+    Light of one phase may make one such pair: SC1 and SC2 are the same at 45°. Two pairs of one harmonic or of one channel
+    need another cause.
+    """
+    same = [
+        (one, other)
+        for one, other in combinations(np.flatnonzero(here.std(axis=1) > _AS_SCENE * noise).tolist(), 2)
+        if (one // 2 == other // 2 or one % 2 == other % 2)
+        and np.sqrt(np.mean((here[other] - here[one]) ** 2)) <= _AS_NOISE * math.hypot(noise[one], noise[other])
+    ]
+    return same[0] if len(same) > 1 else None
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:

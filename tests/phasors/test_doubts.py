@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli import read_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
-from cadtof_cli.phasors.doubts import cut_off, doubts, recorded_twice, sheared, without_light
+from cadtof_cli.phasors.doubts import cut_off, doubts, sheared, wrong_planes
 from cadtof_cli.phasors.plausible import FEWEST
 
 ZERO, STEP = 8192.0, 6e-5
@@ -81,10 +81,10 @@ def test_planes_that_hold_only_noise_are_doubted(
     planes: list[tuple[int, int]], named: str, noise_counts: float
 ) -> None:
     stored = slanted_wall(noise_counts)
-    assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
+    assert wrong_planes(stored, CaptureMetadata(voltage=COUNTS)) is None
     for place in planes:
         stored[place] = np.random.default_rng(5).normal(ZERO + 30.0, max(noise_counts, 1.0), stored.shape[2:])
-    doubt = without_light(stored, CaptureMetadata(voltage=COUNTS))
+    doubt = wrong_planes(stored, CaptureMetadata(voltage=COUNTS))
     assert (
         doubt
         == f"{named}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
@@ -98,7 +98,7 @@ def test_planes_of_a_stack_that_holds_all_frames_of_one_plane_first_are_doubted(
     recorded = [scene + noise.integers(-9, 10, scene.shape).astype(np.uint16) for _ in range(frames)]
     first = np.stack(recorded, axis=2).reshape(4 * frames, *scene.shape[2:])[:4].reshape(scene.shape)
     metadata = CaptureMetadata(voltage=COUNTS)
-    assert recorded_twice(scene, metadata) is None
+    assert wrong_planes(scene, metadata) is None
     (doubt,) = doubts(first, metadata)
     assert doubt.startswith("H1.SC2 shows the same as H1.SC1, apart from noise: are both recordings of one plane")
 
@@ -106,7 +106,7 @@ def test_planes_of_a_stack_that_holds_all_frames_of_one_plane_first_are_doubted(
 def test_a_harmonic_that_was_recorded_at_the_period_of_another_is_doubted() -> None:
     scene = slanted_wall(7.0)
     noise = np.random.default_rng(6).integers(-9, 10, scene.shape).astype(np.uint16)
-    assert str(recorded_twice(scene[:1] + noise, CaptureMetadata(voltage=COUNTS))).startswith(
+    assert str(wrong_planes(scene[:1] + noise, CaptureMetadata(voltage=COUNTS))).startswith(
         "H2.SC1 shows the same as H1.SC1"
     )
 
@@ -130,18 +130,18 @@ def test_planes_of_a_scene_differ_by_more_than_noise(scene: str) -> None:
 
 def test_a_dark_plane_is_not_doubted_in_a_frame_of_noise_few_pixels_or_bad_pixels() -> None:
     noise = np.random.default_rng(5).normal(ZERO, 7.0, (2, 2, 40, 60)).astype(np.uint16)
-    assert without_light(noise, CaptureMetadata(voltage=COUNTS)) is None
+    assert wrong_planes(noise, CaptureMetadata(voltage=COUNTS)) is None
     stored = slanted_wall(7.0).astype(np.float32)
     stored[1, 1] = noise[1, 1]
-    assert without_light(stored[:, :, :1, : FEWEST - 8], CaptureMetadata(voltage=COUNTS)) is None
+    assert wrong_planes(stored[:, :, :1, : FEWEST - 8], CaptureMetadata(voltage=COUNTS)) is None
     stored[0, 0, 1:] = np.nan
-    assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
+    assert wrong_planes(stored, CaptureMetadata(voltage=COUNTS)) is None
 
 
 @pytest.mark.parametrize("middle", [0.0, np.pi / 2.0, np.pi, 3.0 * np.pi / 2.0])
 def test_channels_that_hardly_change_over_a_scene_of_few_depths_are_not_doubted(middle: float) -> None:
     stored = slanted_wall(30.0, nearest=middle - 0.15, farthest=middle + 0.15)
-    assert without_light(stored, CaptureMetadata(voltage=COUNTS)) is None
+    assert wrong_planes(stored, CaptureMetadata(voltage=COUNTS)) is None
 
 
 def hill(height: int, width: int, *, noise_counts: float = 7.0) -> NDArray[np.uint16]:
@@ -188,4 +188,4 @@ def test_doubts_lists_all_faults_and_without_light_only_those_that_need_no_light
     assert doubts(swapped, metadata, has_light=False) == (cut,) == (cut_off(swapped, metadata),)
     dark = hill(60, 80)
     dark[1, 1] = np.random.default_rng(8).normal(ZERO, 7.0, dark.shape[2:])
-    assert doubts(dark, metadata) == (without_light(dark, metadata),)
+    assert doubts(dark, metadata) == (wrong_planes(dark, metadata),)
