@@ -1,5 +1,6 @@
 """The sampled pixels by which a frame's MPI is judged, with the phasors that a sine would have recorded in them."""
 
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
@@ -26,7 +27,7 @@ class FrameSamples:
         places: flat indices of the pixels in the frame, (rows, columns).
         recorded: phasors of the pixels, (H, n).
         of_paths: phasors that a sine would have recorded of the paths that fit `recorded`, (H, n).
-        usable: the pixels that have an answer, (n,).
+        usable: the sound pixels with light above the noise, (n,).
         response: response of the pixels' channel pairs; None for a sine.
         harmonics: numbers of the harmonics.
         grid: grid of the frame.
@@ -67,22 +68,24 @@ class FrameSamples:
 
 
 def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /) -> FrameSamples:
-    """Return the sampled pixels of a frame. This is numpy, apart from a search for paths by the kernel."""
+    """Return the sampled pixels of a frame. This is numpy, apart from a search for paths by the kernel.
+
+    `min_confidence` does not count: surfaces that get no answer light the others all the same.
+    """
     places = _sampled(pixels.size)
     chosen = places.ravel()
     phasors, noise, response = stages.phasors(pixels, chosen), pixels.noise[chosen], stages.response
+    settings = replace(stages.resolver, min_confidence=None)
     of_paths = phasors
     with np.errstate(over="ignore", invalid="ignore"):
         # no warnings: the screening finds NaN, and values that no camera stores
         powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
-        status, _ = screened(
-            np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
-        )
+        status, _ = screened(np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=settings, noise=noise)
         if response is not None:
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             response = response.block(chosen)
-            found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
+            found = resolve_paths(phasors, status=status, settings=settings, noise=noise, response=response)
             of_paths = phasors_of_sine(phasors, found.paths, response=response)
     return FrameSamples(places, phasors, of_paths, np.asarray(status == 0), response, noise.harmonics, grid)
 

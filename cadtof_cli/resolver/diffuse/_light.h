@@ -8,7 +8,7 @@ typedef struct {
     const double *samples;           /* number of recorded pixels that each pixel is a mean of; NULL: 1 */
     const int64_t *place, *number;   /* index of each sample in the frame, -1 outside; number of each harmonic */
     const double *per_variance;      /* 1 / dark variance of each harmonic */
-    double saturated_low, saturated_high, least_power, least_modulus;
+    double saturated_low, saturated_high, least_power;
     float *weighted, *phase_rad;     /* 1 + 2 x harmonics planes of samples; one plane */
     uint8_t *seen;
     int64_t harmonics, pixels, count;
@@ -25,7 +25,7 @@ INLINE void map_at(double *restrict row, const double *restrict plane, const int
 #define GATHER(TYPE) { const TYPE *stored = (const TYPE *)all->stored + c * all->pixels; EACH_PIXEL value[c][i] = (double)stored[at[i]]; }
 
 INLINE void look_at_group(const Sampled *restrict all, int64_t start, int m, int harmonics) {
-    Row value[2 * MOST_HARMONICS], power, first, seen;
+    Row value[2 * MOST_HARMONICS], power, seen;
     FloatRow re[MOST_HARMONICS], im[MOST_HARMONICS], back_re, back_im, turned_re, turned_im, magnitude;
     int64_t at[GROUP];
     for (int i = 0; i < GROUP; i++) at[i] = all->place[start + (i < m ? i : 0)];
@@ -65,7 +65,6 @@ INLINE void look_at_group(const Sampled *restrict all, int64_t start, int m, int
         const double per_variance = all->per_variance[h];
         EACH_PIXEL {
             const double square = part[0][i] * part[0][i] + part[1][i] * part[1][i];
-            first[i] = h ? first[i] : square;
             power[i] = h ? power[i] + square * per_variance : square * per_variance;
             re[h][i] = (float)part[0][i];
             im[h][i] = (float)part[1][i];
@@ -74,7 +73,7 @@ INLINE void look_at_group(const Sampled *restrict all, int64_t start, int m, int
     }
     if (all->samples) EACH_PIXEL power[i] = power[i] * all->samples[at[i]];
     EACH_PIXEL {
-        const int low = (power[i] <= all->least_power) | (sqrt(first[i]) < all->least_modulus) | !(power[i] < INFINITY);
+        const int low = (power[i] <= all->least_power) | !(power[i] < INFINITY);
         const int dark = (re[0][i] == 0.0f) & (im[0][i] == 0.0f);
         seen[i] = low | dark ? 0.0 : seen[i];
     }

@@ -25,7 +25,7 @@ static PyObject *look_checked(const Level *level, const void *none, const Py_buf
     if (!is_of_patches(0, harmonics)) return NULL;
     const int64_t planes = 2 * harmonics, pixels = values_in(&view[LOOK_STORED]) / planes;
     const int64_t own = values_in(&view[LOOK_OWN]) == planes ? planes : planes * pixels;
-    const int64_t expected[LOOK_BUFFERS] = {4, harmonics, harmonics, count, planes * pixels, own, own, own, pixels, pixels,
+    const int64_t expected[LOOK_BUFFERS] = {3, harmonics, harmonics, count, planes * pixels, own, own, own, pixels, pixels,
                                             (1 + planes) * count, count, count};
     if (count > MOST_SAMPLES || !fit_call(LOOK_BUFFER, view, LOOK_BUFFERS, expected)) return NULL;
     if (!pixels) return PyErr_Format(PyExc_ValueError, "stored: found no pixels, expected a frame");
@@ -44,7 +44,6 @@ static PyObject *look_checked(const Level *level, const void *none, const Py_buf
         .saturated_low = constants[0],
         .saturated_high = constants[1],
         .least_power = constants[2],
-        .least_modulus = constants[3],
         .weighted = view[WEIGHTED].buf,
         .phase_rad = view[PHASES_OUT].buf,
         .seen = view[SEEN_OUT].buf,

@@ -31,9 +31,10 @@ TINY = 1e-30
 class PatchLight:
     """The sampled pixels of every patch, (n, rows, columns) each, in single precision: its rounding is far below their noise.
 
-    `seen` is false for a pixel without an answer; `phase_rad` is arg p1. `weighted`, (1 + 2·H, n, rows, columns), holds
-    the weight |p1|² of each pixel; then the real and imaginary part of p1·|p1|; then, for each further harmonic, those
-    of q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times the weight. All are 0 for a pixel that is not seen.
+    `seen` is false for a pixel that is not sound, or has no light above the noise; `phase_rad` is arg p1. `weighted`,
+    (1 + 2·H, n, rows, columns), holds the weight |p1|² of each pixel; then the real and imaginary part of p1·|p1|; then, for
+    each further harmonic, those of q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times the weight. All are 0 for a pixel that is not
+    seen.
     """
 
     seen: Bool
@@ -68,7 +69,6 @@ class Look:
         phasor_map: map from stored values to phasors.
         saturated: stored values at or beyond these are saturated, in the values' own type; NaN: none are.
         least_power: a pixel has no signal if the sum of |p_h|² over their variances is this or less.
-        least_modulus: a pixel has no signal if |p_1| is below this.
         variances: noise variances of the phasors of each harmonic.
         harmonics: numbers of the harmonics.
         hot: pixels that get no answer, (n,); None: there are none.
@@ -78,7 +78,6 @@ class Look:
     phasor_map: PhasorMap
     saturated: tuple[float, float]
     least_power: float
-    least_modulus: float
     variances: tuple[float, ...]
     harmonics: tuple[int, ...]
     hot: Bool | None = None
@@ -96,13 +95,16 @@ class Look:
         *,
         stored: np.dtype[np.generic],
     ) -> "Look | None":
-        """Return the record for a frame with this noise and type; None if the kernel takes no frame of this type."""
+        """Return the record for a frame with this noise and type; None if the kernel takes no frame of this type.
+
+        `settings.min_confidence` does not count: surfaces that get no answer light the others all the same.
+        """
         if stored not in STORED_TYPES[:-1]:
             return None
         saturated = saturation(saturated_counts, stored)
-        least, variances = settings.min_confidence, tuple(one.dark_variance for one in noise.each)
-        power = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each)) if least is None else 0.0
-        return cls(phasor_map, saturated, power, least or 0.0, variances, noise.harmonics, hot, noise.samples)
+        power = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each))
+        variances = tuple(one.dark_variance for one in noise.each)
+        return cls(phasor_map, saturated, power, variances, noise.harmonics, hot, noise.samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +177,7 @@ def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /) -> PatchLight
     phase_rad, seen = np.empty(places.shape, np.float32), np.empty(places.shape, np.bool_)
     extension().look_at_samples(
         chosen_kernel(),
-        np.array([*look.saturated, look.least_power, look.least_modulus]),
+        np.array([*look.saturated, look.least_power]),
         np.array(look.harmonics, np.int64),
         np.array([1.0 / variance for variance in look.variances]),
         places,

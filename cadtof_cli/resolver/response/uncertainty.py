@@ -45,9 +45,12 @@ def response_sigmas(amplitude: Float, phase_rad: Float, /, *, response: Response
 
 
 def _covariances(strengths: Array, phases: Array, noise: NoiseModel) -> list[tuple[Array, Array, Array]]:
-    """Return the entries of the covariance of each harmonic for light of two paths."""
+    """Return the entries of the covariance of each harmonic for light of two paths.
+
+    No light has a + b > 1, but noise can give such amplitudes (see `two_path_sigmas`).
+    """
     rotors = powers((np.cos(phases), np.sin(phases)), (1, 2, 4))
-    a, b = strengths
+    a, b = strengths / np.maximum(strengths[0] + strengths[1], 1.0)
     light = [(a * cos[0] + b * cos[1], a * sin[0] + b * sin[1]) for cos, sin in rotors]
     return [one.covariance(light[row], light[row + 1]) for row, one in enumerate(noise.each)]
 

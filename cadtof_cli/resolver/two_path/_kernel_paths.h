@@ -343,12 +343,13 @@ INLINE void phases(Group *restrict g) { EACH_PIXEL put_phases(g, i); }
 
 /* uncertainty.py: two_path_sigmas, in single precision too */
 typedef struct {
-    float cos, alone, own, other, signal, scale;
+    float cos, alone, own, other, signal, scale, share;
 } VarianceTerms;
 
 INLINE double sigma(float strength, float rival, VarianceTerms t) {
-    float excess = rival - strength * (1.0f + t.cos);
-    float variance = strength * t.own + rival * t.other + t.alone - excess * excess * t.signal;
+    float possible = strength * t.share, other_possible = rival * t.share;
+    float excess = other_possible - possible * (1.0f + t.cos);
+    float variance = possible * t.own + other_possible * t.other + t.alone - excess * excess * t.signal;
     variance = variance < 0.0f ? 0.0f : variance;
     return (double)(sqrtf(variance) / (strength * t.scale));
 }
@@ -362,6 +363,7 @@ INLINE void phases_and_sigmas(Group *restrict g, const Frame *restrict frame) {
     const float other0 = (float)k->other0, other1 = (float)k->other1, other2 = (float)k->other2;
     EACH_PIXEL {
         float gap = (float)(2.0 * g->sin_half[i] * g->sin_half[i]), a = (float)g->a[i], b = (float)g->b[i], c = 1.0f - gap;
+        float total = a + b;
         VarianceTerms t = {
             c,
             (alone2 * c + alone1) * c + alone0,
@@ -369,6 +371,7 @@ INLINE void phases_and_sigmas(Group *restrict g, const Frame *restrict frame) {
             (other2 * c + other1) * c + other0,
             gap * (1.0f + c) * signal,
             gap * (2.0f + c),
+            1.0f / (total > 1.0f ? total : 1.0f),
         };
         g->sigma_x[i] = sigma(a, b, t);
         g->sigma_y[i] = sigma(b, a, t);

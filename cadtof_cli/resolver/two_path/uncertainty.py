@@ -30,6 +30,9 @@ def two_path_sigmas(paths: "TwoPaths", /, *, noise: NoiseModel) -> Float:
                               + t2(a(3/4+3c−4c³−2c⁴) + b(3/4−c−2c²)) − 2ε(1−c²)(b − a(1+c))²
 
     with s_h the dark variance and t_h = ε·r_2h/(2·r_h²). For σ_y exchange a and b. Single precision is enough for this.
+
+    No light has a + b > 1, but noise can give such amplitudes, and σ_x² would then fall to 0. The right side is that of light
+    with the same a/b and a + b = 1.
     """
     terms = variance_terms(noise.each)
     # Any: numpy's stubs take a float32 array times a Python number for float64, which it is not
@@ -39,10 +42,12 @@ def two_path_sigmas(paths: "TwoPaths", /, *, noise: NoiseModel) -> Float:
     alone, own, other = (_polynomial(cos, factors) for factors in (terms.alone, terms.own, terms.other))
     signal = gap * (1.0 + cos) * terms.signal
     scale = gap * (2.0 + cos)
+    share = 1.0 / np.maximum(a + b, 1.0)
 
     def sigma(strength: Any, rival: Any) -> Any:
-        excess = rival - strength * (1.0 + cos)
-        variance = strength * own + rival * other + alone - excess * excess * signal
+        possible, other_possible = strength * share, rival * share
+        excess = other_possible - possible * (1.0 + cos)
+        variance = possible * own + other_possible * other + alone - excess * excess * signal
         deviation = np.sqrt(np.maximum(variance, 0.0)) / (strength * scale)
         return deviation.astype(np.float64)
 

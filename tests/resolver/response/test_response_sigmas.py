@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.response import HarmonicResponse
+from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.response.table import response_block
@@ -132,3 +132,16 @@ def test_sigmas_are_infinite_without_a_second_path_or_for_two_equal_paths() -> N
             np.array([[0.5, 0.5], [0.0, 0.2]]), np.full((2, 2), 1.0), response=response_block(SINE, None), noise=noise
         )
     assert np.isposinf(found).all()
+
+
+def test_amplitudes_that_exceed_all_light_have_the_noise_of_all_light() -> None:
+    """Noise can make the sum of both amplitudes larger than 1. Such amplitudes had a sigma of 0."""
+    metadata = CaptureMetadata(modulation=TRIANGLE)
+    noise = noise_model(metadata, integration_length=300.0, quantised=False)
+    amplitude, phase = np.repeat([[0.96], [0.04]], 50, axis=1), np.stack([np.zeros(50), np.linspace(0.3, np.pi, 50)])
+    response = response_block(ideal_response(metadata), None)
+    possible, beyond = (
+        response_sigmas(factor * amplitude, phase, response=response, noise=noise) for factor in (1.0, 1.2)
+    )
+    assert (possible > 0.0).all()
+    assert_allclose(beyond, possible / 1.2, rtol=1e-3)

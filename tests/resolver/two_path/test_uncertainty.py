@@ -84,3 +84,13 @@ def test_a_vanishing_path_has_no_finite_sigma() -> None:
         paths = two_paths(fundamental_frame(np.array([0.5 + 0j]), np.array([0.5 + 0j])))
         sigmas = two_path_sigmas(paths, noise=noise_model(CaptureMetadata(), integration_length=1e5, quantised=False))
     assert not np.isfinite(np.concatenate(sigmas)).any()
+
+
+def test_amplitudes_that_exceed_all_light_have_the_noise_of_all_light() -> None:
+    """Noise can make a + b larger than 1. Such amplitudes had a sigma of 0."""
+    gap, noise = np.linspace(0.3, np.pi, 50), noise_model(CaptureMetadata(), integration_length=300.0, quantised=False)
+    all_light = np.array([0.96 + 0.04 * np.exp(1j * h * gap) for h in (1, 2)])
+    possible = two_path_sigmas(two_paths(fundamental_frame(*all_light)), noise=noise)
+    beyond = two_path_sigmas(two_paths(fundamental_frame(*(1.2 * all_light))), noise=noise)
+    assert (possible > 0.0).all()
+    np.testing.assert_allclose(beyond, possible / 1.2, rtol=1e-3)
