@@ -171,6 +171,7 @@ def _without_curvature(
 ) -> tuple[tuple[float, float], tuple[float, float], Float]:
     """Return the field curvature (k2, k4) in the phases, its standard errors, and the phases, (H, n), without it.
 
+    Curvature that is not significant stays in the phases and is returned as 0. Its standard errors say how large it may be.
     The lens delays all harmonics alike, and so does a delay of the pixel. They are told apart by the shape over the
     array: the delay of the lens is a polynomial in the distance from the principal point.
     """
@@ -196,12 +197,10 @@ def _without_curvature(
 
     fit = robust_fit(residual, np.zeros(5), free=free)
     _require_flat(fit, sigma, usable.reshape(origin.pixels))
-    errors = np.sqrt(np.diag(fit.covariance))
-    if not (np.abs(fit.parameters[:2]) > CURVATURE_SIGNIFICANCE * errors[:2]).any():
-        return (0.0, 0.0), (0.0, 0.0), pixels.phase
-    k2, k4 = float(fit.parameters[0]), float(fit.parameters[1])
-    added = _added_rad((k2, k4), usable, metadata, origin)
-    return (k2, k4), (float(errors[0]), float(errors[1])), pixels.phase - added
+    (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:2].tolist(), np.sqrt(np.diag(fit.covariance)[:2]).tolist()
+    if abs(k2) <= CURVATURE_SIGNIFICANCE * k2_stderr and abs(k4) <= CURVATURE_SIGNIFICANCE * k4_stderr:
+        return (0.0, 0.0), (k2_stderr, k4_stderr), pixels.phase
+    return (k2, k4), (k2_stderr, k4_stderr), pixels.phase - _added_rad((k2, k4), usable, metadata, origin)
 
 
 def _added_rad(curvature: tuple[float, float], where: Bool, metadata: CaptureMetadata, origin: Origin) -> Float:
