@@ -9,7 +9,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels
 from cadtof_cli.calibration.fit.robust import SURE, RobustFit, robust_fit, shape_rms
-from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
+from cadtof_cli.calibration.fit.terms import LARGEST_RESIDUAL, TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
@@ -32,9 +32,6 @@ TERM_PIXELS = 6_000
 
 CURVATURE_SIGNIFICANCE = 4.0
 """Field curvature is taken out of the phases if k2 or k4 is larger than this many standard errors."""
-
-LARGEST_RESIDUAL = 1.5
-"""Ratio of the residuals to the noise above which the user is warned."""
 
 LARGEST_MISFIT_M = 0.01
 """A target is refused if the root mean square of its blocks' residuals, as ranges, is larger than this. The residuals
@@ -101,6 +98,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     _require_one_response(pixels, usable.reshape(origin.pixels), origin, metadata.optics)
     rest = _fit_rest(every, seen, terms.terms)
     findings = [*terms.findings, *_assumptions(seen, known_optics)]
+    findings += _other_distances(targets, terms)
     curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
     if known_optics:
         curvature, errors, own = _without_curvature(pixels, usable, metadata, origin)
@@ -164,6 +162,18 @@ def _assumptions(seen: Bool, known_optics: bool) -> list[str]:
     if not any_target.all():
         said.append(f"{(~any_target).sum()} pixels could not be used: they get the mean phase and gain of the array")
     return said
+
+
+def _other_distances(targets: Sequence[TargetMean], terms: TermFit) -> tuple[str, ...]:
+    """Return in words at which distances the frames fit, if those that were given explain them less well."""
+    if terms.stretch is None:
+        return ()
+    given = np.array([target.distance_m for target in targets])
+    shown = given * terms.stretch
+    return (
+        f"the given distances do not fit each other: one is {1000.0 * np.abs(shown - given).max():.1f} mm off, if the frames "
+        f"are right; the terms were fitted with {', '.join(f'{one:.4f} m' for one in shown)}, whose mean is as given",
+    )
 
 
 def _without_curvature(

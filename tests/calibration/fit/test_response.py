@@ -1,5 +1,6 @@
 """The response that targets determine, and terms that they cannot determine; the truth samples the waveform itself."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -130,6 +131,18 @@ def test_field_curvature_is_removed_from_the_phase_maps() -> None:
     k2, k4 = found.field_curvature_m
     (finding,) = (text for text in found.quality.findings if "was removed from the phase maps" in text)
     assert finding.startswith(f"field curvature k2 = {k2:.4f} m, k4 = {k4:.4f} m ")
+
+
+def test_distances_that_do_not_fit_each_other_are_told_and_make_no_terms() -> None:
+    sensor, wrong = camera(Defects(sc2_gain=1.05)), (0.4985, 1.0005, 1.702, 2.3985, 3.0005)
+    targets = [target(sensor, d, seed=index) for index, d in enumerate((0.5, 1.0, 1.7, 2.4, 3.0))]
+    targets = [replace(one, distance_m=d) for one, d in zip(targets, wrong, strict=True)]
+    found = fit_response(targets, metadata=sensor.metadata, origin=origin_of(targets))
+    assert orders(found) == {1, -1}
+    (text,) = (text for text in found.quality.findings if "do not fit each other" in text)
+    shown = [float(one) for one in re.findall(r"([0-9.]+) m\b", text)]
+    assert shown == pytest.approx([0.5, 1.0, 1.7, 2.4, 3.0], abs=3e-4)
+    assert text.startswith("the given distances do not fit each other: one is 2.")
 
 
 def test_without_optics_every_pixel_gets_the_stated_distance_and_this_is_reported() -> None:
