@@ -226,8 +226,8 @@ def _require_light(pixels: PixelFit) -> None:
     if in_common < LEAST_IN_COMMON:
         raise SettingsError(
             f"the phases of the pixels have only {in_common:.2f} in common (1: all are equal), expected {LEAST_IN_COMMON} or "
-            "more: these frames hold offsets, not the light of a target. Was the laser on? If the light is weak, run "
-            "`calibrate dark` first"
+            "more: these frames hold offsets, or a target that does not fill the view. Was the laser on? If the light is "
+            "weak, run `calibrate dark` first"
         )
 
 
