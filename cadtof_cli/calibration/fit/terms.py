@@ -89,8 +89,8 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
     if not set(orders) - {-1}:
         return exact
     fewer, free = _fit(observed, base, exact.kept, free_distances=True)
-    gain = ((exact.residual / free.residual) ** 2 - 1.0) * observed[exact.kept].volts.size
-    surely = gain > LEAST_SIGNIFICANCE**2 * len(observed.volts)
+    gain = (exact.residual**2 - free.residual**2) * observed[exact.kept].volts.size
+    surely = gain > LEAST_SIGNIFICANCE**2 * len(observed.volts) * free.residual**2
     return free if set(fewer) < set(orders) and surely and free.residual < LARGEST_RESIDUAL else exact
 
 
@@ -115,7 +115,7 @@ def _fit(
             kept = _without_outliers(fit_pixels(observed, terms).misfit)
     pixels = fit_pixels(observed[kept], terms)
     system = _System(pixels, terms, base, observed.harmonics, free_distances)
-    residual = float(np.sqrt((pixels.misfit.sum() - system.explained) / system.freedom(len(orders))))
+    residual = float(np.sqrt(max(pixels.misfit.sum() - system.explained, 0.0) / system.freedom(len(orders))))
     errors = system.stderr(orders)
     reasons |= {k: _taken(changes, errors[:, index], k) for index, k in enumerate(orders)}
     findings = tuple(f"k = {k:+d}: {reasons[k]}" for k in CANDIDATES)
