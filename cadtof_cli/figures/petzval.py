@@ -13,6 +13,7 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.figures.canvas import Figure, drawable, legend_beside
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.optics import squared_field_radius, wall_range_m
+from cadtof_cli.units import unambiguous_range_m
 
 ROWS = 5
 """Number of rows around the principal point; their median is drawn."""
@@ -43,9 +44,16 @@ def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: P
     for row, capture, range_m, wall in zip(axes, petzval.origin.captures, ranges_m, quality.walls, strict=True):
         name = Path(capture).name
         flat = wall_range_m(optics, petzval.origin.pixels, distance_m=wall.distance_m, slopes=wall.slopes)
-        _section(row[0], name, range_m, petzval, flat, facing)
-        _radial(row[1], name, range_m, petzval, flat)
+        unwrapped = _unwrapped(range_m, flat + petzval.range_offset_m, petzval)
+        _section(row[0], name, unwrapped, petzval, flat, facing)
+        _radial(row[1], name, unwrapped, petzval, flat)
     save(figure, path, dpi=DOTS_PER_INCH)
+
+
+def _unwrapped(range_m: Float, fitted_m: Float, petzval: PetzvalCalibration) -> Float:
+    """Return the ranges with as many unambiguous ranges added as bring them near the fitted wall."""
+    unambiguous = unambiguous_range_m(petzval.origin.periods_ns[0])
+    return np.asarray(range_m + unambiguous * np.round((fitted_m - range_m) / unambiguous))
 
 
 def _with_error_cm(value_m: float, stderr_m: float) -> str:

@@ -81,6 +81,12 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
 
 
+def tells_copies(stored: Stored, /) -> bool:
+    """Return whether frames of this size that hold the same values are copies. Those of one pixel, or of a few, may
+    agree by chance."""
+    return stored.size >= FEWEST
+
+
 def require_plausible(stored: Stored, metadata: CaptureMetadata, /, *, of: object) -> None:
     """Raise FrameError, which names the frame that the stored values are `of`, if they are not plausible."""
     if wrong := implausible(stored, metadata):

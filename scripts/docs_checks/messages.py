@@ -26,6 +26,7 @@ REASONS = frozenset(
         "why_no_answer",
         "hint_of_planes",
         "_too_much_scatter",
+        "_other_distances",
         "_lost",
         "_message_and_status",
     }

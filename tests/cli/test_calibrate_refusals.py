@@ -58,6 +58,21 @@ def test_a_copy_of_a_dark_frame_is_refused(tmp_path: Path) -> None:
     assert f"{folder / '2.npy'}: holds the same values as {folder / '0.npy'} in every pixel" in done.err
 
 
+@pytest.mark.parametrize("frames", [2, 50])
+def test_frames_of_one_pixel_that_agree_by_chance_are_taken(frames: int, tmp_path: Path) -> None:
+    """Two frames of one pixel do not tell its noise well enough for a warning."""
+    folder = tmp_path / "dark"
+    folder.mkdir()
+    text = "[pixel]\nintegration_length = 1e5\n[voltage]\nzero_counts = 2048\nvolts_per_count = 2.4e-4\n"
+    (folder / "capture.toml").write_text(text)
+    noise = np.random.default_rng(0).normal(0.0, 1.8, (frames, 2, 2, 1, 1))
+    noise[1] = 3.0 + noise[0] if frames == 2 else noise[0]
+    np.save(folder / "stack.npy", np.rint(2048.0 + noise).astype("u2"))
+    done = cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera")
+    assert done.status == 0
+    assert "its frames differ" not in done.err
+
+
 @pytest.mark.parametrize("title", SUITABLE)
 def test_suitable_captures_are_taken(title: str, tmp_path: Path) -> None:
     done = calibrated(CASES[title], tmp_path, SEED)

@@ -22,6 +22,7 @@ from cadtof_cli.figures.petzval import draw_petzval
 from cadtof_cli.figures.profile import draw_profile
 from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import wall_range_m
+from cadtof_cli.units import unambiguous_range_m
 from tests.support.calibrations import PETZVAL_QUALITY, made_up_calibration
 from tests.support.captures import record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
@@ -112,7 +113,10 @@ def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) ->
     quality = replace(PETZVAL_QUALITY, walls=(wall, wall), k2_stderr_m=3e-5)
     petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, 11.0), quality)
     flat = wall_range_m(Optics(focal_length_px=28.0, principal_point_px=(15.0, 11.0)), (24, 32), distance_m=2.0)
-    draw_petzval([flat + petzval.range_offset_m] * 2, petzval, tmp_path / "a.png")
+    # the second is as it is measured if the middle of the wall is nearer than the unambiguous range and its rim farther
+    measured = flat + petzval.range_offset_m
+    wrapped = np.where(measured > 2.1, measured - unambiguous_range_m(40.0), measured)
+    draw_petzval([measured, wrapped], petzval, tmp_path / "a.png")
     (figure,) = figures
     _require_whole(figure)
     assert figure.get_suptitle().startswith("Field curvature: k2 = 5.0000 ± 0.0030 cm, k4 = -3.00 ± 0.20 cm; ")

@@ -102,6 +102,14 @@ def test_a_copy_of_a_frame_is_left_out_of_the_mean(tmp_path: Path) -> None:
     assert read_maps(out / "frame_0000.exr")["effective_pixels"].max() == 2.0
 
 
+def test_frames_of_four_pixels_that_agree_by_chance_are_all_in_the_mean(tmp_path: Path) -> None:
+    capture = write_capture(tmp_path / "capture", TWO, frames=3, size=(2, 2))
+    (capture / "frame_0001.tif").write_bytes((capture / "frame_0000.tif").read_bytes())
+    options = ("--format", "exr", "--jobs", 1, "--average", 3)
+    assert cadtof("resolve", capture, "-o", tmp_path / "out", *options).status == 0
+    assert read_maps(tmp_path / "out" / "frame_0000.exr")["effective_pixels"].max() == 3.0
+
+
 def test_a_frame_that_cannot_be_read_is_left_out_of_its_mean(tmp_path: Path) -> None:
     capture = write_capture(tmp_path / "capture", TWO, frames=3)
     (capture / "frame_0001.tif").write_bytes(b"II*\0 and no more")

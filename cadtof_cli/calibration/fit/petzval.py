@@ -21,6 +21,9 @@ LEAST_PIXELS = 50
 DISTINCT_DISTANCES = 1.2
 """Least ratio of the farthest to the nearest distance of a wall with which the focal length can be fitted."""
 
+MIDDLE = 0.1
+"""Share of a wall's pixels, those nearest to the principal point, that are its middle."""
+
 OFF_WALL_M = 0.02
 """A block lies on its wall if its median departs from the wall by no more than this, plus the noise of a pixel."""
 
@@ -222,9 +225,11 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
     ranges = np.concatenate([wall.range_m[good] for wall, good in zip(walls, usable, strict=True)])
     start, free = np.zeros(3 + 3 * len(walls)), np.ones(3 + 3 * len(walls), np.bool_)
     start[2], free[2] = (0.5, True) if focal is None else ((half_diagonal / focal) ** 2, False)
-    distances = ranges / np.sqrt(1.0 + start[2] * (u**2 + v**2))
+    unambiguous = unambiguous_range_m(origin.periods_ns[0])
     for index, wall in enumerate(walls):
-        start[3 + 3 * index] = np.median(distances[whose == index]) if wall.distance_m is None else wall.distance_m
+        here = whose == index
+        shown = _median_distance_m(ranges[here], (u**2 + v**2)[here], start[2], unambiguous)
+        start[3 + 3 * index] = shown if wall.distance_m is None else wall.distance_m
         # a wall on one row or one column of pixels shows no tilt across it
         free[3 + 3 * index :][:3] = wall.distance_m is None, np.ptp(u) > 0.0, np.ptp(v) > 0.0
     return _Problem(
@@ -235,10 +240,19 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
         sigma_m=np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)]),
         point=point,
         half_diagonal=half_diagonal,
-        unambiguous_m=unambiguous_range_m(origin.periods_ns[0]),
+        unambiguous_m=unambiguous,
         free=free,
         start=start,
     )
+
+
+def _median_distance_m(ranges: Float, rho2: Float, q: float, unambiguous_m: float) -> float:
+    """Return the median distance of a wall that faces the camera. Its corners may lie beyond the unambiguous range: they
+    count as near what the middle shows."""
+    stretch = np.sqrt(1.0 + q * rho2)
+    middle = float(np.median((ranges / stretch)[rho2 <= np.quantile(rho2, MIDDLE)]))
+    turns = np.round((middle * stretch - ranges) / unambiguous_m)
+    return float(np.median((ranges + turns * unambiguous_m) / stretch))
 
 
 def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuality:

@@ -9,7 +9,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels
 from cadtof_cli.calibration.fit.robust import SURE, RobustFit, robust_fit, shape_rms
-from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
+from cadtof_cli.calibration.fit.terms import LARGEST_RESIDUAL, TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
@@ -32,9 +32,6 @@ TERM_PIXELS = 6_000
 
 CURVATURE_SIGNIFICANCE = 4.0
 """Field curvature is taken out of the phases if k2 or k4 is larger than this many standard errors."""
-
-LARGEST_RESIDUAL = 1.5
-"""Ratio of the residuals to the noise above which the user is warned."""
 
 LARGEST_MISFIT_M = 0.01
 """A target is refused if the root mean square of its blocks' residuals, as ranges, is larger than this. The residuals
@@ -101,6 +98,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     _require_one_response(pixels, usable.reshape(origin.pixels), origin, metadata.optics)
     rest = _fit_rest(every, seen, terms.terms)
     findings = [*terms.findings, *_assumptions(seen, known_optics)]
+    findings += _other_distances(targets, terms)
     curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
     if known_optics:
         curvature, errors, own = _without_curvature(pixels, usable, metadata, origin)
@@ -175,11 +173,24 @@ def _assumptions(seen: Bool, known_optics: bool) -> list[str]:
     return said
 
 
+def _other_distances(targets: Sequence[TargetMean], terms: TermFit) -> tuple[str, ...]:
+    """Return in words at which distances the frames fit, if those that were given explain them less well."""
+    if terms.stretch is None:
+        return ()
+    given = np.array([target.distance_m for target in targets])
+    shown = given * terms.stretch
+    return (
+        f"the given distances do not fit each other: one is {1000.0 * np.abs(shown - given).max():.1f} mm off, if the frames "
+        f"are right; the terms were fitted with {', '.join(f'{one:.4f} m' for one in shown)}, whose mean is as given",
+    )
+
+
 def _without_curvature(
     pixels: PixelFit, usable: Bool, metadata: CaptureMetadata, origin: Origin
 ) -> tuple[tuple[float, float], tuple[float, float], Float]:
     """Return the field curvature (k2, k4) in the phases, its standard errors, and the phases, (H, n), without it.
 
+    Curvature that is not significant stays in the phases and is returned as 0. Its standard errors say how large it may be.
     The lens delays all harmonics alike, and so does a delay of the pixel. They are told apart by the shape over the
     array: the delay of the lens is a polynomial in the distance from the principal point.
     """
@@ -205,12 +216,10 @@ def _without_curvature(
 
     fit = robust_fit(residual, np.zeros(5), free=free)
     _require_flat(fit, sigma, usable.reshape(origin.pixels))
-    errors = np.sqrt(np.diag(fit.covariance))
-    if not (np.abs(fit.parameters[:2]) > CURVATURE_SIGNIFICANCE * errors[:2]).any():
-        return (0.0, 0.0), (0.0, 0.0), pixels.phase
-    k2, k4 = float(fit.parameters[0]), float(fit.parameters[1])
-    added = _added_rad((k2, k4), usable, metadata, origin)
-    return (k2, k4), (float(errors[0]), float(errors[1])), pixels.phase - added
+    (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:2].tolist(), np.sqrt(np.diag(fit.covariance)[:2]).tolist()
+    if abs(k2) <= CURVATURE_SIGNIFICANCE * k2_stderr and abs(k4) <= CURVATURE_SIGNIFICANCE * k4_stderr:
+        return (0.0, 0.0), (k2_stderr, k4_stderr), pixels.phase
+    return (k2, k4), (k2_stderr, k4_stderr), pixels.phase - _added_rad((k2, k4), usable, metadata, origin)
 
 
 def _added_rad(curvature: tuple[float, float], where: Bool, metadata: CaptureMetadata, origin: Origin) -> Float:
@@ -226,8 +235,8 @@ def _require_light(pixels: PixelFit) -> None:
     if in_common < LEAST_IN_COMMON:
         raise SettingsError(
             f"the phases of the pixels have only {in_common:.2f} in common (1: all are equal), expected {LEAST_IN_COMMON} or "
-            "more: these frames hold offsets, not the light of a target. Was the laser on? If the light is weak, run "
-            "`calibrate dark` first"
+            "more: these frames hold offsets, or a target that does not fill the view. Was the laser on? If the light is "
+            "weak, run `calibrate dark` first"
         )
 
 

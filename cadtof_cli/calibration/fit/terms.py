@@ -1,7 +1,7 @@
 """The higher terms of a response that a set of targets can determine, and their values."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,11 +22,17 @@ apart."""
 LEAST_SIGNIFICANCE = 6.0
 """Least size of a term that is taken, in standard errors, in at least one harmonic."""
 
+LARGEST_RESIDUAL = 1.5
+"""Ratio of the residuals to the noise above which a fit does not explain the targets."""
+
 LEAST_TERM = 2e-4
 """Least size of a term that is taken, relative to G[h,1], in at least one harmonic: 0.2 mm."""
 
 HIGHEST_CONDITION = 1e12
 """Condition of a normal matrix above which rounding leaves no digits of its inverse."""
+
+NO_DIGITS = 1e-9
+"""Share of the largest eigenvalue of a normal matrix below which another eigenvalue is rounding."""
 
 PASSES = 4
 """Number of times that terms are chosen and fitted, each time without the outliers of the pass before."""
@@ -51,6 +57,7 @@ class TermFit:
         residual: root mean square of the residuals over the noise; 1 if only noise is left, and if there is one distance.
         findings: why each term was taken or left, in words.
         kept: the pixels to which the terms were fitted, (n,); the other pixels are outliers.
+        stretch: distance of each target that fits best, over the given one, (N,); None: these were taken for exact.
     """
 
     terms: Terms
@@ -58,6 +65,7 @@ class TermFit:
     residual: float
     findings: tuple[str, ...]
     kept: Bool
+    stretch: Float | None = None
 
 
 def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, distances: int) -> TermFit:
@@ -65,6 +73,8 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
 
     `distances` is the number of distinct distances of the targets. With one distance, no term can be told from the
     pixels' own phases.
+
+    Errors of the distances look like terms. If fewer terms and other distances fit surely better, these are taken.
     """
     terms: Terms = tuple(dict(one) for one in base)
     kept = np.ones(observed.phase.shape[1], np.bool_)
@@ -75,20 +85,42 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
             "record targets at two or more distances, spread over the range"
         )
         return TermFit(terms, tuple(() for _ in terms), 1.0, (said,), kept)
+    orders, exact = _fit(observed, base, kept, free_distances=False)
+    if not set(orders) - {-1}:
+        return exact
+    fewer, free = _fit(observed, base, exact.kept, free_distances=True)
+    gain = (exact.residual**2 - free.residual**2) * observed[exact.kept].volts.size
+    surely = gain > LEAST_SIGNIFICANCE**2 * len(observed.volts) * free.residual**2
+    return free if set(fewer) < set(orders) and surely and free.residual < LARGEST_RESIDUAL else exact
+
+
+def _fit(
+    observed: Observations, base: Sequence[dict[int, complex]], kept: Bool, /, *, free_distances: bool
+) -> tuple[tuple[int, ...], TermFit]:
+    """Return the orders that were taken, and the fit. With exact distances, `kept` is where it begins: it finds outliers
+    itself."""
     changes: Terms = tuple({} for _ in base)
+    terms: Terms = tuple(dict(one) for one in base)
+    stretch = np.ones(len(observed.volts))
     for _ in range(PASSES):
-        system = _System(fit_pixels(observed[kept], terms), terms, base, observed.harmonics)
+        system = _System(fit_pixels(observed[kept], terms), terms, base, observed.harmonics, free_distances)
         orders, reasons = system.selection(_needed(changes, system))
         changes = system.changed(changes, orders)
         terms = tuple(composed(start, change) for start, change in zip(base, changes, strict=True))
-        kept = _without_outliers(fit_pixels(observed, terms).misfit)
+        if free_distances:
+            step = system.stretch(orders)
+            stretch *= step
+            observed = replace(observed, phase=observed.phase * step[:, np.newaxis])
+        else:
+            kept = _without_outliers(fit_pixels(observed, terms).misfit)
     pixels = fit_pixels(observed[kept], terms)
-    system = _System(pixels, terms, base, observed.harmonics)
-    residual = float(np.sqrt(pixels.misfit.sum() / system.freedom(len(orders))))
+    system = _System(pixels, terms, base, observed.harmonics, free_distances)
+    residual = float(np.sqrt(max(pixels.misfit.sum() - system.explained, 0.0) / system.freedom(len(orders))))
     errors = system.stderr(orders)
     reasons |= {k: _taken(changes, errors[:, index], k) for index, k in enumerate(orders)}
     findings = tuple(f"k = {k:+d}: {reasons[k]}" for k in CANDIDATES)
-    return TermFit(terms, tuple(map(tuple, errors.tolist())), residual, findings, kept)
+    found = TermFit(terms, tuple(map(tuple, errors.tolist())), residual, findings, kept)
+    return orders, replace(found, stretch=stretch) if free_distances else found
 
 
 def composed(base: dict[int, complex], changes: dict[int, complex]) -> dict[int, complex]:
@@ -135,14 +167,21 @@ class _System:
     """Normal equations for changes of every candidate term in every harmonic, with the pixels' own parameters eliminated.
 
     The unknowns are the real and the imaginary part of k = CANDIDATES[0] in the first harmonic, in the second …, then
-    of the next k.
+    of the next k. With `free_distances`, the errors of the targets' distances are eliminated, too. They explain the part
+    `explained` of the misfit.
     """
 
     def __init__(
-        self, pixels: PixelFit, terms: Terms, base: Sequence[dict[int, complex]], harmonics: tuple[int, ...]
+        self,
+        pixels: PixelFit,
+        terms: Terms,
+        base: Sequence[dict[int, complex]],
+        harmonics: tuple[int, ...],
+        free_distances: bool,
     ) -> None:
         self._harmonics = len(harmonics)
         self._targets, self._pixels = pixels.left.shape[0], pixels.left.shape[2]
+        self._free = self._targets - 1 if free_distances else 0
         roots = np.sqrt(pixels.weights)
         left = np.stack([_centred(pixels.left.real, pixels.weights), self._imaginary(pixels.left.imag, pixels.weights)])
         columns = []
@@ -160,6 +199,37 @@ class _System:
         self._normal = matrix @ matrix.T
         self._side = matrix @ (left * roots).ravel()
         self._power = float(((left * roots) ** 2).sum())
+        self.explained = 0.0
+        if free_distances:
+            self._free_distances(matrix, (left * roots).ravel(), pixels, harmonics)
+
+    def _free_distances(self, matrix: Float, left: Float, pixels: PixelFit, harmonics: tuple[int, ...]) -> None:
+        """Eliminate an error of each target's distance. It changes all its phases by the same share."""
+        ways = (pixels.theta[:, 0] - pixels.phase[0]) / harmonics[0]
+        usual = ways.mean(axis=1)
+        rows = []
+        for target, way in enumerate(ways / usual[:, np.newaxis]):
+            column = np.zeros(pixels.weights.shape)
+            column[target] = np.multiply.outer(harmonics, way)
+            parts = (np.zeros_like(column), self._imaginary(column, pixels.weights))
+            rows.append((np.stack(parts) * np.sqrt(pixels.weights)).ravel())
+        # changes whose mean is not 0 are left out: the pixels' own delays contain such a change
+        distances = np.stack(rows) - np.mean(rows, axis=0)
+        inverse = np.linalg.pinv(distances @ distances.T, rcond=NO_DIGITS, hermitian=True)
+        side, shared = distances @ left, distances @ matrix.T
+        self._stretch, self._stretch_per_change = inverse @ side / usual, inverse @ shared / usual[:, np.newaxis]
+        self.explained = float(side @ inverse @ side)
+        self._normal -= shared.T @ inverse @ shared
+        self._side -= shared.T @ inverse @ side
+        self._power -= self.explained
+
+    def stretch(self, orders: tuple[int, ...]) -> Float:
+        """Return the best distance of each target over the present one, (N,), after the changes of the given orders.
+
+        The mean distance stays as it is, because the pixels' own delays contain its error.
+        """
+        step = self._solved(orders)[0].ravel() if orders else np.zeros(0)
+        return np.asarray(1.0 + self._stretch - self._stretch_per_change[:, self._places(orders)] @ step)
 
     @staticmethod
     def _imaginary(column: Float, weights: Float) -> Float:
@@ -173,7 +243,7 @@ class _System:
     def freedom(self, orders: int) -> float:
         """Return the degrees of freedom: how many more numbers were measured than are fitted with so many orders."""
         n, h = self._targets, self._harmonics
-        return float(self._pixels * ((n - 1) * h + (n - 1) * (h - 1)) - 2 * h * orders)
+        return float(self._pixels * ((n - 1) * h + (n - 1) * (h - 1)) - 2 * h * orders - self._free)
 
     def _solved(self, orders: Sequence[int]) -> tuple[Float, Float, float]:
         """Return changes and standard errors, (len(orders), H, 2) each, and the condition of their normal matrix."""

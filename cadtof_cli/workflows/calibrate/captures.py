@@ -8,6 +8,8 @@ from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, save_part
@@ -17,10 +19,11 @@ from cadtof_cli.capture.frames import Capture, FrameSource, read_stored, single_
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.atomic import require_new
+from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.noise import ambient_noise_v
-from cadtof_cli.phasors.plausible import require_plausible
+from cadtof_cli.phasors.plausible import require_plausible, tells_copies
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
@@ -31,6 +34,9 @@ ASSUMED_LENGTH = 1e5
 
 MOST_SCATTER = 1.5
 """Largest scatter of the typical pixel over its frames, in units of the noise, that is not warned of."""
+
+LEAST_FREEDOM = 100
+"""Least number of deviations from the mean, in a harmonic, that show its scatter well enough for the warning."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +151,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
         stored = read_stored(source, capture.layout, size=size)
         require_plausible(stored, metadata, of=source)
         content = hash(stored.tobytes())
-        if content in known:
+        if content in known and tells_copies(stored):
             raise FrameError(
                 f"{source}: holds the same values as {known[content]} in every pixel, but noise makes two recordings differ: "
                 "remove the copy, or record again"
@@ -159,9 +165,9 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
 
 
 def _too_much_scatter(capture: Capture, mean: FrameMean) -> str | None:
-    """Return in words that the frames of a capture differ by far more than noise; None: they do not, or the noise is unknown."""
+    """Return in words that the frames of a capture differ by far more than noise; None: they do not, or it cannot be told."""
     n_av = capture.source.metadata.pixel.integration_length
-    if n_av is None or not mean.sound.any():
+    if n_av is None or CHANNELS * np.count_nonzero(mean.sound) * (mean.frames - 1) < LEAST_FREEDOM:
         return None
     seen = float(mean.frame_noise().max())
     expected = math.hypot(predicted_noise_v(capture.source.metadata), mean.step / math.sqrt(12.0))

@@ -19,7 +19,7 @@ from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.layers import Digest, file_digest, stage_maps
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.phasors.plausible import require_plausible
+from cadtof_cli.phasors.plausible import require_plausible, tells_copies
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
@@ -304,7 +304,7 @@ def _read_mean(task: FrameTask) -> tuple[FrameMean, str, str | None]:
                 digests.append("")
                 continue
             digest = content_digest(stored)
-            if digest in digests:
+            if digest in digests and tells_copies(stored):
                 # a copy adds nothing to the mean, which would seem to have less noise than it has
                 errors.append(FrameError(f"{source}: holds the same values as another of these frames"))
             else:

@@ -120,6 +120,12 @@ def test_ranges_that_wrap_at_the_end_of_the_unambiguous_range_are_no_outliers() 
     assert found.quality.rms_after_m < 1.1 * SIGMA_M
 
 
+def test_the_distance_is_that_of_the_middle_if_most_of_a_wall_wraps() -> None:
+    found = fitted(measured_wall(5.7, seed=1))
+    assert found.quality.walls[0].distance_m == pytest.approx(5.7, abs=2e-3)
+    assert max(deviations(found)) < 3.0
+
+
 def test_without_a_principal_point_the_middle_of_the_array_is_used_and_reported() -> None:
     """The principal point of these walls is at column 39.5 and row 29.5, the middle of 80 × 60 pixels."""
     found = fitted(measured_wall(1.0, seed=1), measured_wall(3.0, seed=2), optics=Optics(focal_length_px=70.0))

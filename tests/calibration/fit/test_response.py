@@ -1,5 +1,6 @@
 """The response that targets determine, and terms that they cannot determine; the truth samples the waveform itself."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -132,6 +133,18 @@ def test_field_curvature_is_removed_from_the_phase_maps() -> None:
     assert finding.startswith(f"field curvature k2 = {k2:.4f} m, k4 = {k4:.4f} m ")
 
 
+def test_distances_that_do_not_fit_each_other_are_told_and_make_no_terms() -> None:
+    sensor, wrong = camera(Defects(sc2_gain=1.05)), (0.4985, 1.0005, 1.702, 2.3985, 3.0005)
+    targets = [target(sensor, d, seed=index) for index, d in enumerate((0.5, 1.0, 1.7, 2.4, 3.0))]
+    targets = [replace(one, distance_m=d) for one, d in zip(targets, wrong, strict=True)]
+    found = fit_response(targets, metadata=sensor.metadata, origin=origin_of(targets))
+    assert orders(found) == {1, -1}
+    (text,) = (text for text in found.quality.findings if "do not fit each other" in text)
+    shown = [float(one) for one in re.findall(r"([0-9.]+) m\b", text)]
+    assert shown == pytest.approx([0.5, 1.0, 1.7, 2.4, 3.0], abs=3e-4)
+    assert text.startswith("the given distances do not fit each other: one is 2.")
+
+
 def test_without_optics_every_pixel_gets_the_stated_distance_and_this_is_reported() -> None:
     found = response_of(Defects(), (1.0,), optics=Optics())
     assert any(
@@ -237,7 +250,7 @@ def test_targets_without_noise_give_gain_and_pulse_response_exactly() -> None:
     np.testing.assert_allclose(found.gain, 1.0, rtol=1e-6)
     np.testing.assert_allclose(found.phase_rad, 0.0, atol=1e-6)
     assert found.quality.distances_m == (0.7, 1.4, 2.4)
-    assert (found.field_curvature_m, found.quality.curvature_stderr_m) == ((0.0, 0.0), (0.0, 0.0))
+    assert found.field_curvature_m == (0.0, 0.0)
     assert not any("could not be used" in text for text in found.quality.findings)
     assert any("the targets are assumed to face the camera" in text for text in found.quality.findings)
 
@@ -251,6 +264,16 @@ def test_delays_of_pixels_go_into_the_maps_and_their_mean_into_the_response() ->
         assert (k2, k4) == (0.0, 0.0)
         np.testing.assert_allclose(total, h * pixel_phases, atol=1e-5)
         assert abs(np.angle(np.exp(1j * found.phase_rad[row]).mean())) < 1e-5
+
+
+def test_curvature_that_the_pixels_own_delays_hide_is_within_its_standard_error() -> None:
+    """It stays in the phase maps, so walls corrected by them show none of it. `calibrate petzval` needs its error."""
+    y, x = np.mgrid[:12, :16]
+    rho2 = ((x - 7.5) ** 2 + (y - 5.5) ** 2) / (8.0**2 + 6.0**2)
+    own_m = np.random.default_rng(5).normal(0.0, 0.05, (12, 16))
+    found = noiseless(pixel_phases=RAD_PER_M * (own_m + 0.06 * rho2))
+    assert found.field_curvature_m == (0.0, 0.0)
+    assert 0.02 < found.quality.curvature_stderr_m[0] < 0.2
 
 
 @pytest.mark.parametrize("curvature_m", [(0.05, 0.0), (-0.05, 0.0), (0.0, 0.04), (0.0, -0.04), (-0.06, 0.02)])

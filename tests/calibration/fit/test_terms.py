@@ -1,5 +1,7 @@
 """The higher terms of a response that targets determine, and the terms of a waveform after a change."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -136,3 +138,24 @@ def test_terms_are_added_to_those_of_the_waveform() -> None:
 def test_noise_alone_leaves_out_none_of_thousands_of_pixels() -> None:
     """One pixel in a million has a root of the misfit beyond five deviations; one in a thousand has such a misfit."""
     assert fit_terms(observed(pixels=6000, targets=4), ({}, {}), distances=4).kept.all()
+
+
+ERRORS = 3e-3 * np.array([1.0, -1.0, 0.5, 1.5, -1.2, -0.8])
+"""Errors of the distances of six targets, in rad; their mean is 0."""
+
+
+@pytest.mark.parametrize("truth", [({-1: 0.02 + 0j}, {-1: 0.02 + 0j}), ({-1: 0.02 + 0j, 3: 0.01 + 0j},) * 2])
+def test_wrong_distances_are_no_terms(truth: Terms) -> None:
+    """Errors of 3 mm look like terms of every order, but errors of the distances explain the targets better."""
+    exact = observed(truth=truth, pixels=1500)
+    found = fit_terms(replace(exact, phase=exact.phase + ERRORS[:, np.newaxis]), ({}, {}), distances=6)
+    assert orders(found) == set(truth[0])
+    assert found.terms[0][-1] == pytest.approx(truth[0][-1], abs=1e-4)
+    assert found.residual == pytest.approx(1.0, abs=0.03)
+    assert found.stretch is not None
+    ways = exact.phase.mean(axis=1) + ERRORS
+    np.testing.assert_allclose(ways * (found.stretch - 1.0), -ERRORS, atol=4e-4)
+
+
+def test_right_distances_are_not_doubted() -> None:
+    assert all(fit_terms(observed(seed=seed), ({}, {}), distances=6).stretch is None for seed in range(8))
