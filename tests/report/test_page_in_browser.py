@@ -116,6 +116,7 @@ def _show_layer(browser: Browser, name: str) -> None:
         "const one = document.querySelector('#layer'); one.value = arguments[0]; one.dispatchEvent(new Event('change'))",
         name,
     )
+    browser.settle()
 
 
 def _place(x: int, y: int) -> tuple[float, float]:
