@@ -28,6 +28,7 @@ from cadtof_cli.arrays import Bool, Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
+from cadtof_cli.quantiles import median
 
 _NEAR_RAD = 0.45
 """Largest difference, in rad, between the phase of the second harmonic and the phase that follows from the fundamental,
@@ -184,7 +185,7 @@ def wrong_planes(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
     here, change, names = here - metadata.voltage.zero, beside - here, plane_names(metadata.modulation.harmonics)
     # the median leaves out edges of the scene, between which neighbours differ by more than noise
-    noise = np.median(np.abs(change), axis=1) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
+    noise = median(np.abs(change)) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
     if (dark := _without_light(here, change, noise)).any():
         found = ", ".join(name for name, is_dark in zip(names, dark, strict=True) if is_dark)
         return (
