@@ -128,6 +128,16 @@ def test_a_copy_of_a_frame_is_left_out_of_the_mean(tmp_path: Path, caplog: pytes
     assert "frame_1.tif: holds the same values as another of these frames, so the mean is without it" in caplog.text
 
 
+def test_frames_of_one_pixel_that_hold_the_same_values_are_not_taken_for_copies(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """By chance, a single pixel may hold the same values again; the command counts such frames, too."""
+    volts = np.array([0.1, 0.05, 0.02, 0.08], np.float32).reshape(2, 2, 1, 1)
+    frame = Frame.from_array(volts, {"pixel.integration_length": 1e4})
+    assert resolve([frame, frame], mpi_model="discrete")["effective_pixels"].tolist() == [[2.0]]
+    assert "holds the same values" not in caplog.text
+
+
 def test_reading_goes_on_after_a_frame_that_cannot_be_read(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3)
     capture.files[1].write_bytes(capture.files[1].read_bytes()[:100])

@@ -17,7 +17,7 @@ from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.phasors.plausible import require_plausible
+from cadtof_cli.phasors.plausible import require_plausible, tells_copies
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, SolverName
@@ -136,7 +136,7 @@ def _without_copies(frames: Sequence[Frame]) -> Iterator[Stored]:
     digests = set[str]()
     for one in frames:
         digest = content_digest(one.stored)
-        if digest in digests:
+        if digest in digests and tells_copies(one.stored):
             _log.warning(f"warning: {one}: holds the same values as another of these frames, so the mean is without it")
         else:
             yield one.stored
