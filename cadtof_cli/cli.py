@@ -124,8 +124,6 @@ click.option("--debug", is_flag=True, help="Show the Python traceback of an erro
 def main() -> NoReturn:
     """Run the command line and exit; no traceback reaches a user who did not ask for it."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
-    # frozen objects are not collected, so the collector finds nothing to do at exit
-    atexit.register(gc.freeze)
     for name in BLAS_THREADS:
         os.environ.setdefault(name, "1")
     prepare_streams()

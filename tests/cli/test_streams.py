@@ -159,3 +159,21 @@ def test_everything_that_is_said_goes_through_tell() -> None:
     for path in package.rglob("*.py"):
         if path != package / "commands" / "terminal.py":
             assert not re.search(r"\bclick\.s?echo\(|(?<!\.)\bprint\(", path.read_text(encoding="utf-8")), path
+
+
+@pytest.mark.parametrize(("ends", "status"), [("sys.exit(0)", 0), ("sys.exit(3)", 3), ("raise OSError('seen')", 1)])
+def test_what_waits_for_the_end_of_the_process_is_done(ends: str, status: int) -> None:
+    script = (
+        "import atexit, sys, threading, time\n"
+        "from cadtof_cli import __main__, cli\n"
+        "def run():\n"
+        "    threading.Thread(target=lambda: (time.sleep(0.2), print('thread', flush=True))).start()\n"
+        "    atexit.register(print, 'function', flush=True)\n"
+        f"    {ends}\n"
+        "cli.main = run\n"
+        "__main__.main()\n"
+    )
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (status, "thread\nfunction\n")
+    assert ("seen" in done.stderr) is (status == 1)
