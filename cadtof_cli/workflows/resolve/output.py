@@ -123,9 +123,12 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
     # the names within a capture differ
     if len(captures) > 1:
         _require_different(captures, out)
-    for folder in {(out / frame.name).parent for capture in captures for frame in capture.frames} - {out}:
-        if os.path.lexists(folder / RUN_FILE):
-            raise OutputError(f"{folder}: holds a run of its own; move it elsewhere, or choose another folder with -o")
+    below = {frame.name.rpartition("/")[0] for capture in captures for frame in capture.frames} - {""}
+    for folder in sorted(below):
+        if os.path.lexists(out / folder / RUN_FILE):
+            raise OutputError(
+                f"{out / folder}: holds a run of its own; move it elsewhere, or choose another folder with -o"
+            )
 
 
 def require_own_names(captures: Sequence[Capture], out: Path, /) -> Callable[[str], str]:
