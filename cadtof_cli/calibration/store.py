@@ -29,6 +29,10 @@ ZERO_LIMIT = 1e-3
 """Difference between the zeros of the dark frames and of a capture, as a share of the modulation amplitude, that is
 doubted. It moves phases by up to a milliradian: 1 mm at 40 ns."""
 
+NO_NOISE = (
+    "the dark calibration holds no noise, so sigma leaves out that of the offsets: repeat `cadtof calibrate dark`",
+)
+
 Part = DarkCalibration | ResponseCalibration | PetzvalCalibration
 """One part. Its `origin`, its `tables` and its `maps` hold everything in it, and `from_stored` builds it from these."""
 
@@ -94,8 +98,13 @@ class Calibration:
         )
 
     def stale(self) -> tuple[str, ...]:
-        """Return a sentence for each part that was measured with another version of an earlier part than the folder has."""
-        return tuple(
+        """Return a sentence for each part that should be measured again.
+
+        Such a part was measured with another version of an earlier part than the folder has. Or it is a dark part of 0.1.0 from
+        one frame: 0.1.0 recorded no noise for it.
+        """
+        noiseless = self.dark is not None and not any(self.dark.offset_stderr_v())
+        return NO_NOISE * noiseless + tuple(
             f"the {part.kind} calibration was measured with another {kind} calibration: repeat `cadtof calibrate {part.kind}`"
             for part in self.parts
             for kind in PART_KINDS[: PART_KINDS.index(part.kind)]

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 import OpenEXR
@@ -133,7 +133,8 @@ def _opened(path: Path, *, header_only: bool) -> Any:
         with library_output() as printed:
             try:
                 # the library must start no threads, because its thread pool does not survive a fork
-                file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
+                with _as_the_library_takes_it(path, "rb") as place:
+                    file = OpenEXR.File(place, separate_channels=True, header_only=header_only, num_threads=0)
             except Exception:
                 # the library raises the same error for a damaged file and for one that cannot be opened because too
                 # many files are open; reading the file ourselves raises the system's own error
@@ -142,11 +143,24 @@ def _opened(path: Path, *, header_only: bool) -> Any:
         if printed:
             read_through(path)
     if printed:
-        words = in_brief(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in printed)
+        named = (line.removeprefix(f"{path}: ").removeprefix("<python_buffer>: ") for line in printed)
+        words = in_brief(line.removeprefix("Warning: ") for line in named)
         raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
     if not file.parts:
         raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")
     return file
+
+
+@contextmanager
+def _as_the_library_takes_it(path: Path, mode: Literal["rb", "wb"]) -> Iterator[str | BinaryIO]:
+    """Yield a file's path or, if that is not UTF-8, the open file: the library takes no other paths."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        with path.open(mode) as file:
+            yield file
+    else:
+        yield str(path)
 
 
 def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compression: Compression, **header: str) -> None:
@@ -159,7 +173,8 @@ def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compressio
     described = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage, **header}
     with codes_of_the_system(path, sum(plane.nbytes for plane in planes.values())):
         try:
-            OpenEXR.File(described, planes, num_threads=0).write(str(path))
+            with _as_the_library_takes_it(path, "wb") as place:
+                OpenEXR.File(described, planes, num_threads=0).write(place)
         except RuntimeError as error:
             # the library raises only this kind of error; its message names the file, which may be a temporary one
             raise OSError(str(error).rpartition('"')[2].strip(" .")) from error

@@ -33,6 +33,9 @@ from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """For each map, by its name: the capture, and the recorded frames that the map was made from (several if it shows a mean)."""
 
+OnRun = Callable[[Path], object]
+"""Called with each folder below that holds a run of its own; the search goes on with the other folders."""
+
 NOT_EVALUATED = "so the first phasor is left out"
 """End of all notes on recorded frames that are unknown or have changed."""
 
@@ -159,6 +162,10 @@ class Run:
         called = Path("" if self.record is None else str(self.record["arguments"].get("out", "")))
         return self.folder / place_in(called, Path(report.output))
 
+    def wrote_into(self, place: Path, /) -> bool:
+        """Return whether maps of the run were written into a folder, or into one below it."""
+        return any(place in file.parents for file in map(self.map_of, self.reports()) if file)
+
     def unnamed_files(self) -> list[Path]:
         """Return the map files that `frames.jsonl` does not name: the run did not make them. Without its lines, none is known.
 
@@ -189,13 +196,10 @@ class Run:
         known = self.record and self.record.get("calibration")
         if not known:
             return None
-        places = [
-            known.get("absolute_folder"),
-            self.folder.absolute() / known.get("folder_from_out", "."),
-            known["folder"],
-        ]
-        there = [Path(place) for place in places if place and Path(place).is_dir()]
-        return CalibrationUse((there or [Path(known["folder"])])[0], known["digest"])
+        moved = known.get("folder_from_out")  # runs of 0.1.0 have only `folder`
+        places = [known.get("absolute_folder"), moved and self.folder.absolute() / moved]
+        there = next((place for place in places if place and Path(place).is_dir()), known["folder"])
+        return CalibrationUse(Path(there), known["digest"])
 
     def recorded_frames(self, say: Callable[[str], None], /) -> RecordedFrames:
         """Return the frames that the maps were made from. If they are unknown or gone, say so and return nothing."""
@@ -236,20 +240,26 @@ def _by_map(captures: Sequence[Capture], chosen: slice, average: int) -> Recorde
 def read_run(maps: Path, /) -> Run:
     """Return the run that a folder of maps, or one map file, belongs to.
 
-    A folder that cannot be listed is left out if the run says that none of its maps lie in it, as `lost+found` on a disk.
+    A folder that cannot be listed, as `lost+found` on a disk, or that is of another run is left out if the run says that none of
+    its maps were written into it.
 
     Raises:
-        CaptureError: there is no such folder or file, a folder cannot be listed, or the `run.json` of the run cannot be read.
+        CaptureError: there is no such folder or file, such a folder has maps, or the `run.json` of the run cannot be read.
     """
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")
-    closed = dict[Path, UnlistedError]()
-    files, folder = map_files(maps, on_unlisted=closed.__setitem__), maps if maps.is_dir() else maps.parent
-    folder = next((above for above in (folder, *folder.parents) if os.path.lexists(above / RUN_FILE)), None) or folder
+    closed, others = dict[Path, UnlistedError](), list[Path]()
+    files = map_files(maps, on_unlisted=closed.__setitem__, on_run=others.append)
+    above = (maps, *maps.parents) if maps.is_dir() else maps.parents
+    folder = next((one for one in above if os.path.lexists(one / RUN_FILE)), above[0])
     run = _run_in(folder, maps, files)
     for place, error in closed.items():
-        if run.record is None or any(place in file.parents for file in map(run.map_of, run.reports()) if file):
+        if run.record is None or run.wrote_into(place):
             raise error
+    for place in filter(run.wrote_into, others if run.record is not None else ()):
+        raise CaptureError(
+            f"{place}: another run replaced maps of the run in {folder}; move it elsewhere, then use --resume"
+        )
     return run
 
 
@@ -270,7 +280,7 @@ def is_run_folder(path: Path, /) -> bool:
     return is_folder(path) and os.path.lexists(path / RUN_FILE) and not os.path.lexists(path / CAPTURE_FILE)
 
 
-def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail) -> tuple[Path, ...]:
+def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail, on_run: OnRun = str) -> tuple[Path, ...]:
     """Return the map files in a folder in natural order, as frames are taken, then those in folders below it; of a file, itself.
 
     An empty folder with the name of a map counts as a map: reading it fails, with a message that names it.
@@ -278,14 +288,12 @@ def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail) -> tuple[Path, .
     Args:
         maps: the folder or file.
         on_unlisted: called with each folder below that cannot be listed; by default, it raises the error.
-
-    Raises:
-        UnlistedError: the folder cannot be listed.
+        on_run: called with each folder below that holds a run of its own; by default, such folders are left out.
     """
-    return _map_files(maps, set(), on_unlisted) if is_folder(maps) else (maps,)
+    return _map_files(maps, set(), on_unlisted, on_run) if is_folder(maps) else (maps,)
 
 
-def _map_files(folder: Path, seen: set[str], on_unlisted: OnUnlisted) -> tuple[Path, ...]:
+def _map_files(folder: Path, seen: set[str], on_unlisted: OnUnlisted, on_run: OnRun) -> tuple[Path, ...]:
     """Return the map files in a folder and below it. Folders in `seen` are left out, because links may lead in a circle."""
     seen.add(real_path(folder))
     files, below = list[Path](), list[Path]()
@@ -299,7 +307,9 @@ def _map_files(folder: Path, seen: set[str], on_unlisted: OnUnlisted) -> tuple[P
             files.append(path)
         elif inside and OUTPUT_FILES.isdisjoint(inside):
             below.append(path)
-    found = (_map_files(one, seen, on_unlisted) for one in below if real_path(one) not in seen)
+        elif RUN_FILE in inside:
+            on_run(path)
+    found = (_map_files(one, seen, on_unlisted, on_run) for one in below if real_path(one) not in seen)
     return (*files, *itertools.chain.from_iterable(found))
 
 

@@ -124,6 +124,30 @@ def test_frames_that_only_one_run_has_are_named(runs: tuple[Path, Path], tmp_pat
     assert "only A has the frames frame_0" in cadtof("compare", runs[0], out).out
 
 
+def test_single_frames_of_two_runs_with_other_names_are_refused(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    """They were compared as if they were one frame, and no line said so."""
+    capture = runs[0].parent / "capture"
+    for frame in "12":
+        assert cadtof("resolve", capture, "-o", tmp_path / frame, "-j", 1, "-q", "--frames", frame).status == 0
+    done = cadtof("compare", tmp_path / "1", tmp_path / "2")
+    assert (done.status, done.out) == (2, "")
+    assert "share no frame: found frame_1 … and frame_2 …" in done.err
+    # a file that the user names is compared with every frame
+    assert cadtof("compare", tmp_path / "1", tmp_path / "2" / "frame_2.tif").status == 0
+
+
+def test_a_run_is_compared_with_the_folder_of_its_capture_in_a_run_of_several(
+    runs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    record(tmp_path / "other", seed=3)
+    several, capture = tmp_path / "several", runs[0].parent / "capture"
+    arguments = (capture, tmp_path / "other", "-o", several, "-j", 1, "-q", "--mpi-model", "discrete")
+    assert cadtof("resolve", *arguments).status == 0
+    (folder,) = several.rglob("capture")
+    found = json.loads(cadtof("compare", runs[0], folder, "--json").out)
+    assert (found["frames"], found["status_changed"], found["only_a"]["frames"]) == (3, 0, [])
+
+
 def test_inputs_without_a_common_layer_are_refused_and_their_layers_named(
     runs: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -61,6 +61,31 @@ def test_a_stack_that_cannot_be_counted_fails_the_capture_of_chosen_frames(tmp_p
     assert _maps(tmp_path / "out") == ["a/r_2_0000.tif", "a/r_2_0001.tif", *of_b]
 
 
+def test_a_capture_that_is_resolved_again_into_a_folder_of_the_run_is_not_left_out_in_silence(tree: Path) -> None:
+    """The run in b/two replaced maps of the run of all. `evaluate out` then counted two frames of three, and said nothing."""
+    every = "cadtof resolve --recursive rec -o out -j 1 -q"
+    assert shell(every, tree).status == 0
+    assert shell("cadtof resolve rec/b/two -o out/b/two -j 1 -q --overwrite --order 1", tree).status == 0
+    for command in ("evaluate out --truth out/a/frame_0.tif", "report out -o page.html"):
+        done = shell(f"cadtof {command}", tree)
+        assert (done.status, done.out) == (2, "")
+        expected = (
+            "Error: out/b/two: another run replaced maps of the run in out; move it elsewhere, then use --resume\n"
+        )
+        assert done.err == expected
+    for option in ("--resume", "--overwrite"):
+        done = shell(f"{every} {option}", tree)
+        assert (done.status, done.err) == (
+            2,
+            "Error: out/b/two: holds a run of its own; move it elsewhere, or choose another folder with -o\n",
+        )
+    # such folders with other maps, and of other runs, are no fault
+    (tree / "out" / "b" / "two").rename(tree / "out" / "b" / "before")
+    assert shell(f"{every} --resume", tree).status == 0
+    done = shell("cadtof evaluate out --truth out/a/frame_0.tif --json", tree)
+    assert (done.status, json.loads(done.out)["frames"]) == (0, 3)
+
+
 def test_recursive_mirrors_the_tree(tree: Path) -> None:
     done = shell("cadtof resolve --recursive rec -o out -j 1 --json", tree)
     assert done.status == 0, done.err

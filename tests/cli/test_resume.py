@@ -321,6 +321,22 @@ def test_names_as_long_as_they_can_be(form: str, tmp_path: Path) -> None:
         shutil.rmtree(out)
 
 
+def test_exr_files_in_folders_whose_names_are_no_utf_8(tmp_path: Path) -> None:
+    """The library takes no such paths: frames were called damaged, and maps could not be written."""
+    folder = tmp_path / os.fsdecode(b"lat\xe4")
+    capture, plain, out = record(tmp_path / "A", form="exr"), tmp_path / "plain", folder / "out"
+    shutil.copytree(capture.folder, folder / "A")
+    for source, maps in ((capture.folder, plain), (folder / "A", out)):
+        done = _resolve(source, "-o", maps)
+        assert (done.status, "failed" in done.err) == (0, False)
+    assert maps_of(out) == maps_of(plain)
+    assert cadtof("evaluate", out, "--truth", plain / "frame_0.exr").status == 0
+    (out / "frame_0.exr").write_bytes((plain / "frame_0.exr").read_bytes()[:3000])
+    done = cadtof("evaluate", out, "--truth", plain / "frame_0.exr")
+    assert "frame_0.exr: damaged EXR: " in done.err
+    assert "python_buffer" not in done.err
+
+
 def test_names_that_are_no_utf_8(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     name = os.fsdecode(b"frame_\xff\xfe.tif")

@@ -115,13 +115,20 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
     """Make sure that every frame has an output file of its own.
 
     Raises:
-        OutputError: the output folder is the folder of a capture; or two frames would be written to one file.
+        OutputError: the output folder is the folder of a capture; or two frames would be written to one file; or a folder
+            below belongs to another run.
     """
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
     # the names within a capture differ
     if len(captures) > 1:
         _require_different(captures, out)
+    below = {frame.name.rpartition("/")[0] for capture in captures for frame in capture.frames} - {""}
+    for folder in sorted(below):
+        if os.path.lexists(out / folder / RUN_FILE):
+            raise OutputError(
+                f"{out / folder}: holds a run of its own; move it elsewhere, or choose another folder with -o"
+            )
 
 
 def require_own_names(captures: Sequence[Capture], out: Path, /) -> Callable[[str], str]:

@@ -13,11 +13,13 @@ from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from cadtof_cli.errors import OutputError
+from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writing
 from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.reading import read_text, real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
+from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import first_of
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
@@ -240,6 +242,8 @@ def place_in(out: Path, output: Path, /) -> str:
 def remove_map(out: Path, place: Path, report: FrameReport, /) -> None:
     """Remove the map of a line if the file there is a map of the recorded size, and no link leads out of the folder.
 
+    Lines of 0.1.0 record no size: the file must then hold maps.
+
     Raises:
         OutputError: it cannot be removed.
     """
@@ -247,9 +251,16 @@ def remove_map(out: Path, place: Path, report: FrameReport, /) -> None:
         found = place.lstat()
         inside = Path(real_path(place.parent)).is_relative_to(real_path(out))
         is_map = place.suffix in MAP_SUFFIXES and stat.S_ISREG(found.st_mode)
-        if inside and is_map and found.st_size == report.output_bytes:
+        if inside and is_map and (found.st_size == report.output_bytes or _is_old_map(place, report)):
             with writing(place):
                 place.unlink(missing_ok=True)
+
+
+def _is_old_map(place: Path, report: FrameReport) -> bool:
+    """Return whether a file holds maps, and its line is of 0.1.0."""
+    with suppress(FrameError):
+        return report.output_bytes is None and DIRECT_DEPTH in read_layers(place)
+    return False
 
 
 @contextmanager
