@@ -29,9 +29,7 @@ ZERO_LIMIT = 1e-3
 """Difference between the zeros of the dark frames and of a capture, as a share of the modulation amplitude, that is
 doubted. It moves phases by up to a milliradian: 1 mm at 40 ns."""
 
-NO_NOISE = (
-    "the dark calibration holds no noise, so sigma leaves out that of the offsets: repeat `cadtof calibrate dark`",
-)
+NO_NOISE = "the dark calibration holds no noise, so sigma leaves out that of the offsets: repeat `cadtof calibrate dark`"
 
 Part = DarkCalibration | ResponseCalibration | PetzvalCalibration
 """One part. Its `origin`, its `tables` and its `maps` hold everything in it, and `from_stored` builds it from these."""
@@ -104,12 +102,13 @@ class Calibration:
         one frame: 0.1.0 recorded no noise for it.
         """
         noiseless = self.dark is not None and not any(self.dark.offset_stderr_v())
-        return NO_NOISE * noiseless + tuple(
+        others = tuple(
             f"the {part.kind} calibration was measured with another {kind} calibration: repeat `cadtof calibrate {part.kind}`"
             for part in self.parts
             for kind in PART_KINDS[: PART_KINDS.index(part.kind)]
             if part.origin.used.get(kind) != self.digests.get(kind)
         )
+        return (NO_NOISE, *others) if noiseless else others
 
 
 def digest_of(part: Part, /) -> str:
