@@ -29,7 +29,9 @@ ZERO_LIMIT = 1e-3
 """Difference between the zeros of the dark frames and of a capture, as a share of the modulation amplitude, that is
 doubted. It moves phases by up to a milliradian: 1 mm at 40 ns."""
 
-NO_NOISE = "the dark calibration holds no noise, so sigma leaves out that of the offsets: repeat `cadtof calibrate dark`"
+NO_NOISE = (
+    "the dark calibration holds no noise, so sigma leaves out that of the offsets: repeat `cadtof calibrate dark`"
+)
 
 Part = DarkCalibration | ResponseCalibration | PetzvalCalibration
 """One part. Its `origin`, its `tables` and its `maps` hold everything in it, and `from_stored` builds it from these."""
