@@ -150,24 +150,24 @@ def ambient_noise_v(metadata: CaptureMetadata, /, *, integration_length: float) 
     return modulation.amplitude_v * math.sqrt(_MEAN_SQUARE[modulation.waveform] / (2.0 * integration_length - 1.0))
 
 
-def with_repeated_rounding(noise: NoiseModel, recordings: float, /) -> NoiseModel:
-    """Return the noise of one recording; over the number of recordings, it is the noise of their mean.
+def repeated_rounding(ratio: float, /) -> float:
+    """Return the share of the variance of rounding errors that recordings of the same light have in common.
 
-    If noise of the standard deviation σ is small beside a count, the rounding error of a pixel is nearly the same in all
-    recordings, and their mean keeps it. Its variance has the share Σ_k 6/(πk)²·exp(−(2πkσ/count)²): all of it without
-    noise, and less than 1 % from σ = 1/3 count on.
+    `ratio` is the variance of the noise over that of rounding, count²/12. If noise of the standard deviation σ is small
+    beside a count, the error of a pixel is nearly the same in all recordings, and their mean keeps it. The share is
+    Σ_k 6/(πk)²·exp(−(2πkσ/count)²): 1 without noise, and less than 1 % from σ = 1/3 count on.
     """
-    k = np.arange(1, 33)
+    k = np.arange(1, 201)
+    return float((6.0 / (math.pi * k) ** 2 * np.exp(-((2.0 * math.pi * k) ** 2) * ratio / 12.0)).sum())
 
-    def repeated(one: HarmonicNoise) -> float:
-        # count² is 12 times the floor
-        dither = (2.0 * math.pi * k) ** 2 * one.ambient_variance / (12.0 * one.floor)
-        return float((6.0 / (math.pi * k) ** 2 * np.exp(-dither)).sum())
 
+def with_repeated_rounding(noise: NoiseModel, recordings: float, /) -> NoiseModel:
+    """Return the noise of one recording; over the number of recordings, it is the noise of their mean."""
     if not all(one.floor for one in noise.each):
         return noise
-    each = (replace(one, floor=one.floor * (1.0 + (recordings - 1.0) * repeated(one))) for one in noise.each)
-    return replace(noise, each=tuple(each))
+    shares = (repeated_rounding(one.ambient_variance / one.floor) for one in noise.each)
+    floors = (one.floor * (1.0 + (recordings - 1.0) * share) for one, share in zip(noise.each, shares, strict=True))
+    return replace(noise, each=tuple(replace(one, floor=floor) for one, floor in zip(noise.each, floors, strict=True)))
 
 
 @np.errstate(invalid="ignore", over="ignore")
