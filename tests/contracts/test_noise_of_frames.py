@@ -106,6 +106,21 @@ def test_sigma_of_a_mean_of_frames_includes_the_rounding_that_is_the_same_in_all
     assert 0.56 < (off[one] < 1.0).mean() < 0.8
 
 
+@pytest.mark.parametrize("asr", [0.1, 0.3, 1.0, 5.0])
+def test_if_the_noise_is_the_cameras_own_an_estimated_sigma_of_one_path_is_at_most_a_fifth_too_small(
+    asr: float,
+) -> None:
+    """The noise of a camera is white. That of photons is smaller across the phasor, where depth lies."""
+    delays = np.linspace(4.0, 12.0, 60)[:, np.newaxis] + np.linspace(0.0, 2.0, 80)
+    rng = np.random.default_rng(7)
+    volts = ramp_v(rng, delays, asr)
+    volts += rng.normal(0.0, 0.004, volts.shape)
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1")))
+    maps = resolve_frame(volts, plan=plan).maps
+    off = (maps.layer("direct.depth") - depth_m(1.0) * delays) / maps.layer("direct.sigma")
+    assert 0.9 < 1.4826 * np.median(np.abs(off)) < 1.25
+
+
 def ramp_v(rng: np.random.Generator, delays_ns: NDArray[np.float64], asr: float) -> NDArray[np.float64]:
     """Return the voltages of one path at each of these delays, (2, 2, Y, X), at n_av 1e5."""
     share = 1.0 / (1.0 + asr)

@@ -36,7 +36,7 @@ def fitted(mean: FrameMean) -> DarkCalibration:
     return fit_dark(mean, origin=origin, predicted_noise_v=2 * NOISE_V)
 
 
-def dark_of(frames: NDArray[np.float64], voltage: Voltage | None = None) -> DarkCalibration:
+def dark_of(frames: NDArray[Any], voltage: Voltage | None = None) -> DarkCalibration:
     return fitted(mean_of(frames, voltage))
 
 
