@@ -92,7 +92,7 @@ def tells_dead(mean: FrameMean, /) -> bool:
     from scipy.special import ndtr
 
     variance = float((mean.frame_noise() ** 2).min()) - mean.rounding
-    sigma = max(math.sqrt(max(variance, 0.0)) / mean.step, 1e-3)
+    sigma = max(math.sqrt(max(variance, 0.0)) / abs(mean.step), 1e-3)
     level = np.linspace(-1.0, 1.0, 3001) * (0.5 + 6.0 * sigma)
     same = (ndtr((0.5 - level) / sigma) - ndtr((-0.5 - level) / sigma)) ** mean.frames
     return float(same.sum() * (level[1] - level[0])) * mean.stored.size <= MOST_ALIKE

@@ -237,3 +237,12 @@ def test_dark_frames_of_coarse_counts_with_one_frame_are_known_to_their_rounding
     counts = np.rint(frames_v(1) / step + 128.0).astype(np.uint8)
     dark = dark_of(counts, Voltage(volts_per_count=step, zero_counts=128.0))
     assert dark.quality()["noise_v"] == pytest.approx(step / np.sqrt(12.0))
+
+
+def test_dead_pixels_are_told_if_volts_fall_with_counts() -> None:
+    step = -NOISE_V / 9.0
+    counts = np.rint(frames_v(20) / step + 8192.0)
+    counts[:, 1, 0, 12, 34] = counts[0, 1, 0, 12, 34]
+    dark = dark_of(counts.astype(np.uint16), Voltage(volts_per_count=step, zero_counts=8192.0))
+    assert dark.defects[12, 34] & Defect.DEAD
+    assert dark.hot.sum() == 1
