@@ -95,9 +95,11 @@ class DarkCalibration:
         is unknown."""
         whole, noise = self.quality(), spread_over(self.noise_v, TYPICAL_PIXELS).astype(np.float64)
         typical = np.median(noise, axis=(1, 2))
-        if not (whole["noise_v"] > 0.0 and typical.all()):
+        if not whole["noise_v"] > 0.0:
             return (0.0,) * len(typical)
-        return tuple((whole["offset_stderr_v"] * typical / np.median(noise)).tolist())
+        # noise below a count does not show in most pixels: all that is known then is the rounding
+        shares = typical / np.median(noise) if typical.all() else np.ones_like(typical)
+        return tuple((whole["offset_stderr_v"] * shares).tolist())
 
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return the quality of the fit, the counts of defects, and the zero of the stored values."""

@@ -7,6 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float, Stored
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.noise import repeated_rounding
 from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored, volts_per_count
 from cadtof_cli.records import dataclass
 
@@ -43,11 +44,31 @@ class FrameMean:
         return np.asarray(np.isfinite(self.stored).all(axis=(0, 1)))
 
     def frame_noise(self) -> Float:
-        """Return the typical standard deviation of one frame's values at each harmonic, (H,): 0 if it was not measured."""
+        """Return the typical standard deviation of one frame's values at each harmonic, (H,): 0 if it was not measured.
+
+        It is at least that of rounding to steps, which frames do not show if their noise is smaller than a step.
+        """
         if self.variance is None or self.frames < 2:
             return np.zeros(self.stored.shape[0])
         typical = np.median(self.variance[:, :, self.sound], axis=(1, 2)) / median_variance_ratio(self.frames)
-        return np.asarray(np.sqrt(typical))
+        return np.asarray(np.sqrt(np.maximum(typical, self.rounding)))
+
+    def mean_noise(self) -> Float:
+        """Return the typical standard deviation of the mean's values at each harmonic, (H,): 0 if it was not measured.
+
+        The rounding errors that all frames have in common stay in their mean (`repeated_rounding`).
+        """
+        noise = self.frame_noise()
+        alone = noise / np.sqrt(self.frames)
+        if not (self.rounding and noise.all()):
+            return np.asarray(alone)
+        common = [repeated_rounding(one**2 / self.rounding - 1.0) * self.rounding / one**2 for one in noise]
+        return np.asarray(alone * np.sqrt(1.0 + (self.frames - 1) * np.array(common)))
+
+    @property
+    def rounding(self) -> float:
+        """Variance of the errors by rounding to steps."""
+        return self.step**2 / 12.0
 
 
 def median_variance_ratio(frames: int, /) -> float:

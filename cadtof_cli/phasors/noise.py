@@ -150,27 +150,42 @@ def ambient_noise_v(metadata: CaptureMetadata, /, *, integration_length: float) 
     return modulation.amplitude_v * math.sqrt(_MEAN_SQUARE[modulation.waveform] / (2.0 * integration_length - 1.0))
 
 
-def most_integration(metadata: CaptureMetadata, /, *, quantised: bool) -> float:
-    """Return the n_av beyond which rounding adds more noise than the photons: rounding to counts, if values are `quantised`.
+def repeated_rounding(ratio: float, /) -> float:
+    """Return the share of the variance of rounding errors that recordings of the same light have in common.
 
-    A longer n_av cannot be seen in a frame: if neighbours hold the same counts, that is due to rounding.
+    `ratio` is the variance of the noise over that of rounding, count²/12. If noise of the standard deviation σ is small
+    beside a count, the error of a pixel is nearly the same in all recordings, and their mean keeps it. The share is
+    Σ_k 6/(πk)²·exp(−(2πkσ/count)²): 1 without noise, and less than 1 % from σ = 1/3 count on.
     """
-    rounding = noise_model(metadata, integration_length=MOST_INTEGRATION, quantised=quantised)
-    averaging = max(2.0 * one.floor * one.pulse**2 for one in rounding.each)
-    return min(0.5 * (1.0 + 1.0 / averaging), MOST_INTEGRATION) if averaging else MOST_INTEGRATION
+    k = np.arange(1, 201)
+    return float((6.0 / (math.pi * k) ** 2 * np.exp(-((2.0 * math.pi * k) ** 2) * ratio / 12.0)).sum())
+
+
+def with_repeated_rounding(noise: NoiseModel, recordings: float, /) -> NoiseModel:
+    """Return the noise of one recording; over the number of recordings, it is the noise of their mean."""
+    if not all(one.floor for one in noise.each):
+        return noise
+    shares = (repeated_rounding(one.ambient_variance / one.floor) for one in noise.each)
+    floors = (one.floor * (1.0 + (recordings - 1.0) * share) for one, share in zip(noise.each, shares, strict=True))
+    return replace(noise, each=tuple(replace(one, floor=floor) for one, floor in zip(noise.each, floors, strict=True)))
 
 
 @np.errstate(invalid="ignore", over="ignore")
-def estimated_integration_length(phasors: Complex, metadata: CaptureMetadata, /) -> float:
+def estimated_integration_length(
+    phasors: Complex, metadata: CaptureMetadata, /, *, quantised: bool, samples: float = 1.0
+) -> float:
     """Return the n_av that explains the pixel-to-pixel noise of a frame's phasors, complex128 (H, Y, X).
 
     The diagonal second difference (p[y,x] − p[y,x+1] − p[y+1,x] + p[y+1,x+1])/2 keeps the variance of white noise and
     removes every gradient along rows and columns; its median absolute deviation ignores edges and outliers. NaN is left
     out. The variance is compared with that of `noise_model` for the median of |p_h|². Returns infinity for a frame without
     noise, and NaN if fewer than 16 differences of a harmonic are finite.
+
+    `quantised`: the values are whole numbers. Rounding to them is not noise of photons, so its variance is taken off.
+    `samples`: number of recordings that each pixel is a mean of. The n_av is that of one recording.
     """
     # its variances are those of photons, times 2·n_av − 1
-    unit = noise_model(metadata, integration_length=1.0, quantised=False)
+    unit = noise_model(metadata, integration_length=1.0, quantised=quantised)
     # infinite pixels make NaN here, and NaN is left out
     difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
     seen = expected = 0.0
@@ -178,12 +193,34 @@ def estimated_integration_length(phasors: Complex, metadata: CaptureMetadata, /)
         finite = plane[np.isfinite(plane)]
         if finite.size < 16:
             return math.nan
-        spread = [np.median(np.abs(part)) / MAD_PER_SIGMA for part in (finite.real, finite.imag)]
+        # means of counts are multiples of step/samples, and half their sums are multiples of half of that
+        step = 0.5 * math.sqrt(12.0 * one.floor) / samples
+        spread = [median_of_steps(np.abs(part), step) / MAD_PER_SIGMA for part in (finite.real, finite.imag)]
         signal = np.median(np.abs(phasor[np.isfinite(phasor)])) ** 2
-        seen += spread[0] ** 2 + spread[1] ** 2
+        seen += spread[0] ** 2 + spread[1] ** 2 - 2.0 * (one.floor / samples + step**2 / 12.0)
         expected += max(2.0 * one.ambient_variance - signal, 2.0 * LEAST_SHARE * one.ambient_variance)
     averaging = float(seen / expected)
-    return 0.5 * (1.0 + 1.0 / averaging) if averaging > 0.0 else math.inf
+    if averaging <= 0.0:
+        return math.inf
+    length = 0.5 * (1.0 + 1.0 / averaging)
+    # 1/(2·n_av − 1) of one recording is that of the mean, times the number of recordings
+    return length if samples == 1.0 else 0.5 * (1.0 + (2.0 * length - 1.0) / samples)
+
+
+def median_of_steps(sizes: Float, step: float, /) -> float:
+    """Return the median of sizes ≥ 0, (n,), each of which stands for all sizes within half a `step` of it.
+
+    Sizes of whole numbers have few values, and their median is one of these: it may be half a step off. This median is
+    not. The median of sizes that are not in steps stays as it is, apart from noise. With a step of 0, it is the usual one.
+    """
+    if step == 0.0:
+        return float(np.median(sizes))
+    middle = sizes.size // 2
+    value = float(np.partition(sizes, middle)[middle])
+    low, high = max(value - 0.5 * step, 0.0), value + 0.5 * step
+    below = int(np.count_nonzero(sizes < low))
+    within = int(np.count_nonzero(sizes <= high)) - below
+    return low + (high - low) * (0.5 * sizes.size - below) / within
 
 
 @lru_cache(maxsize=64)

@@ -16,7 +16,7 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
 from cadtof_cli.maps.layers import ALWAYS, AVERAGED, DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.noise import NoiseModel, with_repeated_rounding
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored
 from cadtof_cli.pipeline.pixels import FramePixels
@@ -111,6 +111,8 @@ def prepare_frame(
 
         noise = estimated_noise(recorded, samples, stages, dtype=frame.dtype)
     same, correction = is_without_noise(stored, noise), stages.correction
+    if samples is not None:
+        noise = with_repeated_rounding(noise, float(np.median(samples)))
     if correction.noise is not None and not noise.estimated:
         noise = _with_noise_of_calibration(noise, stored, samples, correction.phasor_map, correction.noise)
     if samples is not None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, most_integration, noise_model
+from cadtof_cli.phasors.noise import MOST_INTEGRATION, NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.pipeline.pixels import FramePixels
@@ -36,22 +36,22 @@ def estimated_noise(
         FrameError: too few of the frame's pixels are finite and not saturated.
     """
     stored, size = recorded.reshape(*recorded.shape[:2], -1), (recorded.shape[2], recorded.shape[3])
-    metadata = stages.plan.metadata
+    metadata, quantised = stages.plan.metadata, dtype.kind in "iu"
+    recordings = 1.0 if samples is None else float(np.median(samples))
     phasors = phasors_from_stored(stored, stages.correction.phasor_map)
     phasors[:, saturated_pixels(stored, stages.saturated_counts)] = np.nan
 
     def noise_of(alike: Complex) -> NoiseModel:
-        estimate = estimated_integration_length(alike.reshape(-1, *size), metadata)
+        estimate = estimated_integration_length(
+            alike.reshape(-1, *size), metadata, quantised=quantised, samples=recordings
+        )
         if math.isnan(estimate):
             raise FrameError(
                 "the integration length is unknown and the noise cannot be estimated: too few pixels are finite and not "
                 "saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
             )
-        if samples is not None:
-            # 1/(2·n_av − 1) of one recording is that of the mean, times the number of frames
-            estimate = 0.5 * (1.0 + (2.0 * estimate - 1.0) / float(np.median(samples)))
-        length = min(estimate, most_integration(metadata, quantised=dtype.kind in "iu"))
-        return noise_model(metadata, integration_length=length, quantised=False, estimated=True)
+        length = min(estimate, MOST_INTEGRATION)
+        return noise_model(metadata, integration_length=length, quantised=quantised, estimated=True)
 
     response = stages.correction.response
     if response is None or response.phase_rad is None:

@@ -116,3 +116,17 @@ def test_frames_of_different_sizes_have_no_mean() -> None:
     given = [np.zeros((2, 2, 1, 3)), np.zeros((2, 2, 1, 4))]
     with pytest.raises(SettingsError, match=r"found a frame of shape \(2, 2, 1, 4\) .*expected \(2, 2, 1, 3\)"):
         mean_volts(given, voltage=Voltage())
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 1.0])
+def test_the_noise_of_a_mean_of_counts_includes_rounding_that_is_the_same_in_all_frames(share: float) -> None:
+    """The noise is this share of a count. It was 0 if most pixels hold one count in all frames, and `calibrate response`
+    ended with a division by it."""
+    rng = np.random.default_rng(3)
+    levels = rng.uniform(40.0, 90.0, (1, 2, 60, 80))
+    counts = np.rint(levels + share * rng.normal(size=(12, *levels.shape))).astype(np.uint8)
+    mean = mean_volts(counts, voltage=Voltage(volts_per_count=1.0, zero_counts=0.0))
+    off = float((mean.stored - levels).std())
+    # counts show little of the noise if it is small, so the error may be thought to be larger than it is
+    assert 0.9 * off < float(mean.mean_noise()[0]) < 1.6 * off
+    assert float(mean.frame_noise()[0]) >= 0.999 / np.sqrt(12.0)

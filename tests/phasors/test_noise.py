@@ -5,8 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage, Waveform
-from cadtof_cli.phasors.noise import ambient_noise_v, estimated_integration_length, most_integration, noise_model
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage, Waveform
+from cadtof_cli.phasors.noise import (
+    MAD_PER_SIGMA,
+    ambient_noise_v,
+    estimated_integration_length,
+    median_of_steps,
+    noise_model,
+    with_repeated_rounding,
+)
 from tests.support.forward import Light, phasors_of, step_frame
 
 AMBIENT = np.mean([abs(Light(0.0, direct_ns=0.0).moment(h)) ** -2.0 for h in (1, 2)])
@@ -81,24 +88,25 @@ def test_the_integration_length_is_found_in_a_frame_with_an_edge_and_outliers(n_
     rng = np.random.default_rng(8)
     volts = step_frame(rng, height=120, width=160, n_av=n_av) / 0.2746
     p = phasors_of(volts.reshape(2, 2, -1)).reshape(2, 120, 160)
-    assert estimated_integration_length(p, CaptureMetadata()) == pytest.approx(n_av, rel=0.06)
+    assert estimated_integration_length(p, CaptureMetadata(), quantised=False) == pytest.approx(n_av, rel=0.06)
     p[:, rng.random((120, 160)) < 0.05] = np.nan
     p[:, rng.random((120, 160)) < 0.01] = 40.0
-    assert estimated_integration_length(p, CaptureMetadata()) == pytest.approx(n_av, rel=0.12)
+    assert estimated_integration_length(p, CaptureMetadata(), quantised=False) == pytest.approx(n_av, rel=0.12)
 
 
-@pytest.mark.parametrize("waveform", ["sine", "triangle"])
-def test_at_the_longest_integration_length_that_counts_resolve_noise_equals_rounding(waveform: Waveform) -> None:
-    """This holds even for a pulse that is so long that it weakens the harmonics."""
-    metadata = CaptureMetadata(
-        modulation=Modulation(waveform=waveform),
-        pulse=Pulse(fwhm_ns=6.3),
-        voltage=Voltage(zero_counts=0.0, volts_per_count=1e-3),
-    )
-    longest = most_integration(metadata, quantised=True)
-    for one in noise_model(metadata, integration_length=longest, quantised=True).each:
-        assert one.ambient_variance == pytest.approx(one.floor, rel=1e-6)
-    assert most_integration(metadata, quantised=False) == 1e12
+@pytest.mark.parametrize("step", [0.01, 0.3, 0.7, 1.0])
+def test_the_median_of_steps_tells_the_scatter_before_rounding(step: float) -> None:
+    """Rounding adds step²/12 to the variance, and so does spreading each size over its step. The usual median is a
+    multiple of the step: with steps of 1, it says 1.48."""
+    sizes = np.abs(np.random.default_rng(7).normal(size=100_000))
+    rounded = np.abs(np.rint(sizes / step) * step)
+    variance = (median_of_steps(rounded, step) / MAD_PER_SIGMA) ** 2 - step**2 / 6.0
+    assert variance == pytest.approx(1.0, rel=0.1)
+    assert median_of_steps(sizes, 0.0) == np.median(sizes)
+
+
+def test_sizes_within_the_first_step_have_a_median_in_the_middle_of_it() -> None:
+    assert median_of_steps(np.zeros(20), 1.0) == 0.25
 
 
 def test_a_slope_is_not_noise() -> None:
@@ -108,12 +116,12 @@ def test_a_slope_is_not_noise() -> None:
     noise = [(rng.normal(size=(60, 80)) + 1j * rng.normal(size=(60, 80))) * 1e-3 for _ in range(2)]
     p = np.stack([0.2 * np.exp(1j * h * phase) + noise[h - 1] for h in (1, 2)])
     expected = 0.5 * (1 + (AMBIENT - 0.04) / 2e-6)
-    assert estimated_integration_length(p, CaptureMetadata()) == pytest.approx(expected, rel=0.1)
+    assert estimated_integration_length(p, CaptureMetadata(), quantised=False) == pytest.approx(expected, rel=0.1)
 
 
 def test_without_noise_the_integration_length_is_infinite_and_without_pixels_nan() -> None:
-    assert estimated_integration_length(np.full((2, 8, 8), 0.3 + 0.1j), CaptureMetadata()) == math.inf
-    assert math.isnan(estimated_integration_length(np.full((2, 8, 8), np.nan + 0j), CaptureMetadata()))
+    assert estimated_integration_length(np.full((2, 8, 8), 0.3 + 0.1j), CaptureMetadata(), quantised=False) == math.inf
+    assert math.isnan(estimated_integration_length(np.full((2, 8, 8), np.nan + 0j), CaptureMetadata(), quantised=False))
 
 
 @pytest.mark.parametrize(("broken", "known"), [(0, True), (1, False)])
@@ -122,7 +130,7 @@ def test_noise_is_estimated_from_sixteen_differences_or_more(broken: int, known:
     rng = np.random.default_rng(1)
     frame = np.asarray(0.1 + 1e-3 * (rng.normal(size=(2, 5, 5)) + 1j * rng.normal(size=(2, 5, 5))), np.complex128)
     frame[1, 0, :broken] = np.nan
-    assert np.isfinite(estimated_integration_length(frame, CaptureMetadata())) == known
+    assert np.isfinite(estimated_integration_length(frame, CaptureMetadata(), quantised=False)) == known
 
 
 @pytest.mark.parametrize(("signal", "share"), [(0.5, AMBIENT - 0.25), (0.99, AMBIENT - 0.99**2), (1.2, 1e-3 * AMBIENT)])
@@ -130,9 +138,26 @@ def test_the_noise_is_compared_with_that_of_as_much_signal_and_never_with_none(s
     rng = np.random.default_rng(3)
     noise = 1e-3 * (rng.normal(size=(2, 200, 200)) + 1j * rng.normal(size=(2, 200, 200)))
     expected = 0.5 * (1.0 + share / 2e-6)
-    assert estimated_integration_length(np.asarray(signal + noise, np.complex128), CaptureMetadata()) == pytest.approx(
-        expected, rel=0.03
-    )
+    assert estimated_integration_length(
+        np.asarray(signal + noise, np.complex128), CaptureMetadata(), quantised=False
+    ) == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.2, 0.3, 0.8])
+def test_a_mean_of_recordings_keeps_the_rounding_that_noise_does_not_change(share: float) -> None:
+    """Noise of `share` counts is added to levels anywhere between two counts, which are recorded 25 times."""
+    rng = np.random.default_rng(11)
+    levels = rng.uniform(-0.5, 0.5, 20_000)
+    recorded = np.rint(levels + share * rng.normal(size=(25, levels.size)))
+    scatter = float((recorded.mean(axis=0) - levels).std())
+    metadata = CaptureMetadata(voltage=Voltage(zero_counts=0.0, volts_per_count=1e-3))
+    # in units of the amplitude, ambient light has the variance 1/(2·(2 n_av − 1))
+    n_av = 0.5 * (1.0 + 0.5 / max(share * 1e-3 / 0.2746, 1e-9) ** 2)
+    noise = noise_model(metadata, integration_length=n_av, quantised=True)
+    for one in with_repeated_rounding(noise, 25.0).each:
+        assert math.sqrt(one.dark_variance / 25.0) * one.pulse * 274.6 == pytest.approx(scatter, rel=0.03)
+    exact = noise_model(metadata, integration_length=n_av, quantised=False)
+    assert with_repeated_rounding(exact, 25.0) is exact
 
 
 def test_counting_adds_the_same_variance_along_and_across_a_path() -> None:
@@ -167,6 +192,6 @@ def test_a_very_short_integration_length_is_estimated_correctly() -> None:
     rng = np.random.default_rng(4)
     frame = np.asarray(0.3 * (rng.normal(size=(2, 250, 250)) + 1j * rng.normal(size=(2, 250, 250))), np.complex128)
     share = AMBIENT - 2.0 * 0.3**2 * np.log(2.0)
-    assert estimated_integration_length(frame, CaptureMetadata()) == pytest.approx(
+    assert estimated_integration_length(frame, CaptureMetadata(), quantised=False) == pytest.approx(
         0.5 * (1.0 + share / (2 * 0.3**2)), rel=0.02
     )

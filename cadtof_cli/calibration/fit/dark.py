@@ -1,6 +1,8 @@
 """Frames of a covered lens → each pixel's offset and noise, and the defective pixels."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,7 +53,7 @@ def fit_dark(mean: FrameMean, /, *, origin: Origin, predicted_noise_v: float) ->
             "dark frames: found no pixel that is finite and not saturated in all of them, expected most pixels"
         )
     measured = mean.variance if mean.frames > 1 else None
-    variances = np.full_like(mean.stored, predicted_noise_v**2) if measured is None else measured
+    variances = np.full_like(mean.stored, max(predicted_noise_v**2, mean.rounding)) if measured is None else measured
     defects, dead_are_told = np.zeros(mean.pixels, np.uint32), tells_dead(mean)
     defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)
     for offset, variance in zip(_planes(mean.stored), _planes(variances), strict=True):
@@ -62,25 +64,38 @@ def fit_dark(mean: FrameMean, /, *, origin: Origin, predicted_noise_v: float) ->
             low, high = _variance_limits(mean.frames)
             typical = float(np.nanmedian(variance)) / median_variance_ratio(mean.frames)
             if typical > 0.0:
-                defects[variance > high * typical] |= np.uint32(Defect.NOISE)
+                # at the edge between two counts, the least noise makes a pixel change by a count
+                defects[variance > high * max(typical, mean.rounding)] |= np.uint32(Defect.NOISE)
                 if dead_are_told:
                     defects[variance < low * typical] |= np.uint32(Defect.DEAD)
     noise = np.sqrt(np.nan_to_num(variances)).astype(np.float32)
-    return DarkCalibration(origin, np.nan_to_num(mean.stored).astype(np.float32), noise, defects)
+    dark = DarkCalibration(origin, np.nan_to_num(mean.stored).astype(np.float32), noise, defects)
+    return replace(dark, figures=_with_rounding(dark.quality(), mean)) if mean.step and mean.frames > 1 else dark
+
+
+def _with_rounding(figures: Mapping[str, float], mean: FrameMean) -> dict[str, float]:
+    """Return the figures of a part from frames of counts: their noise includes rounding, and so do their offsets."""
+    noise = max(figures["noise_v"], math.sqrt(mean.rounding))
+    longer = float(np.max(mean.mean_noise() / mean.frame_noise()))
+    return {**figures, "noise_v": noise, "offset_stderr_v": noise * longer}
 
 
 def tells_dead(mean: FrameMean, /) -> bool:
     """Return whether there are enough frames to tell dead pixels: no sound pixel then holds the same value in all of
     them by chance.
 
-    n Gaussian values that are rounded to steps of s are all the same with a probability of (s/(σ·√(2π)))^(n − 1)/√n, if
-    s is no larger than σ.
+    A pixel whose level lies u steps from the middle of a count holds it in all of n frames with the probability
+    (Φ((½ − u)/σ) − Φ((−½ − u)/σ))ⁿ, σ being the noise in steps. Levels lie anywhere, so this is integrated over u.
     """
     if not mean.step:
         return True
-    sigma = max(float(mean.frame_noise().min()), mean.step)
-    alike = (mean.step / (sigma * math.sqrt(2.0 * math.pi))) ** (mean.frames - 1) / math.sqrt(mean.frames)
-    return alike * mean.stored.size <= MOST_ALIKE
+    from scipy.special import ndtr
+
+    variance = float((mean.frame_noise() ** 2).min()) - mean.rounding
+    sigma = max(math.sqrt(max(variance, 0.0)) / abs(mean.step), 1e-3)
+    level = np.linspace(-1.0, 1.0, 3001) * (0.5 + 6.0 * sigma)
+    same = (ndtr((0.5 - level) / sigma) - ndtr((-0.5 - level) / sigma)) ** mean.frames
+    return float(same.sum() * (level[1] - level[0])) * mean.stored.size <= MOST_ALIKE
 
 
 def _planes(values: Float) -> Float:

@@ -61,7 +61,7 @@ def _target(capture: Capture, mean: FrameMean, earlier: Calibration | None) -> T
 def _mean_noise(capture: Capture, mean: FrameMean) -> Float:
     """Return the standard deviation of the mean's voltages, (H,): measured if there are enough frames, else predicted."""
     if mean.frames >= FRAMES_ENOUGH:
-        return np.asarray(mean.frame_noise() / np.sqrt(mean.frames))
+        return mean.mean_noise()
     predicted = predicted_noise_v(capture.source.metadata) / math.sqrt(mean.frames)
     return np.full(mean.stored.shape[0], predicted)
 

@@ -104,7 +104,9 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
     phasors[:, saturated] = np.nan
     return replace(
         facts,
-        integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:]), metadata),
+        integration_length_seen=estimated_integration_length(
+            phasors.reshape(-1, *stored.shape[2:]), metadata, quantised=stored.dtype.kind in "iu"
+        ),
         implausible=wrong_with(stored, metadata),
     )
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.pipeline.frame import resolve_frame
@@ -76,19 +76,28 @@ def test_two_paths_of_a_triangle_scatter_as_their_sigmas_predict(
 
 
 @pytest.mark.parametrize(
-    ("separation_ns", "least_share", "most_share"), [(8.0, 0.0, 0.005), (6.0, 0.02, 0.1), (4.0, 0.2, 0.45)]
+    ("fwhm_ns", "separation_ns", "least_share", "most_share"),
+    [
+        (1.7, 8.0, 0.0, 0.005),
+        (1.7, 6.0, 0.02, 0.1),
+        (1.7, 4.0, 0.2, 0.45),
+        (0.3, 10.0, 0.0, 0.005),
+        (0.3, 8.0, 0.1, 0.25),
+        (0.3, 6.0, 0.25, 0.45),
+        (0.3, 4.0, 0.4, 0.6),
+    ],
 )
 def test_two_close_paths_of_a_triangle_may_be_resolved_as_another_pair(
-    separation_ns: float, least_share: float, most_share: float
+    fwhm_ns: float, separation_ns: float, least_share: float, most_share: float
 ) -> None:
     """The search is not at fault: the other pair of paths fits equally well (docs/calibration.md).
 
-    The pulses are 1.7 ns wide; with shorter pulses more pixels are wrong.
+    A triangle is straight between its peaks: two short pulses on the same straight part change a voltage as one does.
     """
     rng, size, n_av, shares = np.random.default_rng(0), (40, 50), 1e6, np.array([1.0, 0.3]) / 3.3
     delays = rng.uniform(0.0, T1_NS - separation_ns, size)
     pulse = np.linspace(-5.0, 5.0, 201)
-    times = np.stack([delays, delays + separation_ns])[..., np.newaxis] + 1.7 / 2.354820045 * pulse
+    times = np.stack([delays, delays + separation_ns])[..., np.newaxis] + fwhm_ns / 2.354820045 * pulse
     weights = np.exp(-0.5 * pulse**2) / np.exp(-0.5 * pulse**2).sum()
     frame = np.empty((2, 2, *size))
     for row, h in enumerate((1, 2)):
@@ -96,7 +105,7 @@ def test_two_close_paths_of_a_triangle_may_be_resolved_as_another_pair(
             samples = triangle(2.0 * np.pi * h / T1_NS * times - turn)
             frame[row, channel] = np.tensordot(shares, samples @ weights, axes=1)
     frame = AMPLITUDE_V * (frame + rng.normal(0.0, 0.5 / np.sqrt(n_av), frame.shape))
-    metadata = CaptureMetadata(modulation=TRIANGLE, pixel=Pixel(integration_length=n_av))
+    metadata = CaptureMetadata(modulation=TRIANGLE, pixel=Pixel(integration_length=n_av), pulse=Pulse(fwhm_ns=fwhm_ns))
     settings = ResolverSettings(order="2", mpi_model="discrete")
     maps = resolve_frame(frame, plan=FramePlan(metadata=metadata, settings=MapSettings(resolver=settings))).maps
     error = np.abs(maps.layer("direct.depth") - 0.299792458 * delays / 2.0)
