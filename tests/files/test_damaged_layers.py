@@ -11,6 +11,7 @@ import tifffile
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.resolver.status import StatusBit
 from tests.support.captures import write_maps
 
 SHAPE = (20, 30)
@@ -90,6 +91,24 @@ def test_status_bits_that_a_program_has_scaled_are_refused(dtype: type[np.floati
     OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": scaled}).write(str(tmp_path / "maps.exr"))
     with pytest.raises(FrameError, match=r"maps\.exr: damaged maps: their status holds numbers that are no bits; "):
         read_layers(tmp_path / "maps.exr")
+
+
+@pytest.mark.parametrize("most", [2**16 - 1, 2**32 - 1])
+def test_status_bits_that_a_program_has_clamped_are_refused(most: int, tmp_path: Path) -> None:
+    """ImageMagick clamps floats to 0 … 1, writes them as whole numbers up to the largest, and keeps the names of the layers."""
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": np.full(SHAPE, most, np.uint32)}).write(
+        str(tmp_path / "maps.exr")
+    )
+    with pytest.raises(FrameError, match=r"maps\.exr: damaged maps: their status holds numbers that are no bits; "):
+        read_layers(tmp_path / "maps.exr")
+
+
+def test_all_status_bits_together_are_read(tmp_path: Path) -> None:
+    every = int(np.bitwise_or.reduce([int(bit) for bit in StatusBit]))
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": np.full(SHAPE, every, np.uint32)}).write(
+        str(tmp_path / "maps.exr")
+    )
+    assert (read_layers(tmp_path / "maps.exr")["status"] == every).all()
 
 
 def test_status_bits_as_half_floats_are_bits(tmp_path: Path) -> None:
