@@ -259,12 +259,18 @@ def test_the_bar_of_many_frames_says_that_one_of_them_is_beyond_its_ends(
     suffix: str, limits: str, extend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first frame holds 1 m, the last one 3 m."""
-    bars, draw = [], Figure.colorbar
-    monkeypatch.setattr(Figure, "colorbar", lambda *args, **options: bars.append(options) or draw(*args, **options))
+    extends: list[str] = []
+    draw = Figure.colorbar
+
+    def noting(figure: Figure, *arguments: Any, extend: str, **options: Any) -> Any:
+        extends.append(extend)
+        return draw(figure, *arguments, extend=extend, **options)
+
+    monkeypatch.setattr(Figure, "colorbar", noting)
     done = cadtof(
         "preview", _sequence(tmp_path / "maps", 5), "-o", tmp_path / f"a{suffix}", "--range", limits, "--fps", 5
     )
-    assert (done.status, [options["extend"] for options in bars]) == (0, [extend])
+    assert (done.status, extends) == (0, [extend])
 
 
 def test_range_and_planar_depth_share_no_scale(tmp_path: Path) -> None:
