@@ -88,7 +88,9 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
         return layers
     # as float64, in which every number keeps its value
     numbers = status.astype(np.float64)
-    if not (np.isfinite(numbers) & (numbers >= 0) & (numbers < _STATUS_LIMIT) & (numbers == np.floor(numbers))).all():
+    are_bits = np.isfinite(numbers) & (numbers >= 0) & (numbers < _STATUS_LIMIT) & (numbers == np.floor(numbers))
+    # every pixel of a map has a bit, but numbers that were scaled to 0 … 1 may be too small for half floats
+    if not are_bits.all() or (status.dtype.kind == "f" and not numbers.any()):
         raise FrameError(
             f"{path}: damaged maps: their status holds numbers that are no bits; a program that scales numbers may have"
             " written them"

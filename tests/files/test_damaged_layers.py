@@ -93,6 +93,15 @@ def test_status_bits_that_a_program_has_scaled_are_refused(dtype: type[np.floati
         read_layers(tmp_path / "maps.exr")
 
 
+def test_status_bits_that_a_program_has_scaled_to_nothing_are_refused(tmp_path: Path) -> None:
+    """`oiiotool -d half` scales 8, one path, to less than the smallest half float."""
+    scaled = np.full(SHAPE, 8 / (2**32 - 1), np.float16)
+    assert not scaled.any()
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": scaled}).write(str(tmp_path / "maps.exr"))
+    with pytest.raises(FrameError, match=r"maps\.exr: damaged maps: their status holds numbers that are no bits; "):
+        read_layers(tmp_path / "maps.exr")
+
+
 @pytest.mark.parametrize("most", [2**16 - 1, 2**32 - 1])
 def test_status_bits_that_a_program_has_clamped_are_refused(most: int, tmp_path: Path) -> None:
     """ImageMagick clamps floats to 0 … 1, writes them as whole numbers up to the largest, and keeps the names of the layers."""
