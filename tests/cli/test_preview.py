@@ -253,6 +253,17 @@ def test_a_film_has_one_scale_for_all_frames(tmp_path: Path) -> None:
     assert size[0] > 600
 
 
+@pytest.mark.parametrize(("per_second", "seconds"), [(10, 0.9), (15, 0.6), (24, 0.38), (30, 0.3), (60, 0.18)])
+def test_a_gif_lasts_as_long_as_its_frames_per_second_say(per_second: int, seconds: float, tmp_path: Path) -> None:
+    """GIF counts in hundredths of a second. Viewers show no frame for less than two of them."""
+    maps = _sequence(tmp_path / "maps", 9)
+    assert cadtof("preview", maps, "-o", tmp_path / "a.gif", "--range", "1,9", "--fps", per_second).status == 0
+    with Image.open(tmp_path / "a.gif") as film:
+        durations = [one.info["duration"] for one in ImageSequence.Iterator(film)]
+    assert (len(durations), sum(durations)) == (9, round(1000 * seconds))
+    assert min(durations) >= 20
+
+
 @pytest.mark.parametrize(("limits", "extend"), [("1,3", "neither"), ("1,2.9", "max"), ("1.5,2.9", "both")])
 @pytest.mark.parametrize("suffix", [".gif", ".png"])
 def test_the_bar_of_many_frames_says_that_one_of_them_is_beyond_its_ends(
