@@ -175,8 +175,8 @@ def _write_gif(pictures: Iterator[Image], path: Path, colours: Image, per_second
         return Pillow.fromarray(picture).quantize(palette=palette, dither=Pillow.Dither.NONE)
 
     first, *others = map(quantised, pictures)
-    # GIF counts in hundredths of a second, so durations that differ by one give other rates; viewers show a frame for 2 or longer
-    ends = [round(place * max(100.0 / per_second, 2.0)) for place in range(len(others) + 2)]
+    # GIF counts in hundredths of a second: for other rates, the durations of frames differ by one
+    ends = [round(place * 100.0 / per_second) for place in range(len(others) + 2)]
     milliseconds = [10 * (end - begin) for begin, end in itertools.pairwise(ends)]
     first.save(path, format="GIF", save_all=True, append_images=others, duration=milliseconds, loop=0, optimize=False)
 

@@ -253,9 +253,9 @@ def test_a_film_has_one_scale_for_all_frames(tmp_path: Path) -> None:
     assert size[0] > 600
 
 
-@pytest.mark.parametrize(("per_second", "seconds"), [(10, 0.9), (15, 0.6), (24, 0.38), (30, 0.3), (60, 0.18)])
+@pytest.mark.parametrize(("per_second", "seconds"), [(10, 0.9), (15, 0.6), (24, 0.38), (30, 0.3), (50, 0.18)])
 def test_a_gif_lasts_as_long_as_its_frames_per_second_say(per_second: int, seconds: float, tmp_path: Path) -> None:
-    """GIF counts in hundredths of a second. Viewers show no frame for less than two of them."""
+    """GIF counts in hundredths of a second. Many viewers show no frame for less than two of them."""
     maps = _sequence(tmp_path / "maps", 9)
     assert cadtof("preview", maps, "-o", tmp_path / "a.gif", "--range", "1,9", "--fps", per_second).status == 0
     with Image.open(tmp_path / "a.gif") as film:
