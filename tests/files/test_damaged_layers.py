@@ -69,6 +69,24 @@ def test_layers_in_any_part_of_an_exr_file_are_read(tmp_path: Path) -> None:
     assert {name: plane[0, 0] for name, plane in layers.items()} == {"confidence": 0, "direct.depth": 1, "mpi.depth": 2}
 
 
+@pytest.mark.parametrize(
+    ("corner", "told"),
+    [((0, 0), r"direct\.sigma of part 'sigma' is 5 × 3 pixels"), ((2, 1), r"direct\.sigma of part 'sigma' begins at")],
+)
+def test_layers_of_different_pixels_are_refused(corner: tuple[int, int], told: str, tmp_path: Path) -> None:
+    """A compositor may cut each part of a picture to the pixels that hold something."""
+    sizes = {"depth": ((0, 0), (6, 4)), "sigma": (corner, (5, 3) if corner == (0, 0) else (6, 4))}
+    parts = []
+    for name, ((left, top), (width, height)) in sizes.items():
+        window = np.array([left, top], np.int32), np.array([left + width - 1, top + height - 1], np.int32)
+        whole = np.array([0, 0], np.int32), np.array([9, 9], np.int32)
+        header = {"name": name, "type": OpenEXR.scanlineimage, "dataWindow": window, "displayWindow": whole}
+        parts.append(OpenEXR.Part(header, {f"direct.{name}": np.ones((height, width), np.float32)}))
+    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
+    with pytest.raises(FrameError, match=rf"parts\.exr: {told}"):
+        read_layers(tmp_path / "parts.exr")
+
+
 def test_two_layers_of_one_name_are_refused(tmp_path: Path) -> None:
     path = _parts(tmp_path / "parts.exr", "direct.depth", "mpi.depth", "direct.depth")
     with pytest.raises(FrameError, match=r"parts\.exr: found direct\.depth twice, expected it once"):
