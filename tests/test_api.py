@@ -432,6 +432,24 @@ def test_maps_as_xarray_keep_their_units_and_the_meanings_of_their_bits(tmp_path
     assert float(data["direct.depth"].sel(x=3, y=5)) == resolve(frame)["direct.depth"][5, 3]
 
 
+def test_xarray_matches_maps_of_a_part_with_those_of_the_whole(tmp_path: Path) -> None:
+    """xarray matches data by coordinates, so a difference of whole and part must be one of the same pixels."""
+    needed_module("xarray")
+    capture, part = record(tmp_path / "capture"), (5, 3, 29, 21)
+    (frame,) = read_frames(capture.folder)
+    whole, of_part = resolve(frame, mpi_model="discrete"), resolve(frame, mpi_model="discrete", roi=part)
+    out = tmp_path / "out"
+    options = ("-j", 1, "-q", "--mpi-model", "discrete", "--roi", "5,3,29,21")
+    assert cadtof("resolve", capture.folder, "-o", out, *options).status == 0
+    for maps in (of_part, read_maps(out)):
+        data = maps.to_xarray()
+        assert (data.x[0], data.x[-1], data.y[0], data.y[-1]) == (5, 28, 3, 20)
+        difference = (whole.to_xarray() - data)["direct.depth"]
+        assert difference.shape == (18, 24)
+        assert (difference == 0).any()
+        assert not (difference != 0).where(difference.notnull(), 0).any()
+
+
 def test_to_xarray_without_xarray(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
     maps = Maps({"direct.depth": np.zeros((2, 3), np.float32)})

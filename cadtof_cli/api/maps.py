@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Status
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.layers import read_facts, read_layers
-from cadtof_cli.files.maps import STATUS
+from cadtof_cli.files.maps import STATUS, region_of
 from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import read_run
@@ -71,7 +71,8 @@ class Maps(Mapping[str, NDArray[Any]]):
     def to_xarray(self) -> "xarray.Dataset":
         """Return the layers as variables over y and x, with units.
 
-        The variable `status` has the attributes flag_masks and flag_meanings of the CF conventions.
+        The variable `status` has the attributes flag_masks and flag_meanings of the CF conventions. The coordinates count the
+        pixels of the recorded frame, also in maps of a part of it: xarray matches data by them.
 
         Raises:
             SettingsError: xarray is not installed.
@@ -91,7 +92,8 @@ class Maps(Mapping[str, NDArray[Any]]):
             meanings = " ".join(str(bit.name).lower() for bit in bits)
             variables[STATUS] = (("y", "x"), self.status, {"flag_masks": masks, "flag_meanings": meanings})
         height, width = self.shape
-        places = {"y": np.arange(height), "x": np.arange(width)}
+        left, top = (region_of(self.facts.get("roi", "")) or (0, 0))[:2]
+        places = {"y": np.arange(top, top + height), "x": np.arange(left, left + width)}
         return xarray.Dataset(variables, coords=places, attrs=dict(self.facts))
 
 

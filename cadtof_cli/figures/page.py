@@ -76,7 +76,8 @@ class Panel:
 class Scaled:
     """Panels that are compared: they share a unit, a scale and a bar of colours.
 
-    `ends` are texts for the two ends of the bar, which replace its numbers.
+    `ends` are texts for the two ends of the bar, which replace its numbers. `reach` is the lowest and the highest value of all
+    frames, if other frames of a film or sheet share the bar.
     """
 
     panels: tuple[Panel, ...]
@@ -84,6 +85,7 @@ class Scaled:
     colours: str
     limits: tuple[float, float]
     ends: tuple[str, ...] = ()
+    reach: tuple[float, float] | None = None
 
     def painted(self, panel: Panel, /) -> Image:
         """Return the colours of a panel, RGBA, (Y, X, 4)."""
@@ -280,7 +282,8 @@ def add_bar(figure: Figure, block: Scaled, place: tuple[float, float, float, flo
     """Add the bar of colours of a block at a place of the figure; `length` is its length in hundredths of an inch."""
     low, high = block.limits
     values = np.concatenate([one.values[np.isfinite(one.values)].ravel() for one in block.panels])
-    beyond = bool(values.size and values.min() < low), bool(values.size and values.max() > high)
+    lowest, highest = block.reach or ((values.min(), values.max()) if values.size else block.limits)
+    beyond = bool(lowest < low), bool(highest > high)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, "neither")
     mappable = ScalarMappable(Normalize(low, high), mpl.colormaps[block.colours])
     ticks = MaxNLocator(max(2, min(8, int(length / 28))))

@@ -174,10 +174,11 @@ def _write_gif(pictures: Iterator[Image], path: Path, colours: Image, per_second
     def quantised(picture: Image) -> Pillow.Image:
         return Pillow.fromarray(picture).quantize(palette=palette, dither=Pillow.Dither.NONE)
 
-    first = quantised(next(pictures))
-    duration = max(round(1000.0 / per_second), 20)
-    others = map(quantised, pictures)
-    first.save(path, format="GIF", save_all=True, append_images=others, duration=duration, loop=0, optimize=False)
+    first, *others = map(quantised, pictures)
+    # GIF counts in hundredths of a second: for other rates, the durations of frames differ by one
+    ends = [round(place * 100.0 / per_second) for place in range(len(others) + 2)]
+    milliseconds = [10 * (end - begin) for begin, end in itertools.pairwise(ends)]
+    first.save(path, format="GIF", save_all=True, append_images=others, duration=milliseconds, loop=0, optimize=False)
 
 
 def _palette(block: Block) -> Image:

@@ -282,9 +282,12 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     """Return the channels of all parts by name, (Y, X) each, as they are stored.
 
     Raises:
-        FrameError: the file cannot be read, is damaged, or two parts have a channel of the same name.
+        FrameError: the file cannot be read, is damaged, two parts have a channel of the same name, or parts show different
+            pixels.
     """
-    places = places_in(read_parts(path))
+    parts = read_parts(path)
+    places = places_in(parts)
     require_different_names(path, [place.channel for place in places])
+    _common_shape(path, parts, places)
     with open_pixels(path, places) as planes:
         return {place.channel: plane.copy() for place, plane in zip(places, planes, strict=True)}

@@ -21,7 +21,8 @@ It detects accidental changes; it gives no protection against forgery.
 
 _CHUNK_BYTES = 2**22
 
-_STATUS_LIMIT = 2**32
+_STATUS_LIMIT = 2**13
+"""All numbers below it are status bits: those of `StatusBit`, which this room may not import."""
 
 
 def file_digest(path: Path, /) -> str:
@@ -85,9 +86,11 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     status = layers.get(STATUS)
     if status is None:
         return layers
-    # as float64, because the limit is beyond the range of float16
+    # as float64, in which every number keeps its value
     numbers = status.astype(np.float64)
-    if not (np.isfinite(numbers) & (numbers >= 0) & (numbers < _STATUS_LIMIT) & (numbers == np.floor(numbers))).all():
+    are_bits = np.isfinite(numbers) & (numbers >= 0) & (numbers < _STATUS_LIMIT) & (numbers == np.floor(numbers))
+    # every pixel of a map has a bit, but numbers that were scaled to 0 … 1 may be too small for half floats
+    if not are_bits.all() or (status.dtype.kind == "f" and not numbers.any()):
         raise FrameError(
             f"{path}: damaged maps: their status holds numbers that are no bits; a program that scales numbers may have"
             " written them"

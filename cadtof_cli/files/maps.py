@@ -105,6 +105,14 @@ class MapHeader:
         return MapHeader(self.units, {**self.facts, SOURCE: source})
 
 
+def region_of(said: str, /) -> tuple[int, int, int, int] | None:
+    """Return the part X0, Y0, X1, Y1 of the recorded frame that the fact `roi` of a map names; None: it names none."""
+    if not re.fullmatch(r"\d{1,9}(,\d{1,9}){3}", said):
+        return None
+    x0, y0, x1, y1 = map(int, said.split(","))
+    return x0, y0, x1, y1
+
+
 def is_map_layer(name: str, /) -> bool:
     """Return whether a channel with this name belongs to a map and not to a frame."""
     return re.fullmatch(_MAP_LAYER, name) is not None

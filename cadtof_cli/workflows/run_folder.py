@@ -6,8 +6,7 @@
 import itertools
 import operator
 import os
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
@@ -20,9 +19,10 @@ from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, natural
 from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, fail
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError
+from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_facts
+from cadtof_cli.files.maps import region_of
 from cadtof_cli.files.reading import is_folder, read_bytes, real_path
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
@@ -68,19 +68,29 @@ class Run:
     def roi(self) -> Sequence[int] | None:
         """The part X0, Y0, X1, Y1 of the recorded frames that the maps show: columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1.
 
-        None: the maps show whole frames. Without a record of the run, the part is taken from the first header that has facts.
+        None: the maps show whole frames. Without a record of the run, the headers say it; raises SettingsError if they differ.
         """
         if self.record is not None:
             return cast("Sequence[int] | None", self.record["arguments"].get("roi"))
-        said = next(self._headers(), {}).get("roi", "")
-        return tuple(map(int, said.split(","))) if re.fullmatch(r"\d{1,9}(,\d{1,9}){3}", said) else None
+        return region_of(self._said("roi"))
 
-    def _headers(self) -> Iterator[Mapping[str, str]]:
-        """Yield the facts in the header of each map that has facts; a damaged map may have none."""
+    @cached_property
+    def _headers(self) -> Mapping[Path, Mapping[str, str]]:
+        """The facts in the header of each map; a damaged map may have none."""
+        headers: dict[Path, Mapping[str, str]] = {}
         for file in self.files:
             with suppress(FrameError):
-                if facts := read_facts(file):
-                    yield facts
+                headers[file] = read_facts(file)
+        return headers
+
+    def _said(self, fact: str) -> str:
+        """Return a fact that the headers of all maps agree on; empty if no header has it. Raises SettingsError if they differ."""
+        files = {facts[fact]: file.name for file, facts in self._headers.items() if fact in facts}
+        if len(files) > 1:
+            found = " and ".join(f"{said} ({name})" for said, name in list(files.items())[:2])
+            hint = f"without a {RUN_FILE}, give each map by its own name"
+            raise SettingsError(f"{self.maps}: found maps of different {fact}, {found}, expected one run; {hint}")
+        return next(iter(files), "")
 
     def cropped(self, plane: Float, /) -> Float:
         """Return the part of a plane that the maps show: the pixels of `--roi`. A plane of that size already stays as it is."""
@@ -102,11 +112,10 @@ class Run:
 
     @cached_property
     def said_depth(self) -> DepthKind | None:
-        """The kind of depth that the run's record names or, without a record, the first header that names one; else None."""
+        """The kind of depth that the record or, without one, the headers name; else None. Raises SettingsError if they differ."""
         if self.record is not None:
             return "z" if self.record["arguments"].get("depth") == "z" else "range"
-        words = (header.get("depth") for header in self._headers())
-        return next((_DEPTH_BY_WORDS[said] for said in words if said in _DEPTH_BY_WORDS), None)
+        return _DEPTH_BY_WORDS.get(self._said("depth"))
 
     @property
     def captures_shown(self) -> int:

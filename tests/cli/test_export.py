@@ -1,6 +1,7 @@
 """`cadtof export`, opened again by trimesh, plyfile, pypcd4, OpenCV, Pillow and numpy."""
 
 import csv
+import tracemalloc
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -278,3 +279,18 @@ def test_impossible_exports_are_refused(tmp_path: Path) -> None:
         assert (done.status, done.out) == (2, "")
         assert message in done.err
     assert not list(tmp_path.glob("a.*"))
+
+
+def test_a_table_of_a_large_map_takes_little_memory(tmp_path: Path) -> None:
+    """As texts, all values of a map would take 50 times the memory of the map."""
+    depth = np.random.default_rng(5).uniform(1.0, 5.0, (400, 500)).astype(np.float32)
+    file = write_exr(tmp_path / "a.exr", {"direct.depth": depth})
+    tracemalloc.start()
+    try:
+        _exported(tmp_path / "a.csv", file)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 10 * depth.nbytes
+    values = np.loadtxt(tmp_path / "a.csv", np.float32, delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(values[:, 2].reshape(depth.shape), depth)

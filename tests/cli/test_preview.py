@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, ImageSequence
 
@@ -250,6 +251,52 @@ def test_a_film_has_one_scale_for_all_frames(tmp_path: Path) -> None:
             expected = np.array(mpl.colormaps["viridis"](0.25 * index, bytes=True))[:3].astype(int)
             assert np.abs(middle - expected).max() <= 4
     assert size[0] > 600
+
+
+@pytest.mark.parametrize(("per_second", "seconds"), [(10, 0.9), (15, 0.6), (24, 0.38), (30, 0.3), (50, 0.18)])
+def test_a_gif_lasts_as_long_as_its_frames_per_second_say(per_second: int, seconds: float, tmp_path: Path) -> None:
+    """GIF counts in hundredths of a second. Many viewers show no frame for less than two of them."""
+    maps = _sequence(tmp_path / "maps", 9)
+    assert cadtof("preview", maps, "-o", tmp_path / "a.gif", "--range", "1,9", "--fps", per_second).status == 0
+    with Image.open(tmp_path / "a.gif") as film:
+        durations = [one.info["duration"] for one in ImageSequence.Iterator(film)]
+    assert (len(durations), sum(durations)) == (9, round(1000 * seconds))
+    assert min(durations) >= 20
+
+
+@pytest.mark.parametrize(("limits", "extend"), [("1,3", "neither"), ("1,2.9", "max"), ("1.5,2.9", "both")])
+@pytest.mark.parametrize("suffix", [".gif", ".png"])
+def test_the_bar_of_many_frames_says_that_one_of_them_is_beyond_its_ends(
+    suffix: str, limits: str, extend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first frame holds 1 m, the last one 3 m."""
+    extends: list[str] = []
+    draw = Figure.colorbar
+
+    def noting(figure: Figure, *arguments: Any, extend: str, **options: Any) -> Any:
+        extends.append(extend)
+        return draw(figure, *arguments, extend=extend, **options)
+
+    monkeypatch.setattr(Figure, "colorbar", noting)
+    done = cadtof(
+        "preview", _sequence(tmp_path / "maps", 5), "-o", tmp_path / f"a{suffix}", "--range", limits, "--fps", 5
+    )
+    assert (done.status, extends) == (0, [extend])
+
+
+def test_range_and_planar_depth_share_no_scale(tmp_path: Path) -> None:
+    capture, folders = record(tmp_path / "capture"), [tmp_path / "range", tmp_path / "z"]
+    for folder in folders:
+        assert (
+            cadtof("resolve", capture.folder, "-o", folder, "-j", 1, "-q", "--depth", folder.name, "--focal-length", 28)
+        ).status == 0
+    for suffix in (".png", ".gif"):
+        done = cadtof("preview", *folders, "-o", tmp_path / f"a{suffix}")
+        assert (done.status, done.out) == (2, "")
+        assert "holds radial range and " in done.err
+        assert "/z planar depth z: resolve both with the same --depth" in done.err
+    assert cadtof("preview", *folders, "-o", tmp_path / "b.png", "--layer", "confidence").status == 0
+    assert cadtof("preview", *folders, "-o", tmp_path / "c.png", "--frame", 1).status == 0
 
 
 def test_an_mp4_opened_by_opencv(tmp_path: Path) -> None:

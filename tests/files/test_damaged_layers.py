@@ -11,6 +11,7 @@ import tifffile
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.resolver.status import StatusBit
 from tests.support.captures import write_maps
 
 SHAPE = (20, 30)
@@ -68,6 +69,24 @@ def test_layers_in_any_part_of_an_exr_file_are_read(tmp_path: Path) -> None:
     assert {name: plane[0, 0] for name, plane in layers.items()} == {"confidence": 0, "direct.depth": 1, "mpi.depth": 2}
 
 
+@pytest.mark.parametrize(
+    ("corner", "told"),
+    [((0, 0), r"direct\.sigma of part 'sigma' is 5 × 3 pixels"), ((2, 1), r"direct\.sigma of part 'sigma' begins at")],
+)
+def test_layers_of_different_pixels_are_refused(corner: tuple[int, int], told: str, tmp_path: Path) -> None:
+    """A compositor may cut each part of a picture to the pixels that hold something."""
+    sizes = {"depth": ((0, 0), (6, 4)), "sigma": (corner, (5, 3) if corner == (0, 0) else (6, 4))}
+    parts = []
+    for name, ((left, top), (width, height)) in sizes.items():
+        window = np.array([left, top], np.int32), np.array([left + width - 1, top + height - 1], np.int32)
+        whole = np.array([0, 0], np.int32), np.array([9, 9], np.int32)
+        header = {"name": name, "type": OpenEXR.scanlineimage, "dataWindow": window, "displayWindow": whole}
+        parts.append(OpenEXR.Part(header, {f"direct.{name}": np.ones((height, width), np.float32)}))
+    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
+    with pytest.raises(FrameError, match=rf"parts\.exr: {told}"):
+        read_layers(tmp_path / "parts.exr")
+
+
 def test_two_layers_of_one_name_are_refused(tmp_path: Path) -> None:
     path = _parts(tmp_path / "parts.exr", "direct.depth", "mpi.depth", "direct.depth")
     with pytest.raises(FrameError, match=r"parts\.exr: found direct\.depth twice, expected it once"):
@@ -90,6 +109,33 @@ def test_status_bits_that_a_program_has_scaled_are_refused(dtype: type[np.floati
     OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": scaled}).write(str(tmp_path / "maps.exr"))
     with pytest.raises(FrameError, match=r"maps\.exr: damaged maps: their status holds numbers that are no bits; "):
         read_layers(tmp_path / "maps.exr")
+
+
+def test_status_bits_that_a_program_has_scaled_to_nothing_are_refused(tmp_path: Path) -> None:
+    """`oiiotool -d half` scales 8, one path, to less than the smallest half float."""
+    scaled = np.full(SHAPE, 8 / (2**32 - 1), np.float16)
+    assert not scaled.any()
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": scaled}).write(str(tmp_path / "maps.exr"))
+    with pytest.raises(FrameError, match=r"maps\.exr: damaged maps: their status holds numbers that are no bits; "):
+        read_layers(tmp_path / "maps.exr")
+
+
+@pytest.mark.parametrize("most", [2**16 - 1, 2**32 - 1])
+def test_status_bits_that_a_program_has_clamped_are_refused(most: int, tmp_path: Path) -> None:
+    """ImageMagick clamps floats to 0 … 1, writes them as whole numbers up to the largest, and keeps the names of the layers."""
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": np.full(SHAPE, most, np.uint32)}).write(
+        str(tmp_path / "maps.exr")
+    )
+    with pytest.raises(FrameError, match=r"maps\.exr: damaged maps: their status holds numbers that are no bits; "):
+        read_layers(tmp_path / "maps.exr")
+
+
+def test_all_status_bits_together_are_read(tmp_path: Path) -> None:
+    every = int(np.bitwise_or.reduce([int(bit) for bit in StatusBit]))
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"status": np.full(SHAPE, every, np.uint32)}).write(
+        str(tmp_path / "maps.exr")
+    )
+    assert (read_layers(tmp_path / "maps.exr")["status"] == every).all()
 
 
 def test_status_bits_as_half_floats_are_bits(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import OpenEXR
 import pytest
 import tifffile
 
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.version import __version__
 from tests.conftest import Tool
 from tests.support.captures import layers_of, record
@@ -67,6 +68,46 @@ def test_gdal_reads_names_units_and_facts(maps: dict[str, Path]) -> None:
         assert file.descriptions == ("direct.depth",)
         assert file.tags()["depth"] == "radial range"
         assert len(file.subdatasets) == len(layers)
+
+
+@pytest.mark.parametrize(
+    ("told", "filled"),
+    [
+        ("-9999", -9999.0),
+        ("0", 0.0),
+        ("1e+20", 1e20),
+        ("-3.40282346638529e+38", -3.4028234663852886e38),
+        ("nan", np.nan),
+    ],
+)
+def test_the_value_of_gdal_for_no_data_is_no_answer(
+    told: str, filled: float, maps: dict[str, Path], tmp_path: Path
+) -> None:
+    """GDAL writes this value into tag 42113 of each page, and fills pixels without a value with it."""
+    layers = layers_of(maps["tif"])
+    names, planes = [*layers], np.stack([layer.astype(np.float32) for layer in layers.values()])
+    assert np.isnan(layers["mpi.depth"]).any()
+    tifffile.imwrite(
+        tmp_path / "filled.tif",
+        np.nan_to_num(planes, nan=filled).astype(np.float32),
+        photometric="minisblack",
+        ome=True,
+        metadata={"axes": "CYX", "Channel": {"Name": names}},
+        extratags=[(42113, "s", 0, told, True)],
+    )
+    for name, found in read_layers(tmp_path / "filled.tif").items():
+        np.testing.assert_array_equal(found, layers[name])
+
+
+@pytest.mark.parametrize("told", ["", "none", "1e300", "-1e300", "inf"])
+def test_a_value_for_no_data_that_no_pixel_has_changes_nothing(
+    told: str, maps: dict[str, Path], tmp_path: Path
+) -> None:
+    layer = layers_of(maps["tif"])["direct.depth"]
+    metadata = {"axes": "CYX", "Channel": {"Name": ["direct.depth"]}}
+    tags = [(42113, "s", 0, told, True)]
+    tifffile.imwrite(tmp_path / "a.tif", layer[None], ome=True, metadata=metadata, extratags=tags)
+    np.testing.assert_array_equal(read_layers(tmp_path / "a.tif")["direct.depth"], layer)
 
 
 def test_opencv_reads_every_page(maps: dict[str, Path]) -> None:

@@ -35,6 +35,9 @@ from cadtof_cli.files.tiff.series import (
 _PRINTING = jpeg_xr.COMPRESSIONS | {34933}
 """Compressions whose libraries print their remarks on a damaged page: JPEG XR and PNG."""
 
+_GDAL_NO_DATA = 42113
+"""Code of the tag with the value that stands for no value."""
+
 _PRIVATE_TAG_MESSAGE = r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b"
 """Pattern of messages about private tags, which manufacturers define."""
 
@@ -136,6 +139,15 @@ class TiffImages:
         samples = f" of {self.sizes[-1]} samples" if self.sizes[-1] > 1 else ""
         pages = math.prod(self.sizes[:-1])
         return f"{self.path}: found {pages} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
+
+    @property
+    def no_data(self) -> float:
+        """The value that stands for no value, as GDAL writes it; NaN if the file names none."""
+        with reading_tiff(self.path):
+            tag = self._tiff.pages.first.tags.get(_GDAL_NO_DATA)
+            with contextlib.suppress(TypeError, ValueError):
+                return math.nan if tag is None else float(tag.value)
+        return math.nan
 
     def open(self) -> None:
         """Open the file again, if it has been closed."""

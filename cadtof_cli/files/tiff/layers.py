@@ -188,7 +188,7 @@ def _annotations(xml: str) -> dict[str, str]:
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
-    """Return the pages of an OME-TIFF by the names of its channels.
+    """Return the pages of an OME-TIFF by the names of its channels; NaN where GDAL's value for no data stands for no answer.
 
     Raises:
         NotMapsError: the channels have no names.
@@ -197,9 +197,16 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     with closing(TiffImages(path, voltages=False)) as images:
         planes = images.planes(np.arange(math.prod(images.sizes)))
         names = [name for name in images.names if name]
+        no_data = images.no_data
     if not names or len(names) != len(planes):
         raise NotMapsError(
             f"{path}: found {len(planes)} pages without the names of maps, expected an OME-TIFF as `cadtof resolve` writes it"
         )
     require_different_names(path, names)
-    return dict(zip(names, planes, strict=True))
+    layers = dict(zip(names, planes, strict=True))
+    if planes.dtype.kind == "f" and not math.isnan(no_data):
+        with np.errstate(over="ignore"):
+            absent = planes.dtype.type(no_data)
+        for name in layers.keys() - {STATUS}:
+            layers[name][layers[name] == absent] = np.nan
+    return layers

@@ -16,7 +16,7 @@ from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
+from cadtof_cli.workflows.inspect.layers import layer_of, require_alike, require_same_size
 from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE
@@ -89,13 +89,15 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     and `direct.frames` (number of maps with an answer). If the maps have MPI depths, there are the same layers of `mpi`.
 
     Raises:
-        CadtofError: maps cannot be read, hold no direct depth, or differ in size; or `out` cannot be written.
+        CadtofError: maps cannot be read, hold no direct depth, or differ in size, kind of depth or part of the frames; or `out`
+            cannot be written.
     """
     if format_by_suffix(out) is not EXR:
         raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected .{EXR.name}")
     require_new(out, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
+    require_alike(run)
     if run.captures_shown > 1:
         progress.say(
             f"{maps}: --over-time takes the maps of {run.captures_shown} captures for one scene at rest; the folder of one"

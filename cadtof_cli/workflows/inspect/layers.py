@@ -77,6 +77,11 @@ def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     return layers[name]
 
 
+def require_alike(run: Run, /) -> None:
+    """Raise SettingsError if the maps of a folder without a record show different pixels, or hold different kinds of depth."""
+    _ = run.roi, run.depth_kind
+
+
 def require_same_depth(run: Run, other: Run, /) -> None:
     """Make sure that the maps of two runs hold the same kind of depth.
 
@@ -91,12 +96,14 @@ def require_same_depth(run: Run, other: Run, /) -> None:
 
 
 def require_same_pixels(run: Run, other: Run, /) -> None:
-    """Make sure that maps of the same size of two runs show the same part of the recorded frames, if both have a record.
+    """Make sure that maps of the same size of two runs show the same part of the recorded frames.
+
+    Maps of other programs, which have neither a record nor a header, may show any part.
 
     Raises:
         SettingsError: they show different parts.
     """
-    if run.record is not None and other.record is not None:
+    if all(one.record is not None or one.roi for one in (run, other)):
         require_same_part(run, other)
 
 

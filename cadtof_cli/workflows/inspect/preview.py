@@ -1,8 +1,9 @@
 """`cadtof preview`: one picture of a frame, or a film or a sheet of many."""
 
+import itertools
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from cadtof_cli.figures.layers import (
     magnified_width,
 )
 from cadtof_cli.figures.maps import OF_A_MAP, draw_maps
-from cadtof_cli.figures.page import Block, Image
+from cadtof_cli.figures.page import Block, Image, Scaled
 from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.figures.scales import default_scale
 from cadtof_cli.figures.sequence import (
@@ -34,6 +35,7 @@ from cadtof_cli.figures.sequence import (
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
+from cadtof_cli.workflows.inspect.layers import require_same_depth
 from cadtof_cli.workflows.inspect.pictured import Pictured, pictured
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 from cadtof_cli.workflows.inspect.truth import Truth
@@ -53,7 +55,7 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
     or a film if `out` is a GIF or MP4.
 
     Raises:
-        CadtofError: an input cannot be read or drawn, or the file cannot be written.
+        CadtofError: an input cannot be read or drawn, frames hold different kinds of depth, or the file cannot be written.
     """
     film = out.suffix.lower() in FILMS
     if film:
@@ -72,6 +74,10 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
     if settings.truth is not None and len(found) > 1 and not film:
         progress.say(f"drawn with truth: the first of {len(found)} frames; --frame N draws another")
         found = found[:1]
+    if settings.layer is None or settings.layer.endswith(".depth"):
+        # the frames share a scale, and its title names one kind of depth
+        for run, following in itertools.pairwise(one.run for one in found if one.run is not None):
+            require_same_depth(run, following)
     if film:
         _film(found, out, settings, progress)
     elif len(found) > 1:
@@ -122,10 +128,11 @@ def _layer_name(one: Pictured, shown: Shown, settings: PreviewSettings) -> str:
 
 @dataclass
 class _Scale:
-    """The scale that all frames of one picture share. Each frame is read once to find it."""
+    """The scale that all frames of one picture share, and how far their values reach. Each frame is read once to find it."""
 
     layer: str
     limits: tuple[float, float]
+    reach: tuple[float, float] | None
     colours: str
     kinds: set[PixelClass]
     shape: tuple[int, int]
@@ -134,6 +141,7 @@ class _Scale:
 def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress: Progress) -> _Scale:
     """Return the scale that suits all frames. Frames that cannot be read are left out, with a note."""
     values: list[NDArray[np.floating]] = []
+    ends: list[float] = []
     kinds: set[PixelClass] = set()
     layer, shape = "", (0, 0)
     for one in found:
@@ -153,10 +161,13 @@ def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress
         shape = shape if any(shape) else (plane.shape[0], plane.shape[1])
         kinds |= block.shown(block.panels[0])
         values.append(plane.ravel()[:: max(1, plane.size // _VALUES_A_FRAME)].copy())
+        finite = plane[np.isfinite(plane)]
+        ends += [float(finite.min()), float(finite.max())] if finite.size else []
     if not values:
         raise CaptureError(f"none of the {len(found)} frames can be drawn")
     colours, limits = default_scale(layer, np.concatenate(values))
-    return _Scale(layer, settings.limits or limits, settings.colours or colours, kinds, shape)
+    reach = (min(ends), max(ends)) if ends else None
+    return _Scale(layer, settings.limits or limits, reach, settings.colours or colours, kinds, shape)
 
 
 def _blocks(
@@ -170,6 +181,7 @@ def _blocks(
             shown = one.read()
             name = _layer_name(one, shown, settings)
             block = block_of(shown, name, limits=scale.limits, colours=scale.colours)
+            block = replace(block, reach=scale.reach) if isinstance(block, Scaled) else block
         yield one.name, block
 
 
