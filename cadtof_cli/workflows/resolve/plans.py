@@ -23,7 +23,7 @@ from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel
-from cadtof_cli.resolver.status import MEANING
+from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import counted
 from cadtof_cli.version import __version__
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
@@ -257,7 +257,7 @@ def run_document(
         "captures": list[dict[str, Any]](),
         "calibration": applied,
         "layers": {name: unit for one in plans for name, unit in one.plan.header.units.items()},
-        "status_bits": {bit.name: int(bit) for bit in MEANING},
+        "status_bits": {bit.name: int(bit) for bit in StatusBit},
     }
     record_captures(document, plans)
     return document
