@@ -41,6 +41,7 @@ class DarkCalibration:
     """
 
     kind: ClassVar[PartKind] = "dark"
+    has_maps: ClassVar[bool] = True
 
     origin: Origin
     offset_v: Float32
@@ -61,6 +62,11 @@ class DarkCalibration:
     def hot(self) -> Bool:
         """Pixels with a defect, to which `resolve` gives no answer, (Y, X)."""
         return np.asarray(self.defects != 0)
+
+    @property
+    def summary(self) -> str:
+        """The part in a few words."""
+        return f"{int(self.hot.sum())} bad pixels"
 
     def defect_counts(self) -> dict[str, int]:
         """Return the number of pixels with each kind of defect."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,7 @@ doubted. It moves phases by up to a milliradian: 1 mm at 40 ns."""
 Part = DarkCalibration | ResponseCalibration | PetzvalCalibration
 """One part. Its `origin`, its `tables` and its `maps` hold everything in it, and `from_stored` builds it from these."""
 
-_TYPES: Mapping[PartKind, type[Part]] = {
-    part.kind: part for part in (DarkCalibration, ResponseCalibration, PetzvalCalibration)
-}
+_TYPES: Mapping[PartKind, type[Part]] = {part.kind: part for part in get_args(Part)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ class Calibration:
     @property
     def parts(self) -> tuple[Part, ...]:
         """The parts that the folder has, in the order in which they are applied."""
-        return tuple(part for part in (self.dark, self.response, self.petzval) if part is not None)
+        return tuple(part for kind in PART_KINDS if (part := getattr(self, kind)) is not None)
 
     @cached_property
     def digests(self) -> dict[str, str]:
@@ -64,6 +62,14 @@ class Calibration:
     def sine(self) -> bool:
         """Whether no response was measured, or one that is a pure sine but for the imbalance of SC1 and SC2."""
         return self.response is None or all(one.linear for one in self.response.responses)
+
+    @property
+    def summary(self) -> str:
+        """The parts, with a few words about each, and whether the field curvature is that of the response."""
+        said = {part.kind: part.summary for part in self.parts}
+        if self.petzval is None and self.response is not None and any(self.response.field_curvature_m):
+            said["response"] += "; with the field curvature it found"
+        return ", ".join(f"{kind} ({words})" for kind, words in said.items())
 
     def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /) -> None:
         """Make sure that every part belongs to a capture (see `Origin.require_match`), and that it has the same lamp."""
@@ -181,7 +187,7 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
     path, maps_path = folder / f"{kind}.toml", folder / f"{kind}.exr"
     document = read_toml(path)
     try:
-        maps: dict[str, NDArray[Any]] = read_layers(maps_path) if kind != "petzval" else {}
+        maps: dict[str, NDArray[Any]] = read_layers(maps_path) if _TYPES[kind].has_maps else {}
         part: Part = _TYPES[kind].from_stored(_origin(document), document, maps)
         recorded, digest = document["part"]["digest"], digest_of(part)
     except FrameError as error:
