@@ -62,8 +62,7 @@ ANSWERED = StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.MORE_PATHS | Sta
 
 def has_answer(status: Status, /) -> Bool:
     """Return which pixels of a status map have an answer."""
-    answered: Bool = (status & np.uint32(ANSWERED)) != 0
-    return answered
+    return np.asarray((status & np.uint32(ANSWERED)) != 0)
 
 
 @dataclass(frozen=True)

@@ -239,9 +239,8 @@ def run_document(
             "out": str(settings.out),
             **asdict(maps.resolver),
             "min_confidence": maps.min_confidence_v,
-            "depth": maps.depth,
-            "pool": maps.pool,
-            "average": maps.average,
+            # every setting must be here, because --resume compares them
+            **{one: value for one, value in vars(maps).items() if one not in {"resolver", "min_confidence_v", "roi"}},
             "calibration": settings.calibration and str(settings.calibration),
             "map_format": settings.map_format,
             "roi": maps.roi,
