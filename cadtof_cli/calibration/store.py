@@ -64,10 +64,17 @@ class Calibration:
         return self.response is None or all(one.linear for one in self.response.responses)
 
     @property
+    def curvature(self) -> PetzvalCalibration | ResponseCalibration | None:
+        """The part whose field curvature counts: petzval; without it, the response, if it took curvature out of its maps."""
+        if self.petzval is None and self.response is not None and any(self.response.field_curvature_m):
+            return self.response
+        return self.petzval
+
+    @property
     def summary(self) -> str:
         """The parts, with a few words about each, and whether the field curvature is that of the response."""
         said = {part.kind: part.summary for part in self.parts}
-        if self.petzval is None and self.response is not None and any(self.response.field_curvature_m):
+        if self.response is not None and self.curvature is self.response:
             said["response"] += "; with the field curvature it found"
         return ", ".join(f"{kind} ({words})" for kind, words in said.items())
 
