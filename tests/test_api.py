@@ -367,7 +367,8 @@ def test_options_are_the_fields_of_the_records() -> None:
     """ResolveOptions repeats names and types for type checkers; they must be those of the records."""
     resolver, maps = get_type_hints(ResolverSettings), get_type_hints(MapSettings)
     typed = get_type_hints(ResolveOptions)
-    assert set(ResolverOptions.__annotations__) == {one.name for one in fields(ResolverSettings)} - {"min_confidence"}
+    known = {one.name for one in fields(ResolverSettings)} - {"min_confidence"}
+    assert set(ResolverOptions.__annotations__) == known, "api/resolve.py: ResolverOptions repeats resolver/settings.py"
     assert set(typed) - set(ResolverOptions.__annotations__) == set(maps) - {"resolver", "average"}
     for name, hint in typed.items():
         assert hint == (resolver | maps)[name], name

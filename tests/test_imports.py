@@ -84,21 +84,27 @@ def test_a_part_imports_only_what_comes_before_it(part: str) -> None:
     assert modules
     for path in modules:
         beyond = _imported_parts(path) - ALLOWED[part] - ANYBODY - {part}
-        assert not beyond, f"{path} imports {', '.join(sorted(beyond))}"
+        after = f"{path} imports {', '.join(sorted(beyond))}, which come after {part}: move what it needs to an earlier part"
+        assert not beyond, f"{after}, or let a later part call it; ALLOWED above has the order"
 
 
 def test_only_the_command_line_knows_of_commands() -> None:
     for path in _modules():
         if _part(path) not in {"cli", "commands", "__main__"}:
-            assert not _imported_parts(path) & {"cli", "commands"}, path
+            assert not _imported_parts(path) & {"cli", "commands"}, (
+                f"{path}: a command calls it, not the other way round"
+            )
         if _part(path) not in {"commands", "api", "workflows"}:
-            assert "workflows" not in _imported_parts(path), path
+            assert "workflows" not in _imported_parts(path), f"{path}: a workflow calls it, not the other way round"
 
 
 @pytest.mark.parametrize("library", LIBRARIES)
 def test_a_library_is_imported_only_where_it_is_used(library: str) -> None:
     users = {_part(path) for path in _modules() if any(name.split(".")[0] == library for name in _imported(path))}
-    assert users <= LIBRARIES[library]
+    beyond = users - LIBRARIES[library]
+    assert not beyond, (
+        f"{', '.join(beyond)} must not import {library}: call a function in {', '.join(LIBRARIES[library])}"
+    )
     assert users
 
 

@@ -46,14 +46,14 @@ def simulate_scene(
     """Return frames of a simulated scene with its truth: the counts that `cadtof simulate --scene NAME` writes.
 
     Args:
-        name: name of the scene: card, wall, corner, inter-reflection, room or cornell.
+        name: name of the scene, a key of `SCENES` in `simulation/scene/scenes.py`, such as "corner".
         frames: number of frames.
         seed: seed of all random numbers.
         integration_length: n_av of Eq. (1), per harmonic.
         modulation: fields of `Modulation`, such as `{"periods_ns": (40.0, 20.0, 40 / 3)}`.
         fwhm_ns: width of the laser pulse.
         camera: fields of `Camera`, such as `{"width": 160, "height": 120}`.
-        scene: fields of the scene's record in `simulation/scene/scenes.py`, such as `distance_m=2.0`, `asr=2.0`.
+        scene: fields of the scene's record, such as `distance_m=2.0`, `asr=2.0`.
 
     Raises:
         SettingsError: the scene or a field does not exist, or a value is not allowed.

@@ -116,7 +116,7 @@ def frame_correction(
         phasor_map,
         tabulated_responses(responses, phase),
         dark.hot.ravel() if dark is not None and dark.hot.any() else None,
-        _range_offset_m(calibration),
+        calibration.curvature.range_offset_m.ravel() if calibration.curvature else None,
         _noise(calibration, responses, metadata.modulation.amplitude_v),
     )
 
@@ -145,13 +145,3 @@ def _noise(
         tuple((volts / amplitude_v / abs(one.main)) ** 2 for volts, one in zip(offsets_v, responses, strict=True)),
         tuple(phase**2 for phase in phases),
     )
-
-
-def _range_offset_m(calibration: "Calibration") -> Float | None:
-    """Return the offset by the Petzval calibration; without one, the curvature that was taken out of the response's
-    phase maps."""
-    if calibration.petzval is not None:
-        return calibration.petzval.range_offset_m.ravel()
-    if calibration.response is not None and any(calibration.response.field_curvature_m):
-        return calibration.response.range_offset_m.ravel()
-    return None

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import IntFlag
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -14,26 +13,19 @@ from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_p
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import median_variance_ratio
 from cadtof_cli.phasors.voltages import spread_over
+from cadtof_cli.resolver.status import Bit
 
 TYPICAL_PIXELS = 4096
 """About how many pixels the noise of each harmonic is measured with. Defective ones are among them; most pixels are sound."""
 
 
-class Defect(IntFlag):
+class Defect(Bit):
     """Kinds of defects of a pixel, as bits."""
 
-    OFFSET = 1
-    NOISE = 2
-    DEAD = 4
-    NOT_FINITE = 8
-
-
-DEFECT_MEANING: dict[Defect, str] = {
-    Defect.OFFSET: "an offset far from the other pixels'",
-    Defect.NOISE: "noise far above the other pixels'",
-    Defect.DEAD: "a value that hardly changes",
-    Defect.NOT_FINITE: "a value that is saturated or not finite in a dark frame",
-}
+    OFFSET = 1, "an offset far from the other pixels'"
+    NOISE = 2, "noise far above the other pixels'"
+    DEAD = 4, "a value that hardly changes"
+    NOT_FINITE = 8, "a value that is saturated or not finite in a dark frame"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +41,7 @@ class DarkCalibration:
     """
 
     kind: ClassVar[PartKind] = "dark"
+    has_maps: ClassVar[bool] = True
 
     origin: Origin
     offset_v: Float32
@@ -69,6 +62,11 @@ class DarkCalibration:
     def hot(self) -> Bool:
         """Pixels with a defect, to which `resolve` gives no answer, (Y, X)."""
         return np.asarray(self.defects != 0)
+
+    @property
+    def summary(self) -> str:
+        """The part in a few words."""
+        return f"{int(self.hot.sum())} bad pixels"
 
     def defect_counts(self) -> dict[str, int]:
         """Return the number of pixels with each kind of defect."""

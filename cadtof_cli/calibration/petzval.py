@@ -61,6 +61,7 @@ class PetzvalCalibration:
     """The coefficients, and the principal point (column, row) from which ρ is measured."""
 
     kind: ClassVar[PartKind] = "petzval"
+    has_maps: ClassVar[bool] = False
 
     origin: Origin
     k2_m: float
@@ -76,6 +77,11 @@ class PetzvalCalibration:
     def range_offset_m(self) -> Float:
         """The length Δ that is added to the range of every pixel, (Y, X), in m."""
         return curvature_m(self.origin.pixels, self.principal_point_px, (self.k2_m, self.k4_m))
+
+    @property
+    def summary(self) -> str:
+        """The part in a few words."""
+        return f"k2 = {self.k2_m:.4f} m, k4 = {self.k4_m:.4f} m"
 
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return the coefficients with standard errors, the residuals without and with curvature, and every wall."""

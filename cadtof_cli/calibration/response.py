@@ -48,6 +48,7 @@ class ResponseCalibration:
     """
 
     kind: ClassVar[PartKind] = "response"
+    has_maps: ClassVar[bool] = True
 
     origin: Origin
     responses: tuple[HarmonicResponse, ...]
@@ -77,6 +78,12 @@ class ResponseCalibration:
     def range_offset_m(self) -> Float:
         """The length Δ that the field curvature adds to the range of every pixel, (Y, X), in m."""
         return curvature_m(self.origin.pixels, self.principal_point_px, self.field_curvature_m)
+
+    @property
+    def summary(self) -> str:
+        """The part in a few words: its orders k."""
+        orders = sorted({k for one in self.responses for k, _ in one.terms}, key=lambda k: (abs(k), -k))
+        return f"k = {', '.join(map(str, orders[:6]))}{' …' if len(orders) > 6 else ''}"
 
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return the terms of every harmonic as [k, real part, imaginary part], the field curvature, and the quality of

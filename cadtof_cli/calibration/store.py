@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,9 +36,7 @@ NO_NOISE = (
 Part = DarkCalibration | ResponseCalibration | PetzvalCalibration
 """One part. Its `origin`, its `tables` and its `maps` hold everything in it, and `from_stored` builds it from these."""
 
-_TYPES: Mapping[PartKind, type[Part]] = {
-    part.kind: part for part in (DarkCalibration, ResponseCalibration, PetzvalCalibration)
-}
+_TYPES: Mapping[PartKind, type[Part]] = {part.kind: part for part in get_args(Part)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,7 @@ class Calibration:
     @property
     def parts(self) -> tuple[Part, ...]:
         """The parts that the folder has, in the order in which they are applied."""
-        return tuple(part for part in (self.dark, self.response, self.petzval) if part is not None)
+        return tuple(part for kind in PART_KINDS if (part := getattr(self, kind)) is not None)
 
     @cached_property
     def digests(self) -> dict[str, str]:
@@ -68,6 +66,21 @@ class Calibration:
     def sine(self) -> bool:
         """Whether no response was measured, or one that is a pure sine but for the imbalance of SC1 and SC2."""
         return self.response is None or all(one.linear for one in self.response.responses)
+
+    @property
+    def curvature(self) -> PetzvalCalibration | ResponseCalibration | None:
+        """The part whose field curvature counts: petzval; without it, the response, if it took curvature out of its maps."""
+        if self.petzval is None and self.response is not None and any(self.response.field_curvature_m):
+            return self.response
+        return self.petzval
+
+    @property
+    def summary(self) -> str:
+        """The parts, with a few words about each, and whether the field curvature is that of the response."""
+        said = {part.kind: part.summary for part in self.parts}
+        if self.response is not None and self.curvature is self.response:
+            said["response"] += "; with the field curvature it found"
+        return ", ".join(f"{kind} ({words})" for kind, words in said.items())
 
     def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /) -> None:
         """Make sure that every part belongs to a capture (see `Origin.require_match`), and that it has the same lamp."""
@@ -191,7 +204,7 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
     path, maps_path = folder / f"{kind}.toml", folder / f"{kind}.exr"
     document = read_toml(path)
     try:
-        maps: dict[str, NDArray[Any]] = read_layers(maps_path) if kind != "petzval" else {}
+        maps: dict[str, NDArray[Any]] = read_layers(maps_path) if _TYPES[kind].has_maps else {}
         part: Part = _TYPES[kind].from_stored(_origin(document), document, maps)
         recorded, digest = document["part"]["digest"], digest_of(part)
     except FrameError as error:

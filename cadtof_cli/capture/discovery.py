@@ -21,7 +21,7 @@ from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.capture.planes import grouped_planes, hint_of_words
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
-from cadtof_cli.files.formats import FRAME_SUFFIXES, RAW, frame_suffixes
+from cadtof_cli.files.formats import FORMATS, FRAME_SUFFIXES, RAW, frame_suffixes
 from cadtof_cli.units import first_of
 
 OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
@@ -295,8 +295,9 @@ def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -
         return f"; `cadtof info {root / of_matlab}` says how to save an array of MATLAB"
     if layout.raw_dtype is None and (dump := next(filter(None, map(by_suffix.get, RAW.suffixes)), None)):
         return f"; to read raw dumps such as {dump}, give --raw-dtype and --raw-shape, or [layout.raw] in capture.toml"
-    if layout.pattern is None and ".png" in by_suffix:
-        return "; a PNG holds one plane: give --pattern, which says how the planes of a frame are named"
+    planes = [one.title for one in FORMATS if not one.whole and not by_suffix.keys().isdisjoint(one.suffixes)]
+    if layout.pattern is None and planes:
+        return f"; a {planes[0]} holds one plane: give --pattern, which says how the planes of a frame are named"
     suffixes = frame_suffixes(planes=True, raw=layout.raw_dtype is not None)
     if layout.pattern is not None and not layout.pattern.lower().endswith(suffixes):
         return f"; planes are read from {', '.join(suffixes)} files"

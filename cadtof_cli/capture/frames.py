@@ -21,7 +21,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.toml import MetadataSource
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import detect_format, format_by_suffix
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, shape_text
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, NotAFrameError, RawLayout, shape_text
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import size_text
 
@@ -187,7 +187,15 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
     if stored is not None:
         yield Frames(1, stored.shape, stored.dtype, lambda _=0, whole=stored, /: whole, read_like)
         return
-    with detect_format(path, raw=layout.raw is not None).frames().open_frames(path, layout) as frames:
+    kind = detect_format(path, raw=layout.raw is not None)
+    if not kind.whole:
+        plane = kind.frames().read_plane(path, layout)
+        raise NotAFrameError(
+            f"{path}: holds one plane of {size_text(plane.shape)}, {8 * plane.itemsize} bits; expected {layout.planes} planes"
+            f" per frame: one {kind.title} each, and their names in [layout] pattern, such as"
+            f' "{{frame}}_h{{harmonic}}_sc{{channel}}.{kind.name}"'
+        )
+    with kind.frames().open_frames(path, layout) as frames:
         _last.layout, _last.read_like = layout, frames.read_like
         yield frames
 

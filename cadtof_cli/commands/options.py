@@ -60,9 +60,7 @@ _TYPES: dict[Any, ParamType] = {
 }
 
 
-@functools.cache
-def _type_hints(record: type) -> dict[str, Any]:
-    return get_type_hints(record)
+_type_hints = functools.cache(get_type_hints)
 
 
 def _names_of(option: str) -> tuple[str, ...]:

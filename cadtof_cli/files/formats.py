@@ -32,7 +32,7 @@ class FrameReader(Protocol):
     """How the frames of a format are read. A file that cannot be read raises a FrameError that names the file."""
 
     def open_frames(self, path: Path, layout: "FrameLayout", /) -> AbstractContextManager["Frames"]:
-        """Open a file of whole frames; raise NotAFrameError if it holds something other than voltages."""
+        """Open a file of whole frames (formats with `whole`); raise NotAFrameError if it holds no voltages."""
 
     def read_plane(self, path: Path, layout: "FrameLayout", /) -> "Stored":
         """Return the one plane of a file, shape (Y, X), native byte order."""

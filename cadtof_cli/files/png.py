@@ -6,7 +6,6 @@ A file holds one plane, in grey with 8 or 16 bits. So a frame is several files, 
 import struct
 import zlib
 from collections.abc import Iterable
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.files.formats import PNG
-from cadtof_cli.files.frames import FrameLayout, Frames, NotAFrameError
+from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_bytes, require_plausible_size
 
@@ -29,21 +28,6 @@ _HARMLESS = "Interlace handling"
 """Part of a warning that the library prints for every interlaced picture, which it decodes correctly."""
 
 _COLOUR_TYPES = {2: "RGB", 3: "a palette", 4: "grey and opacity", 6: "RGBA"}
-
-
-def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
-    """Refuse a file that is opened as a whole frame, because a PNG holds one plane.
-
-    Raises:
-        NotAFrameError: always, unless the file is damaged. The message says how planes become frames.
-        FrameError: the file cannot be read, or is damaged.
-    """
-    with damage_as_frame_error(path, "PNG"):
-        height, width, bits = _size(path, read_bytes(path))
-    raise NotAFrameError(
-        f"{path}: holds one plane of {width} × {height}, {bits} bits; expected {layout.planes} planes per frame: one PNG each,"
-        ' and their names in [layout] pattern, such as "{frame}_h{harmonic}_sc{channel}.png"'
-    )
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:

@@ -85,10 +85,11 @@ _QUANTITIES: dict[str, tuple[str, Callable[[LayerSource, int], Factors]]] = {
 }
 """Unit and value of each quantity that every path has."""
 
-ALWAYS = (
+IN_KERNEL = (
     *(_of_path(path, quantity) for quantity in _QUANTITIES for path in (0, 1)),
     Layer(CONFIDENCE, "V", lambda source: (source.resolved.confidence, source.volts)),
 )
+"""The first layers of every map: those that the compiled kernel fills (`_kernel_frame.h: LAYERS`)."""
 
 _SEARCHED = Layer("chi_squared", "", lambda source: (source.resolved.chi_squared, 1.0))
 """The layer of the misfit, χ²."""
@@ -110,7 +111,7 @@ def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = Fa
         averaged: whether pixels are means over frames or neighbours.
     """
     others = (_of_path(path, quantity) for path in range(2, paths) for quantity in _QUANTITIES)
-    return (*ALWAYS, *others, *(_SEARCHED,) * searched, *(AVERAGED,) * averaged)
+    return (*IN_KERNEL, *others, *(_SEARCHED,) * searched, *(AVERAGED,) * averaged)
 
 
 def error_unit(unit: str, /) -> tuple[float, str]:
@@ -121,6 +122,6 @@ def error_unit(unit: str, /) -> tuple[float, str]:
 
 def layer_unit(name: str, /) -> str:
     """Return the unit of a layer's values by its name; empty if they are pure numbers."""
-    units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, AVERAGED)} | _UNITS_BESIDE_MAPS
+    units = {layer.name: layer.unit for layer in wanted_layers(searched=True, averaged=True)} | _UNITS_BESIDE_MAPS
     units |= {quantity: unit for quantity, (unit, _) in _QUANTITIES.items()}
     return units.get(name, units.get(name.rpartition(".")[2], ""))

@@ -14,7 +14,7 @@ import numpy as np
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
-from cadtof_cli.maps.layers import ALWAYS, AVERAGED, DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.maps.layers import AVERAGED, DIRECT_DEPTH, DIRECT_SIGMA, IN_KERNEL
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, with_repeated_rounding
 from cadtof_cli.phasors.plausible import is_without_noise
@@ -135,7 +135,7 @@ def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: "Cal
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
-    in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(ALWAYS) :] in ((), (AVERAGED,))
+    in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(IN_KERNEL) :] in ((), (AVERAGED,))
     if chosen_kernel() != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
         _fill_by_kernel(maps, pixels, stages)
     else:
@@ -183,10 +183,10 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -
     source = pixels.stored if pixels.pooled is None else pixels.pooled
     values = maps.pages[:-1].reshape(len(maps.names), -1)
     make(stages, pixels.first, status.size, pixels.noise, source.dtype, pixels.tail).fill(
-        source, layers=values[: len(ALWAYS)], status=status, bits=bits
+        source, layers=values[: len(IN_KERNEL)], status=status, bits=bits
     )
-    if len(values) > len(ALWAYS):
-        values[len(ALWAYS) :] = 1.0 if samples is None else samples
+    if len(values) > len(IN_KERNEL):
+        values[len(IN_KERNEL) :] = 1.0 if samples is None else samples
 
 
 def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> ResolvedFrame:

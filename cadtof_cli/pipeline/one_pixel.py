@@ -14,7 +14,7 @@ from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import FrameStages, frame_stages
 from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
-from cadtof_cli.resolver.order import with_direct_first, worth_another
+from cadtof_cli.resolver.order import move_and_limit, with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.resolve import solver_for
 from cadtof_cli.resolver.status import StatusBit
@@ -160,16 +160,14 @@ def _numbers(
 
 
 def _order_test(one: Fit, two: Fit, stages: FrameStages, noise: NoiseModel, metres: Float | float) -> OrderTest:
-    direct, single = two.paths[0], one.paths[0]
-    lead = np.abs(direct.phase_rad - single.phase_rad)
     with np.errstate(invalid="ignore"):
         # without any light both standard deviations are infinite, and their difference is NaN
-        cost = 2.0 * (np.square(direct.sigma_rad) - np.square(single.sigma_rad))
-        moved, needed = np.minimum(lead, 2.0 * np.pi - lead) * metres, np.sqrt(cost) * metres
-        worth = bool(worth_another(direct, single)[0])
+        moved, limit = move_and_limit(two.paths[0], one.paths[0])
+        worth = bool(worth_another(two.paths[0], one.paths[0])[0])
+        moved_m, needed_m = moved * metres, np.sqrt(limit) * metres
     threshold = chi_squared_threshold(stages.resolver.false_alarm, pairs=len(noise.harmonics) - 1)
     chi_squared = float(one.chi_squared[0])
-    return OrderTest(chi_squared, threshold, stages.resolver.false_alarm, float(moved[0]), float(needed[0]), worth)
+    return OrderTest(chi_squared, threshold, stages.resolver.false_alarm, float(moved_m[0]), float(needed_m[0]), worth)
 
 
 def _covariance(phasors: Complex, paths: Paths, noise: NoiseModel) -> Float:

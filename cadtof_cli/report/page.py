@@ -25,7 +25,7 @@ from cadtof_cli.report.sections import (
     status_words,
     summary,
 )
-from cadtof_cli.resolver.status import MEANING, bit_words
+from cadtof_cli.resolver.status import StatusBit, bit_words
 from cadtof_cli.version import __version__
 
 SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud.js", "panels.js", "main.js")
@@ -134,10 +134,10 @@ def _document(
         {
             "name": bit_words(bit),
             "value": int(bit),
-            "meaning": meaning.replace("`", ""),
+            "meaning": bit.meaning.replace("`", ""),
             "colour": colours["status"][bit.name],
         }
-        for bit, meaning in MEANING.items()
+        for bit in StatusBit
     ]
     return {
         "frames": [frame.as_json(number) for number, frame in enumerate(frames)],

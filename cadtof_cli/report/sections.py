@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 from cadtof_cli.maps.evaluation import ERROR_TITLES, DepthErrors
 from cadtof_cli.report.frames import EmbeddedFrame, EmbeddedLayer
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, table
-from cadtof_cli.resolver.status import MEANING, bit_words
+from cadtof_cli.resolver.status import StatusBit, bit_words
 from cadtof_cli.units import counted
 
 BAR_WIDTH, BAR_HEIGHT = 1000, 18
@@ -206,8 +206,8 @@ def status_words() -> Markup:
     """Return the meaning of each status bit."""
     return joined(
         piece
-        for bit, meaning in MEANING.items()
-        for piece in (element("dt", bit_words(bit)), element("dd", meaning.replace("`", "")))
+        for bit in StatusBit
+        for piece in (element("dt", bit_words(bit)), element("dd", bit.meaning.replace("`", "")))
     )
 
 

@@ -70,20 +70,25 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
     return whole if fewer is None or not fewer[0].size else _fewer_where_enough(whole, chosen, fewer, unresolved)
 
 
-def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
-    """Return True where another path moves the direct path by more than the scatter that the other path adds.
+def move_and_limit(direct: Paths, fewer: Paths, /) -> tuple[Float, Float]:
+    """Return by how much another path moves the direct path, in rad, and the square of the least move that is worth it.
 
-    `direct` is the direct path with the other path, `fewer` the direct path without it. The answer with fewer paths has
-    a bias δ; the answer with more paths has more scatter. E(difference²) = δ² + σ2² − σ1². So the mean squared error of
-    the direct phase is smaller with the other path if difference² > 2(σ2² − σ1²). This is the focused information
-    criterion (Claeskens and Hjort 2003, doi:10.1198/016214503000000819) for the direct phase. By the misfit alone, one
-    pixel in a hundred would be split into two paths that nearly coincide, and these pixels would double the error over
-    all pixels.
+    `direct` is the direct path with the other path, `fewer` the direct path without it. The square is below 0 if the
+    other path adds no scatter. The answer with fewer paths has a bias δ; the answer with more paths has more scatter.
+    E(difference²) = δ² + σ2² − σ1². So the mean squared error of the direct phase is smaller with the other path if
+    difference² > 2(σ2² − σ1²). This is the focused information criterion (Claeskens and Hjort 2003,
+    doi:10.1198/016214503000000819) for the direct phase. By the misfit alone, one pixel in a hundred would be split into
+    two paths that nearly coincide, and these pixels would double the error over all pixels.
     """
     difference = np.abs(direct.phase_rad - fewer.phase_rad)
-    difference = np.minimum(difference, FULL_TURN - difference)
-    cost = np.square(direct.sigma_rad) - np.square(fewer.sigma_rad)
-    worth: Bool = difference * difference > 2.0 * cost
+    moved: Float = np.minimum(difference, FULL_TURN - difference)
+    return moved, 2.0 * (np.square(direct.sigma_rad) - np.square(fewer.sigma_rad))
+
+
+def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
+    """Return True where another path moves the direct path by more than the scatter that the other path adds."""
+    moved, limit = move_and_limit(direct, fewer)
+    worth: Bool = moved * moved > limit
     return worth
 
 

@@ -1,6 +1,7 @@
 """The registry of status bits: the code, the decoder and the documentation all use this one list."""
 
 from enum import IntFlag
+from typing import Self
 
 import numpy as np
 
@@ -8,53 +9,60 @@ from cadtof_cli.arrays import Bool, Status
 from cadtof_cli.records import dataclass
 
 
-class StatusBit(IntFlag):
+class Bit(IntFlag):
+    """A bit of a pixel, with its meaning in words."""
+
+    meaning: str
+
+    def __new__(cls, value: int, meaning: str) -> Self:
+        """Make the bit of this value, with its meaning in words."""
+        bit = int.__new__(cls, value)
+        bit._value_, bit.meaning = value, meaning
+        return bit
+
+
+class StatusBit(Bit):
     """How a pixel was resolved, or why it has no answer.
 
-    A pixel without `ONE_PATH`, `TWO_PATHS`, `MORE_PATHS` and `DIFFUSE_MPI` has no answer: NaN in every depth layer.
+    A pixel without a bit of `ANSWERED` has no answer: NaN in every depth layer.
     """
 
-    SATURATED = 1
-    NOT_FINITE = 2
-    LOW_CONFIDENCE = 4
-    ONE_PATH = 8
-    TWO_PATHS = 16
-    ILL_CONDITIONED = 32
-    CALIBRATED = 64
-    NOT_CONVERGED = 128
-    HOT_PIXEL = 256
-    MORE_PATHS = 512
-    POOLED = 1024
-    DIFFUSE_MPI = 2048
-    IMPOSSIBLE = 4096
+    SATURATED = 1, "a stored value lies at or beyond `saturated_counts`; no answer"
+    NOT_FINITE = 2, "a stored value is NaN or infinite; no answer"
+    LOW_CONFIDENCE = 4, "no signal above the noise, or confidence below `--min-confidence`; no answer"
+    ONE_PATH = 8, "resolved as one path; MPI layers are NaN"
+    TWO_PATHS = 16, "resolved as two paths"
+    ILL_CONDITIONED = (
+        32,
+        "doubtful, and sigma is a lower bound: a predicted standard deviation exceeds a quarter of the paths' separation, or "
+        "the amplitude of a single path falls with frequency as that of two close paths does (one pixel in ten without MPI)",
+    )
+    CALIBRATED = 64, "a calibration was applied"
+    NOT_CONVERGED = (
+        128,
+        "a search ran out of steps (no answer), or left the equations of a calibrated response open (best attempt)",
+    )
+    HOT_PIXEL = 256, "the dark calibration found the pixel hot, noisy or dead; no answer"
+    MORE_PATHS = 512, "resolved as three paths or more"
+    POOLED = 1024, "averaged over frames or neighbours: layer `effective_pixels` says over how many"
+    DIFFUSE_MPI = (
+        2048,
+        "the MPI is a tail predicted from the scene's geometry; MPI layers are its phasor at the fundamental",
+    )
+    IMPOSSIBLE = (
+        4096,
+        "the amplitudes exceed what the modulation can record by more than noise, or all pixels of the frame hold the same "
+        "values; no answer",
+    )
 
 
-MEANING: dict[StatusBit, str] = {
-    StatusBit.SATURATED: "a stored value lies at or beyond `saturated_counts`; no answer",
-    StatusBit.NOT_FINITE: "a stored value is NaN or infinite; no answer",
-    StatusBit.LOW_CONFIDENCE: "no signal above the noise, or confidence below `--min-confidence`; no answer",
-    StatusBit.ONE_PATH: "resolved as one path; MPI layers are NaN",
-    StatusBit.TWO_PATHS: "resolved as two paths",
-    StatusBit.ILL_CONDITIONED: "doubtful, and sigma is a lower bound: a predicted standard deviation exceeds a quarter of the "
-    "paths' separation, or the amplitude of a single path falls with frequency as that of two close paths does (one pixel in "
-    "ten without MPI)",
-    StatusBit.CALIBRATED: "a calibration was applied",
-    StatusBit.NOT_CONVERGED: "a search ran out of steps (no answer), or left the equations of a calibrated response open "
-    "(best attempt)",
-    StatusBit.HOT_PIXEL: "the dark calibration found the pixel hot, noisy or dead; no answer",
-    StatusBit.MORE_PATHS: "resolved as three paths or more",
-    StatusBit.POOLED: "averaged over frames or neighbours: layer `effective_pixels` says over how many",
-    StatusBit.DIFFUSE_MPI: "the MPI is a tail predicted from the scene's geometry; MPI layers are its phasor at the fundamental",
-    StatusBit.IMPOSSIBLE: "the amplitudes exceed what the modulation can record by more than noise, or all pixels of the "
-    "frame hold the same values; no answer",
-}
+ANSWERED = StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.MORE_PATHS | StatusBit.DIFFUSE_MPI
+"""The bits of pixels with an answer; a pixel has one of them at most."""
 
 
 def has_answer(status: Status, /) -> Bool:
     """Return which pixels of a status map have an answer."""
-    bits = StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.MORE_PATHS | StatusBit.DIFFUSE_MPI
-    answered: Bool = (status & np.uint32(bits)) != 0
-    return answered
+    return np.asarray((status & np.uint32(ANSWERED)) != 0)
 
 
 @dataclass(frozen=True)

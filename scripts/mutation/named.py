@@ -111,7 +111,9 @@ def _replaced(files: list[Path], texts: Mapping[Path, str], before: str, after: 
         text = texts.get(path) or path.read_text(encoding="utf-8")
         found += [(path, text, match) for match in pattern.finditer(text)]
     if len(found) != 1:
-        raise GoneError(f"{name}: {before!r} stands in the package {len(found)} times, expected once")
+        raise GoneError(
+            f"{name}: {before!r} stands in the package {len(found)} times, expected once: correct named.toml"
+        )
     ((path, text, match),) = found
     return path, text[: match.start()] + after + text[match.end() :]
 

@@ -70,7 +70,7 @@ def test_help_fits_a_narrow_terminal(words: str, columns: int, monkeypatch: pyte
     monkeypatch.setenv("COLUMNS", str(columns))
     done = cadtof(*words.split(), "--help")
     options = done.out.partition("Options:\n")[2].partition("Capture options")[0].partition("Example")[0]
-    assert options.count("\n") > 3
+    assert "--help" in options
     assert not [line for line in options.splitlines() if len(line) > columns and " " in line.strip()]
 
 
@@ -94,7 +94,8 @@ def test_the_program_lists_its_commands() -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_readme_names_the_command(name: str) -> None:
-    assert f"cadtof {name}" in (ROOT / "README.md").read_text(encoding="utf-8")
+    named = f"cadtof {name}" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert named, f"README.md needs a row for `cadtof {name}` in its table of commands"
 
 
 def test_a_command_that_does_not_exist() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.resolver.status import MEANING, bit_words
+from cadtof_cli.resolver.status import StatusBit, bit_words
 from tests.support.captures import record, write_exr
 from tests.support.forward import step_truth
 from tests.support.run_cadtof import ROOT, cadtof
@@ -106,8 +106,8 @@ def test_frames_of_several_captures_are_told_apart_and_their_settings_folded(tmp
 
 def test_status_bits_are_explained_on_the_page(tmp_path: Path) -> None:
     explanations = _page(_run(tmp_path)).text.partition("Status bits: what became of a pixel")[2]
-    for bit, meaning in MEANING.items():
-        assert f"{bit_words(bit)}{meaning.replace('`', '')}" in explanations
+    for bit in StatusBit:
+        assert f"{bit_words(bit)}{bit.meaning.replace('`', '')}" in explanations
 
 
 def test_the_policy_lets_its_own_script_run_and_nothing_else(tmp_path: Path) -> None:

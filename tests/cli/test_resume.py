@@ -4,11 +4,14 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cadtof_cli.pipeline.plan import MapSettings
+from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.captures import TOML, Recorded, counts_of, record, write_frame, write_pages
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import Finished, cadtof, program, without_privilege
@@ -36,6 +39,16 @@ def test_a_capture_is_known_by_where_it_is_not_by_how_it_was_typed(
     assert (done.status, _skipped(done)) == (0, 3)
     assert _resolve("A", "-o", "fresh").status == 0
     require_same_run(Path("out"), Path("fresh"))
+
+
+def test_the_record_holds_every_setting_of_maps(tmp_path: Path) -> None:
+    """--resume compares what is recorded, so a setting that is not recorded could be changed unnoticed."""
+    assert _resolve(record(tmp_path / "A").folder, "-o", tmp_path / "out").status == 0
+    settings = {field.name for field in (*fields(MapSettings), *fields(ResolverSettings))} - {
+        "resolver",
+        "min_confidence_v",
+    }
+    assert not settings - run_of(tmp_path / "out")["arguments"].keys()
 
 
 def test_another_capture_with_the_same_names(tmp_path: Path) -> None:

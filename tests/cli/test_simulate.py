@@ -2,11 +2,16 @@
 
 import csv
 import json
+import re
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cadtof_cli.commands.scene_options import not_of_scene
+from cadtof_cli.commands.simulate import simulate
+from cadtof_cli.simulation.scene.scenes import SCENES
 from tests.support.captures import layers_of
 from tests.support.run_cadtof import cadtof
 
@@ -76,7 +81,20 @@ def test_out_gets_pictures_and_tables_of_one_recording(tmp_path: Path) -> None:
         assert sum(float(row["photons"]) for row in csv.DictReader(file)) == 50_000
 
 
-@pytest.mark.parametrize("scene", ["card", "wall", "corner", "inter-reflection"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_page_about_simulation_lists_the_options_of_each_scene(scene: str) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text(encoding="utf-8")
+    row = re.search(rf"^\| `{scene}` \|.*\|(.*)\|$", page, re.MULTILINE)
+    assert row, f"docs/simulation.md, A scene, has no row for {scene}"
+    taken = {"mpi", *(field.name for field in fields(SCENES[scene]))} - {"asr", "seed", *not_of_scene(scene)}
+    own = {one.opts[-1] for one in simulate.params if one.name in taken}
+    assert set(re.findall("`(--.*?)`", row[1])) == own, f"docs/simulation.md: the options of {scene}"
+
+
+ROOMS = ("room", "cornell")
+
+
+@pytest.mark.parametrize("scene", [name for name in SCENES if name not in ROOMS])
 @pytest.mark.parametrize("frame_format", ["tif", "exr"])
 def test_scenes_are_captures_that_resolve_reads(tmp_path: Path, scene: str, frame_format: str) -> None:
     done = cadtof(
@@ -93,7 +111,7 @@ def test_scenes_are_captures_that_resolve_reads(tmp_path: Path, scene: str, fram
         assert np.nanmedian(np.abs(depth - truth)) < (0.04 if scene == "corner" else 0.006)
 
 
-@pytest.mark.parametrize("scene", ["room", "cornell"])
+@pytest.mark.parametrize("scene", ROOMS)
 def test_rooms_are_captures_that_resolve_reads(tmp_path: Path, scene: str) -> None:
     done = cadtof(
         *("simulate", "--scene", scene, "--light-paths", 16, "-o", tmp_path / "c", "--width", 40, "--height", 24),
@@ -164,7 +182,7 @@ BAD_INPUT = [
     (("--scene", "card", "--frames", "0", "-o", "x"), "frames: found 0, expected 1 or more"),
     (
         ("--scene", "cave", "-o", "x"),
-        "'cave' is not one of 'pixel', 'card', 'wall', 'corner', 'inter-reflection', 'room'",
+        f"'cave' is not one of 'pixel', {', '.join(map(repr, SCENES))}",
     ),
     (("--scene", "room", "--furniture", "99", "-o", "x"), "furniture: found 99, expected 0 to 12 pieces"),
     (("--scene", "room", "--lamp-offset", "1,2", "-o", "x"), "--lamp-offset: found 2, expected 3 values"),

@@ -49,7 +49,10 @@ def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     ):
         done = cadtof("calibrate", *step, "-o", out)
         assert done.status == 0, done.err
-    return Measured(campaign.seen, out, load_calibration(out))
+    calibration = load_calibration(out)
+    lost = set(PART_KINDS).difference(calibration.digests)
+    assert not lost, f"no step of this fixture measures {', '.join(lost)}: add it to the steps above"
+    return Measured(campaign.seen, out, calibration)
 
 
 def volts_without_defects(measured: Measured, distance_m: float) -> NDArray[np.float64]:

@@ -74,9 +74,9 @@ def test_a_script_that_is_asked_for_help_does_nothing_else() -> None:
 
 def test_the_settings_of_the_readme_can_be_copied_and_are_all_there(tmp_path: Path) -> None:
     settings = (ROOT / "README.md").read_text().partition("```toml\n")[2].partition("```")[0]
-    assert set(re.findall(r"(?m)^(?:# )?(\w+) =", settings)) == {
-        key.name for key in KEYS.values() if not key.name.startswith("raw_")
-    }
+    known = {key.name for key in KEYS.values() if not key.name.startswith("raw_")}
+    named = set(re.findall(r"(?m)^(?:# )?(\w+) =", settings))
+    assert named == known, "the capture.toml of README.md has to show every key of capture/metadata.py"
     (tmp_path / "capture.toml").write_text(settings)
     found = load_metadata(tmp_path / "capture.toml").metadata
     corner = load_metadata(ROOT / "sample_data" / "corner" / "capture.toml").metadata

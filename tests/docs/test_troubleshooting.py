@@ -12,7 +12,8 @@ PACKAGE, PAGE = ROOT / "cadtof_cli", ROOT / "docs" / "troubleshooting.md"
 
 def test_every_message_has_an_entry_and_every_entry_a_message() -> None:
     wrong = list(unexplained(PACKAGE, PAGE))
-    assert not wrong, "docs/troubleshooting.md: " + "\n".join(wrong)
+    told = "docs/troubleshooting.md needs a row for each message, with what to do, and no row without a message:\n"
+    assert not wrong, told + "\n".join(wrong)
 
 
 def test_messages_are_found_in_the_source() -> None:

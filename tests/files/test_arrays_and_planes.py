@@ -288,6 +288,8 @@ def test_png_that_holds_no_plane(tmp_path: Path) -> None:
     assert "holds a colour picture (one grey is transparent)" in message_of(source, kind=NotAFrameError)
     Image.fromarray(np.zeros((5, 7), "u2")).save(path)
     assert "holds one plane of 7 × 5, 16 bits; expected 4 planes per frame" in message(path, kind=NotAFrameError)
+    path.write_bytes(path.read_bytes()[:-20])
+    assert "truncated PNG" in message(path)
     path.write_bytes(path.read_bytes()[:12])
     assert "damaged PNG: found 12 bytes, expected a header" in message_of(source)
 

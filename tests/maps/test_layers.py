@@ -1,5 +1,8 @@
 """The registry of layers: their names, their order, their units and their values."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -35,6 +38,14 @@ def test_layers_come_in_the_documented_order() -> None:
 def test_the_unit_of_a_layer_follows_from_its_name(name: str, unit: str) -> None:
     assert layer_unit(name) == unit
     assert {layer.name: layer.unit for layer in wanted_layers(paths=3, searched=True)}.get(name, unit) == unit
+
+
+def test_the_readme_says_what_each_layer_means() -> None:
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    part = readme.partition("## What comes out")[2].partition("\n- ")[0]
+    named = set(re.findall(r"`([\w.]+)`", part))
+    unnamed = {layer.name for layer in wanted_layers(searched=True, averaged=True)} - named
+    assert not unnamed, f"README.md, What comes out, does not say what {', '.join(sorted(unnamed))} means"
 
 
 def test_values_are_in_metres_and_volts_and_a_range_below_0_comes_from_the_end() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from cadtof_cli import resolve, simulate_scene
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
-from cadtof_cli.maps.layers import ALWAYS, Layer
+from cadtof_cli.maps.layers import IN_KERNEL, Layer
 from cadtof_cli.phasors.frame_mean import frame_mean
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.pipeline.one_pixel import pixel_evidence
@@ -93,7 +93,7 @@ def test_min_confidence_hides_pixels_of_a_room_and_changes_no_other_pixel(wavefo
 
 def test_a_layer_that_the_compiled_kernel_does_not_know_has_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:
     far = Layer("mpi.behind", "m", lambda source: (source.resolved.paths.phase_rad[1], source.metres))
-    monkeypatch.setattr("cadtof_cli.maps.layers.wanted_layers", lambda **_: (*ALWAYS, far))
+    monkeypatch.setattr("cadtof_cli.maps.layers.wanted_layers", lambda **_: (*IN_KERNEL, far))
     # no other test has this plan, whose stages are kept
     settings = MapSettings(resolver=ResolverSettings(false_alarm=0.0123))
     plan = FramePlan(metadata=CaptureMetadata(pixel=Pixel(integration_length=1e5)), settings=settings)

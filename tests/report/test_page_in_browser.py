@@ -85,10 +85,10 @@ def _pixel_on_page(browser: Browser) -> dict[str, float | str]:
 
 
 def _number(text: str) -> float:
-    """Return the value of a text on the page, in m or V."""
+    """Return the value of a text on the page, in m or V, or without a unit."""
     if text == "no answer":
         return np.nan
-    digits, unit = text.replace("−", "-").split(" ")
+    digits, _, unit = text.replace("−", "-").partition(" ")
     return float(digits) * (1e-3 if unit in {"mm", "mV"} else 1.0)
 
 

@@ -5,18 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from cadtof_cli.report.colours import palette
 from cadtof_cli.resolver.kernels import NUMPY
-from cadtof_cli.resolver.status import (
-    MEANING,
-    StatusBit,
-    describe_status,
-    has_answer,
-    why_no_answer,
-)
+from cadtof_cli.resolver.status import StatusBit, describe_status, has_answer, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status
 from tests.support.kernels import by_kernel
 
-README = Path(__file__).parents[2] / "README.md"
+ROOT = Path(__file__).parents[2]
+README = ROOT / "README.md"
 
 
 def test_the_numbers_and_names_of_status_bits_are_those_of_the_readme() -> None:
@@ -24,9 +20,25 @@ def test_the_numbers_and_names_of_status_bits_are_those_of_the_readme() -> None:
     documented = {
         int(number): name.strip() for number, name in re.findall(r"^\| (\d+) \| ([^:|;]+)", table, re.MULTILINE)
     }
-    assert documented == {int(bit): describe_status(bit)[0] for bit in StatusBit}
+    known = {int(bit): describe_status(bit)[0] for bit in StatusBit}
+    assert documented == known, (
+        "write each bit of resolver/status.py, with its name, into README.md, table `bit of status`"
+    )
     assert list(documented) == [1 << place for place in range(len(StatusBit))]
-    assert set(MEANING) == set(StatusBit)
+
+
+def test_the_kernel_has_the_same_numbers() -> None:
+    source = (ROOT / "cadtof_cli/resolver/two_path/_kernel_frame.h").read_text(encoding="utf-8")
+    numbers = {name: int(value) for name, value in re.findall(r"\b([A-Z_]+) = (\d+)\b", source)}
+    assert len(numbers) >= 10
+    for name, value in numbers.items():
+        assert value == StatusBit[name], f"_kernel_frame.h: {name} is {value}, not as in resolver/status.py"
+
+
+def test_every_bit_has_a_colour_of_its_own_on_the_page() -> None:
+    colours = palette()["status"]
+    assert list(colours) == [bit.name for bit in StatusBit], "report/page/palette.json needs a colour for each bit"
+    assert len(set(colours.values())) == len(colours)
 
 
 def test_every_pixel_counts_as_one_of_the_kinds_of_answers() -> None:

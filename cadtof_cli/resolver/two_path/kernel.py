@@ -18,7 +18,7 @@ from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings
-from cadtof_cli.resolver.status import StatusBit, StatusCounts
+from cadtof_cli.resolver.status import ANSWERED, StatusCounts
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms
 
 Buffers = tuple[NDArray[Any] | None, ...]
@@ -143,8 +143,7 @@ def count_status(status: Status, /) -> StatusCounts:
     """Count the pixels of a status map of any shape by how they were resolved; all kernels count the same."""
     kernel = chosen_kernel()
     if kernel == NUMPY:
-        bits = (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.DIFFUSE_MPI)
-        one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) for bit in bits)
+        one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) for bit in ANSWERED)
     else:
         one, two, more, diffuse = extension().count_status(kernel, np.ascontiguousarray(status))
     return StatusCounts(one, two, more, diffuse, status.size - one - two - more - diffuse)

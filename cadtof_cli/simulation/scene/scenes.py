@@ -1,4 +1,4 @@
-"""The scenes: a wall, the two-path card, the corner of the paper's Fig. 5 and the inter-reflection of its Fig. 4."""
+"""The registry of scenes, and four of them: wall, two-path card, corner (Fig. 5 of the paper), inter-reflection (Fig. 4)."""
 
 import math
 from collections.abc import Mapping

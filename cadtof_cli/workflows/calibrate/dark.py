@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from cadtof_cli.calibration.dark import DEFECT_MEANING
+from cadtof_cli.calibration.dark import Defect
 from cadtof_cli.calibration.fit.dark import fit_dark, tells_dead
 from cadtof_cli.calibration.fit.light import light_seen
 from cadtof_cli.capture.frames import Capture
@@ -36,8 +36,8 @@ def calibrate_dark(inputs: Sequence[Path], /, *, settings: CalibrateSettings, pr
     dark = fit_dark(mean, origin=averaged.origin, predicted_noise_v=predicted_noise_v(metadata))
     dark = replace(dark, zero_v=metadata.voltage.zero_v)
     counts = dark.defect_counts()
-    known = zip(counts.values(), DEFECT_MEANING.values(), strict=True)
-    findings = tuple(f"{count} pixels with {meaning}" for count, meaning in known if count)
+    known = zip(counts.values(), Defect, strict=True)
+    findings = tuple(f"{count} pixels with {defect.meaning}" for count, defect in known if count)
     if mean.frames < 2:
         length = metadata.pixel.integration_length
         source = f"{ASSUMED_LENGTH:g}, as none is given" if length is None else f"{length:g}"

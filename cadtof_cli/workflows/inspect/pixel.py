@@ -19,7 +19,7 @@ from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixel
 from cadtof_cli.pipeline.one_pixel import OrderTest, PixelEvidence, pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
-from cadtof_cli.resolver.status import StatusBit, describe_status
+from cadtof_cli.resolver.status import ANSWERED, StatusBit, describe_status
 from cadtof_cli.units import counted, metres_per_radian
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
@@ -151,7 +151,7 @@ def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:
         return None
     if status & StatusBit.DIFFUSE_MPI:
         verdict = "not tested: the MPI is a tail"
-    elif not status & (StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.MORE_PATHS):
+    elif not status & ANSWERED:
         verdict = "not tested: the pixel has no answer"
     elif test.chi_squared <= test.threshold:
         verdict = "one path explains the phasors within their noise"

@@ -33,7 +33,7 @@ _HELD: set[tuple[int, int]] = set()
 _PLACE_IN_STACK = r"_\d{4,}$"
 
 _CHANGES_NO_MAP = frozenset(
-    {
+    (
         "inputs",
         "absolute_inputs",
         "inputs_from_out",
@@ -43,7 +43,7 @@ _CHANGES_NO_MAP = frozenset(
         "recursive",
         "settings",
         "frames",
-    }
+    )
 )
 """Arguments that may differ when a run is resumed. What they lead to is compared instead, such as the metadata of captures."""
 

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
@@ -23,16 +23,12 @@ from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel
-from cadtof_cli.resolver.status import MEANING
+from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import counted
 from cadtof_cli.version import __version__
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-
-if TYPE_CHECKING:
-    from cadtof_cli.calibration.store import Calibration
-
 
 _SLOW_RUN_S = 10.0
 
@@ -243,9 +239,8 @@ def run_document(
             "out": str(settings.out),
             **asdict(maps.resolver),
             "min_confidence": maps.min_confidence_v,
-            "depth": maps.depth,
-            "pool": maps.pool,
-            "average": maps.average,
+            # every setting must be here, because --resume compares them
+            **{one: value for one, value in vars(maps).items() if one not in {"resolver", "min_confidence_v", "roi"}},
             "calibration": settings.calibration and str(settings.calibration),
             "map_format": settings.map_format,
             "roi": maps.roi,
@@ -257,7 +252,7 @@ def run_document(
         "captures": list[dict[str, Any]](),
         "calibration": applied,
         "layers": {name: unit for one in plans for name, unit in one.plan.header.units.items()},
-        "status_bits": {bit.name: int(bit) for bit in MEANING},
+        "status_bits": {bit.name: int(bit) for bit in StatusBit},
     }
     record_captures(document, plans)
     return document
@@ -327,22 +322,8 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
         for part in calibration.parts
     }
     notes = (
-        f"{folder}: applied {_description(calibration)}",
+        f"{folder}: applied {calibration.summary}",
         *(f"warning: {folder}: {text}" for text in calibration.stale()),
         *(f"warning: {one.root}: {doubt}" for one in captures if (doubt := calibration.doubt(one.source.metadata))),
     )
     return AppliedCalibration(CalibrationUse(folder, calibration.digest, sine=calibration.sine), parts, notes)
-
-
-def _description(calibration: "Calibration") -> str:
-    said = []
-    if calibration.dark is not None:
-        said.append(f"dark ({int(calibration.dark.hot.sum())} bad pixels)")
-    if calibration.response is not None:
-        orders = sorted({k for one in calibration.response.responses for k, _ in one.terms}, key=lambda k: (abs(k), -k))
-        shown = f"k = {', '.join(map(str, orders[:6]))}{' …' if len(orders) > 6 else ''}"
-        curved = calibration.petzval is None and any(calibration.response.field_curvature_m)
-        said.append(f"response ({shown}{'; with the field curvature it found' if curved else ''})")
-    if calibration.petzval is not None:
-        said.append(f"petzval (k2 = {calibration.petzval.k2_m:.4f} m, k4 = {calibration.petzval.k4_m:.4f} m)")
-    return ", ".join(said)

@@ -6,8 +6,12 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.status import StatusCounts
 
 FrameStatus = Literal["ok", "failed", "skipped"]
+
+_OUTCOMES = tuple(one.name for one in fields(StatusCounts))
+"""What may become of a pixel; a report and the totals have a field for each."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class FrameReport:
     def is_valid(self) -> bool:
         """Whether the fields hold values of the right kinds. A line may come from anywhere."""
         texts = (self.output, self.reason, self.digest, self.output_digest)
-        counts = (self.one_path, self.two_paths, self.more_paths, self.diffuse, self.invalid, self.output_bytes)
+        counts = (getattr(self, name) for name in (*_OUTCOMES, "output_bytes"))
         return (
             isinstance(self.source, str)
             and self.status in get_args(FrameStatus)
@@ -127,6 +131,6 @@ class RunTotals:
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
         self.already_there += report.status == "skipped" and report.kept is not None
-        for kind in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
-            setattr(self, kind, getattr(self, kind) + (getattr(report, kind) or 0))
+        for outcome in _OUTCOMES:
+            setattr(self, outcome, getattr(self, outcome) + (getattr(report, outcome) or 0))
         self.diffuse_frames += bool(report.diffuse)

@@ -59,7 +59,7 @@ def settings(trials: Trials, /) -> dict[str, Any]:
     of_modulation = ("periods_ns", "waveform", "amplitude_v")
     of_trials = ("runs", "seed", "photon_by_photon")
     of_model = ("dead_time_ns", "jitter_ns", "sample_noise_v", "gain_mismatch", "offsets_v")
-    of_resolver = ("solver", "paths", "order", "starts", "false_alarm", "returns", "min_return_ratio")
+    not_of_a_pixel = {"mpi_model", "seed", "min_confidence"}
     return {
         **asdict(trials.condition),
         "integration_length": model.averaging.integration_length,
@@ -70,7 +70,7 @@ def settings(trials: Trials, /) -> dict[str, Any]:
         "stages": model.averaging.stages.drive,
         **{name: getattr(model, name) for name in of_model},
         **asdict(model.motion),
-        **{"return" if name == "returns" else name: resolver[name] for name in of_resolver},
+        **{"return" if name == "returns" else name: resolver[name] for name in resolver if name not in not_of_a_pixel},
         "pulse_correction": trials.pulse_correction,
         "wrapped": trials.wrapped,
     }
