@@ -3,7 +3,6 @@
 `resolve/record.py` writes the two records.
 """
 
-import itertools
 import operator
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -14,27 +13,24 @@ from typing import Any, cast
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
-from cadtof_cli.capture.discovery import OUTPUT_FILES, find_captures, placed_captures, steps_below
-from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, natural_key, single_frames
-from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, fail
+from cadtof_cli.capture.discovery import find_captures, placed_captures, steps_below
+from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
+from cadtof_cli.capture.listing import UnlistedError
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError
-from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.maps import region_of
-from cadtof_cli.files.reading import is_folder, read_bytes, real_path
+from cadtof_cli.files.reading import is_folder, read_bytes
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
+from cadtof_cli.workflows.map_files import map_files
 from cadtof_cli.workflows.resolve.places import capture_folders, shared_folder
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, place_in, read_record
 from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """For each map, by its name: the capture, and the recorded frames that the map was made from (several if it shows a mean)."""
-
-OnRun = Callable[[Path], object]
-"""Called with each folder below that holds a run of its own; the search goes on with the other folders."""
 
 NOT_EVALUATED = "so the first phasor is left out"
 """End of all notes on recorded frames that are unknown or have changed."""
@@ -287,47 +283,6 @@ def _run_in(folder: Path, maps: Path, files: tuple[Path, ...]) -> Run:
 def is_run_folder(path: Path, /) -> bool:
     """Return whether a path is a folder that `cadtof resolve` wrote."""
     return is_folder(path) and os.path.lexists(path / RUN_FILE) and not os.path.lexists(path / CAPTURE_FILE)
-
-
-def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail, on_run: OnRun = str) -> tuple[Path, ...]:
-    """Return the map files in a folder in natural order, as frames are taken, then those in folders below it; of a file, itself.
-
-    An empty folder with the name of a map counts as a map: reading it fails, with a message that names it.
-
-    Args:
-        maps: the folder or file.
-        on_unlisted: called with each folder below that cannot be listed; by default, it raises the error.
-        on_run: called with each folder below that holds a run of its own; by default, such folders are left out.
-    """
-    return _map_files(maps, set(), on_unlisted, on_run) if is_folder(maps) else (maps,)
-
-
-def _map_files(folder: Path, seen: set[str], on_unlisted: OnUnlisted, on_run: OnRun) -> tuple[Path, ...]:
-    """Return the map files in a folder and below it. Folders in `seen` are left out, because links may lead in a circle."""
-    seen.add(real_path(folder))
-    files, below = list[Path](), list[Path]()
-    for path in _listed(folder):
-        try:
-            inside = [one.name for one in _listed(path)] if is_folder(path) else []
-        except UnlistedError as error:
-            on_unlisted(path, error)
-            continue
-        if path.suffix in MAP_SUFFIXES and not inside:
-            files.append(path)
-        elif inside and OUTPUT_FILES.isdisjoint(inside):
-            below.append(path)
-        elif RUN_FILE in inside:
-            on_run(path)
-    found = (_map_files(one, seen, on_unlisted, on_run) for one in below if real_path(one) not in seen)
-    return (*files, *itertools.chain.from_iterable(found))
-
-
-def _listed(folder: Path) -> list[Path]:
-    try:
-        paths = (path for path in folder.iterdir() if not path.name.startswith("."))
-        return sorted(paths, key=lambda path: natural_key(path.name))
-    except OSError as error:
-        raise UnlistedError(f"{folder}: cannot be listed: {error.strerror}") from error
 
 
 def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -27,7 +27,8 @@ from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.layers import first_sound_layers
-from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run
+from cadtof_cli.workflows.map_files import map_files
+from cadtof_cli.workflows.run_folder import is_run_folder, read_run
 
 
 @dataclass(frozen=True)

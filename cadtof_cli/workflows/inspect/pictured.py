@@ -22,8 +22,9 @@ from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.layers import first_sound_layers
+from cadtof_cli.workflows.map_files import map_files
 from cadtof_cli.workflows.resolve.record import RUN_FILE
-from cadtof_cli.workflows.run_folder import Run, map_files, read_run
+from cadtof_cli.workflows.run_folder import Run, read_run
 
 LIGHT = "H1.amplitude"
 """The layer of a recorded frame that thumbnails and films show."""
