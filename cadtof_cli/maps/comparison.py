@@ -55,10 +55,10 @@ class MagnitudeTally:
             self._count()
 
     def _count(self) -> None:
-        bins = 1 << (31 - _SHIFT)
+        if self._counts is None:
+            self._counts = np.zeros(1 << (31 - _SHIFT), np.int64)
         for values in self._values:
-            counts = np.bincount(values.view(np.uint32) >> _SHIFT, minlength=bins)
-            self._counts = counts if self._counts is None else self._counts + counts
+            np.add.at(self._counts, values.view(np.uint32) >> _SHIFT, 1)
         self._values.clear()
 
     def summary(self) -> LayerDifference:
