@@ -113,6 +113,8 @@ def light_in_room(view: View, rows: slice, /, *, asr: float) -> Light:
     later_ns = np.divide(moments, irradiance, out=np.zeros_like(moments), where=irradiance > 0)
     photons = np.concatenate([view.direct(seen)[None], irradiance]) * seen.albedo.astype(np.float64)
     ambient = asr * median_irradiance(view) * np.where(seen.albedo > 0, seen.albedo, 1.0)
+    # even with an ASR of 0, something makes the noise of pixels that see nothing
+    ambient = np.where(photons.any(axis=0) | (ambient > 0), ambient, 1.0)
     return Light(
         delays_ns=np.concatenate([direct_ns[None], direct_ns + later_ns]).reshape(-1, *shape),
         photons=photons.reshape(-1, *shape),

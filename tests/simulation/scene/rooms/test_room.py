@@ -190,3 +190,13 @@ def test_the_asr_of_small_pictures_is_that_of_the_median_too(width: int, height:
         seen = View(room=RandomRoom(seed=seed).room, camera=Camera(width=width, height=height))
         direct = seen.direct(seen.meet(seen.camera.rays(slice(None)).reshape(3, -1)))
         assert median_irradiance(seen) == pytest.approx(float(np.median(direct[direct > 0])), rel=within)
+
+
+def test_without_ambient_light_pixels_that_see_nothing_hold_noise() -> None:
+    light = RandomRoom(asr=0.0, light_paths=1).light(CAMERA, ALL_ROWS)
+    lit = light.photons.any(axis=0)
+    assert not lit.all()
+    np.testing.assert_array_equal(light.ambient > 0, ~lit)
+    truth = light.truth(0.2746)
+    assert np.isnan(truth["direct.depth"][~lit]).all()
+    assert (truth["direct.amplitude"][~lit] == 0).all()
