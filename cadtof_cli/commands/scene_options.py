@@ -120,7 +120,7 @@ _scene = RecordOptions(
     dict,
     _of_each_scene("distance_m", "Distance of the scene."),
     _of_each_scene("tilt_deg", "Tilt of the wall to the right and down.", NumberTuple(2)),
-    _of_each_scene("albedo", "Albedo of the wall, corner or panel, or of all surfaces of a room."),
+    _of_each_scene("albedo", "Albedo of the corner, or of all surfaces of a room."),
     _of_each_scene("opening_deg", "Angle between the walls of the corner."),
     number_option("furniture", click.INT, "Pieces of furniture in the room.  [default: random, 0 to 8]"),
     _of_each_scene("lamp_offset_m", "Position of the lamp relative to the camera: right,down,forward.", NumberTuple(3)),

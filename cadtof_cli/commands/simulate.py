@@ -23,6 +23,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.files.formats import format_by_name
+from cadtof_cli.simulation.pixel.pixel import require_traceable
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary
@@ -128,6 +129,7 @@ def simulate(
 def _simulate_pixel(trials: Trials, out: Path | None, workers: Workers, *, quiet: bool, as_json: bool) -> None:
     if out is not None:
         require_absent(out)
+        require_traceable(trials.model)
     with progress_bar("simulate", "blocks", quiet=quiet) as bar:
         (outcome,) = simulate_trials((trials,), workers=workers, progress=bar)
     if out is not None:

@@ -18,6 +18,12 @@ DOTS_PER_INCH = 120
 _READABLE_CELLS = 12
 """Largest number of columns of a map whose cells show their numbers."""
 
+_MOST_LENGTHS, _MOST_ASRS = 5, 20
+"""Largest number of integration lengths and of ASRs that the axes of a map show; with more, their numbers would overlap."""
+
+_TITLE_INCHES = 7.5
+"""Least width of a figure of maps: that of its title."""
+
 
 def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> None:
     """Draw one heat map per path and MPI ratio, with the direct path on top.
@@ -31,7 +37,8 @@ def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> N
     ratios = sorted({row["mpi_ratio"] for row in table}, reverse=True)
     paths = [name.removesuffix(f"_{column}") for name in table[0] if name.endswith(f"_{column}")]
     names = [name for name in paths if any(np.isfinite(row[f"{name}_true_ns"]) for row in table)]
-    figure = Figure(figsize=(1.2 + 3.9 * len(ratios), 0.8 + 2.9 * len(names)), dpi=DOTS_PER_INCH, layout="constrained")
+    width = max(1.2 + 3.9 * len(ratios), _TITLE_INCHES)
+    figure = Figure(figsize=(width, 0.8 + 2.9 * len(names)), dpi=DOTS_PER_INCH, layout="constrained")
     grid = figure.subplots(len(names), len(ratios), squeeze=False)
     signed = column == "bias_ns"
     norm = _norm(np.array([entry[f"{name}_{column}"] for entry in table for name in names]), signed=signed)
@@ -42,7 +49,7 @@ def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> N
                 axes.set_axis_off()
                 continue
             image = _heat_map(axes, chosen, f"{name}_{column}", norm, signed=signed)
-            axes.set_title(f"{name} path, MPI/laser {ratio:g}", fontsize=10)
+            axes.set_title(f"{name if name.startswith('path') else f'{name} path'}, MPI/laser {ratio:g}", fontsize=10)
     figure.colorbar(image, ax=grid, label="ns")
     figure.suptitle(f"{title}, ns")
     figure.savefig(path)
@@ -88,13 +95,19 @@ def _heat_map(axes: Axes, table: Table, column: str, norm: Normalize, *, signed:
     for row in table:
         values[asrs.index(row["asr"]), lengths.index(row["integration_length"])] = row[column]
     image = axes.imshow(values, origin="lower", aspect="auto", cmap="RdBu_r" if signed else "viridis", norm=norm)
-    axes.set_xticks(range(len(lengths)), [f"{length:,.0f}" for length in lengths], fontsize=8)
-    axes.set_yticks(range(len(asrs)), [f"{asr:g}" for asr in asrs], fontsize=8)
+    columns, rows = _shown(len(lengths), _MOST_LENGTHS), _shown(len(asrs), _MOST_ASRS)
+    axes.set_xticks(columns, [f"{lengths[column]:,.0f}" for column in columns], fontsize=8)
+    axes.set_yticks(rows, [f"{asrs[row]:g}" for row in rows], fontsize=8)
     axes.set_xlabel("integration length", fontsize=9)
     axes.set_ylabel("ASR", fontsize=9)
     if len(lengths) <= _READABLE_CELLS:
         _write_numbers(axes, values, image.cmap, norm, digits="+.3f" if signed else "#.2g")
     return image
+
+
+def _shown(count: int, most: int) -> list[int]:
+    """Return numbers from 0 to count − 1: all of them, or every second, third and so on if there are more than `most`."""
+    return list(range(0, count, -(-count // most)))
 
 
 def _norm(values: Float, *, signed: bool) -> Normalize:

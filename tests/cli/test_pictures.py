@@ -3,6 +3,7 @@
 Whole means: nothing is cut off, no legend lies on curves, and axes have labels.
 """
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -166,6 +167,26 @@ def test_the_legend_of_many_runs_is_whole(truth: bool, figures: list[Figure], tm
     _require_whole(figures[0])
     lines = [line for line in figures[0].axes[0].get_lines() if "long name" in str(line.get_label())]
     assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 18
+
+
+@pytest.mark.parametrize(
+    ("mpi", "asr", "lengths"),
+    [("0", "0,1", "1e5"), ("0.3", "1:60:60", "log:1e2:1e7:24"), ("0,0.1,0.3", "1:6:6", "log:1e3:1e5:5")],
+)
+def test_heat_maps_of_any_grid_are_whole_and_their_axes_readable(
+    mpi: str, asr: str, lengths: str, figures: list[Figure], tmp_path: Path
+) -> None:
+    done = cadtof(
+        *("sweep", "--asr", asr, "--mpi", mpi, "--integration-length", lengths, "--runs", 2, "-j", 1, "-q"),
+        *("-o", tmp_path / "a.csv", "--plot", tmp_path / "a"),
+    )
+    assert done.status == 0
+    for figure in figures:
+        _require_whole(figure)
+        for axes in (axes for axes in figure.axes if axes.images):
+            for axis in (axes.xaxis, axes.yaxis):
+                boxes = [tick.label1.get_window_extent() for tick in axis.get_major_ticks()]
+                assert not any(_overlap(one, two) for one, two in itertools.pairwise(boxes))
 
 
 def _require_whole(figure: Figure) -> None:

@@ -154,6 +154,23 @@ def test_capacitors_and_switched_stages_are_simulated() -> None:
     assert report["settings"]["stages"] == "switched"
 
 
+def test_pictures_that_cannot_be_drawn_are_refused_before_the_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("the runs began")
+
+    monkeypatch.setattr("cadtof_cli.commands.simulate.simulate_trials", never)
+    switched = ("--capacitors", "1,20,1,25,10,9,8,9,12,8,9,8", "--stages", "switched")
+    for options, message in (
+        (switched, "stages: found switched stages, expected --stages dc for the evolution of voltages"),
+        (("--integration-length", "1e9"), "photons: found 12500000000 in a harmonic, expected 1000000000 or less"),
+    ):
+        done = cadtof("simulate", *options, "-o", tmp_path / "out", "--jobs", 1)
+        assert done.status == 2
+        assert message in done.err
+
+
 BAD_INPUT = [
     (("--asr", "-1"), "ASR: found -1, expected a ratio from 0 to 1e+12"),
     (("--mpi", "-0.3"), "MPI ratio: found -0.3, expected a ratio from 0 to 1e+12"),
@@ -175,6 +192,8 @@ BAD_INPUT = [
     (("--scene", "wall"), "--scene wall: found no -o, expected -o DIR"),
     (("--scene", "wall", "--runs", "10", "-o", "x"), "--runs: has no effect with --scene wall"),
     (("--scene", "wall", "--mpi", "0.3", "-o", "x"), "--mpi: has no effect with --scene wall"),
+    (("--scene", "wall", "--albedo", "0.3", "-o", "x"), "--albedo: has no effect with --scene wall"),
+    (("--scene", "inter-reflection", "--albedo", "1", "-o", "x"), "--albedo: has no effect with --scene inter-"),
     (("--scene", "wall", "--tilt", "3", "-o", "x"), "--tilt: found 1, expected 2 values"),
     (("--scene", "wall", "--distance", "5.9", "-o", "x"), "expected less than the unambiguous range of 5.996 m"),
     (("--scene", "corner", "--distance", "2000", "-o", "x"), "scene: found nothing in view, expected a surface there"),

@@ -53,6 +53,8 @@ class Camera:
             all(abs(k) <= 1e9 for k in self.petzval_m), "Petzval curvature", self.petzval_m, "two numbers up to 1e9 m"
         )
         require(1 <= self.bits <= 16, "converter", f"{self.bits} bits", "1 to 16 bits")
+        most, zero = 2**self.bits - 1, self.zero_counts
+        require(0 <= zero <= most, "zero counts", zero, f"0 to {most}, the counts of a converter of {self.bits} bits")
         require(1e-12 <= self.volts_per_count < math.inf, "volts a count", self.volts_per_count, "a value above 0")
         require(0.0 <= self.dark_offset_v <= 1e6, "dark offsets", f"{self.dark_offset_v} V", "0 to 1e6 V")
         require(0.0 <= self.fixed_delay_ns <= 1e9, "fixed pattern", f"{self.fixed_delay_ns} ns", "0 to 1e9 ns")

@@ -22,6 +22,10 @@ from cadtof_cli.simulation.scene.rooms.cornell import CornellBox
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.units import C_M_PER_NS
 
+_WALL_ALBEDO, _PANEL_ALBEDO = 0.6, 0.8
+"""Albedos of the wall and of the panel. They are no settings, because they change nothing: a surface reflects laser light, MPI
+and ambient light alike, and the ratios of these three are settings."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Wall:
@@ -30,17 +34,15 @@ class Wall:
     Attributes:
         distance_m: distance along the optical axis; without a tilt it is the perpendicular distance.
         tilt_deg: how far the wall is turned to the right and down from facing the camera.
-        albedo: share of light that the wall reflects.
         asr: ratio of ambient to direct photons for a wall that faces the light at this distance.
     """
 
     distance_m: float = 3.0
     tilt_deg: tuple[float, float] = (0.0, 0.0)
-    albedo: float = 0.6
     asr: float = 2.0
 
     def __post_init__(self) -> None:
-        check_common(self.distance_m, self.albedo, self.asr)
+        check_common(self.distance_m, _WALL_ALBEDO, self.asr)
         require(all(abs(tilt) < 60 for tilt in self.tilt_deg), "tilt", self.tilt_deg, "angles below 60°")
 
     @property
@@ -55,8 +57,8 @@ class Wall:
         normal = np.cross(across, along)
         x, y, z = np.cross(normal / np.linalg.norm(normal), across).tolist()
         middle = (0.0, 0.0, self.distance_m)
-        wall = Surface(origin_m=middle, across=across, along=(x, y, z), albedo=self.albedo)
-        return light_from_bounces(hits((wall,), camera.rays(rows)), (), self.albedo, self.distance_m, self.asr)
+        wall = Surface(origin_m=middle, across=across, along=(x, y, z), albedo=_WALL_ALBEDO)
+        return light_from_bounces(hits((wall,), camera.rays(rows)), (), _WALL_ALBEDO, self.distance_m, self.asr)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +194,6 @@ class InterReflection:
         panel_m: width and height of the panel.
         mpi_ratio: ratio of MPI to direct photons at the middle of the panel; 0 removes the reflector.
         reflector_m: distance of the reflector to the side.
-        albedo: albedo of the panel; the wall has half of it.
         asr: ratio of ambient to direct photons for a panel that faces the light at this distance.
     """
 
@@ -201,11 +202,10 @@ class InterReflection:
     panel_m: tuple[float, float] = (1.5, 1.8)
     mpi_ratio: float = 0.033
     reflector_m: float = 5.0
-    albedo: float = 0.8
     asr: float = 2.0
 
     def __post_init__(self) -> None:
-        check_common(self.distance_m, self.albedo, self.asr)
+        check_common(self.distance_m, _PANEL_ALBEDO, self.asr)
         require(self.wall_m > self.distance_m, "wall", f"{self.wall_m:g} m", f"more than {self.distance_m:g} m")
         require_ratio(self.mpi_ratio, "MPI ratio", f"{self.mpi_ratio:g}")
         require(all(extent > 0 for extent in self.panel_m), "panel", self.panel_m, "lengths above 0 m")
@@ -226,11 +226,11 @@ class InterReflection:
         panel = Surface(
             origin_m=(0.0, 0.0, self.distance_m),
             extents_m=(-width / 2.0, width / 2.0, -height / 2.0, height / 2.0),
-            albedo=self.albedo,
+            albedo=_PANEL_ALBEDO,
             across=right,
             along=down,
         )
-        wall = Surface(origin_m=(0.0, 0.0, self.wall_m), across=right, along=down, albedo=self.albedo / 2.0)
+        wall = Surface(origin_m=(0.0, 0.0, self.wall_m), across=right, along=down, albedo=_PANEL_ALBEDO / 2.0)
         reflector = Surface(
             origin_m=(self.reflector_m, 0.0, 0.45 * self.distance_m),
             across=(0.0, 0.0, 1.0),
@@ -248,7 +248,7 @@ class InterReflection:
         gain = self.mpi_ratio * float(middle.irradiance[0, 0]) / float(there.irradiance.sum())
         bounced = bounce_by_patches(seen.of_surface(0), reflector, count=_PATCHES)
         scaled = spread_over(seen, {0: Bounce(gain * bounced.irradiance, bounced.lengths_m)}, ways=_PATCHES**2)
-        return light_from_bounces(seen, (scaled,), self.albedo, self.distance_m, self.asr)
+        return light_from_bounces(seen, (scaled,), _PANEL_ALBEDO, self.distance_m, self.asr)
 
 
 SCENES: Mapping[str, type[Wall | Card | Corner | InterReflection | RandomRoom | CornellBox]] = {

@@ -13,7 +13,7 @@ from cadtof_cli.simulation.pixel.statistics import (
     phase_precision_of_mix_rad,
     time_bounds_ns,
 )
-from cadtof_cli.workflows.simulate.trials import Recordings, Trials, noise_length
+from cadtof_cli.workflows.simulate.trials import Recordings, Trials, recorded_length
 
 SUCCESS_NS = 1.0
 """Half the width of the paper's success region, Fig. 7."""
@@ -70,11 +70,15 @@ def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
     """Return the statistics of all runs."""
     condition, modulation = trials.condition, trials.model.modulation
     mix = condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
-    gain, noise_v = averaging_gain(noise_length(trials.model)), trials.model.sample_noise_v
+    gain, noise_v = averaging_gain(recorded_length(trials)), trials.model.sample_noise_v
     bounds = time_bounds_ns(mix, modulation, variance_gain=gain, sample_noise_v=noise_v)
     precision = phase_precision_of_mix_rad(mix, modulation, variance_gain=gain, sample_noise_v=noise_v)
     phasors = runs.voltages_v[:, 0, 0] + 1j * runs.voltages_v[:, 0, 1]
-    lag = np.angle(phasors * np.exp(-2j * math.pi * condition.direct_ns / trials.period_ns))
+    lags = phasors * np.exp(-2j * math.pi * condition.direct_ns / trials.period_ns)
+    # phases on both sides of ±π are those of one cluster
+    lag = np.angle(lags)
+    lag -= _turns(lag - np.angle(lags.mean()))
+    lag -= _turns(lag.mean())
     none = np.full(len(phasors), np.nan)
     found = [*runs.times_ns, *[none] * len(condition.ratios)]
     return TrialsSummary(
@@ -97,6 +101,11 @@ def true_times_ns(condition: Condition, /) -> list[tuple[int, float]]:
     ratios, times = condition.ratios, condition.times_ns
     rows = [0, *sorted(range(1, len(ratios)), key=lambda path: -ratios[path])]
     return [(path, times[path] if ratios[path] > 0 else math.nan) for path in rows]
+
+
+def _turns(angles_rad: Float) -> Float:
+    """Return the whole turns in angles, in rad; what is left without them lies within ±π."""
+    return np.asarray(2.0 * math.pi * np.rint(angles_rad / (2.0 * math.pi)))
 
 
 def _path_summary(trials: Trials, times_ns: Float, true_ns: float, bound_ns: float) -> PathSummary:

@@ -171,6 +171,16 @@ def noise_length(model: PixelModel, /) -> float:
     return effective_length(_weights(model)[0].astype(np.float64))
 
 
+def recorded_length(trials: Trials, /) -> float:
+    """Return the integration length that describes the noise of the recordings relative to their mean.
+
+    It is less than `noise_length` if photons are counted and so few come that the average does not settle.
+    """
+    if not trials.photon_by_photon or trials.model.settles:
+        return noise_length(trials.model)
+    return effective_length(_weights(trials.model)[0].astype(np.float64))
+
+
 def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
     """Resolve the voltages of runs, (runs, H, 2), as those of a sine, whatever the waveform is.
 

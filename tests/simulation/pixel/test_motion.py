@@ -12,7 +12,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition, Motion
-from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure, expose_band
 from cadtof_cli.simulation.scene.scenes import Wall
@@ -88,3 +88,11 @@ def test_a_scene_moves_as_a_pixel_does() -> None:
 def test_impossible_motion_is_refused(change: dict[str, float], message: str) -> None:
     with pytest.raises(SettingsError, match=message):
         Motion(**change)
+
+
+def test_the_pictures_of_a_recording_show_the_target_where_the_fundamental_sees_it() -> None:
+    """60 m/s · 25 ms / 2 = .75 m, 5.0035 ns there and back, before the middle of the frame: an arrival at 5 instead of 10 ns."""
+    model = PixelModel(averaging=Averaging(integration_length=200.0), cycles=1000, motion=replace(FAST, speed_m_s=60.0))
+    light = Condition(asr=0.0, mpi_ratio=0.0, direct_ns=10.0).mix(40.0)
+    shown = evolution(model, light, np.random.default_rng(0))
+    assert shown.settled_phase_deg == pytest.approx((10.0 - 5.0035) / 40.0 * 360.0, abs=0.5)

@@ -288,3 +288,31 @@ def test_amplitudes_that_no_light_has_count_as_no_answer() -> None:
     assert math.isnan(found.direct.std_ns)
     assert found.direct.within_1ns == 0.0
     assert outcome(trials(runs=100)).impossible == 0.0
+
+
+def test_the_bound_of_an_average_that_has_not_settled_is_that_of_its_few_photons() -> None:
+    """After N = n_av/2 photons, Eq. (1) gives Σw = 1 − e^(−1/2) and Σw² = (1 − e^(−1))/(2 n_av).
+
+    So the noise over the mean is that of a fifth to a quarter of n_av, and the standard deviation is twice that of n_av.
+    """
+    settled, model = trials(4000.0), PixelModel(averaging=Averaging(integration_length=4000.0), cycles=400)
+    runs = 300
+    few = outcome(replace(settled, model=model, photon_by_photon=True, runs=runs, resolver=ResolverSettings(order="2")))
+    more = math.sqrt(1 - math.exp(-1)) / (1 - math.exp(-0.5))
+    assert few.direct.bound_ns == pytest.approx(more * outcome(settled).direct.bound_ns, rel=1e-3)
+    assert few.phase_std_rad == pytest.approx(few.phase_model_std_rad, rel=4 / math.sqrt(2 * runs))
+    # --cycles has no effect on voltages that are drawn from their settled distribution
+    assert outcome(replace(settled, model=model)).direct.bound_ns == outcome(settled).direct.bound_ns
+
+
+@pytest.mark.parametrize(
+    ("second_ns", "bias_rad"), [(25.0, math.pi), (24.9, math.pi - 0.0236), (25.1, 0.0236 - math.pi)]
+)
+def test_the_phase_of_mpi_that_outshines_the_direct_light_does_not_split_at_half_a_turn(
+    second_ns: float, bias_rad: float
+) -> None:
+    """MPI of three times the direct light, 20 ns later: the first phasor is half a turn off."""
+    found = outcome(trials(condition=Condition(asr=1.0, mpi_ratio=3.0, second_ns=second_ns)))
+    assert found.phase_std_rad == pytest.approx(found.phase_model_std_rad, rel=4 / math.sqrt(800))
+    assert abs(np.angle(np.exp(1j * (found.phase_bias_rad - bias_rad)))) < 1e-3
+    assert abs(found.phase_bias_rad) <= math.pi

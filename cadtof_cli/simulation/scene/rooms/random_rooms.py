@@ -21,6 +21,9 @@ DRAWN_FURNITURE = 8
 FARTHEST_M, NEAREST_M = 5.7, 0.5
 """Limits of the ranges that the camera may see: less than the unambiguous range of 6 m, and nothing right before the lens."""
 
+DRAWN_BEAM_DEG = (42.0, 65.0)
+"""Limits between which half the angle of the lamp's beam is drawn."""
+
 LIGHT_LOST = 0.3
 """Largest share of the view that openings may take, and largest share of the seen surfaces that may have no direct light."""
 
@@ -52,21 +55,29 @@ def random_room(
     half the beam's angle. An argument that is None is drawn.
 
     Raises:
-        SettingsError: no room of this seed has place for the furniture.
+        SettingsError: no room of this seed has place for the furniture, or the beam lights too little of what the camera sees.
     """
     generator = np.random.default_rng(seed)
     kind = str(generator.choice(list(KINDS), p=list(KINDS.values())))
     pieces = int(generator.integers(DRAWN_FURNITURE + 1)) if furniture is None else furniture
-    beam = float(generator.uniform(42.0, 65.0))
+    beam = float(generator.uniform(*DRAWN_BEAM_DEG))
+    if beam_deg is not None:
+        beam = beam_deg
+    held = False
     for _ in range(TRIES):
         draft = _draft(kind, generator)
         solids = _furnished(draft, pieces, generator)
         if solids is None:
             continue
-        room = _room(kind, draft, solids, generator, beam_deg=beam_deg or beam)
+        held = True
+        room = _room(kind, draft, solids, generator, beam_deg=beam)
         if _fits(room):
             interior = room.interior if albedo is None else _in_one_albedo(room.interior, albedo)
             return replace(room, interior=interior, summary=f"{room.summary}, pieces of furniture: {pieces}")
+    if held and beam < DRAWN_BEAM_DEG[0]:
+        raise SettingsError(
+            f"beam: found {beam:g}°, expected a wider one, of 25° or more: it lights too little of what the camera sees"
+        )
     raise SettingsError(
         f"furniture: found {pieces} pieces, expected few enough that the {kind} of seed {seed} holds them"
     )

@@ -18,8 +18,9 @@ from cadtof_cli.simulation.scene.rooms.traced_rows import indirect_light
 from cadtof_cli.simulation.scene.rooms.view import Room, View
 from cadtof_cli.units import C_M_PER_NS
 
-COARSE = 8
-"""Step in rows and columns between the pixels from which the median of the direct light is taken."""
+COARSE, FEWEST = 8, 15
+"""Largest step in rows and columns between the pixels from which the median of the direct light is taken, and the number of rows
+and of columns that these pixels fill at least: in small pictures, a few pixels do not tell the median."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +113,8 @@ def light_in_room(view: View, rows: slice, /, *, asr: float) -> Light:
     later_ns = np.divide(moments, irradiance, out=np.zeros_like(moments), where=irradiance > 0)
     photons = np.concatenate([view.direct(seen)[None], irradiance]) * seen.albedo.astype(np.float64)
     ambient = asr * median_irradiance(view) * np.where(seen.albedo > 0, seen.albedo, 1.0)
+    # even with an ASR of 0, something makes the noise of pixels that see nothing
+    ambient = np.where(photons.any(axis=0) | (ambient > 0), ambient, 1.0)
     return Light(
         delays_ns=np.concatenate([direct_ns[None], direct_ns + later_ns]).reshape(-1, *shape),
         photons=photons.reshape(-1, *shape),
@@ -123,6 +126,7 @@ def light_in_room(view: View, rows: slice, /, *, asr: float) -> Light:
 @lru_cache(maxsize=4)
 def median_irradiance(view: View, /) -> float:
     """Return the median of the direct irradiance over what the camera sees, 1/m²."""
-    rays: Float = view.camera.rays(slice(None))[:, ::COARSE, ::COARSE].reshape(3, -1)
+    step = max(1, min(COARSE, view.camera.height // FEWEST, view.camera.width // FEWEST))
+    rays: Float = view.camera.rays(slice(None))[:, ::step, ::step].reshape(3, -1)
     direct = view.direct(view.meet(rays))
     return float(np.median(direct[direct > 0])) if (direct > 0).any() else 1.0

@@ -106,3 +106,10 @@ def test_a_room_that_has_no_place_for_its_furniture_is_refused(monkeypatch: pyte
     message = f"furniture: found 12 pieces, expected few enough that the {kind} of seed 2003 holds them"
     with pytest.raises(SettingsError, match=message):
         random_room(2003, furniture=12)
+
+
+@pytest.mark.parametrize("beam_deg", [1.0, 10.0])
+def test_a_beam_that_lights_too_little_of_the_view_is_refused_by_its_name(beam_deg: float) -> None:
+    with pytest.raises(SettingsError, match=f"beam: found {beam_deg:g}°, expected a wider one, of 25° or more"):
+        random_room(3, furniture=0, beam_deg=beam_deg)
+    assert random_room(3, furniture=0, beam_deg=25.0).beam_rad == pytest.approx(math.radians(25.0))

@@ -12,7 +12,7 @@ from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.cornell import SIZE_M, STAND_OFF_M, CornellBox
 from cadtof_cli.simulation.scene.rooms.random_rooms import FARTHEST_M, NEAREST_M
-from cadtof_cli.simulation.scene.rooms.room import RandomRoom, light_in_room
+from cadtof_cli.simulation.scene.rooms.room import RandomRoom, light_in_room, median_irradiance
 from cadtof_cli.simulation.scene.rooms.solids import Interior
 from cadtof_cli.simulation.scene.rooms.view import Room, View
 
@@ -182,3 +182,21 @@ def test_the_asr_is_ambient_light_over_the_median_of_direct_light(asr: float) ->
     light = RandomRoom(seed=2003, asr=asr, light_paths=1).light(CAMERA, ALL_ROWS)
     lit = light.photons[0] > 0.0
     assert np.median(light.photons[0][lit] / light.ambient[lit]) == pytest.approx(1.0 / asr, rel=0.1)
+
+
+@pytest.mark.parametrize(("width", "height", "within"), [(8, 6, 0.02), (16, 12, 0.02), (32, 24, 0.02), (64, 48, 0.1)])
+def test_the_asr_of_small_pictures_is_that_of_the_median_too(width: int, height: int, within: float) -> None:
+    for seed in range(12):
+        seen = View(room=RandomRoom(seed=seed).room, camera=Camera(width=width, height=height))
+        direct = seen.direct(seen.meet(seen.camera.rays(slice(None)).reshape(3, -1)))
+        assert median_irradiance(seen) == pytest.approx(float(np.median(direct[direct > 0])), rel=within)
+
+
+def test_without_ambient_light_pixels_that_see_nothing_hold_noise() -> None:
+    light = RandomRoom(asr=0.0, light_paths=1).light(CAMERA, ALL_ROWS)
+    lit = light.photons.any(axis=0)
+    assert not lit.all()
+    np.testing.assert_array_equal(light.ambient > 0, ~lit)
+    truth = light.truth(0.2746)
+    assert np.isnan(truth["direct.depth"][~lit]).all()
+    assert (truth["direct.amplitude"][~lit] == 0).all()

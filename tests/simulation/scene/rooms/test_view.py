@@ -1,6 +1,7 @@
 """Where a camera in a room looks, and where its lamp is; the camera turns to the right first, then down."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -56,10 +57,13 @@ def test_a_lamp_in_or_behind_a_wall_is_refused(offset: tuple[float, float, float
     assert view(offset=nearly).lamp_offset_m == nearly
 
 
-def test_the_median_is_that_of_every_eighth_pixel_with_direct_light() -> None:
+@pytest.mark.parametrize(("width", "height", "step"), [(24, 18, 1), (320, 240, 8), (1000, 30, 2), (64, 48, 3)])
+def test_the_median_is_that_of_every_eighth_pixel_with_direct_light_or_of_more_in_small_pictures(
+    width: int, height: int, step: int
+) -> None:
     """The beam, .9 rad and an edge of 10° to each side, covers the view. The light of a pixel is cos/r²."""
-    straight = view()
-    x, y, z = straight.camera.rays(slice(None))[:, ::8, ::8].reshape(3, -1)
+    straight = replace(view(), camera=Camera(width=width, height=height))
+    x, y, z = straight.camera.rays(slice(None))[:, ::step, ::step].reshape(3, -1)
     meetings = straight.meet(np.stack([x, y, z]))
     lit = straight.direct(meetings)
     assert (lit > 0).all()
