@@ -1,4 +1,4 @@
-"""Medians and quantiles of a few hundred numbers, as numpy defines them, in a fifth of numpy's time."""
+"""Medians and quantiles as numpy defines them, in less than its time, and without loading `numpy.ma`."""
 
 import numpy as np
 

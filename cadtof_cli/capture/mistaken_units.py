@@ -29,7 +29,7 @@ def mistaken_unit(metadata: CaptureMetadata, pixels: tuple[int, int], /) -> str 
         return (
             f"optics.focal_length_px = {focal:g} means a view of {view_deg:.0f}°: is the value in mm instead of pixels?"
         )
-    if point is not None and across > LARGE_ARRAY and max(point) <= 1.0:
+    if point is not None and across > LARGE_ARRAY and min(point) >= 0.0 and max(point) <= 1.0:
         return (
             f"optics.principal_point_px = {point[0]:g}, {point[1]:g} lies in a corner of the frame: is the value a share of "
             "width and height instead of pixels?"

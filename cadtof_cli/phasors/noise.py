@@ -11,6 +11,7 @@ from cadtof_cli.arrays import Complex, Float, Float32, SomePixels
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
 from cadtof_cli.phasors.response import ideal_response, pulse_response
 from cadtof_cli.phasors.rotors import Rotor
+from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 
 MAD_PER_SIGMA = 0.6744897501960817
@@ -38,6 +39,14 @@ variance along the phasor falls to rounding error."""
 MOST_INTEGRATION = 1e12
 """Longest integration length, that of a frame without any noise. Its noise is that of float32 rounding, so every
 threshold stays finite."""
+
+
+FEWEST_DIFFERENCES = 16
+"""Fewest differences between neighbours from which noise is estimated."""
+
+_COARSE = 0.4
+"""Share of pixels with the value of their neighbour above which counts are so coarse that noise leaves many neighbours the
+same: noise of .7 counts and less."""
 
 
 @dataclass(frozen=True)
@@ -177,9 +186,11 @@ def estimated_integration_length(
     """Return the n_av that explains the pixel-to-pixel noise of a frame's phasors, complex128 (H, Y, X).
 
     The diagonal second difference (p[y,x] − p[y,x+1] − p[y+1,x] + p[y+1,x+1])/2 keeps the variance of white noise and
-    removes every gradient along rows and columns; its median absolute deviation ignores edges and outliers. NaN is left
-    out. The variance is compared with that of `noise_model` for the median of |p_h|². Returns infinity for a frame without
-    noise, and NaN if fewer than 16 differences of a harmonic are finite.
+    removes every gradient along rows and columns; a sensor of one row or column has (p[x] − 2·p[x+1] + p[x+2])/√6. Its
+    median absolute deviation ignores edges and outliers. NaN is left out, and so are neighbours that all hold the same
+    values, as where a camera sets pixels without light to 0 V. The variance is compared with that of
+    `noise_model` for the median of |p_h|². Returns infinity for a frame without noise, and NaN if fewer than 16
+    differences of a harmonic are finite.
 
     `quantised`: the values are whole numbers. Rounding to them is not noise of photons, so its variance is taken off.
     `samples`: number of recordings that each pixel is a mean of. The n_av is that of one recording.
@@ -187,16 +198,21 @@ def estimated_integration_length(
     # its variances are those of photons, times 2·n_av − 1
     unit = noise_model(metadata, integration_length=1.0, quantised=quantised)
     # infinite pixels make NaN here, and NaN is left out
-    difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
+    if 1 in phasors.shape[1:]:
+        phasors = _recorded(phasors.reshape(len(phasors), 1, -1), 1, 3)
+        difference = np.diff(phasors, n=2) / math.sqrt(6.0)
+    else:
+        phasors = _recorded(phasors, 2, 2)
+        difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
     seen = expected = 0.0
     for plane, phasor, one in zip(difference, phasors, unit.each, strict=True):
         finite = plane[np.isfinite(plane)]
-        if finite.size < 16:
+        if finite.size < FEWEST_DIFFERENCES:
             return math.nan
         # means of counts are multiples of step/samples, and half their sums are multiples of half of that
         step = 0.5 * math.sqrt(12.0 * one.floor) / samples
         spread = [median_of_steps(np.abs(part), step) / MAD_PER_SIGMA for part in (finite.real, finite.imag)]
-        signal = np.median(np.abs(phasor[np.isfinite(phasor)])) ** 2
+        signal = float(median(np.abs(phasor[np.isfinite(phasor)]))) ** 2
         seen += spread[0] ** 2 + spread[1] ** 2 - 2.0 * (one.floor / samples + step**2 / 12.0)
         expected += max(2.0 * one.ambient_variance - signal, 2.0 * LEAST_SHARE * one.ambient_variance)
     averaging = float(seen / expected)
@@ -214,13 +230,37 @@ def median_of_steps(sizes: Float, step: float, /) -> float:
     not. The median of sizes that are not in steps stays as it is, apart from noise. With a step of 0, it is the usual one.
     """
     if step == 0.0:
-        return float(np.median(sizes))
+        return float(median(sizes))
     middle = sizes.size // 2
     value = float(np.partition(sizes, middle)[middle])
     low, high = max(value - 0.5 * step, 0.0), value + 0.5 * step
     below = int(np.count_nonzero(sizes < low))
     within = int(np.count_nonzero(sizes <= high)) - below
     return low + (high - low) * (0.5 * sizes.size - below) / within
+
+
+def _recorded(phasors: Complex, down: int, right: int) -> Complex:
+    """Return phasors, (H, Y, X), with NaN where `down` × `right` neighbours hold the same values, unless hardly any others
+    are left."""
+    rows, columns = phasors.shape[1] - down + 1, phasors.shape[2] - right + 1
+    if min(rows, columns) < 1:
+        return phasors
+    first, *others = (np.s_[y : y + rows, x : x + columns] for y in range(down) for x in range(right))
+    same = np.ones((rows, columns), np.bool_)
+    for place in others:
+        # noise leaves no neighbours the same, so this nearly always ends at once
+        for phasor in phasors:
+            same &= phasor[place] == phasor[first]
+        if not same.any():
+            return phasors
+    left_out = np.zeros(phasors.shape[1:], np.bool_)
+    for place in (first, *others):
+        left_out[place] |= same
+    kept = ~np.logical_or.reduce([left_out[place] for place in (first, *others)])
+    if np.count_nonzero(kept) < FEWEST_DIFFERENCES:
+        return phasors
+    repeated = [np.mean(phasor.real[others[0]][kept] == phasor.real[first][kept]) for phasor in phasors]
+    return phasors if max(repeated) > _COARSE else np.where(left_out, np.nan, phasors)
 
 
 @lru_cache(maxsize=64)

@@ -33,7 +33,7 @@ def estimated_noise(
         dtype: type in which the values were recorded.
 
     Raises:
-        FrameError: too few of the frame's pixels are finite and not saturated.
+        FrameError: too few neighbouring pixels of the frame are finite and not saturated.
     """
     stored, size = recorded.reshape(*recorded.shape[:2], -1), (recorded.shape[2], recorded.shape[3])
     metadata, quantised = stages.plan.metadata, dtype.kind in "iu"
@@ -47,8 +47,8 @@ def estimated_noise(
         )
         if math.isnan(estimate):
             raise FrameError(
-                "the integration length is unknown and the noise cannot be estimated: too few pixels are finite and not "
-                "saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
+                "the integration length is unknown and the noise cannot be estimated: too few neighbouring pixels are finite "
+                "and not saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
             )
         length = min(estimate, MOST_INTEGRATION)
         return noise_model(metadata, integration_length=length, quantised=quantised, estimated=True)

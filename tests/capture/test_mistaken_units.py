@@ -28,6 +28,8 @@ def test_periods_that_are_hardly_in_ns_raise_a_doubt() -> None:
             "optics.principal_point_px = 0.5, 0.5 lies in a corner of the frame: ",
         ),
         (Optics(principal_point_px=(-20.0, 119.5)), None),
+        # the optical axis of a cropped sensor may lie beyond it
+        (Optics(principal_point_px=(-40.5, -30.5)), None),
     ],
 )
 def test_optics_that_are_hardly_in_pixels_raise_a_doubt(optics: Optics, beginning: str | None) -> None:

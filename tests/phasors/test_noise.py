@@ -8,6 +8,7 @@ import pytest
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage, Waveform
 from cadtof_cli.phasors.noise import (
     MAD_PER_SIGMA,
+    _recorded,
     ambient_noise_v,
     estimated_integration_length,
     median_of_steps,
@@ -195,3 +196,48 @@ def test_a_very_short_integration_length_is_estimated_correctly() -> None:
     assert estimated_integration_length(frame, CaptureMetadata(), quantised=False) == pytest.approx(
         0.5 * (1.0 + share / (2 * 0.3**2)), rel=0.02
     )
+
+
+@pytest.mark.parametrize("shape", [(1, 4000), (4000, 1)])
+def test_a_sensor_of_one_row_or_column_shows_its_noise_along_itself(shape: tuple[int, int]) -> None:
+    """Before, its noise could not be estimated. The light is that of a slanted wall with edges."""
+    n_av, size = 1e4, shape[0] * shape[1]
+    phase = np.linspace(0.5, 1.5, size) + 0.4 * (np.arange(size) // 100 % 2)
+    volts = Light(5.0, direct_ns=0.0).voltages(np.random.default_rng(3), n_av, size)
+    p = phasors_of(volts) * np.exp(1j * np.array([[1.0], [2.0]]) * phase)
+    assert estimated_integration_length(p.reshape(2, *shape), CaptureMetadata(), quantised=False) == pytest.approx(
+        n_av, rel=0.1
+    )
+    assert math.isnan(estimated_integration_length(p[:, np.newaxis, :17], CaptureMetadata(), quantised=False))
+
+
+@pytest.mark.parametrize("shape", [(60, 80), (1, 4800)])
+@pytest.mark.parametrize("share", [0.2, 0.45, 0.7, 0.95])
+@pytest.mark.parametrize("value", [0.0, 0.2 + 0.1j])
+def test_pixels_that_a_camera_sets_to_one_value_do_not_hide_the_noise(
+    shape: tuple[int, int], share: float, value: complex
+) -> None:
+    """As the sky without light, or the corners beyond the picture of a fisheye lens. Before, sigma was far too small."""
+    n_av = 1e4
+    volts = Light(2.0, direct_ns=5.0).voltages(np.random.default_rng(3), n_av, 4800)
+    p = phasors_of(volts)
+    p[:, : int(share * 4800)] = value
+    known = 0.15 if share < 0.9 else 0.4
+    assert estimated_integration_length(p.reshape(2, *shape), CaptureMetadata(), quantised=False) == pytest.approx(
+        n_av, rel=known
+    )
+
+
+def test_a_frame_of_hardly_any_noise_has_the_noise_of_all_its_pixels() -> None:
+    p = np.zeros((2, 20, 20), np.complex128)
+    p[:, :3, :3] = np.random.default_rng(1).normal(size=(2, 3, 3))
+    assert estimated_integration_length(p, CaptureMetadata(), quantised=False) == math.inf
+
+
+@pytest.mark.parametrize(("sigma", "same"), [(0.2, True), (0.4, True), (1.0, False), (5.0, False)])
+def test_neighbours_of_coarse_counts_are_recorded_though_they_hold_the_same_values(sigma: float, same: bool) -> None:
+    """A fifth of the frame holds one value. With noise of a few counts, that is no recording; with less, it may be one."""
+    counts = np.rint(np.random.default_rng(4).normal(40.2, sigma, (2, 2, 60, 80)))
+    counts[:, :, :12] = 0.0
+    p = (counts[:, 0] + 1j * counts[:, 1]) / 400.0
+    assert (_recorded(p, 2, 2) is p) == same

@@ -171,8 +171,9 @@ def plan_captures(
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
-        # the calibration of a camera shows that its planes are read in the right order
-        doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
+        # a calibration shows that the planes are in order; what `read_frames` reads, for one path, may be calibrated later
+        raw, several = use is None, plan.resolver.max_paths > 1
+        doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=raw, of_camera=raw and several)
         plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))
     return plans
 

@@ -1,0 +1,180 @@
+"""What a frame shows of its camera's own errors, if no calibration takes them out: noise that the settings do not explain,
+offsets of rows or columns, and harmonics of unequal amplitude.
+
+Nothing of this shows in a pixel alone. Offsets and amplitudes look like a second path, with a sigma that is far too small.
+"""
+
+import math
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Stored
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
+from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT
+from cadtof_cli.phasors.voltages import (
+    ideal_phasor_map,
+    phasors_from_stored,
+    saturated_pixels,
+    sound_pixels,
+    spread_over,
+    volts_from_stored,
+    volts_per_count,
+)
+from cadtof_cli.quantiles import median, quantiles
+
+_MORE_NOISE, _LESS_NOISE = 8.0, 4.0
+"""The noise of a frame is doubted if its variance is more than 8 times as large as the integration length explains, or
+more than 4 times smaller. Texture adds scatter: up to a factor of 5 in rendered rooms. Nothing makes scatter smaller."""
+
+_FULLY_LIT = 0.8
+"""Median |p| of a frame above which nearly all light is the laser's. The noise is then not judged: it is hardly any."""
+
+_COARSE_STEPS = 2.0
+"""Noise of fewer steps of whole numbers than this is not judged to be too small: rounding may hide it."""
+
+_STRIPED = 1.0
+"""Rows or columns are doubted if their offsets scatter by more than so many standard deviations of a pixel."""
+
+_RIPPLED = 0.005
+"""Share of the light up to which offsets may be ripples of the scene, such as those of a corrugated sheet."""
+
+_THIRD = math.sqrt(1.0 + 9.0 + 9.0 + 1.0)
+"""Standard deviation of third differences of independent numbers. Surfaces hardly have third differences."""
+
+_LINES, _LEAST_LINES = 96, 48
+"""Rows or columns that are looked at, and fewest of them: a part of them lies at edges of the scene."""
+
+_LEAST_ALONG = 24
+"""Fewest pixels along a line."""
+
+_QUARTER_OF_NORMAL = 0.3186
+"""First quartile of the magnitude of a normal distribution, in units of its standard deviation. Edges of the scene, such as
+posts and shelves, leave it nearly as it is while a quarter of the lines is free of them."""
+
+_UNEQUAL = 0.03
+"""Least relative difference of the amplitudes of two harmonics that is doubted: it moves depths by centimetres."""
+
+_ALIKE, _ALIKE_SHARE, _ALIKE_TURN = 0.5, 0.9, 0.2
+"""The difference belongs to the camera, not to MPI, if 90 % of the brighter pixels have it up to a half, and if the phase
+of the second harmonic differs by a fifth of it at most. In 22 captures without that fault, rooms among them, 75 % at most
+have it, or it comes with phases three tenths of it and more."""
+
+_ONE_DEPTH = 0.95
+"""Length of the mean of unit phasors above which the scene has one depth: MPI may then be the same in all pixels."""
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def camera_doubts(stored: Stored, metadata: CaptureMetadata, /) -> tuple[str, ...]:
+    """Return in words which errors of the camera a frame, (H, 2, Y, X), shows that is not calibrated.
+
+    NaN and saturated pixels are left out.
+
+    Raises:
+        SettingsError: see `volts_per_count`.
+    """
+    found = (
+        other_noise(stored, metadata),
+        striped(stored, metadata, "rows"),
+        striped(stored, metadata, "columns"),
+        unequal_harmonics(stored, metadata),
+    )
+    return tuple(doubt for doubt in found if doubt)
+
+
+def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return a message if neighbours differ by far more, or far less, than the integration length explains; else None."""
+    n_av, (height, width) = metadata.pixel.integration_length, stored.shape[2:]
+    if n_av is None or min(height, width) < 2:
+        return None
+    pairs = stored[:, :, : height // 2 * 2].reshape(*stored.shape[:2], height // 2, 2, width)
+    pairs = pairs[:, :, :: max(1, 2 * pairs.shape[2] * width // LOOKED_AT)]
+    if pairs.shape[2] * width < FEWEST:
+        return None
+    # pairs of rows, one beside the other: a frame of two rows
+    phasors = _phasors(pairs.swapaxes(2, 3).reshape(*stored.shape[:2], -1), metadata)
+    whole = stored.dtype.kind in "iu"
+    lengths = np.abs(phasors[0][np.isfinite(phasors[0])])
+    if lengths.size < FEWEST or not median(lengths) < _FULLY_LIT:
+        return None
+    seen = estimated_integration_length(phasors.reshape(len(phasors), 2, -1), metadata, quantised=whole)
+    if seen < n_av / _MORE_NOISE:
+        return (
+            f"neighbouring pixels scatter as with integration_length = {seen:.2g} instead of {n_av:g}: standard deviations "
+            f"are about {math.sqrt(n_av / seen):.2g} times too small, and noise is taken for light and for second paths. "
+            "Correct integration_length or leave it out; or, if the pixels have offsets of their own, run calibrate dark"
+        )
+    step_v = abs(volts_per_count(metadata.voltage, stored.dtype)) if whole else 0.0
+    fine = ambient_noise_v(metadata, integration_length=n_av) > _COARSE_STEPS * step_v
+    if fine and _LESS_NOISE * n_av < seen < math.inf:
+        return (
+            f"neighbouring pixels scatter as with integration_length = {seen:.2g} instead of {n_av:g}: standard deviations "
+            f"are about {math.sqrt(seen / n_av):.2g} times too large, and weak light and MPI are not found. Correct "
+            "integration_length or leave it out, or record without a filter that smooths"
+        )
+    return None
+
+
+def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | None:
+    """Return a message if the rows, or the columns, of a frame have offsets of their own, larger than noise; else None.
+
+    The third differences across the lines are compared: their medians along the lines with those of single pixels.
+    """
+    planes = stored if lines == "rows" else stored.swapaxes(2, 3)
+    begin = max(0, (planes.shape[2] - _LINES) // 2)
+    planes = planes[:, :, begin : begin + _LINES, :: max(1, planes.shape[3] * _LINES // LOOKED_AT)]
+    count, along = planes.shape[2:]
+    if count < _LEAST_LINES or along < _LEAST_ALONG:
+        return None
+    volts = volts_from_stored(planes, metadata.voltage)
+    volts[:, :, ~sound_pixels(planes, metadata.voltage.saturated_counts)] = np.nan
+    bent = np.diff(volts, n=3, axis=2).reshape(2 * len(planes), count - 3, along)
+    bent = bent[:, :, np.isfinite(bent).all(axis=(0, 1))]
+    if bent.shape[2] < _LEAST_ALONG:
+        return None
+    of_line = median(bent)
+    noise = median(np.abs(bent - of_line[..., np.newaxis]).reshape(len(bent), -1)) / (MAD_PER_SIGMA * _THIRD)
+    offsets = quantiles(np.abs(of_line), (0.25,))[0] / (_QUARTER_OF_NORMAL * _THIRD)
+    # a median of n normal numbers has π/2 of the variance of their mean
+    excess = np.sqrt(np.maximum(offsets**2 - 0.5 * math.pi / bent.shape[2] * noise**2, 0.0))
+    light = float(median(np.sqrt(np.nansum(volts * volts, axis=(0, 1)) / len(volts)).ravel()))
+    if not (worst := float(np.max(excess))) > max(_STRIPED * float(np.max(noise)), _RIPPLED * light):
+        return None
+    return (
+        f"{lines} have offsets of their own, {1000.0 * worst:.2g} mV from one to the next: depths are wrong by more than sigma "
+        "says. If they are the same in all frames, run calibrate dark; if not, something disturbs the read-out. Only a scene of "
+        "fine stripes, such as a fence, looks like that, too"
+    )
+
+
+def unequal_harmonics(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return a message if the first two harmonics have other amplitudes than each other, by the same factor at all depths; else
+    None."""
+    modulation = metadata.modulation
+    if modulation.harmonics[:2] != (1, 2) or modulation.waveform != "sine":
+        return None
+    phasors = _phasors(spread_over(stored, LOOKED_AT), metadata)[:2]
+    phasors = phasors[:, np.isfinite(phasors).all(axis=0)]
+    if phasors.shape[1] < 2 * FEWEST:
+        return None
+    length = np.abs(phasors[0])
+    first, second = phasors[:, (length >= median(length)) & (length > 0.0)]
+    if not first.size or abs(np.mean(first / np.abs(first))) > _ONE_DEPTH:
+        return None
+    ratio = second * np.conj(first) ** 2 / np.abs(first) ** 3
+    middle, turn = float(median(ratio.real)), float(median(ratio.imag))
+    differs = abs(middle - 1.0)
+    alike = np.abs(ratio - middle) < _ALIKE * differs
+    if differs < _UNEQUAL or abs(turn) > _ALIKE_TURN * differs or not alike.mean() >= _ALIKE_SHARE:
+        return None
+    return (
+        f"the second harmonic is {middle:.3g} times as strong as the first at all depths, which looks like a second path in "
+        "every pixel: run calibrate response, or correct fwhm_ns. Until then, --order 1 gives better depths where MPI is weak"
+    )
+
+
+def _phasors(planes: Stored, metadata: CaptureMetadata) -> Complex:
+    """Return the phasors of pixels, (H, 2, n), NaN where a pixel is saturated."""
+    phasors = phasors_from_stored(planes, ideal_phasor_map(metadata, planes.dtype))
+    phasors[:, saturated_pixels(planes, metadata.voltage.saturated_counts)] = np.nan
+    return phasors

@@ -1,0 +1,149 @@
+"""Errors of a camera that a frame shows if no calibration takes them out."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
+from cadtof_cli.phasors.uncalibrated import camera_doubts, striped
+from tests.support.captures import record
+from tests.support.run_cadtof import cadtof
+
+AMPLITUDE_V, N_AV, SIZE = 0.2746, 1e5, (64, 80)
+KNOWN = CaptureMetadata(pixel=Pixel(integration_length=N_AV))
+
+
+def frame(
+    *, n_av: float = N_AV, asr: float = 5.0, second: float = 1.0, mpi: float = 0.0, seed: int = 1, fwhm_ns: float = 1.7
+) -> NDArray[np.float64]:
+    """Return volts, (2, 2, 64, 80), of boxes and a floor at 1 to 5 m before a sky without light.
+
+    `second` is a factor on the second harmonic; `mpi` is the amplitude of a path that is 6 ns later.
+    """
+    rng = np.random.default_rng(seed)
+    row, column = np.indices(SIZE)
+    depth_m = np.where(row > 40, 180.0 / (row + 1e-9), 1.0 + column // 20 * 1.3)
+    light = np.where(row < 12, 0.0, 1.0)
+    phase, late = 2.0 * np.pi / 40.0 * 2.0 * depth_m / 0.299792458, 2.0 * np.pi / 40.0 * 6.0
+    volts = []
+    for h, factor in ((1, 1.0), (2, second)):
+        pulse = np.exp(-((h * 2.0 * np.pi * fwhm_ns / 2.3548 / 40.0) ** 2) / 2.0)
+        phasor = pulse * light * (np.exp(1j * h * phase) + mpi * np.exp(1j * h * (phase + late))) / (1.0 + mpi + asr)
+        noise = rng.normal(0.0, 0.5 / np.sqrt(n_av), (2, *SIZE))
+        volts.append(factor * AMPLITUDE_V * (np.stack([phasor.real, phasor.imag]) + noise))
+    return np.array(volts)
+
+
+@pytest.mark.parametrize("asr", [0.3, 1.0, 5.0, 50.0])
+@pytest.mark.parametrize("n_av", [1e3, 1e5, 1e6])
+def test_a_camera_without_errors_raises_no_doubt(asr: float, n_av: float) -> None:
+    known = replace(KNOWN, pixel=Pixel(integration_length=n_av))
+    assert camera_doubts(frame(n_av=n_av, asr=asr), known) == ()
+    assert camera_doubts(frame(n_av=n_av, asr=asr, mpi=0.3), known) == ()
+    assert camera_doubts(frame(n_av=n_av, asr=asr), CaptureMetadata()) == ()
+
+
+@pytest.mark.parametrize(("seen", "words"), [(1e4, " times too small"), (1e6, " times too large")])
+def test_another_integration_length_is_doubted(seen: float, words: str) -> None:
+    """A frame at night, of a tenth of the photons, and one of ten times as many."""
+    (doubt,) = camera_doubts(frame(n_av=seen), KNOWN)
+    assert words in doubt
+
+
+def test_texture_that_scatters_three_times_as_much_as_noise_is_not_doubted() -> None:
+    assert camera_doubts(frame(n_av=N_AV / 5.0), KNOWN) == ()
+
+
+def test_noise_that_rounding_hides_is_not_judged() -> None:
+    counts = np.rint(frame() / 2e-3 + 100.0).astype(np.uint8)
+    assert camera_doubts(counts, replace(KNOWN, voltage=Voltage(zero_counts=100.0, volts_per_count=2e-3))) == ()
+
+
+@pytest.mark.parametrize("known", [KNOWN, CaptureMetadata()])
+@pytest.mark.parametrize("lines", ["rows", "columns"])
+def test_offsets_of_rows_or_columns_are_doubted(lines: str, known: CaptureMetadata) -> None:
+    shape = (2, 2, SIZE[0], 1) if lines == "rows" else (2, 2, 1, SIZE[1])
+    offsets = np.random.default_rng(2).normal(0.0, 2e-3, shape)
+    (doubt,) = camera_doubts(frame() + offsets, known)
+    assert doubt.startswith(f"{lines} have offsets of their own, ")
+    assert 1.5 < float(doubt.split(", ")[1].split(" mV")[0]) < 3.0
+    assert camera_doubts(frame() + 0.05 * offsets, known) == ()
+
+
+def test_posts_and_shelves_are_no_offsets() -> None:
+    """Every eighth column and row shows a nearer surface, over the whole frame."""
+    volts = frame(asr=1.0)
+    volts[:, :, :, ::8] *= -0.5
+    volts[:, :, ::8] *= -0.5
+    assert striped(volts, KNOWN, "rows") is None
+    assert striped(volts, KNOWN, "columns") is None
+
+
+def test_ripples_of_a_surface_are_no_offsets() -> None:
+    """With little ambient light they exceed the noise. They are two thousandths of the light."""
+    rng = np.random.default_rng(3)
+    volts = 0.2 * rng.normal(1.0, 2e-3, (1, 1, 1, SIZE[1])) * np.array([[0.8, 0.6], [0.3, 0.9]])[..., None, None]
+    volts = volts + rng.normal(0.0, 1e-4, (2, 2, *SIZE))
+    assert striped(volts, KNOWN, "columns") is None
+    assert striped(volts + rng.normal(0.0, 2e-3, (2, 2, 1, SIZE[1])), KNOWN, "columns") is not None
+
+
+@pytest.mark.parametrize("second", [0.5, 0.8, 1.2])
+def test_a_second_harmonic_of_another_amplitude_at_all_depths_is_doubted(second: float) -> None:
+    (doubt,) = camera_doubts(frame(second=second, asr=2.0), CaptureMetadata())
+    assert abs(float(doubt.split(" is ")[1].split(" times")[0]) - second) < 0.01
+    assert "calibrate response" in doubt
+
+
+def test_a_pulse_that_is_longer_than_the_metadata_say_is_doubted() -> None:
+    (doubt,) = camera_doubts(frame(fwhm_ns=6.0, asr=2.0), KNOWN)
+    assert "correct fwhm_ns" in doubt
+
+
+def test_a_triangle_wave_or_other_harmonics_are_not_compared() -> None:
+    for modulation in (Modulation(waveform="triangle"), Modulation(periods_ns=(40.0, 40.0 / 3.0))):
+        assert camera_doubts(frame(second=0.5, asr=2.0), CaptureMetadata(modulation=modulation)) == ()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 320), (320, 1), (2, 2), (3, 50), (64, 80)])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, 0.0])
+def test_frames_of_few_pixels_or_without_sound_ones_raise_no_doubt(shape: tuple[int, int], value: float) -> None:
+    assert camera_doubts(np.full((2, 2, *shape), value), CaptureMetadata()) == ()
+    assert camera_doubts(np.full((2, 2, *shape), value), KNOWN) == ()
+
+
+def test_resolve_tells_unless_one_path_is_asked_for(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    text = (capture.folder / "capture.toml").read_text()
+    (capture.folder / "capture.toml").write_text(
+        text.replace("integration_length = 100000\n", "integration_length = 1e7\n")
+    )
+    told = cadtof("resolve", capture.folder, "-o", tmp_path / "maps", "-j", 1).err
+    assert f"warning: {capture.folder}: neighbouring pixels scatter as with integration_length = " in told
+    assert (
+        "neighbouring pixels"
+        not in cadtof("resolve", capture.folder, "-o", tmp_path / "one", "--order", 1, "-j", 1).err
+    )
+
+
+def test_resolve_does_not_tell_what_a_calibration_takes_out(tmp_path: Path) -> None:
+    """The pixels and the columns have offsets of their own."""
+    rng = np.random.default_rng(5)
+    offsets = rng.normal(0.0, 2e-3, (2, 2, *SIZE)) + rng.normal(0.0, 2e-3, (2, 2, 1, SIZE[1]))
+    for name, stack in (
+        ("dark", [rng.normal(0.0, 0.5 / np.sqrt(N_AV) * AMPLITUDE_V, offsets.shape) for _ in range(4)]),
+        ("lit", [frame()]),
+    ):
+        (tmp_path / name).mkdir()
+        np.save(tmp_path / name / "frames.npy", np.array(stack) + offsets)
+        (tmp_path / name / "capture.toml").write_text("[pixel]\nintegration_length = 1e5\n")
+    camera = tmp_path / "camera"
+    assert cadtof("calibrate", "dark", tmp_path / "dark", "-o", camera).status == 0
+    raw = cadtof("resolve", tmp_path / "lit", "-o", tmp_path / "raw", "-j", 1).err
+    assert "neighbouring pixels scatter as with" in raw
+    assert "run calibrate dark" in raw
+    calibrated = cadtof("resolve", tmp_path / "lit", "-o", tmp_path / "maps", "--calibration", camera, "-j", 1).err
+    assert "warning" not in calibrated
