@@ -131,7 +131,8 @@ class Capture:
         raw = None
         if layout.raw_dtype is not None and layout.raw_shape is not None:
             raw = RawLayout(layout.raw_dtype, layout.raw_shape, layout.raw_offset_bytes or 0)
-        return FrameLayout(self.source.metadata.modulation.harmonics, layout.frames, raw)
+        modulation = self.source.metadata.modulation
+        return FrameLayout(modulation.harmonics, layout.frames, raw, modulation.periods_ns[0])
 
     @functools.cached_property
     def typical(self) -> "TypicalFile | None":

@@ -145,6 +145,34 @@ def test_names_that_say_a_part_leave_the_rest_to_the_order(names: list[str], exp
     assert plane_table("Q", (4,), FrameLayout(harmonics), where="file", names=names).tolist() == expected
 
 
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("20 MHz", "40 MHz"), "20, 40 MHz"),
+        (("25 MHz", "75 MHz"), "25, 75 MHz"),
+        (("50 ns", "25 ns"), "20, 40 MHz"),
+        (("24 MHz", "48 MHz"), None),
+        (("40 ns", "20 ns"), None),
+    ],
+)
+def test_frequencies_in_names_are_those_of_the_capture(words: tuple[str, str], found: str | None) -> None:
+    """With other periods, every depth would be wrong in proportion. Names may be rounded: 24 for 25 MHz."""
+    names = [f"SC{channel} {word}" for word in words for channel in (1, 2)]
+    layout = FrameLayout((1, 2), period_ns=40.0)
+    planes = NamedPart("", tuple(names))
+    parts = [NamedPart(word, ("SC1", "SC2")) for word in words]
+    for read in (
+        lambda: plane_table("Q", (4,), layout, where="file", names=names),
+        lambda: voltage_places([planes], layout, where="file"),
+        lambda: voltage_places(parts, layout, where="file"),
+    ):
+        if found is None:
+            read()
+        else:
+            with pytest.raises(FrameError, match=f"file: found planes named by {found}, expected 25, 50 MHz as of "):
+                read()
+
+
 @pytest.mark.parametrize("unnamed", ["a preview", ""])
 def test_a_first_page_without_a_name_does_not_hide_the_names_of_the_others(tmp_path: Path, unnamed: str) -> None:
     planes = np.arange(5 * 6, dtype=np.uint16).reshape(5, 2, 3)
