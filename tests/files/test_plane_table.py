@@ -173,6 +173,16 @@ def test_frequencies_in_names_are_those_of_the_capture(words: tuple[str, str], f
                 read()
 
 
+def test_frequencies_in_the_names_of_files_are_those_of_the_capture(tmp_path: Path) -> None:
+    files = [tmp_path / f"rec_{mhz}MHz_SC{channel}.tif" for mhz in (20, 40) for channel in (1, 2)]
+    for file in files:
+        tifffile.imwrite(file, np.zeros((2, 3), np.uint16))
+    source = FrameSource("rec", tuple(files))
+    assert read_stored(source, FrameLayout((1, 2), period_ns=50.0)).shape == (2, 2, 2, 3)
+    with pytest.raises(FrameError, match="found planes named by 20, 40 MHz, expected 25, 50 MHz as of "):
+        read_stored(source, FrameLayout((1, 2), period_ns=40.0))
+
+
 @pytest.mark.parametrize("unnamed", ["a preview", ""])
 def test_a_first_page_without_a_name_does_not_hide_the_names_of_the_others(tmp_path: Path, unnamed: str) -> None:
     planes = np.arange(5 * 6, dtype=np.uint16).reshape(5, 2, 3)
