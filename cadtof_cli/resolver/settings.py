@@ -42,7 +42,7 @@ class ResolverSettings:
     mpi_model: MpiModel = setting(
         "auto",
         "Model of the MPI. discrete: separate paths. diffuse: a tail of light, predicted from the geometry of the scene. "
-        "auto: chosen for each frame. A --solver, --order or --paths other than the default and --return last mean "
+        "auto: chosen for each frame. --return last, and a --solver, --order or --paths other than the default, mean "
         "discrete.",
     )
     solver: SolverName = setting(
