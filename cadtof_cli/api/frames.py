@@ -97,8 +97,8 @@ class Frame:
         Args:
             stored: (H, 2, Y, X): harmonics in the order of the periods, SC1 and SC2, rows, columns. Floats are volts, unless
                 `volts_per_count` is given. Whole numbers need `volts_per_count`.
-            metadata: values by dotted key of `capture.toml`, such as `{"modulation.periods_ns": [40.0, 20.0]}`. A key that is
-                not given has the paper's value.
+            metadata: values by dotted key of `capture.toml`, such as `{"modulation.periods_ns": [40.0, 20.0]}`.
+                Periods, waveform, amplitude and pulse are the paper's if they are not given.
             settings_file: a `capture.toml` with the values that `metadata` does not give.
             name: name of the frame.
 

@@ -22,6 +22,7 @@ from cadtof_cli.capture.toml import MetadataSource
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import detect_format, format_by_suffix
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, NotAFrameError, RawLayout, shape_text
+from cadtof_cli.files.named_planes import require_own_frequencies
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import size_text
 
@@ -131,7 +132,8 @@ class Capture:
         raw = None
         if layout.raw_dtype is not None and layout.raw_shape is not None:
             raw = RawLayout(layout.raw_dtype, layout.raw_shape, layout.raw_offset_bytes or 0)
-        return FrameLayout(self.source.metadata.modulation.harmonics, layout.frames, raw)
+        modulation = self.source.metadata.modulation
+        return FrameLayout(modulation.harmonics, layout.frames, raw, modulation.periods_ns[0])
 
     @functools.cached_property
     def typical(self) -> "TypicalFile | None":
@@ -216,6 +218,7 @@ _last = _LastRead()
 
 def _joined_planes(source: FrameSource, layout: FrameLayout) -> Stored:
     """Return the frame of a source with files of one plane each."""
+    require_own_frequencies([path.name for path in source.paths], layout, where=str(source.paths[0]))
     for path, name in zip(source.paths, layout.plane_names, strict=True):
         if not os.path.lexists(path):
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")

@@ -218,7 +218,10 @@ class Layout(Table):
         ),
     )
     frames: int | None = _key(
-        "whole number", "number of frames in each TIFF stack", None, Check(lambda n: n >= 1, "1 or more")
+        "whole number",
+        "number of frames in each stack, if its file does not say it",
+        None,
+        Check(lambda n: n >= 1, "1 or more"),
     )
     raw_dtype: str | None = _key(
         "text",

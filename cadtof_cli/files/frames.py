@@ -43,11 +43,13 @@ class FrameLayout:
         harmonics: harmonic numbers h in rising order, such as (1, 2).
         frames: number of frames in each stack (`[layout] frames`); None: not given, the files say it themselves.
         raw: what raw dumps hold; None: not given.
+        period_ns: the longest modulation period, with which frequencies in names are compared; None: they are not compared.
     """
 
     harmonics: tuple[int, ...]
     frames: int | None = None
     raw: RawLayout | None = None
+    period_ns: float | None = None
 
     @property
     def planes(self) -> int:

@@ -31,6 +31,9 @@ _ROUNDING = 0.02
 Names hold rounded frequencies, such as 33 and 67 MHz.
 """
 
+_OTHER_FREQUENCY = 0.1
+"""Least relative difference between a frequency in a name and that of the capture at which the two contradict each other."""
+
 _COLOURS = frozenset({"R", "G", "B", "A", "Y", "RY", "BY"})
 """Names of the channels of a picture: colours, opacity, luminance and chroma."""
 
@@ -129,6 +132,27 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     return tuple(numbers_of[one] for one in frequencies) if in_ratio else ()
 
 
+def require_own_frequencies(names: Sequence[str], layout: FrameLayout, *, where: str) -> None:
+    """Make sure that names which give harmonics by frequencies or periods give those of the capture.
+
+    Raises:
+        FrameError: the names give as many frequencies as there are harmonics, but others.
+    """
+    if layout.period_ns is None or all(_only(_HARMONIC_WORD, name) for name in names):
+        return
+    expected = [1e3 * harmonic / layout.period_ns for harmonic in layout.harmonics]
+    given = [_frequency_mhz(_without_channel(name)) for name in names]
+    found = sorted({mhz for mhz in given if mhz})
+    if None in given or len(found) != len(expected):
+        return
+    if any(abs(one - own) > _OTHER_FREQUENCY * own for one, own in zip(found, expected, strict=True)):
+        here, there = (", ".join(f"{mhz:.4g}" for mhz in several) for several in (found, expected))
+        raise FrameError(
+            f"{where}: found planes named by {here} MHz, expected {there} MHz as of modulation.periods_ns: correct periods_ns "
+            "(--periods-ns), or the names"
+        )
+
+
 def _channel_in_words(name: str) -> int | None:
     """Return the channel that a name gives, as SC1 or SC2 or else as cosine (I) or sine (Q); None: not exactly once."""
     number = _only(_CHANNEL_WORD, name)
@@ -206,7 +230,7 @@ def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> di
     by_part = _part_labels(parts, layout, where)
     found: dict[tuple[int, int], Place] = {}
     ours = [(place, label) for place in places_in(parts) if (label := _label(parts[place.part], place.channel))]
-    for place, label in ours or _labels_in_words(parts, layout):
+    for place, label in ours or _labels_in_words(parts, layout, where):
         if label.channel is None:
             continue
         plane = label.harmonic or by_part[place.part], label.channel
@@ -216,7 +240,7 @@ def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> di
     return found
 
 
-def _labels_in_words(parts: Sequence[NamedPart], layout: FrameLayout) -> list[tuple[Place, PlaneLabel]]:
+def _labels_in_words(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> list[tuple[Place, PlaneLabel]]:
     """Return the labels that names in other words give to all channels.
 
     Empty unless every name gives a harmonic and a channel.
@@ -226,6 +250,7 @@ def _labels_in_words(parts: Sequence[NamedPart], layout: FrameLayout) -> list[tu
     places = places_in(parts)
     alone = [len(parts[place.part].channels) == 1 and not says_a_channel(place.channel) for place in places]
     names = [parts[place.part].name if lone else place.channel for place, lone in zip(places, alone, strict=True)]
+    require_own_frequencies(names, layout, where=where)
     # `labels_in_words` returns a label for every name, or none at all
     return list(zip(places, labels_in_words(names, layout.harmonics), strict=False))
 
@@ -256,5 +281,7 @@ def _part_labels(parts: Sequence[NamedPart], layout: FrameLayout, where: str) ->
             f"{where}: found {len(open_parts)} parts with SC1 and SC2 ({names}), expected {len(layout.harmonics)},"
             " one per harmonic"
         )
-    said = harmonics_in_words([parts[i].name for i in open_parts], layout.harmonics)
+    names_of_parts = [parts[i].name for i in open_parts]
+    require_own_frequencies(names_of_parts, layout, where=where)
+    said = harmonics_in_words(names_of_parts, layout.harmonics)
     return dict(zip(open_parts, said or itertools.count(1), strict=False))

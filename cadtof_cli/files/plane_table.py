@@ -14,6 +14,7 @@ from cadtof_cli.files.named_planes import (
     labels_in_words,
     plane_label,
     planes_in_order,
+    require_own_frequencies,
 )
 
 _CHANNEL_LABELS = "CS"
@@ -41,6 +42,7 @@ def plane_table(
     """
     named = {place: label for place, name in enumerate(names) if (label := plane_label(name))}
     if names and not named:
+        require_own_frequencies(names, layout, where=where)
         named = dict(enumerate(labels_in_words(names, layout.harmonics) or channels_in_words(names)))
     if not named:
         return _table_by_order(labels, sizes, layout, where)

@@ -42,8 +42,8 @@ class ResolverSettings:
     mpi_model: MpiModel = setting(
         "auto",
         "Model of the MPI. discrete: separate paths. diffuse: a tail of light, predicted from the geometry of the scene. "
-        "auto: chosen for each frame. A --solver or --order other than the default, --paths above 2 and --return last "
-        "mean discrete.",
+        "auto: chosen for each frame. --return last, and a --solver, --order or --paths other than the default, mean "
+        "discrete.",
     )
     solver: SolverName = setting(
         "two-path",

@@ -113,6 +113,19 @@ def test_a_part_is_replaced_only_with_overwrite(campaign: Campaign, calibrated: 
     assert (calibrated / "dark.toml").read_bytes() == before
 
 
+@pytest.mark.parametrize(("step", "taken"), [("dark", "dark"), ("response", "targets"), ("petzval", "walls")])
+def test_a_calibration_among_recorded_frames_is_refused(campaign: Campaign, step: str, taken: str) -> None:
+    """Afterwards, the files of the calibration would be taken for frames of that capture."""
+    found = getattr(campaign, taken)
+    captures = [found] if isinstance(found, Path) else list(found)
+    before = [sorted(capture.iterdir()) for capture in captures]
+    for out in (captures[-1], captures[-1] / ".." / captures[-1].name):
+        done = cadtof("calibrate", step, *captures, "-o", out)
+        message = f"Error: {out}: the calibration would be written among recorded frames; choose another folder with -o"
+        assert (done.status, done.err.splitlines()[-1]) == (2, message)
+    assert [sorted(capture.iterdir()) for capture in captures] == before
+
+
 def test_a_damaged_part_is_replaced_by_repeating_its_step(campaign: Campaign, calibrated: Path, tmp_path: Path) -> None:
     out = tmp_path / "camera"
     shutil.copytree(calibrated, out)

@@ -150,6 +150,17 @@ def test_points_are_the_pixels_of_the_map(ending: str, tmp_path: Path) -> None:
     assert known.sum() < known.size
 
 
+def test_infinite_depths_of_other_programs_are_no_points(tmp_path: Path) -> None:
+    """The pixel at 1, 1 lies on the axis, where an infinite range has no x and y."""
+    depth = np.full((3, 3), 2.0, np.float32)
+    depth[1, 1], depth[0, 0] = np.inf, np.nan
+    layers = {name: np.ones((3, 3), np.float32) for name in ("direct.amplitude", "direct.sigma", "status")}
+    write_exr(tmp_path / "a.exr", {"direct.depth": depth, **layers})
+    done = cadtof("export", tmp_path / "a.exr", "-o", tmp_path / "a.ply", "--focal-length-px", "3")
+    assert (done.status, done.err) == (0, "")
+    assert _ply(tmp_path / "a.ply")["z"].size == 7
+
+
 def test_planar_depths_give_the_same_points(tmp_path: Path) -> None:
     ranges, planar = _maps(tmp_path / "a"), _maps(tmp_path / "b", "--depth", "z")
     clouds = [_ply(_exported(tmp_path / f"{out.parent.name}.ply", out)) for out in (ranges, planar)]

@@ -1,12 +1,15 @@
 """The labels of axes and the names of planes say which plane is which: any array is put into our order."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
@@ -140,6 +143,62 @@ def test_words_that_do_not_say_each_plane_leave_the_order(names: list[str]) -> N
 def test_names_that_say_a_part_leave_the_rest_to_the_order(names: list[str], expected: list[list[list[int]]]) -> None:
     harmonics = (1, 3) if "H3.SC1" in names else (1, 2)
     assert plane_table("Q", (4,), FrameLayout(harmonics), where="file", names=names).tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("20 MHz", "40 MHz"), "20, 40 MHz"),
+        (("25 MHz", "75 MHz"), "25, 75 MHz"),
+        (("50 ns", "25 ns"), "20, 40 MHz"),
+        (("24 MHz", "48 MHz"), None),
+        (("40 ns", "20 ns"), None),
+    ],
+)
+def test_frequencies_in_names_are_those_of_the_capture(words: tuple[str, str], found: str | None) -> None:
+    """With other periods, every depth would be wrong in proportion. Names may be rounded: 24 for 25 MHz."""
+    names = [f"SC{channel} {word}" for word in words for channel in (1, 2)]
+    layout = FrameLayout((1, 2), period_ns=40.0)
+    planes = NamedPart("", tuple(names))
+    parts = [NamedPart(word, ("SC1", "SC2")) for word in words]
+    for read in (
+        lambda: plane_table("Q", (4,), layout, where="file", names=names),
+        lambda: voltage_places([planes], layout, where="file"),
+        lambda: voltage_places(parts, layout, where="file"),
+    ):
+        if found is None:
+            read()
+        else:
+            with pytest.raises(FrameError, match=f"file: found planes named by {found}, expected 25, 50 MHz as of "):
+                read()
+
+
+def test_frequencies_in_the_names_of_files_are_those_of_the_capture(tmp_path: Path) -> None:
+    files = [tmp_path / f"rec_{mhz}MHz_SC{channel}.tif" for mhz in (20, 40) for channel in (1, 2)]
+    for file in files:
+        tifffile.imwrite(file, np.zeros((2, 3), np.uint16))
+    source = FrameSource("rec", tuple(files))
+    assert read_stored(source, FrameLayout((1, 2), period_ns=50.0)).shape == (2, 2, 2, 3)
+    with pytest.raises(FrameError, match="found planes named by 20, 40 MHz, expected 25, 50 MHz as of "):
+        read_stored(source, FrameLayout((1, 2), period_ns=40.0))
+
+
+@pytest.mark.parametrize("unnamed", ["a preview", ""])
+def test_a_first_page_without_a_name_does_not_hide_the_names_of_the_others(tmp_path: Path, unnamed: str) -> None:
+    planes = np.arange(5 * 6, dtype=np.uint16).reshape(5, 2, 3)
+    with tifffile.TiffWriter(tmp_path / "frame.tif") as file:
+        for name, plane in zip((unnamed, "H2.SC2", "H2.SC1", "H1.SC2", "H1.SC1"), planes, strict=True):
+            file.write(plane, description=name or None, metadata=None)
+    frame = read_stored(FrameSource("frame", (tmp_path / "frame.tif",)), FrameLayout((1, 2)))
+    assert np.array_equal(frame.reshape(4, 2, 3), planes[:0:-1])
+
+
+def test_a_tiff_of_which_a_plane_has_no_name_is_refused(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "frame.tif") as file:
+        for name in ("other", "H1.SC1", "H1.SC2", "H2.SC1"):
+            file.write(np.zeros((2, 3), np.uint16), description=name, metadata=None)
+    with pytest.raises(FrameError, match=r"no channel H2\.SC2; found H1\.SC1, H1\.SC2, H2\.SC1"):
+        read_stored(FrameSource("frame", (tmp_path / "frame.tif",)), FrameLayout((1, 2)))
 
 
 def test_planes_without_a_voltages_name_are_passed_over() -> None:

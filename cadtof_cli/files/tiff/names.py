@@ -1,5 +1,6 @@
 """The names that a TIFF gives its planes: OME channels, GDAL bands, ImageJ slice labels, page names, descriptions."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,12 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 _SEVERAL = 2
+
+_FIRST_PAGES = 2
+"""How many pages are asked for a name. If they have none, no page has one, so files without names are opened quickly.
+
+Two, because the first page may be a preview, or a program may have put other facts into its description.
+"""
 
 _DESCRIPTION = 270
 PAGE_NAME = 285
@@ -49,8 +56,11 @@ def names_of_planes(
     if len(labels) == images:
         # the first line is the name; after it ImageJ adds lines about the image that the slice came from
         return tuple(str(label).partition("\n")[0] for label in labels)
-    names = tuple(_page_name(page) for one in series for page in one) if _page_name(first) else ()
-    return names if len(names) == images else ()
+    pages = itertools.chain.from_iterable(series)
+    names = [_page_name(page) for page in itertools.islice(pages, _FIRST_PAGES)]
+    if any(names):
+        names += map(_page_name, pages)
+    return tuple(names) if len(names) == images and any(names) else ()
 
 
 def channel_names(xml: str, /) -> tuple[str, ...]:

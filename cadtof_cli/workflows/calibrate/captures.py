@@ -17,9 +17,10 @@ from cadtof_cli.capture.checks import shown
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, read_stored, single_frames
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target
-from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.errors import FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.frames import CHANNELS
+from cadtof_cli.files.reading import real_path
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.noise import ambient_noise_v
@@ -96,11 +97,15 @@ def averaged_captures(
     """Read every frame of the captures, and the earlier parts in the folder. Distances in the settings replace the metadata's.
 
     Raises:
-        CadtofError: the part is there already, an input or its metadata is at fault, a frame cannot be read, or captures and
-            earlier parts are not all of one camera with one setting.
+        CadtofError: the part is there already, its folder is that of a capture, an input or its metadata is at fault, a frame
+            cannot be read, or captures and earlier parts are not all of one camera with one setting.
     """
     require_new(settings.out / f"{kind}.toml", overwrite=settings.overwrite)
     captures = find_captures(inputs, overrides=settings.overrides, settings_file=settings.settings_file)
+    if real_path(settings.out) in {real_path(one.root) for one in captures}:
+        raise OutputError(
+            f"{settings.out}: the calibration would be written among recorded frames; choose another folder with -o"
+        )
     captures = _at_distances(captures, settings.distances_m) if settings.distances_m else captures
     _require_same_modulation(captures)
     progress.advance(0, total=sum(len(one.frames) * (one.typical.frames if one.typical else 1) for one in captures))

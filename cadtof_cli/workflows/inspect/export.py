@@ -116,6 +116,8 @@ def _write_points(one: _Map, output: Path) -> None:
             f"{one.path}: its optics are unknown: give --focal-length-px, and for maps of a --roi also --principal-point-px, "
             "counted from the corner of the maps"
         )
+    known = np.isfinite(depth)
+    depth = np.where(known, depth, np.nan)
     rows, columns = depth.shape
     right, down = ray_slopes(one.optics, (rows, columns))
     forward = depth if one.kind == "z" else depth * planar_per_range(one.optics, (rows, columns))
@@ -126,7 +128,6 @@ def _write_points(one: _Map, output: Path) -> None:
         "amplitude": one.layer(f"{path}.amplitude"),
         "sigma": one.layer(f"{path}.sigma"),
     }
-    known = np.isfinite(depth)
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
     comment = f"cadtof: {one.name} of {one.path.name}, metres; amplitude V, sigma m"
     write_points(output, points | {STATUS: one.layer(STATUS)[known]}, comment=comment)

@@ -39,7 +39,7 @@ class ResolveSettings:
     )
     map_format: str = setting(
         AS_INPUT,
-        "File format of the maps. same: the format of the input.",
+        "File format of the maps. same: EXR for frames in EXR, TIFF for all others.",
         option="--format",
         choices=(*MAP_FORMATS, AS_INPUT),
     )
@@ -48,7 +48,11 @@ class ResolveSettings:
     resume: bool = setting(
         False, "Continue an earlier run with the same options: keep its maps, make the missing and changed ones."
     )
-    dry_run: bool = setting(False, "Check everything and list the maps that would be written, but write nothing.")
+    dry_run: bool = setting(
+        False,
+        "Check options and settings and list the maps that would be written, but write nothing. Damage of frames is not "
+        "looked for; `cadtof info` does that.",
+    )
 
     def __post_init__(self) -> None:
         if self.overwrite and self.resume:
