@@ -81,20 +81,29 @@ def test_pieces_beyond_the_view_lie_on_the_continued_wall() -> None:
     assert ((np.abs(x) > WIDTH / 2 - 1) | (np.abs(y) > HEIGHT / 2 - 1)).all()
 
 
-@pytest.mark.parametrize("size", [(121, 160), (120, 161), (122, 162), (124, 162), (180, 240), (1224, 1632)])
-def test_a_wall_goes_on_beyond_edges_that_hold_little_of_their_patches(size: tuple[int, int]) -> None:
-    """The frame may hold so little of its last row or column of patches that no surface is found there."""
+@pytest.mark.parametrize(
+    ("size", "dark"),
+    [((121, 160), 0), ((120, 161), 0), ((122, 162), 0), ((180, 240), 0), ((1024, 1024), 0), ((120, 160), 9)],
+)
+def test_a_wall_goes_on_beyond_edges_of_the_view_where_no_surface_is_found(size: tuple[int, int], dark: int) -> None:
+    """The last row or column of patches may be cut down to slivers, and the lens may darken its edge."""
     height, width = size
     view = View(0.9 * width, ((width - 1) / 2, (height - 1) / 2))
     frame_grid = patch_grid(height, width, view)
-    sampled = frame_grid.samples(wall_range(height, width, view.focal_length_px, 2.5, TILT))
-    planes = patch_planes(np.where(sampled > 0, sampled, 1.0), sampled > 0, frame_grid)
-    assert not planes.found.all()
+    range_m = wall_range(height, width, view.focal_length_px, 2.5, TILT)
+    lit = np.zeros(size, bool)
+    lit[dark : height - dark, dark : width - dark] = True
+    sampled, seen = frame_grid.samples(range_m), frame_grid.samples(lit)
+    planes = patch_planes(np.where(seen, sampled, 1.0), seen, frame_grid)
+    assert not (planes.found.any(0).all() and planes.found.any(1).all())
     pieces = surfaces_beyond(planes.surfaces, planes.found, frame_grid)
     point = pieces.ray * pieces.range_m
     np.testing.assert_allclose(point[2] + TILT[0] * point[0] + TILT[1] * point[1], 2.5, rtol=0.02)
-    every = np.ones_like(planes.found)
-    assert len(pieces.range_m) == len(surfaces_beyond(planes.surfaces, every, frame_grid).range_m) > 40
+    normal = np.broadcast_to(NORMAL[:, None, None], frame_grid.ray.shape)
+    cosine = -(normal * frame_grid.ray).sum(0)
+    wall = Surfaces(-2.5 * NORMAL[2] / cosine, normal, frame_grid.ray, cosine, np.ones_like(cosine))
+    expected = surfaces_beyond(wall, np.ones_like(planes.found), frame_grid)
+    assert len(pieces.range_m) == len(expected.range_m) > 40
 
 
 def test_walls_that_are_not_seen_are_guessed_before_the_continued_wall() -> None:
