@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from cadtof_cli import resolve, simulate_scene
+from cadtof_cli import Frame, resolve, simulate_scene
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
 from cadtof_cli.maps.layers import IN_KERNEL, Layer
 from cadtof_cli.phasors.frame_mean import frame_mean
@@ -89,6 +89,25 @@ def test_min_confidence_hides_pixels_of_a_room_and_changes_no_other_pixel(wavefo
     np.testing.assert_array_equal(part.status == StatusBit.LOW_CONFIDENCE, low)
     for name in ("direct.depth", "direct.sigma", "mpi.depth", "mpi.amplitude"):
         np.testing.assert_array_equal(part[name], np.where(low, np.nan, whole[name]))
+
+
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_rows_columns_or_a_chequerboard_without_light_leave_a_room_its_tail(waveform: str) -> None:
+    """Which pixels have light must not matter. Before, such a room was resolved as separate paths, 1 to 9 cm off, if just
+    the pixels that are sampled had none."""
+    camera = {"width": 240, "height": 192, "focal_length_px": 210.0}
+    (corner,) = simulate_scene("corner", seed=1, modulation={"waveform": waveform}, camera=camera).frames
+    stored, metadata = np.asarray(corner.stored), corner.metadata
+    whole = resolve(corner)
+    y, x = np.mgrid[:192, :240]
+    for pattern in (y % 2, x % 2, (x + y) % 2):
+        for dark in (pattern == 0, pattern == 1):
+            masked = np.where(dark, stored.max() + 10000, stored).astype(stored.dtype)
+            found = resolve(Frame(masked, metadata))
+            np.testing.assert_array_equal(found.status == StatusBit.SATURATED, dark)
+            assert (found.status[~dark] == StatusBit.DIFFUSE_MPI).all()
+            apart_m = np.abs(found["direct.depth"] - whole["direct.depth"])[~dark]
+            assert np.median(apart_m) < 0.001
 
 
 def test_a_layer_that_the_compiled_kernel_does_not_know_has_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:
