@@ -45,7 +45,8 @@ class PatchGrid:
     """A frame of `height` × `width` pixels, cut into `rows` × `columns` square patches of `side` pixels.
 
     The last row and the last column of patches may extend beyond the frame. Of every patch, n pixels are sampled,
-    `stride` apart. `shift` says how many rows and columns they lie before those that are usually sampled. X = (x − cx)/f and Y = (y − cy)/f are the slopes of a pixel's ray.
+    `stride` apart. `shift` says how many rows and columns they lie before those that are usually sampled. X = (x − cx)/f
+    and Y = (y − cy)/f are the slopes of a pixel's ray.
 
     Attributes:
         cosine: 1/√(1 + X² + Y²) of the sampled pixels, float32 (n, rows, columns).
