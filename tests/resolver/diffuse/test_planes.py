@@ -81,21 +81,16 @@ def test_pieces_beyond_the_view_lie_on_the_continued_wall() -> None:
     assert ((np.abs(x) > WIDTH / 2 - 1) | (np.abs(y) > HEIGHT / 2 - 1)).all()
 
 
-@pytest.mark.parametrize(
-    ("size", "dark"),
-    [((121, 160), 0), ((120, 161), 0), ((122, 162), 0), ((180, 240), 0), ((1024, 1024), 0), ((120, 160), 9)],
-)
-def test_a_wall_goes_on_beyond_edges_of_the_view_where_no_surface_is_found(size: tuple[int, int], dark: int) -> None:
-    """The last row or column of patches may be cut down to slivers, and the lens may darken its edge."""
+@pytest.mark.parametrize("size", [(121, 160), (120, 161), (122, 162), (180, 240), (1024, 1024), (172, 224)])
+def test_a_wall_goes_on_beyond_edges_that_hold_only_slivers_of_their_patches(size: tuple[int, int]) -> None:
+    """The frame may hold so little of a patch in the last row or column that no surface is found there."""
     height, width = size
     view = View(0.9 * width, ((width - 1) / 2, (height - 1) / 2))
     frame_grid = patch_grid(height, width, view)
     range_m = wall_range(height, width, view.focal_length_px, 2.5, TILT)
-    lit = np.zeros(size, bool)
-    lit[dark : height - dark, dark : width - dark] = True
-    sampled, seen = frame_grid.samples(range_m), frame_grid.samples(lit)
+    sampled, seen = frame_grid.samples(range_m), frame_grid.samples(np.ones(size, bool))
     planes = patch_planes(np.where(seen, sampled, 1.0), seen, frame_grid)
-    assert not (planes.found.any(0).all() and planes.found.any(1).all())
+    assert not planes.found.all()
     pieces = surfaces_beyond(planes.surfaces, planes.found, frame_grid)
     point = pieces.ray * pieces.range_m
     np.testing.assert_allclose(point[2] + TILT[0] * point[0] + TILT[1] * point[1], 2.5, rtol=0.02)
