@@ -129,7 +129,8 @@ def _is_tail(patches: LitPatches, fitted: _Fitted, tail: TailModel, frame: Frame
     if not tail_fits(fitted.posterior.chi_squared[uncovered], by_two_paths, len(patches.data)):
         return False
     if not of_sine or two_paths_fail(by_two_paths, len(patches.data)):
-        # phasors that two paths have freed of other terms do not vary as a tail yet
+        # phasors that two paths have freed of other terms do not vary as a tail yet; and how MPI varies is only asked to
+        # tell a tail from two paths
         return True
     foretold, _ = tail.values(fitted.fit.room[:, None] + pattern(tail.light.direct))
     snr = patches.amplitude / np.sqrt(frame.variances[0])
