@@ -72,7 +72,7 @@ def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /) 
 
     `min_confidence` does not count: surfaces that get no answer light the others all the same.
     """
-    places = _sampled(pixels.size)
+    places = _sampled(pixels.size, grid.shift)
     chosen = places.ravel()
     phasors, noise, response = stages.phasors(pixels, chosen), pixels.noise[chosen], stages.response
     settings = replace(stages.resolver, min_confidence=None)
@@ -91,6 +91,6 @@ def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /) 
 
 
 @lru_cache(maxsize=4)
-def _sampled(size: tuple[int, int]) -> Index:
+def _sampled(size: tuple[int, int], shift: tuple[int, int]) -> Index:
     """Return the flat indices of the sampled pixels of a frame, (rows, columns)."""
-    return sealed(np.arange(size[0] * size[1]).reshape(size)[sampled_pixels(*size)].copy())
+    return sealed(np.arange(size[0] * size[1]).reshape(size)[sampled_pixels(*size, shift)].copy())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli import resolve, simulate_scene
-from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
+from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Pulse
 from cadtof_cli.maps.layers import IN_KERNEL, Layer
 from cadtof_cli.phasors.frame_mean import frame_mean
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
@@ -14,10 +14,13 @@ from cadtof_cli.pipeline.one_pixel import pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.pipeline.stages import frame_stages
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
+from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.blocks import blocks_of
+from tests.support.diffuse_frames import Tail, phasors_of, wall_range
 from tests.support.forward import step_frame
+from tests.support.kernels import by_kernel
 
 SIZE = (13, 7)
 
@@ -89,6 +92,25 @@ def test_min_confidence_hides_pixels_of_a_room_and_changes_no_other_pixel(wavefo
     np.testing.assert_array_equal(part.status == StatusBit.LOW_CONFIDENCE, low)
     for name in ("direct.depth", "direct.sigma", "mpi.depth", "mpi.amplitude"):
         np.testing.assert_array_equal(part[name], np.where(low, np.nan, whole[name]))
+
+
+@pytest.mark.parametrize("kernel", available_kernels())
+@pytest.mark.parametrize("pattern", ["rows", "columns", "chequerboard", "grid"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_pattern_of_pixels_without_light_leaves_a_room_its_tail(pattern: str, first: int, kernel: str) -> None:
+    """Before, a room got separate paths if just the pixels that are sampled had no light, and a tail if others had none."""
+    size, focal_px = (192, 240), 210.0
+    p = phasors_of(wall_range(*size, focal_px, 2.0), {h: Tail(0.3, 3.0, 10.0).phasor(h) for h in (1, 2)})
+    metadata = CaptureMetadata(
+        pixel=Pixel(integration_length=1e5), optics=Optics(focal_length_px=focal_px), pulse=Pulse(fwhm_ns=0.0)
+    )
+    volts = np.stack([p.real, p.imag], axis=1) * metadata.modulation.amplitude_v
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="diffuse")))
+    y, x = np.mgrid[: size[0], : size[1]] + first
+    odd = {"rows": y % 2, "columns": x % 2, "chequerboard": (x + y + first) % 2, "grid": (x % 2) | (y % 2)}[pattern]
+    volts[:, :, odd == 1] = np.nan
+    status = by_kernel(kernel, resolve_frame, volts, plan=plan).maps.status
+    np.testing.assert_array_equal(status, np.where(odd == 1, StatusBit.NOT_FINITE, StatusBit.DIFFUSE_MPI))
 
 
 def test_a_layer_that_the_compiled_kernel_does_not_know_has_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:

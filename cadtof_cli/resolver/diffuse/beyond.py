@@ -8,7 +8,7 @@ from cadtof_cli.arrays import Bool, Float, Index, sealed
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.box import unseen_walls
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.planes import LEAST_COSINE, Surfaces
+from cadtof_cli.resolver.diffuse.planes import LEAST_COSINE, LEAST_SHARE, Surfaces
 
 RINGS = 2
 """Rings of pieces around the view. A surface farther out is far away, or ends at the next wall."""
@@ -79,9 +79,22 @@ def _pieces(grid: PatchGrid) -> _Pieces:
     ray = np.stack([(x - 0.5 - cx), (y - 0.5 - cy), np.full(x.shape, grid.view.focal_length_px)])
     length = np.linalg.norm(ray, axis=0) / grid.view.focal_length_px
     ray /= length * grid.view.focal_length_px
+    return sealed(_Pieces(ray, (side / grid.view.focal_length_px) ** 2 / length**3, _nearest_patches(x, y, grid)))
+
+
+def _nearest_patches(x: Float, y: Float, grid: PatchGrid) -> tuple[Index, Index]:
+    """Return the column and the row of the patch that is nearest to each piece, (n,) each.
+
+    The frame may hold so little of the patches in its last row or column that no surface is ever found there. Then the
+    nearest whole patch is taken.
+    """
     column = np.clip((x / grid.side).astype(np.intp), 0, grid.columns - 1)
     row = np.clip((y / grid.side).astype(np.intp), 0, grid.rows - 1)
-    return sealed(_Pieces(ray, (side / grid.view.focal_length_px) ** 2 / length**3, (column, row)))
+    held = grid.samples(np.broadcast_to(True, (grid.height, grid.width))).mean(0)
+    sliver = held[row, column] <= LEAST_SHARE
+    column[sliver] = np.minimum(column[sliver], max(grid.columns - 2, 0))
+    row[sliver] = np.minimum(row[sliver], max(grid.rows - 2, 0))
+    return column, row
 
 
 def _middles(grid: PatchGrid, side: int) -> tuple[Float, Float]:

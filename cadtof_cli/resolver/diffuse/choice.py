@@ -197,6 +197,14 @@ def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:
     return float(np.mean(unexplained)) <= UNEXPLAINED_SHARE[data > 2]
 
 
+def two_paths_fail(chi_squared: Float, data: int, /) -> bool:
+    """Return whether two paths do not explain a frame; the harmonics after the second tell.
+
+    `chi_squared`, (n,), is what two paths leave of these harmonics in each patch; a patch has `data` data in all.
+    """
+    return data > 2 and float(median(chi_squared)) > LARGEST_MISFIT * (data - 2)
+
+
 def misfits_without_mpi(means: PatchMeans, lit: Bool, frame: FrameTraits, /) -> Float:
     """Return the squared deviations of the lit patches' q_h from 1, over the noise variance, (2·H − 2, n).
 

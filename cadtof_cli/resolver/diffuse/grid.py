@@ -45,7 +45,8 @@ class PatchGrid:
     """A frame of `height` × `width` pixels, cut into `rows` × `columns` square patches of `side` pixels.
 
     The last row and the last column of patches may extend beyond the frame. Of every patch, n pixels are sampled,
-    `stride` apart. X = (x − cx)/f and Y = (y − cy)/f are the slopes of a pixel's ray.
+    `stride` apart. `shift` says how many rows and columns they lie before those that are usually sampled. X = (x − cx)/f
+    and Y = (y − cy)/f are the slopes of a pixel's ray.
 
     Attributes:
         cosine: 1/√(1 + X² + Y²) of the sampled pixels, float32 (n, rows, columns).
@@ -59,6 +60,7 @@ class PatchGrid:
     width: int
     side: int
     stride: int
+    shift: tuple[int, int]
     rows: int
     columns: int
     cosine: Float32
@@ -85,7 +87,7 @@ class PatchGrid:
 
     def samples(self, image: NDArray[Any], /) -> NDArray[Any]:
         """Return the sampled pixels of images (…, Y, X) by patch, (…, n, rows, columns); 0 or False outside the frame."""
-        rows, columns = sampled_pixels(self.height, self.width)
+        rows, columns = sampled_pixels(self.height, self.width, self.shift)
         return self.by_patch(image[..., rows, columns])
 
     def by_patch(self, sampled: NDArray[Any], /) -> NDArray[Any]:
@@ -102,12 +104,12 @@ class PatchGrid:
 
 
 @lru_cache(maxsize=4)
-def patch_grid(height: int, width: int, view: View, /) -> PatchGrid:
+def patch_grid(height: int, width: int, view: View, shift: tuple[int, int] = (0, 0), /) -> PatchGrid:
     """Cut a frame into about `PATCHES` patches."""
     side, stride = _side_and_stride(height, width)
     rows, columns = -(-height // side), -(-width // side)
     none = np.empty(0)
-    bare = PatchGrid(view, height, width, side, stride, rows, columns, none.astype(np.float32), none, none, none)
+    bare = PatchGrid(view, height, width, side, stride, shift, rows, columns, none.astype(np.float32), none, none, none)
     cx, cy = view.principal_point_px
     across = (np.arange(columns * side, dtype=np.float64) - cx) / view.focal_length_px
     down = (np.arange(rows * side, dtype=np.float64) - cy) / view.focal_length_px
@@ -124,13 +126,23 @@ def patch_grid(height: int, width: int, view: View, /) -> PatchGrid:
     )
     place = np.stack(np.meshgrid(steps, steps)).reshape(2, -1)
     single = cosine.astype(np.float32)
-    return sealed(PatchGrid(view, height, width, side, stride, rows, columns, single, slope, place, ray))
+    return sealed(PatchGrid(view, height, width, side, stride, shift, rows, columns, single, slope, place, ray))
 
 
-def sampled_pixels(height: int, width: int, /) -> tuple[slice, slice]:
-    """Return which rows and columns of a frame are sampled."""
+def sampled_pixels(height: int, width: int, shift: tuple[int, int] = (0, 0), /) -> tuple[slice, slice]:
+    """Return which rows and columns of a frame are sampled, so many rows and columns (`shift`) before the usual ones."""
     _, stride = _side_and_stride(height, width)
-    return slice(stride // 2, None, stride), slice(stride // 2, None, stride)
+    up, left = shift
+    return slice(stride // 2 - up, None, stride), slice(stride // 2 - left, None, stride)
+
+
+def other_grids(grid: PatchGrid, /) -> list[PatchGrid]:
+    """Return the grids that sample other pixels of a frame, in case that those of `grid` have no light.
+
+    Such pixels may lie in a pattern: every second row, every second column, or a chequerboard.
+    """
+    shifts = [(1, 1), (1, 0)] if grid.stride > 1 else []
+    return [patch_grid(grid.height, grid.width, grid.view, shift) for shift in shifts]
 
 
 def _side_and_stride(height: int, width: int) -> tuple[int, int]:

@@ -15,6 +15,7 @@ from cadtof_cli.resolver.diffuse.choice import (
     Reason,
     RoomNumbers,
     tail_fits,
+    two_paths_fail,
 )
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, LagParts, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.condition import Conditioned
@@ -127,8 +128,9 @@ def _is_tail(patches: LitPatches, fitted: _Fitted, tail: TailModel, frame: Frame
     by_two_paths = _two_path_chi_squared(patches, frame)[uncovered]
     if not tail_fits(fitted.posterior.chi_squared[uncovered], by_two_paths, len(patches.data)):
         return False
-    if not of_sine:
-        # phasors that two paths have freed of other terms do not vary as a tail yet
+    if not of_sine or two_paths_fail(by_two_paths, len(patches.data)):
+        # phasors that two paths have freed of other terms do not vary as a tail yet; and how MPI varies is only asked to
+        # tell a tail from two paths
         return True
     foretold, _ = tail.values(fitted.fit.room[:, None] + pattern(tail.light.direct))
     snr = patches.amplitude / np.sqrt(frame.variances[0])

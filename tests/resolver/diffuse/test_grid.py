@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid, sampled_pixels
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, other_grids, patch_grid, sampled_pixels
 
 OFF_CENTRE = View(100.0, (30.5, 17.25))
 
@@ -86,3 +86,22 @@ def test_the_ray_of_a_patch_is_the_unit_vector_through_its_middle() -> None:
         grid.ray[1] / grid.ray[2], np.broadcast_to((middle_y - 17.25)[:, None] / 100.0, (15, 20)), atol=0.01
     )
     assert (grid.ray[2] > 0.0).all()
+
+
+@pytest.mark.parametrize("size", [(240, 320), (250, 330), (1000, 1300)])
+def test_other_grids_sample_other_rows_and_columns_and_know_where(size: tuple[int, int]) -> None:
+    grid = patch_grid(*size, OFF_CENTRE)
+    y, x = np.mgrid[: size[0], : size[1]].astype(float)
+    before = grid.samples(np.stack([y, x, np.ones_like(x)]))
+    for other, shift in zip(other_grids(grid), [(1, 1), (1, 0)], strict=True):
+        assert (other.side, other.rows, other.columns) == (grid.side, grid.rows, grid.columns)
+        rows, columns, inside = other.samples(np.stack([y, x, np.ones_like(x)]))
+        both = (inside > 0) & (before[2] > 0)
+        assert_allclose((before[0] - rows)[both], shift[0])
+        assert_allclose((before[1] - columns)[both], shift[1])
+        slopes = np.hypot(rows - OFF_CENTRE.principal_point_px[1], columns - OFF_CENTRE.principal_point_px[0]) / 100.0
+        assert_allclose(other.cosine[inside > 0], (1.0 / np.sqrt(1.0 + slopes**2))[inside > 0], rtol=1e-6)
+
+
+def test_a_grid_that_samples_every_pixel_has_no_other() -> None:
+    assert other_grids(patch_grid(120, 160, OFF_CENTRE)) == []

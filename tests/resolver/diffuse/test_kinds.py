@@ -15,6 +15,7 @@ from cadtof_cli.resolver.diffuse.choice import (
     patch_kinds,
     separate_patches,
     tail_fits,
+    two_paths_fail,
 )
 from cadtof_cli.resolver.diffuse.grid import assumed_view, patch_grid
 from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
@@ -186,3 +187,13 @@ def test_patches_that_two_paths_explain_no_better_are_no_evidence_against_a_tail
     unexplained = np.array([200.0] * 30 + [0.1] * 70)
     assert not tail_fits(unexplained, np.array([100.0] * 30 + [1e6] * 70), 4)
     assert tail_fits(unexplained, np.array([100.1] * 30 + [0.0] * 70), 4)
+
+
+@pytest.mark.parametrize(("data", "limit"), [(4, 6.0), (6, 12.0)])
+def test_two_paths_fail_if_their_median_misfit_of_further_harmonics_is_above_three_times_the_expected_one(
+    data: int, limit: float
+) -> None:
+    """With two harmonics, nothing tells."""
+    assert two_paths_fail(np.array([0.0] * 4 + [limit + 0.1] * 5), data)
+    assert not two_paths_fail(np.array([0.0] * 4 + [limit] * 5), data)
+    assert not two_paths_fail(np.array([1e6]), 2)

@@ -81,6 +81,26 @@ def test_pieces_beyond_the_view_lie_on_the_continued_wall() -> None:
     assert ((np.abs(x) > WIDTH / 2 - 1) | (np.abs(y) > HEIGHT / 2 - 1)).all()
 
 
+@pytest.mark.parametrize("size", [(121, 160), (120, 161), (122, 162), (180, 240), (1024, 1024), (172, 224)])
+def test_a_wall_goes_on_beyond_edges_that_hold_only_slivers_of_their_patches(size: tuple[int, int]) -> None:
+    """The frame may hold so little of a patch in the last row or column that no surface is found there."""
+    height, width = size
+    view = View(0.9 * width, ((width - 1) / 2, (height - 1) / 2))
+    frame_grid = patch_grid(height, width, view)
+    range_m = wall_range(height, width, view.focal_length_px, 2.5, TILT)
+    sampled, seen = frame_grid.samples(range_m), frame_grid.samples(np.ones(size, bool))
+    planes = patch_planes(np.where(seen, sampled, 1.0), seen, frame_grid)
+    assert not planes.found.all()
+    pieces = surfaces_beyond(planes.surfaces, planes.found, frame_grid)
+    point = pieces.ray * pieces.range_m
+    np.testing.assert_allclose(point[2] + TILT[0] * point[0] + TILT[1] * point[1], 2.5, rtol=0.02)
+    normal = np.broadcast_to(NORMAL[:, None, None], frame_grid.ray.shape)
+    cosine = -(normal * frame_grid.ray).sum(0)
+    wall = Surfaces(-2.5 * NORMAL[2] / cosine, normal, frame_grid.ray, cosine, np.ones_like(cosine))
+    expected = surfaces_beyond(wall, np.ones_like(planes.found), frame_grid)
+    assert len(pieces.range_m) == len(expected.range_m) > 40
+
+
 def test_walls_that_are_not_seen_are_guessed_before_the_continued_wall() -> None:
     """Their pieces are at right angles to the wall, and outside the view."""
     found = planes_of(tilted())

@@ -200,6 +200,18 @@ def test_second_paths_that_change_smoothly_do_not_vary_as_a_tail_would(monkeypat
     assert isinstance(model_of(p, focal_px=110.0, second_paths=True), DiffuseModel)
 
 
+@pytest.mark.parametrize(("harmonics", "taken"), [((1, 2), False), ((1, 2, 3), True), ((1, 2, 3, 4), True)])
+def test_a_tail_that_two_paths_do_not_explain_may_vary_in_any_way(
+    harmonics: tuple[int, ...], taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a narrow view, MPI hardly varies over the view, and in any way. Further harmonics tell that it is a tail."""
+    monkeypatch.setattr(predict, "varies_like_the_tail", lambda *_: False)
+    p = phasors_of(wall_range(focal_px=180.0), tail_of(Tail(0.5, 3.0, 10.0), harmonics), harmonics=harmonics)
+    found = model_of(p, focal_px=180.0, harmonics=harmonics)
+    assert isinstance(found, DiffuseModel) is taken
+    assert isinstance(found, DiffuseModel) or found.reason == "no tail fits"
+
+
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[F]:
     """The signal-to-noise ratios of all patches, each time that the order of the MPI is asked."""
