@@ -14,6 +14,14 @@ from typing import Any
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.reading import read_text
 
+_MOST_BYTES = 2**18
+_MOST_POINTS = 1000
+"""Limits for a file, and for the points in one of its lines.
+
+The time to parse a key grows with the square of the number of its parts, which points separate: a key of 60,000 bytes
+takes a minute.
+"""
+
 
 def read_toml(path: Path, /) -> dict[str, Any]:
     """Return the document in a TOML file.
@@ -22,7 +30,15 @@ def read_toml(path: Path, /) -> dict[str, Any]:
         MetadataError: the file cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(read_text(path, encoding="utf-8-sig"))
+        text = read_text(path, encoding="utf-8-sig", most_bytes=_MOST_BYTES)
+        if any(line.count(".") > _MOST_POINTS for line in text.split("\n")):
+            raise MetadataError(
+                f"{path}: found a line with more than {_MOST_POINTS:,} points, expected a settings file"
+            )
+        document = tomllib.loads(text)
+        # raises a ValueError for a hexadecimal number with thousands of digits, which no message could show
+        repr(document)
+        return document
     except OSError as error:
         raise MetadataError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

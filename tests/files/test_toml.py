@@ -1,6 +1,7 @@
 """Any parser reads our TOML text as the values that it was made from."""
 
 import math
+import time
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 
@@ -54,3 +56,30 @@ def test_the_message_for_bad_toml_says_what_is_wrong(content: bytes | None, foun
     with pytest.raises(MetadataError) as caught:
         read_toml(path)
     assert str(caught.value).startswith(f"{path}: {found}")
+
+
+@pytest.mark.parametrize(
+    "key", ["a." * 100_000 + "a = 1", "[" + "a." * 100_000 + "a]", "\n".join(["a." * 900 + "a = 1"] * 100)]
+)
+def test_keys_of_endless_parts_take_no_time(key: str, tmp_path: Path) -> None:
+    """A key of 60,000 bytes took a minute."""
+    path, began = tmp_path / "capture.toml", time.monotonic()
+    path.write_text(key)
+    with pytest.raises(MetadataError):
+        read_toml(path)
+    assert time.monotonic() - began < 20
+
+
+def test_a_number_that_no_message_could_show_is_refused(tmp_path: Path) -> None:
+    """It ended the command in a traceback."""
+    path = tmp_path / "capture.toml"
+    path.write_text(f"[pixel]\nintegration_length = 0x{'f' * 4000}")
+    with pytest.raises(MetadataError, match="a number with thousands of digits"):
+        load_metadata(path)
+
+
+def test_a_file_that_is_too_large_for_settings_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "capture.toml"
+    path.write_text("# " + "a" * 300_000)
+    with pytest.raises(MetadataError, match="cannot be read: found 300,002 bytes, expected 262,144 or fewer"):
+        read_toml(path)
