@@ -150,7 +150,7 @@ def main() -> NoReturn:
         sys.stdout.flush()
         sys.exit(status)
     except (click.Abort, KeyboardInterrupt) as error:
-        tell("\n" + ": ".join(filter(None, ("interrupted", str(error)))), err=True)
+        tell("", ": ".join(filter(None, ("interrupted", str(error)))), err=True)
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
         # the exit status of a program that SIGPIPE ends
@@ -159,8 +159,8 @@ def main() -> NoReturn:
     except Exception as error:
         if debug and not isinstance(error, click.ClickException):
             raise
-        message, status = _message_and_status(error)
-        tell(message, err=True)
+        lines, status = _message_and_status(error)
+        tell(*lines, err=True)
         forget(sys.stdout)
         sys.exit(status)
 
@@ -187,31 +187,31 @@ def _require_words(arguments: Sequence[str]) -> None:
             )
 
 
-def _message_and_status(error: Exception) -> tuple[str, int]:
-    """Return the message of an error, and the exit status."""
+def _message_and_status(error: Exception) -> tuple[Sequence[str], int]:
+    """Return the lines of the message of an error, and the exit status."""
     match error:
         case click.ClickException():
             text = io.StringIO()
             error.show(text)
-            return text.getvalue().rstrip(), error.exit_code
+            return text.getvalue().rstrip().split("\n"), error.exit_code
         case CadtofError():
-            return f"Error: {error}", error.exit_status
+            return (f"Error: {error}",), error.exit_status
         case _ if isinstance(error, MemoryError) or _NO_ROOM in str(error):
-            return "Error: not enough memory; try fewer --jobs, or smaller inputs", 1
+            return ("Error: not enough memory; try fewer --jobs, or smaller inputs",), 1
         case OSError(filename=None):
             told = f"standard output: cannot be written: {error.strerror or error}"
             if isinstance(error, FileNotFoundError):
                 told = "the folder in which cadtof was started is gone; change to a folder that exists"
             elif error.errno in {errno.EMFILE, errno.ENFILE}:
                 told = f"{error.strerror}: allow more open files (ulimit -n)"
-            return f"Error: {told}", OutputError.exit_status
+            return (f"Error: {told}",), OutputError.exit_status
         case OSError():
-            return f"Error: {error.filename}: {error.strerror or error}", 1
+            return (f"Error: {error.filename}: {error.strerror or error}",), 1
         case _:
             advice = "Run `cadtof --debug …` and report it."
             if "marshal data" in str(error):
                 advice = f"{_CUT_OFF} Remove the folders __pycache__ where cadtof and its packages are installed"
-            return f"Error: unexpected {type(error).__name__}: {error}\n{advice}", 1
+            return (f"Error: unexpected {type(error).__name__}: {error}", advice), 1
 
 
 def _flush_stderr() -> None:

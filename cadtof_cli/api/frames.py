@@ -52,7 +52,7 @@ class Frame:
     def __post_init__(self) -> None:
         stored, harmonics = self._numbers(), len(self.metadata.modulation.harmonics)
         if stored.ndim != 4 or stored.shape[:2] != (harmonics, CHANNELS) or 0 in stored.shape:
-            ways = transpositions("stored{}", stored.shape, harmonics)
+            ways = transpositions(("stored", ""), stored.shape, harmonics)
             raise FrameError(
                 f"{self}: found an array of shape {stored.shape}, expected ({harmonics}, {CHANNELS}, Y, X): the harmonics "
                 f"of modulation.periods_ns, SC1 and SC2, rows, columns{ways and f'; {ways}'}"

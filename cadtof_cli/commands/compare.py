@@ -51,7 +51,7 @@ def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overw
         found = compare_maps(pairs, progress=bar)
     if out is not None:
         draw_worst(pairs, found, out)
-    tell(json.dumps(asdict(found)) if as_json else "\n".join(_lines(found)))
+    tell(*([json.dumps(asdict(found))] if as_json else _lines(found)))
     if out is not None:
         tell(out, err=as_json)
 

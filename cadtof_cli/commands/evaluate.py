@@ -91,7 +91,7 @@ def evaluate(
         if truth is not None:
             evaluation = evaluate_maps(maps, truth=truth, progress=bar, table=table, overwrite=overwrite)
             found, lines = asdict(evaluation) | found, [*_table(evaluation), *lines]
-    tell(json.dumps(found) if as_json else "\n".join(lines))
+    tell(*([json.dumps(found)] if as_json else lines))
     return 1 if evaluation and max_median is not None and _fails(evaluation, max_median) else 0
 
 

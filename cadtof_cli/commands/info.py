@@ -93,7 +93,7 @@ def info(
         )
     for facts in found:
         kind, lines = shown[type(facts)]
-        tell(json.dumps({"kind": kind, **asdict(facts)}) if as_json else "\n".join(lines(facts)))
+        tell(*([json.dumps({"kind": kind, **asdict(facts)})] if as_json else lines(facts)))
     captures = [facts for facts in found if isinstance(facts, CaptureFacts)]
     if not captures:
         note_given({*capture_options().names(), "settings_file"}, "without a capture as INPUT")

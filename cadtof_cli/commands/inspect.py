@@ -95,7 +95,7 @@ def inspect(
 
         title = f"{found.document['frame']}, pixel {pixel[0]},{pixel[1]}: {', '.join(found.document['status'])}"
         draw_phasors(found.evidence, out, title=title)
-    tell(json.dumps(found.document) if as_json else "\n".join(_lines(found.document, found.evidence.noise.harmonics)))
+    tell(*([json.dumps(found.document)] if as_json else _lines(found.document, found.evidence.noise.harmonics)))
 
 
 def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[str]:

@@ -38,7 +38,7 @@ def profile(*, maps: tuple[Path, ...], settings: ProfileSettings, out: Path | No
         note_given({"overwrite"}, "without -o")
     found = read_profile(maps, settings=settings, progress=Bar())
     if out is None:
-        tell(profile_table(found).rstrip("\n"))
+        tell(*profile_table(found).rstrip("\n").split("\n"))
         return
     write_profile(found, out, overwrite=settings.overwrite)
     tell(out)

@@ -137,7 +137,7 @@ def _simulate_pixel(trials: Trials, out: Path | None, workers: Workers, *, quiet
     if as_json:
         tell(json.dumps(json_report(trials, outcome)))
     else:
-        tell("\n".join(_table(trials, outcome)))
+        tell(*_table(trials, outcome))
 
 
 def _record_scene(name: str, settings: RecordSettings, out: Path, workers: Workers, *, quiet: bool) -> None:

@@ -109,6 +109,6 @@ def sweep(
         require_absent(out)
         write_text(out, table)
     else:
-        tell(table.rstrip("\n"))
+        tell(*table.rstrip("\n").split("\n"))
     if plot is not None:
         workflow.draw_sweep(cells, plot)

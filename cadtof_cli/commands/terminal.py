@@ -19,16 +19,23 @@ from cadtof_cli.records import dataclass
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
 
-_CONTROL_CHARACTERS = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+_CONTROL_CHARACTERS = "[\x00-\x08\x0a-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 """Characters that are escaped.
 
-These are control characters except tab and new line, separators of lines, characters that change the direction of
-writing, and surrogates, which stand for bytes of file names that are not UTF-8.
+These are control characters except tab, separators of lines, characters that change the direction of writing, and
+surrogates, which stand for bytes of file names that are not UTF-8.
 """
 
 
-def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = None) -> None:
-    """Write a line to stdout, or to stderr with `err`. Characters that would control a terminal are escaped.
+def _one_line(text: object) -> str:
+    """Return a text as one line, in which characters that would control a terminal are escaped."""
+    line = str(text)
+    # the pattern takes time and memory, also after memory has run out
+    return line if line.isprintable() else re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], line)
+
+
+def tell(*texts: object, err: bool = False, above: "RichProgress | None" = None) -> None:
+    """Write texts to stdout, or to stderr with `err`, one line each. Characters that would control a terminal are escaped.
 
     If a bar is drawn on stderr, pass it as `above`: the line then stands above the bar. On a terminal, a line of stderr
     that is too long is broken between two words.
@@ -37,14 +44,9 @@ def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = N
         OutputError: stdout cannot be written; errors of stderr are ignored.
         BrokenPipeError: the reader of stdout has gone away.
     """
-    line = str(text)
-    # the pattern takes time and memory, also after memory has run out
-    if not line.isprintable():
-        line = re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], line)
-    if err:
-        line = "\n".join(_wrapped(part) for part in line.split("\n"))
+    line = "\n".join(_wrapped(one) if err else one for one in map(_one_line, texts))
     if above is not None:
-        above.console.print(line, markup=False, highlight=False, soft_wrap=True)
+        above.console.print(line, markup=False, highlight=False, emoji=False, soft_wrap=True)
         return
     try:
         click.echo(line, err=err)
@@ -125,9 +127,9 @@ class Log(io.FileIO):
         Raises:
             OutputError: the file cannot be written.
         """
-        line = f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n"
+        line = f"{datetime.now().astimezone().isoformat(timespec='seconds')} {_one_line(message)}\n"
         try:
-            self.write(line.encode(errors="backslashreplace"))
+            self.write(line.encode())
         except OSError as error:
             raise OutputError(f"{self.name}: cannot be written: {error.strerror}") from error
 

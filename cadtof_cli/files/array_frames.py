@@ -33,7 +33,7 @@ With two harmonics, H and C have the same length, so two orders are possible.
 
 
 @contextmanager
-def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: str) -> Iterator[Frames]:
+def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: tuple[str, str]) -> Iterator[Frames]:
     """Yield the frames of an array that a file holds. Each frame is read from the file when it is asked for.
 
     Args:
@@ -41,8 +41,8 @@ def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: 
         array: shape (…, Y, X). The axes before Y and X are [frame,] harmonic, channel in this order; harmonic and
             channel may be a single axis.
         layout: harmonics of the capture, and the number of frames in a stack if the metadata gives it.
-        mended_by: the Python call that saves the array in our order of axes, with `{}` at the place of the
-            transposition. Messages show it.
+        mended_by: the Python call that saves the array in our order of axes: the parts before and after the place of
+            the transposition. Messages show it.
 
     Raises:
         FrameError: the planes do not make up whole frames, or their type is not in `SAMPLE_TYPES`.
@@ -117,7 +117,7 @@ def lengths_text(shape: Sequence[int], /) -> str:
     return " × ".join(map(str, shape)) or "one value"
 
 
-def transpositions(call: str, shape: Sequence[int], harmonics: int, /) -> str:
+def transpositions(call: tuple[str, str], shape: Sequence[int], harmonics: int, /) -> str:
     """Return, in words for a message, the calls that bring an array into our order of axes.
 
     The shape tells which orders of axes the array may have: rows and columns are neighbours, and each is longer than
@@ -125,7 +125,7 @@ def transpositions(call: str, shape: Sequence[int], harmonics: int, /) -> str:
     would then have more columns than rows.
 
     Args:
-        call: a Python call that saves the array, with `{}` at the place of the transposition.
+        call: a Python call that saves the array: the parts before and after the place of the transposition.
         shape: of the array.
         harmonics: number of harmonics.
 
@@ -150,6 +150,6 @@ def transpositions(call: str, shape: Sequence[int], harmonics: int, /) -> str:
     rows_first = [one for one in found if "YX" in one[0]]
     planes = str(lengths["P"])
     return "; ".join(
-        f"if its axes are {' '.join(axes).replace('P', planes)}: {call.format(f'.transpose{order}')}"
+        f"if its axes are {' '.join(axes).replace('P', planes)}: {call[0]}.transpose{order}{call[1]}"
         for axes, order in columns_first[:_NAMED] + rows_first[:_NAMED]
     )

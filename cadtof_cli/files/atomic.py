@@ -160,13 +160,15 @@ def remove_partial_files(folder: Path, /, *, tokens: Collection[str] | None = No
 
 
 def write_text(path: Path, text: str, /) -> None:
-    """Write a text as UTF-8, whole or not at all. Line ends are the same on every system.
+    r"""Write a text as UTF-8, whole or not at all. Line ends are the same on every system.
+
+    Bytes of file names that are not UTF-8 are written as their numbers, such as `\udcff`.
 
     Raises:
         OutputError: the file cannot be written.
         PlaceError: no other file can be written there either.
     """
-    content = memoryview(text.encode())
+    content = memoryview(text.encode(errors="backslashreplace"))
     partial = PartialFile(path)
     partial.parts = [content]
     partial.commit()

@@ -41,7 +41,7 @@ def _saving(path: Path, saved: str) -> str:
     with damage_as_frame_error(path, "MATLAB"):
         arrays = [(name, shape) for name, shape, _ in scipy.io.whosmat(path) if len(shape) >= _LEAST_AXES]
     for name, shape in arrays:
-        call = f"numpy.save({saved}, scipy.io.loadmat({str(path)!r})[{name!r}]{{}})"
-        ways = (transpositions(call, shape, harmonics) for harmonics in _HARMONICS)
-        return next(filter(None, ways), f"{call.format('')}, with axes [T] H C Y X")
+        call = f"numpy.save({saved}, scipy.io.loadmat({str(path)!r})[{name!r}]"
+        ways = (transpositions((call, ")"), shape, harmonics) for harmonics in _HARMONICS)
+        return next(filter(None, ways), f"{call}), with axes [T] H C Y X")
     return "no array in it has three axes or more, but a frame has harmonics, channels, rows and columns"

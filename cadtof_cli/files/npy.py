@@ -27,7 +27,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
         FrameError: the file cannot be read, is damaged, holds Python objects, or its planes do not make up whole
             frames.
     """
-    return open_array(path, _mapped(path), layout, mended_by="numpy.save(PATH, numpy.load(PATH){})")
+    return open_array(path, _mapped(path), layout, mended_by=("numpy.save(PATH, numpy.load(PATH)", ")"))
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:

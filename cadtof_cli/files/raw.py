@@ -24,7 +24,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
     assert layout.raw is not None
     read = f"numpy.fromfile(PATH, {layout.raw.dtype!r}, offset={layout.raw.offset_bytes})"
     # in what MATLAB writes, the first axis varies fastest
-    mended_by = f"numpy.save(NPY, {read}.reshape({array.shape}, order='C'){{}}), or order='F' for a dump of MATLAB"
+    mended_by = f"numpy.save(NPY, {read}.reshape({array.shape}, order='C')", "), or order='F' for a dump of MATLAB"
     return open_array(path, array, layout, mended_by=mended_by)
 
 

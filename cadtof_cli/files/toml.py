@@ -6,6 +6,7 @@ one line.
 
 import json
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,6 +14,12 @@ from typing import Any
 
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.reading import read_text
+
+_MOST_PARTS = 100
+"""Limit on the parts of a key, which points separate: the time to parse a key grows with the square of their number. A key
+of 60,000 bytes takes a minute."""
+
+_AROUND_KEYS = r"[\n=,{}\[\]]"
 
 
 def read_toml(path: Path, /) -> dict[str, Any]:
@@ -22,7 +29,13 @@ def read_toml(path: Path, /) -> dict[str, Any]:
         MetadataError: the file cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(read_text(path, encoding="utf-8-sig"))
+        text = read_text(path, encoding="utf-8-sig")
+        if any(piece.count(".") > _MOST_PARTS for piece in re.split(_AROUND_KEYS, text)):
+            raise MetadataError(f"{path}: found a key of more than {_MOST_PARTS} parts, expected a settings file")
+        document = tomllib.loads(text)
+        # raises a ValueError for a hexadecimal number with thousands of digits, which no message could show
+        repr(document)
+        return document
     except OSError as error:
         raise MetadataError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -276,7 +276,7 @@ def _run_in(folder: Path, maps: Path, files: tuple[Path, ...]) -> Run:
         return Run(maps, files, folder, require_valid_record(read_record(folder)))
     except OSError as error:
         raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, LookupError, TypeError, AttributeError, MetadataError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError, MetadataError) as error:
         return Run(maps, files, folder, None, f"{path}: not the record of a run ({error})")
 
 
@@ -289,11 +289,15 @@ def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the content of a `run.json`, after a check of the entries that other commands read: it may come from anywhere.
 
     Raises:
-        ValueError, LookupError, TypeError, AttributeError, MetadataError: it is not the record of a run.
+        ValueError, LookupError, TypeError, AttributeError, OverflowError, MetadataError: it is not the record of a run.
     """
     arguments = record["arguments"]
     if not arguments.keys() >= {"inputs", "overrides"}:
         raise ValueError("its arguments name no inputs or no overrides")
+    Path(arguments.get("out", ""))
+    # JSON holds whole numbers that are too large for arithmetic
+    if isinstance(totals := record.get("totals"), Mapping):
+        float(totals.get("seconds", 0))
     roi = arguments.get("roi")
     if roi is not None:
         x0, y0, x1, y1 = map(operator.index, roi)

@@ -86,6 +86,31 @@ def test_a_capture_that_is_resolved_again_into_a_folder_of_the_run_is_not_left_o
     assert (done.status, json.loads(done.out)["frames"]) == (0, 3)
 
 
+@pytest.mark.parametrize("arriving", [False, True])
+def test_no_map_is_written_through_a_link_that_leads_out_of_out(tree: Path, *, arriving: bool) -> None:
+    """A folder from somebody else may hold such a link: `--overwrite` replaced files of the same names there."""
+    (tree / "elsewhere").mkdir()
+    (tree / "elsewhere" / "frame_0.tif").write_text("precious")
+    (tree / "out").mkdir()
+    (tree / "out" / "one").symlink_to("../elsewhere")
+    given = (
+        "printf 'rec/b/two/frame_0.tif\\nrec/b/one/frame_0.tif\\n' | cadtof resolve -"
+        if arriving
+        else "cadtof resolve rec/b/*"
+    )
+    done = shell(f"{given} -o out --overwrite", tree)
+    assert done.status == 2
+    assert f"is a link to {tree / 'elsewhere'}, and maps are written only inside out" in done.err
+    assert (tree / "elsewhere" / "frame_0.tif").read_text() == "precious"
+
+
+def test_a_link_within_out_is_followed(tree: Path) -> None:
+    (tree / "out" / "other").mkdir(parents=True)
+    (tree / "out" / "one").symlink_to("other")
+    assert shell("cadtof resolve rec/b/* -o out", tree).status == 0
+    assert (tree / "out" / "other" / "frame_0.tif").is_file()
+
+
 def test_recursive_mirrors_the_tree(tree: Path) -> None:
     done = shell("cadtof resolve --recursive rec -o out -j 1 --json", tree)
     assert done.status == 0, done.err

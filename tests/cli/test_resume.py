@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cadtof_cli.files.layers import write_layers
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from tests.support.captures import TOML, Recorded, counts_of, record, write_frame, write_pages
+from tests.support.captures import TOML, Recorded, counts_of, layers_of, record, write_frame, write_pages
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import Finished, cadtof, program, without_privilege
 from tests.support.runs import lines_of, maps_of, require_same_run, run_of
@@ -362,6 +363,37 @@ def test_names_that_are_no_utf_8(tmp_path: Path) -> None:
         assert done.status == 0
         assert "unexpected" not in done.err
     assert _resolve(capture.folder, "-o", out, "--resume").status == 0
+
+
+def test_errors_of_maps_whose_names_are_no_utf_8_are_written(tmp_path: Path) -> None:
+    """Such a name ended `evaluate --csv` with an unexpected error."""
+    capture, table = record(tmp_path / "A"), tmp_path / "errors.csv"
+    capture.files[0].rename(capture.folder / os.fsdecode(b"frame_\xff.tif"))
+    assert _resolve(capture.folder, "-o", tmp_path / "out").status == 0
+    truth = tmp_path / "truth.exr"
+    write_layers(truth, {"direct.depth": layers_of(next((tmp_path / "out").glob("*.tif")))["direct.depth"]})
+    assert cadtof("evaluate", tmp_path / "out", "--truth", truth, "--csv", table).status == 0
+    assert r"frame_\udcff," in table.read_text()
+
+
+def test_records_with_numbers_that_are_too_large_for_arithmetic(tmp_path: Path) -> None:
+    """They ended `report`, `info` and `resolve --resume` with an unexpected OverflowError."""
+    capture, out = record(tmp_path / "A"), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    line, run = json.loads((out / "frames.jsonl").read_text()), json.loads((out / "run.json").read_text())
+    huge = 10**400
+    (out / "frames.jsonl").write_text(json.dumps({**line, "seconds": huge}) + "\n")
+    assert cadtof("report", out, "-o", tmp_path / "a.html").status == 0
+    (out / "frames.jsonl").write_text(json.dumps(line) + "\n")
+    for spoiled in (
+        {**run, "totals": {**run["totals"], "seconds": huge}},
+        {**run, "arguments": {**run["arguments"], "out": {}}},
+        {**run, "arguments": {**run["arguments"], "frames": [0, huge]}},
+    ):
+        (out / "run.json").write_text(json.dumps(spoiled))
+        for arguments in (("info", out), ("report", out, "-o", tmp_path / "a.html", "--overwrite")):
+            assert "unexpected" not in cadtof(*arguments).err
+        assert "unexpected" not in _resolve(capture.folder, "-o", out, "--resume").err
 
 
 def test_records_that_say_nonsense(tmp_path: Path) -> None:

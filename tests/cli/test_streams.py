@@ -10,7 +10,7 @@ import pytest
 
 from cadtof_cli.commands.terminal import tell
 from tests.support.captures import record
-from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished, program
 
 
 def _shell(script: str, *arguments: object) -> Finished:
@@ -134,7 +134,7 @@ def test_captures_are_resolved_with_all_streams_closed(tmp_path: Path) -> None:
 
 
 def test_names_cannot_steer_a_terminal(tmp_path: Path) -> None:
-    folder = tmp_path / "red\x1b[31m\u202e\x07"
+    folder = tmp_path / "red\x1b[31m\u202e\x07\nresolved 1 of 1"
     capture = record(folder)
     capture.files[0].write_bytes(b"nothing")
     for arguments in (("resolve", folder, "-o", tmp_path / "out"), ("info", folder), ("info", folder / "\x1b]0;x")):
@@ -144,13 +144,23 @@ def test_names_cannot_steer_a_terminal(tmp_path: Path) -> None:
         assert "\u202e" not in done.out + done.err
         assert "\x07" not in done.out + done.err
         assert "red\\x1b[31m\\u202e\\x07" in done.err
+        assert "\nresolved 1 of 1" not in done.out + done.err
     assert "\x1b" not in _shell('"$@"', "info", "--no-such\x1b[2J").err
 
 
 def test_control_characters_are_escaped_and_other_letters_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    tell("µ – 320 × 240\tB\n")
-    tell("\x1b[0m\r\udcff\x9b\u2028", err=True)
-    assert capsys.readouterr() == ("µ – 320 × 240\tB\n\n", r"\x1b[0m\r\udcff\x9b\u2028" + "\n")
+    tell("µ – 320 × 240\tB", "")
+    tell("\x1b[0m\r\udcff\x9b\u2028\n\u061c", err=True)
+    assert capsys.readouterr() == ("µ – 320 × 240\tB\n\n", r"\x1b[0m\r\udcff\x9b\u2028\n\u061c" + "\n")
+
+
+def test_names_cannot_forge_the_lines_of_a_log(tmp_path: Path) -> None:
+    capture, log = record(tmp_path / "capture"), tmp_path / "log.txt"
+    (capture.folder / "bad\n2026-01-01T00:00:00+00:00 resolved\x1b[2J.tif").write_bytes(b"II*\0" + bytes(20))
+    assert program("resolve", capture.folder, "-o", tmp_path / "out", "--log", log).status == 1
+    lines = log.read_text().splitlines()
+    assert not [line for line in lines if line.startswith("2026-01-01") or not line[:4].isdigit()]
+    assert [line for line in lines if r"bad\n2026-01-01T00:00:00+00:00 resolved\x1b[2J.tif" in line]
 
 
 def test_everything_that_is_said_goes_through_tell() -> None:

@@ -112,3 +112,11 @@ def test_without_a_terminal_there_is_no_bar(tmp_path: Path) -> None:
     # without compiled kernels, a note says so first
     assert next(line for line in done.err.splitlines() if "kernel" not in line).startswith("resolved 3 of 3 frames in ")
     assert not any(sign in done.err for sign in ("\x1b", "━", "resolving"))
+
+
+def test_names_are_shown_as_they_are_above_a_bar(tmp_path: Path) -> None:
+    """`:warning:` was drawn as a picture."""
+    capture = record(tmp_path / "capture")
+    (capture.folder / "a:warning:b.tif").write_bytes(b"II*\0" + bytes(20))
+    _, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, columns=400, status=1)
+    assert "a:warning:b.tif: damaged TIFF" in shown

@@ -105,6 +105,16 @@ def test_a_matlab_file_is_refused_with_the_call_that_saves_its_array(axes: str, 
     np.testing.assert_array_equal(_read(tmp_path / "it's.npy"), recorded)
 
 
+@pytest.mark.parametrize("word", ["a{b}", "{}", "{:1500000000}"])
+def test_braces_in_the_name_of_a_matlab_file_stay_as_they_are(word: str, tmp_path: Path) -> None:
+    """A name in braces ended the command, or took 1.5 GB."""
+    path = tmp_path / f"{word}.mat"
+    scipy.io.savemat(path, {"voltages": np.zeros((24, 32, 2, 2))})
+    text = message(path)
+    assert f"scipy.io.loadmat({str(path)!r})['voltages'].transpose(" in text
+    assert len(text) < 1000
+
+
 def test_matlab_files_without_an_array_that_can_be_saved(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, {"dark": 1.0, "plane": np.zeros((37, 53))})

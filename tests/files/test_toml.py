@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 
@@ -54,3 +55,26 @@ def test_the_message_for_bad_toml_says_what_is_wrong(content: bytes | None, foun
     with pytest.raises(MetadataError) as caught:
         read_toml(path)
     assert str(caught.value).startswith(f"{path}: {found}")
+
+
+@pytest.mark.parametrize("key", ["a." * 100_000 + "a = 1", "[" + "a." * 100_000 + "a]", "b = { " + "a . " * 900 + "a = 1 }"])
+def test_a_key_of_endless_parts_is_refused(key: str, tmp_path: Path) -> None:
+    """A key of 60,000 bytes took a minute."""
+    path = tmp_path / "capture.toml"
+    path.write_text(key)
+    with pytest.raises(MetadataError, match="found a key of more than 100 parts"):
+        read_toml(path)
+
+
+def test_a_long_list_of_numbers_on_one_line_is_no_key(tmp_path: Path) -> None:
+    path = tmp_path / "response.toml"
+    path.write_text(toml_from_tables({"target": {"distances_m": [0.5 + 0.25 * number for number in range(5000)]}}))
+    assert len(read_toml(path)["target"]["distances_m"]) == 5000
+
+
+def test_a_number_that_no_message_could_show_is_refused(tmp_path: Path) -> None:
+    """It ended the command in a traceback."""
+    path = tmp_path / "capture.toml"
+    path.write_text(f"[pixel]\nintegration_length = 0x{'f' * 4000}")
+    with pytest.raises(MetadataError, match="a number with thousands of digits"):
+        load_metadata(path)

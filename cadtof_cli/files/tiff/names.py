@@ -75,17 +75,17 @@ def channel_names(xml: str, /) -> tuple[str, ...]:
     except ElementTree.ParseError:
         # tifffile logs an error for this, which `reading_tiff` turns into a FrameError
         return ()
-    images = _elements(root, "Image")
+    images = elements(root, "Image")
     if len(images) < _SEVERAL:
-        return tuple(channel.get("Name", "") for channel in _elements(root, "Channel"))
+        return tuple(channel.get("Name", "") for channel in elements(root, "Channel"))
     return tuple(
         _name_in_image(image.get("Name", ""), channel.get("Name", ""))
         for image in images
-        for channel in _elements(image, "Channel")
+        for channel in elements(image, "Channel")
     )
 
 
-def _elements(root: "Element", tag: str) -> list["Element"]:
+def elements(root: "Element", tag: str) -> list["Element"]:
     """Return all elements with this tag, with or without a namespace."""
     return [element for element in root.iter() if element.tag.rpartition("}")[2] == tag]
 

@@ -21,6 +21,7 @@ from cadtof_cli.files.reading import require_plausible_size
 from cadtof_cli.files.tiff.contents import is_plain_page
 from cadtof_cli.files.tiff.ndtiff import require_sound_index
 from cadtof_cli.files.tiff.pages import Page, lies_in_one_run, require_sound_keyframe, require_sound_page
+from cadtof_cli.files.tiff.promises import require_sound_promises
 
 Item = int | Page
 """Place of an image: the byte at which its pixels begin, if they lie in one run; otherwise the page, to be decoded."""
@@ -37,7 +38,7 @@ def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPa
     if "<OME" in first.description and not tiff.is_ome:
         raise FrameError(f"{path}: damaged TIFF: its OME metadata breaks off, so the order of its planes is not known")
     require_sound_index(path, tiff)
-    series = [one for one in _series(tiff) if is_plain_page(one.keyframe)]
+    series = [one for one in _series(path, tiff) if is_plain_page(one.keyframe)]
     if not series or not math.prod(series[0].shape):
         raise FrameError(f"{path}: found no image, expected pages of voltages")
     if len({(one.shape, one.dtype) for one in series}) > 1:
@@ -49,7 +50,7 @@ def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPa
     return series
 
 
-def _series(tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
+def _series(path: Path, tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
     """Return the series that tifffile finds, or a series for each page in the order of the file.
 
     If tifffile finds several plain series, it has sorted the pages by how they are stored. That is not the order of a
@@ -57,6 +58,7 @@ def _series(tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
     a single plane is not used, because a page that was split off keeps the description of its old file.
     """
     if not _is_alone(tiff):
+        require_sound_promises(path, tiff)
         try:
             found: Any = tiff.series
             # from tifffile 2026.5 on, axes of length 1 are left out unless `squeeze` is False

@@ -116,7 +116,7 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
 
     Raises:
         OutputError: the output folder is the folder of a capture; or two frames would be written to one file; or a folder
-            below belongs to another run.
+            below belongs to another run, or is a link that leads out of the output folder.
     """
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
@@ -125,10 +125,20 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
         _require_different(captures, out)
     below = {frame.name.rpartition("/")[0] for capture in captures for frame in capture.frames} - {""}
     for folder in sorted(below):
+        require_inside(out, out / folder)
         if os.path.lexists(out / folder / RUN_FILE):
             raise OutputError(
                 f"{out / folder}: holds a run of its own; move it elsewhere, or choose another folder with -o"
             )
+
+
+def require_inside(out: Path, folder: Path, /) -> None:
+    """Raise OutputError if a folder of maps does not lie in the output folder, because a link below it leads elsewhere."""
+    if not Path(real_path(folder)).is_relative_to(real_path(out)):
+        raise OutputError(
+            f"{folder}: is a link to {real_path(folder)}, and maps are written only inside {out}; remove the link, or choose "
+            "another folder with -o"
+        )
 
 
 def require_own_names(captures: Sequence[Capture], out: Path, /) -> Callable[[str], str]:
@@ -232,7 +242,7 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
         frames, frames_now = (_range_of_frames(one["arguments"].get("frames")) for one in (earlier, document))
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
     # the lines of frames that are left out would be lost, while their maps would stay
     if frames_now[0] > frames[0] or frames_now[1] < frames[1]:

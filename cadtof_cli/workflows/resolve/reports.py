@@ -13,6 +13,9 @@ FrameStatus = Literal["ok", "failed", "skipped"]
 _OUTCOMES = tuple(one.name for one in fields(StatusCounts))
 """What may become of a pixel; a report and the totals have a field for each."""
 
+_MOST_SECONDS = 1e12
+"""Limit on the time of a frame: JSON holds numbers that are too large for arithmetic."""
+
 
 @dataclass(frozen=True)
 class SourceFile:
@@ -71,6 +74,7 @@ class FrameReport:
             isinstance(self.source, str)
             and self.status in get_args(FrameStatus)
             and isinstance(self.seconds, int | float)
+            and abs(self.seconds) < _MOST_SECONDS
             and all(isinstance(text, str | None) for text in texts)
             and (self.output is None or Path(self.output).name != "")
             and all(isinstance(count, int | None) for count in counts)

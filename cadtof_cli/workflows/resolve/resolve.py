@@ -28,6 +28,7 @@ from cadtof_cli.workflows.resolve.output import (
     continues_earlier_run,
     locked,
     remove_run,
+    require_inside,
     require_own_names,
     require_own_places,
 )
@@ -299,6 +300,7 @@ class _Run:
                         self.expected += 1
                     self.record.meet(task)
                     if "/" in task.sources[0].name:
+                        require_inside(self.settings.out, task.output.parent)
                         with self._needed(), writing(task.output.parent):
                             task.output.parent.mkdir(parents=True, exist_ok=True)
                     yield task

@@ -1,0 +1,71 @@
+"""Metadata of a TIFF may come from anywhere: what it promises takes no memory, and the files that it names stay closed."""
+
+import os
+from pathlib import Path
+
+import pytest
+import tifffile
+
+from cadtof_cli.capture.frames import FrameSource, read_stored
+from tests.files.forms import known_frame
+from tests.files.refusals import LAYOUT, message
+
+
+def _described(path: Path, inside: str, *, compression: str | None = None, times: int = 1) -> Path:
+    """Write four planes with OME-XML, with `inside` between the tags of Pixels."""
+    xml = (
+        '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image ID="Image:0">'
+        f'<Pixels ID="P:0" DimensionOrder="XYCZT" Type="uint16" SizeX="7" SizeY="5" SizeZ="1" SizeC="4" SizeT="{times}">{inside}'
+        "</Pixels></Image></OME>"
+    )
+    planes = known_frame("u2", shape=(5, 7)).reshape(4, 5, 7)
+    tifffile.imwrite(path, planes, photometric="minisblack", description=xml, metadata=None, compression=compression)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("inside", "times"),
+    [
+        ('<TiffData IFD="0" PlaneCount="1000000000"/>', 1),
+        ('<TiffData IFD="0" NumPlanes="1000000000"/>', 1),
+        ("<TiffData/>", 100_000_000),
+    ],
+)
+def test_metadata_that_promises_endless_planes_takes_no_memory(tmp_path: Path, inside: str, times: int) -> None:
+    """A file of a kilobyte took 15 GB."""
+    path = _described(tmp_path / "frame.ome.tif", inside, times=times)
+    assert "0,000,000 planes, found a file of " in message(path)
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_metadata_that_names_another_file_does_not_lead_there(tmp_path: Path, compression: str | None) -> None:
+    """Compressed planes were read from that file, wherever it was: a file from one sender showed the frame of another."""
+    other = _described(tmp_path / "other.tif", "<TiffData/>", compression=compression)
+    (tmp_path / "sent").mkdir()
+    uuid = f'<TiffData IFD="0" PlaneCount="4"><UUID FileName="{other}">urn:uuid:other</UUID></TiffData>'
+    path = _described(tmp_path / "sent" / "frame.ome.tif", uuid)
+    assert "its OME metadata spreads it over several files, expected all planes in one file" in message(path)
+
+
+def test_metadata_that_names_a_fifo_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    uuid = '<TiffData IFD="0" PlaneCount="4"><UUID FileName="fifo">urn:uuid:other</UUID></TiffData>'
+    assert "spreads it over several files" in message(_described(tmp_path / "frame.ome.tif", uuid))
+
+
+def test_metadata_may_name_its_own_file(tmp_path: Path) -> None:
+    uuid = '<TiffData IFD="0" PlaneCount="4"><UUID FileName="frame.ome.tif">urn:uuid:own</UUID></TiffData>'
+    path = _described(tmp_path / "frame.ome.tif", uuid)
+    assert read_stored(FrameSource("frame", (path,)), LAYOUT).shape == (2, 2, 5, 7)
+
+
+def test_an_axis_with_endless_labels_takes_no_memory(tmp_path: Path) -> None:
+    path = _described(tmp_path / "frame.ome.tif", "<TiffData/>")
+    labels = (
+        '<StructuredAnnotations><XMLAnnotation ID="A:0" Namespace="openmicroscopy.org/omero/dimension/modulo"><Value><Modulo>'
+        '<ModuloAlongT Type="lifetime" Start="0" End="1e9" Step="1e-3"/></Modulo></Value></XMLAnnotation></StructuredAnnotations>'
+    )
+    with tifffile.TiffFile(path, mode="r+") as file:
+        tag = file.pages.first.tags["ImageDescription"]
+        tag.overwrite(tag.value.replace("</OME>", f"{labels}</OME>"))
+    assert "its metadata promises 1,000,000,000,000 planes" in message(path)
