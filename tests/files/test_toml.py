@@ -57,7 +57,9 @@ def test_the_message_for_bad_toml_says_what_is_wrong(content: bytes | None, foun
     assert str(caught.value).startswith(f"{path}: {found}")
 
 
-@pytest.mark.parametrize("key", ["a." * 100_000 + "a = 1", "[" + "a." * 100_000 + "a]", "b = { " + "a . " * 900 + "a = 1 }"])
+@pytest.mark.parametrize(
+    "key", ["a." * 100_000 + "a = 1", "[" + "a." * 100_000 + "a]", "b = { " + "a . " * 900 + "a = 1 }"]
+)
 def test_a_key_of_endless_parts_is_refused(key: str, tmp_path: Path) -> None:
     """A key of 60,000 bytes took a minute."""
     path = tmp_path / "capture.toml"
