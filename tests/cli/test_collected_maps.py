@@ -52,7 +52,7 @@ def test_maps_of_different_parts_are_not_taken_for_one_part(halves: Path, tmp_pa
 def test_maps_of_different_parts_are_not_compared(halves: Path, tmp_path: Path) -> None:
     for name in ("left", "right"):
         (tmp_path / f"only_{name}").mkdir()
-        shutil.copy(halves / f"{name}.tif", tmp_path / f"only_{name}" / "frame.tif")
+        shutil.copy(halves / f"{name}.tif", tmp_path / f"only_{name}" / "frame_0.tif")
     left, right = tmp_path / "only_left", tmp_path / "only_right"
     for command, *line in (("compare",), ("profile", "--row", 3)):
         done = cadtof(command, left, right, *line)
