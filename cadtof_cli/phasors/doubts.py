@@ -27,7 +27,6 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
-from cadtof_cli.phasors.uncalibrated import camera_doubts
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
 from cadtof_cli.quantiles import median
 
@@ -115,13 +114,7 @@ that puts the values back into planes of SC1 and SC2 for one harmonic after the 
 
 
 def doubts(
-    stored: Stored,
-    metadata: CaptureMetadata,
-    /,
-    *,
-    has_light: bool = True,
-    of_order: bool = True,
-    of_camera: bool = False,
+    stored: Stored, metadata: CaptureMetadata, /, *, has_light: bool = True, of_order: bool = True
 ) -> tuple[str, ...]:
     """Return in words all that is likely wrong with a frame, (H, 2, Y, X).
 
@@ -131,7 +124,6 @@ def doubts(
         has_light: whether the frame shows a scene. If not, only values that are cut off are looked for.
         of_order: whether to look for planes in another order. This is never done if some planes hold noise alone, or
             show the same.
-        of_camera: whether to look for errors of the camera, which a calibration takes out.
 
     Raises:
         SettingsError: see `volts_per_count`.
@@ -139,8 +131,7 @@ def doubts(
     slanted = sheared(stored, metadata) if has_light else None
     planes = wrong_planes(stored, metadata) if has_light else None
     mistaken = mistaken_order(stored, metadata) if has_light and of_order and not planes else None
-    found = tuple(doubt for doubt in (slanted, planes, mistaken, cut_off(stored, metadata)) if doubt)
-    return found + (camera_doubts(stored, metadata) if of_camera and not found else ())
+    return tuple(doubt for doubt in (slanted, planes, mistaken, cut_off(stored, metadata)) if doubt)
 
 
 def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Stored
+from cadtof_cli.arrays import Stored
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
 from cadtof_cli.maps.layers import AVERAGED, DIRECT_DEPTH, DIRECT_SIGMA, IN_KERNEL
@@ -107,16 +107,17 @@ def prepare_frame(
     stages = frame_stages(plan, calibration, frame.dtype, (height, width))
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
+    recordings = 1.0 if samples is None else float(median(samples))
     noise = stages.noise
     if noise is None:
         from cadtof_cli.pipeline.neighbours import estimated_noise
 
-        noise = estimated_noise(recorded, samples, stages, dtype=frame.dtype)
+        noise = estimated_noise(recorded, samples, stages, dtype=frame.dtype, recordings=recordings)
     same, correction = is_without_noise(stored, noise), stages.correction
     if samples is not None:
-        noise = with_repeated_rounding(noise, float(np.median(samples)))
+        noise = with_repeated_rounding(noise, recordings)
     if correction.noise is not None and not noise.estimated:
-        noise = _with_noise_of_calibration(noise, stored, samples, correction.phasor_map, correction.noise)
+        noise = _with_noise_of_calibration(noise, stored, recordings, correction.phasor_map, correction.noise)
     if samples is not None:
         noise = replace(noise, samples=samples)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
@@ -202,7 +203,7 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
 def _with_noise_of_calibration(
     noise: NoiseModel,
     stored: Stored,
-    samples: Float | None,
+    recordings: float,
     phasor_map: PhasorMap,
     calibration_noise: "CalibrationNoise",
 ) -> NoiseModel:
@@ -215,8 +216,7 @@ def _with_noise_of_calibration(
     phasors = phasors_from_stored(stored[:, :, typical], phasor_map[typical])
     with np.errstate(over="ignore", invalid="ignore"):
         powers = np.nan_to_num(median(np.abs(phasors) ** 2))
-    frames = 1.0 if samples is None else float(np.median(samples))
-    return calibration_noise.added_to(noise, powers=powers, frames=frames)
+    return calibration_noise.added_to(noise, powers=powers, frames=recordings)
 
 
 def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels:

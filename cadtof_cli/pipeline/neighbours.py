@@ -18,7 +18,7 @@ BLOCK_PIXELS = 32768
 
 
 def estimated_noise(
-    recorded: Stored, samples: Float | None, stages: FrameStages, /, *, dtype: np.dtype[np.generic]
+    recorded: Stored, samples: Float | None, stages: FrameStages, /, *, dtype: np.dtype[np.generic], recordings: float
 ) -> NoiseModel:
     """Return the noise of one recording, estimated from the scatter of the pixels of a frame, (H, 2, Y, X).
 
@@ -31,13 +31,13 @@ def estimated_noise(
         samples: number of frames that each pixel is a mean of, (Y·X,); None: one.
         stages: stages of the frame.
         dtype: type in which the values were recorded.
+        recordings: the median of `samples`; 1 without them.
 
     Raises:
         FrameError: too few neighbouring pixels of the frame are finite and not saturated.
     """
     stored, size = recorded.reshape(*recorded.shape[:2], -1), (recorded.shape[2], recorded.shape[3])
     metadata, quantised = stages.plan.metadata, dtype.kind in "iu"
-    recordings = 1.0 if samples is None else float(np.median(samples))
     phasors = phasors_from_stored(stored, stages.correction.phasor_map)
     phasors[:, saturated_pixels(stored, stages.saturated_counts)] = np.nan
 

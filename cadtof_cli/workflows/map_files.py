@@ -15,7 +15,7 @@ OnRun = Callable[[Path], object]
 """Called with each folder below that holds a run of its own; the search goes on with the other folders."""
 
 
-def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail, on_run: OnRun = str) -> tuple[Path, ...]:
+def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail, on_run: OnRun = lambda _: None) -> tuple[Path, ...]:
     """Return the map files in a folder in natural order, as frames are taken, then those in folders below it; of a file, itself.
 
     An empty folder with the name of a map counts as a map: reading it fails, with a message that names it.

@@ -20,6 +20,7 @@ from cadtof_cli.files.reading import real_path
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.phasors.uncalibrated import camera_doubts
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel
@@ -171,9 +172,7 @@ def plan_captures(
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
-        # a calibration shows that the planes are in order; what `read_frames` reads, for one path, may be calibrated later
-        raw, several = use is None, plan.resolver.max_paths > 1
-        doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=raw, of_camera=raw and several)
+        doubtful = () if stored is None else _doubts(stored, plan)
         plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))
     return plans
 
@@ -208,6 +207,15 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
     if wrong:
         raise FrameError(wrong[0])
     return None
+
+
+def _doubts(stored: Stored, plan: FramePlan) -> tuple[str, ...]:
+    """Return in words what is likely wrong with a frame: with its values and planes or, if that is nothing, with its camera."""
+    # a calibration shows that the planes are in order
+    found = doubts(stored, plan.metadata, of_order=plan.calibration is None)
+    # what `read_frames` reads, for one path, may be calibrated later
+    asks_camera = plan.calibration is None and plan.resolver.max_paths > 1 and not found
+    return camera_doubts(stored, plan.metadata) if asks_camera else found
 
 
 def run_document(
