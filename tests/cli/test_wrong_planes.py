@@ -41,6 +41,20 @@ def test_swapped_channels_are_reported_once(
     assert "with SC1 and SC2 swapped, they would" in caplog.text
 
 
+def test_noise_that_the_settings_do_not_explain_is_reported_where_noise_may_look_like_paths(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    def told(*options: object) -> list[str]:
+        done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--overwrite", "--jobs", "1", *options)
+        assert done.status == 0
+        return [line for line in done.err.splitlines() if "neighbouring pixels scatter as with" in line]
+
+    (warning,) = told("--integration-length", "1e7")
+    assert warning.startswith(f"warning: {recorded.folder}: ")
+    assert told() == []
+    assert told("--integration-length", "1e7", "--order", "1") == []
+
+
 def test_a_harmonic_that_was_stored_twice_fails_its_frame_alone(recorded: Recorded, tmp_path: Path) -> None:
     broken = recorded.files[1]
     write_pages(broken, tifffile.imread(broken)[[0, 1, 0, 1]])
