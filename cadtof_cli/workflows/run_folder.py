@@ -180,6 +180,17 @@ class Run:
         named = {self.map_of(report) for report in self.reports()}
         return [file for file in self.files if named and file not in named]
 
+    def frames_without_maps(self) -> int:
+        """Return how many frames of the run failed, or lost their map file since; 0 if only a part of its maps was given.
+
+        Raises:
+            CaptureError: `frames.jsonl` cannot be read.
+        """
+        if self.maps != self.folder:
+            return 0
+        kept = {None, *self.files}
+        return sum(report.status == "failed" or self.map_of(report) not in kept for report in self.reports())
+
     def _inputs(self, arguments: Mapping[str, Any]) -> list[Path]:
         """Return the paths of the run's inputs, as its record has them.
 

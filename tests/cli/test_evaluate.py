@@ -178,6 +178,21 @@ def test_a_map_whose_frame_is_not_known_is_named(tmp_path: Path) -> None:
     )
 
 
+def test_frames_of_the_run_without_maps_are_counted(tmp_path: Path) -> None:
+    """Else the errors of a run look as good if half of its frames failed."""
+    capture, out = record(tmp_path / "capture", frames=3), tmp_path / "out"
+    capture.files[1].write_bytes(capture.files[1].read_bytes()[:1000])
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 1
+    truth = _truth(tmp_path / "truth.exr")
+    one = cadtof("evaluate", out / "frame_0.tif", "--truth", truth)
+    assert (one.status, one.err) == (0, "")
+    done = cadtof("evaluate", out, "--truth", truth)
+    assert done.err == f"{out}: 1 frame of the run without maps, not compared: see frames.jsonl\n"
+    (out / "frame_2.tif").unlink()
+    done = cadtof("evaluate", out, "--truth", truth)
+    assert done.err == f"{out}: 2 frames of the run without maps, not compared: see frames.jsonl\n"
+
+
 def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:
     """Two links to the folder that they lie in make 2⁴⁰ paths before the system reports too many links."""
     capture, out = record(tmp_path / "capture"), tmp_path / "out"

@@ -15,6 +15,7 @@ from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
+from cadtof_cli.units import counted
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.layers import layer_of, require_alike, require_same_size
 from cadtof_cli.workflows.inspect.truth import Truth
@@ -53,6 +54,8 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
     files = run.require_maps()
     known = Truth(truth, run)
     known.tell_of_captures(progress.say)
+    if lost := run.frames_without_maps():
+        progress.say(f"{maps}: {counted(lost, 'frame')} of the run without maps, not compared: see {FRAMES_FILE}")
     recorded = first_phasors(run, progress.say)
     whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.advance(0, total=len(files))
