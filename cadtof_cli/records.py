@@ -2,7 +2,8 @@
 
 Until Python 3.13 the library compiles up to six functions for every class when its module is imported. That is a tenth
 or more of the time of a run of one frame. The `dataclass` of this module compiles no function: all classes share the
-same ones. Modules that every run loads take it from here. Code that reads or uses a record sees no difference.
+same ones. It describes fields as the library does, without the checks that the library makes of them. Modules that every
+run loads take it from here. Code that reads or uses a record sees no difference.
 """
 
 import sys
@@ -15,33 +16,57 @@ else:
     import dataclasses
     import inspect
     from copy import copy
-    from dataclasses import MISSING
+    from dataclasses import MISSING, Field
     from operator import attrgetter
+    from typing import ClassVar
 
-    def dataclass(cls=None, /, *, frozen=False, eq=True, slots=False, **options):
+    def dataclass(cls=None, /, *, frozen=False, eq=True, slots=False, kw_only=False):
         """Return a class, or the decorator that makes it, as `dataclasses.dataclass` does."""
         if slots:
-            return dataclasses.dataclass(cls, frozen=frozen, eq=eq, slots=True, **options)
-        return (lambda one: _record(one, frozen, eq, options)) if cls is None else _record(cls, frozen, eq, options)
+            return dataclasses.dataclass(cls, frozen=frozen, eq=eq, slots=True, kw_only=kw_only)
+        return (lambda one: _record(one, frozen, eq, kw_only)) if cls is None else _record(cls, frozen, eq, kw_only)
 
-    def _record(cls, frozen, eq, options):
-        own = set(vars(cls))
-        cls = dataclasses.dataclass(cls, init=False, eq=False, repr=False, **options)
-        given_to_init = [item for item in dataclasses.fields(cls) if item.init]
+    def _record(cls, frozen, eq, kw_only):
+        own = dict(vars(cls))
+        items = _fields(cls, own, kw_only)
+        given_to_init = [item for item in items.values() if item.init]
+        cls.__dataclass_fields__ = items
         cls._init_fields = tuple((item.name, item.default, item.default_factory) for item in given_to_init)
         cls._names = tuple(item.name for item in given_to_init)
-        cls._positional = tuple(item.name for item in given_to_init if not item.kw_only)
+        cls._positional = cls.__match_args__ = tuple(item.name for item in given_to_init if not item.kw_only)
         cls._checks = hasattr(cls, "__post_init__")
         shared = {"__init__": _init, "__signature__": _Signature(), "__repr__": _repr}
         if frozen:
             shared |= {"__setattr__": _refuse_change, "__delattr__": _refuse_change}
         if eq:
-            names = [item.name for item in dataclasses.fields(cls) if item.compare]
+            names = [item.name for item in items.values() if item.compare]
             cls._compared = staticmethod(attrgetter(*names) if names else lambda _: ())
             shared |= {"__eq__": _is_equal, "__hash__": _hash if frozen else None}
-        for name in shared.keys() - own:
+        for name in shared.keys() - own.keys():
             setattr(cls, name, shared[name])
         return cls
+
+    def _fields(cls, own, kw_only):
+        """Return the fields of a class by name, those of its bases first. What the class holds in their place is then only
+        their defaults."""
+        items = {}
+        for base in cls.__mro__[:0:-1]:
+            items |= vars(base).get("__dataclass_fields__", {})
+        for name, kind in own.get("__annotations__", {}).items():
+            if getattr(kind, "__origin__", None) is ClassVar:
+                continue
+            item = own.get(name, MISSING)
+            if not isinstance(item, Field):
+                item = field(default=item)
+            elif item.default is MISSING:
+                delattr(cls, name)
+            else:
+                setattr(cls, name, item.default)
+            if item.kw_only is MISSING:
+                item.kw_only = kw_only
+            item.name, item.type, item._field_type = name, kind, dataclasses._FIELD
+            items[name] = item
+        return items
 
     def _init(self, /, *values, **named):
         kind = type(self)

@@ -189,7 +189,7 @@ compiled = {
     f"{one.__module__}.{one.__qualname__}"
     for name, module in list(sys.modules.items()) if name.startswith("cadtof_cli")
     for one in vars(module).values()
-    if isinstance(one, type) and dataclasses.is_dataclass(one) and one.__dataclass_params__.frozen
+    if isinstance(one, type) and hasattr(one, "__dataclass_params__") and one.__dataclass_params__.frozen
 }
 print(*sorted(one for one in compiled if one.startswith("cadtof_cli")))
 """
