@@ -11,7 +11,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Volt
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.settings import ResolverSettings, Return
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import AMPLITUDE_V, Light, depth_m
 
@@ -242,6 +242,21 @@ def test_errors_of_faint_pixels_are_more_than_sigma(strength: float, answered: f
     assert known.mean() == pytest.approx(answered, abs=0.02)
     off = (depth - depth_m(5.0) + turn / 2) % turn - turn / 2
     assert np.median(np.abs(off / maps.layer("direct.sigma"))[known]) / 0.6745 == pytest.approx(over, abs=0.04)
+
+
+@pytest.mark.parametrize(("returns", "low", "high"), [("first", 5.0, 9.0), ("strongest", 0.97, 1.07)])
+def test_false_second_paths_in_faint_light_are_first_returns_unless_the_strongest_is_asked_for(
+    returns: Return, low: float, high: float
+) -> None:
+    """docs/limits/false_alarm.md says so. The noise of a channel is a twentieth of the amplitude."""
+    light = Light(2.0 * np.sqrt(1e5) / 20.0 - 1.0, direct_ns=20.0)
+    volts = AMPLITUDE_V * light.voltages(np.random.default_rng(12), 1e5, 90_000).reshape(2, 2, 300, 300)
+    settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete", returns=returns))
+    maps = resolve_frame(volts, plan=FramePlan(metadata=METADATA, settings=settings)).maps
+    sigma = np.median(maps.layer("direct.sigma"))
+    off = maps.layer("direct.depth") - depth_m(20.0)
+    assert low < np.sqrt(np.mean(np.square(off))) / sigma < high
+    assert np.median(np.abs(off)) / sigma == pytest.approx(0.6745, rel=0.03)
 
 
 @pytest.mark.parametrize(
