@@ -121,7 +121,9 @@ def test_if_the_noise_is_the_cameras_own_an_estimated_sigma_of_one_path_is_at_mo
     assert 0.9 < 1.4826 * np.median(np.abs(off)) < 1.25
 
 
-def ramp_v(rng: np.random.Generator, delays_ns: NDArray[np.float64], asr: float) -> NDArray[np.float64]:
+def ramp_v(
+    rng: np.random.Generator, delays_ns: NDArray[np.float64], asr: float | NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the voltages of one path at each of these delays, (2, 2, Y, X), at n_av 1e5."""
     share = 1.0 / (1.0 + asr)
     planes = []
@@ -257,6 +259,31 @@ def test_false_second_paths_in_faint_light_are_first_returns_unless_the_stronges
     off = maps.layer("direct.depth") - depth_m(20.0)
     assert low < np.sqrt(np.mean(np.square(off))) / sigma < high
     assert np.median(np.abs(off)) / sigma == pytest.approx(0.6745, rel=0.03)
+
+
+@pytest.mark.parametrize(("left", "right", "over"), [(0.1, 5.0, 1.35), (0.0, 2.0, 2.3), (0.5, 5.0, 1.07)])
+def test_an_estimated_sigma_is_wrong_if_a_part_of_the_view_has_far_less_ambient_light(
+    left: float, right: float, over: float
+) -> None:
+    """docs/physics.md says how wrong: the estimate is one for both kinds of noise."""
+    delays = np.linspace(8.0, 12.0, 120)[:, np.newaxis] + np.linspace(0.0, 1.0, 80)
+    rng = np.random.default_rng(13)
+    volts = np.concatenate([ramp_v(rng, delays, left), ramp_v(rng, delays, right)], axis=-1)
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1")))
+    maps = resolve_frame(volts, plan=plan).maps
+    off = (maps.layer("direct.depth") - depth_m(1.0) * np.hstack([delays, delays])) / maps.layer("direct.sigma")
+    assert 1.4826 * np.median(np.abs(off)) == pytest.approx(over, rel=0.06)
+
+
+def test_an_estimate_takes_light_that_differs_from_pixel_to_pixel_for_noise() -> None:
+    """docs/physics.md says so: 10 % of ambient light make sigma eight times too large."""
+    delays = np.linspace(8.0, 12.0, 120)[:, np.newaxis] + np.linspace(0.0, 1.0, 160)
+    rng = np.random.default_rng(14)
+    volts = ramp_v(rng, delays, 3.0 * np.exp(rng.normal(0.0, 0.1, delays.shape)))
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1")))
+    maps = resolve_frame(volts, plan=plan).maps
+    off = (maps.layer("direct.depth") - depth_m(1.0) * delays) / maps.layer("direct.sigma")
+    assert 1.4826 * np.median(np.abs(off)) == pytest.approx(1.0 / 8.0, rel=0.15)
 
 
 @pytest.mark.parametrize(
