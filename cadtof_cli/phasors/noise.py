@@ -181,7 +181,13 @@ def with_repeated_rounding(noise: NoiseModel, recordings: float, /) -> NoiseMode
 
 @np.errstate(invalid="ignore", over="ignore")
 def estimated_integration_length(
-    phasors: Complex, metadata: CaptureMetadata, /, *, quantised: bool, samples: float = 1.0
+    phasors: Complex,
+    metadata: CaptureMetadata,
+    /,
+    *,
+    quantised: bool,
+    samples: float = 1.0,
+    variances: Float | None = None,
 ) -> float:
     """Return the n_av that explains the pixel-to-pixel noise of a frame's phasors, complex128 (H, Y, X).
 
@@ -194,6 +200,7 @@ def estimated_integration_length(
 
     `quantised`: the values are whole numbers. Rounding to them is not noise of photons, so its variance is taken off.
     `samples`: number of recordings that each pixel is a mean of. The n_av is that of one recording.
+    `variances`: (Y, X), of pixels that are means of other numbers of recordings, over that of a mean of `samples`.
     """
     # its variances are those of photons, times 2·n_av − 1
     unit = noise_model(metadata, integration_length=1.0, quantised=quantised)
@@ -201,9 +208,15 @@ def estimated_integration_length(
     if 1 in phasors.shape[1:]:
         phasors = _recorded(phasors.reshape(len(phasors), 1, -1), 1, 3)
         difference = np.diff(phasors, n=2) / math.sqrt(6.0)
+        if variances is not None:
+            row = variances.reshape(1, -1)
+            difference /= np.sqrt((row[:, :-2] + 4.0 * row[:, 1:-1] + row[:, 2:]) / 6.0)
     else:
         phasors = _recorded(phasors, 2, 2)
         difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
+        if variances is not None:
+            pairs = variances[:-1] + variances[1:]
+            difference /= np.sqrt(0.25 * (pairs[:, :-1] + pairs[:, 1:]))
     seen = expected = 0.0
     for plane, phasor, one in zip(difference, phasors, unit.each, strict=True):
         finite = plane[np.isfinite(plane)]

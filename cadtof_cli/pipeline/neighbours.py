@@ -40,10 +40,11 @@ def estimated_noise(
     metadata, quantised = stages.plan.metadata, dtype.kind in "iu"
     phasors = phasors_from_stored(stored, stages.correction.phasor_map)
     phasors[:, saturated_pixels(stored, stages.saturated_counts)] = np.nan
+    variances = None if samples is None else (recordings / samples).reshape(size)
 
     def noise_of(alike: Complex) -> NoiseModel:
         estimate = estimated_integration_length(
-            alike.reshape(-1, *size), metadata, quantised=quantised, samples=recordings
+            alike.reshape(-1, *size), metadata, quantised=quantised, samples=recordings, variances=variances
         )
         if math.isnan(estimate):
             raise FrameError(

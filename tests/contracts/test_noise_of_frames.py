@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from cadtof_cli.api.scenes import simulate_scene
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage, Waveform
-from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.settings import ResolverSettings, Return
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import AMPLITUDE_V, Light, depth_m
 
@@ -121,7 +121,9 @@ def test_if_the_noise_is_the_cameras_own_an_estimated_sigma_of_one_path_is_at_mo
     assert 0.9 < 1.4826 * np.median(np.abs(off)) < 1.25
 
 
-def ramp_v(rng: np.random.Generator, delays_ns: NDArray[np.float64], asr: float) -> NDArray[np.float64]:
+def ramp_v(
+    rng: np.random.Generator, delays_ns: NDArray[np.float64], asr: float | NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the voltages of one path at each of these delays, (2, 2, Y, X), at n_av 1e5."""
     share = 1.0 / (1.0 + asr)
     planes = []
@@ -186,6 +188,102 @@ def test_an_estimated_integration_length_is_that_of_one_frame_of_a_mean() -> Non
     assert resolved.noise.integration_length == pytest.approx(1e4, rel=0.1)
     scatter = (resolved.maps.layer("direct.depth") - depth_m(5.0)).std()
     assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)
+
+
+@pytest.mark.parametrize("shape", [(60, 80), (1, 4800)])
+@pytest.mark.parametrize("often", [0.2, 0.5])
+def test_the_length_is_estimated_correctly_if_pixels_are_sound_in_different_numbers_of_frames(
+    often: float, shape: tuple[int, int]
+) -> None:
+    """As where the sun saturates a part of the view in most frames. The error was up to a factor of 1.7."""
+    delays = np.linspace(8.0, 12.0, 4800).reshape(shape)
+    rng = np.random.default_rng(8)
+    frames = [ramp_v(rng, delays, 3.0) for _ in range(16)]
+    for frame in frames[1:]:
+        frame.reshape(2, 2, -1)[:, :, int(often * delays.size) :] = np.nan
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1"), average=16))
+    resolved = resolve_frame(frame_mean(frames, saturated_counts=None), plan=plan)
+    assert resolved.noise.integration_length == pytest.approx(1e5, rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("frames", "known", "low", "high", "second"),
+    [(1, True, 1.15, 1.3, 0.1), (8, True, 1.8, 2.2, 0.35), (1, False, 1.35, 1.55, 0.2)],
+)
+def test_sigma_of_pooled_counts_leaves_out_the_rounding_that_neighbours_share(
+    frames: int, known: bool, low: float, high: float, second: float
+) -> None:
+    """docs/physics.md says so. A count of 2.2 mV is five times the noise, as with 8 bits."""
+    delays = 13.3 + 0.0133 * np.arange(160) + 0.0067 * np.arange(120)[:, np.newaxis]
+    rng = np.random.default_rng(9)
+    counts = [np.rint(ramp_v(rng, delays, 2.0) / 2.2e-3 + 128.0).astype(np.uint16) for _ in range(frames)]
+    metadata = replace(
+        METADATA if known else CaptureMetadata(), voltage=Voltage(zero_counts=128.0, volts_per_count=2.2e-3)
+    )
+    settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"), pool=5, average=frames)
+    frame = frame_mean(counts, saturated_counts=None) if frames > 1 else counts[0]
+    maps = resolve_frame(frame, plan=FramePlan(metadata=metadata, settings=settings)).maps
+    off = (maps.layer("direct.depth") - depth_m(1.0) * delays) / maps.layer("direct.sigma")
+    assert low < np.sqrt(np.mean(np.square(off))) < high
+    assert 0.01 < ((maps.status & StatusBit.TWO_PATHS) > 0).mean() < second
+
+
+@pytest.mark.parametrize(("strength", "answered", "over"), [(2.0, 0.35, 1.25), (3.0, 0.82, 1.07), (4.0, 0.99, 1.02)])
+def test_errors_of_faint_pixels_are_more_than_sigma(strength: float, answered: float, over: float) -> None:
+    """Only those have an answer that noise has made brighter. docs/physics.md gives these numbers."""
+    n_av = 1e4
+    light = Light(2.0 * np.sqrt(n_av) / strength - 1.0)
+    volts = AMPLITUDE_V * light.voltages(np.random.default_rng(10), n_av, 40_000).reshape(2, 2, 200, 200)
+    plan = FramePlan(
+        metadata=replace(METADATA, pixel=Pixel(integration_length=n_av)),
+        settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")),
+    )
+    maps = resolve_frame(volts, plan=plan).maps
+    depth, turn = maps.layer("direct.depth"), depth_m(40.0)
+    known = np.isfinite(depth)
+    assert known.mean() == pytest.approx(answered, abs=0.02)
+    off = (depth - depth_m(5.0) + turn / 2) % turn - turn / 2
+    assert np.median(np.abs(off / maps.layer("direct.sigma"))[known]) / 0.6745 == pytest.approx(over, abs=0.04)
+
+
+@pytest.mark.parametrize(("returns", "low", "high"), [("first", 5.0, 9.0), ("strongest", 0.97, 1.07)])
+def test_false_second_paths_in_faint_light_are_first_returns_unless_the_strongest_is_asked_for(
+    returns: Return, low: float, high: float
+) -> None:
+    """docs/limits/false_alarm.md says so. The noise of a channel is a twentieth of the amplitude."""
+    light = Light(2.0 * np.sqrt(1e5) / 20.0 - 1.0, direct_ns=20.0)
+    volts = AMPLITUDE_V * light.voltages(np.random.default_rng(12), 1e5, 90_000).reshape(2, 2, 300, 300)
+    settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete", returns=returns))
+    maps = resolve_frame(volts, plan=FramePlan(metadata=METADATA, settings=settings)).maps
+    sigma = np.median(maps.layer("direct.sigma"))
+    off = maps.layer("direct.depth") - depth_m(20.0)
+    assert low < np.sqrt(np.mean(np.square(off))) / sigma < high
+    assert np.median(np.abs(off)) / sigma == pytest.approx(0.6745, rel=0.03)
+
+
+@pytest.mark.parametrize(("left", "right", "over"), [(0.1, 5.0, 1.35), (0.0, 2.0, 2.3), (0.5, 5.0, 1.07)])
+def test_an_estimated_sigma_is_wrong_if_a_part_of_the_view_has_far_less_ambient_light(
+    left: float, right: float, over: float
+) -> None:
+    """docs/physics.md says how wrong: the estimate is one for both kinds of noise."""
+    delays = np.linspace(8.0, 12.0, 120)[:, np.newaxis] + np.linspace(0.0, 1.0, 80)
+    rng = np.random.default_rng(13)
+    volts = np.concatenate([ramp_v(rng, delays, left), ramp_v(rng, delays, right)], axis=-1)
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1")))
+    maps = resolve_frame(volts, plan=plan).maps
+    off = (maps.layer("direct.depth") - depth_m(1.0) * np.hstack([delays, delays])) / maps.layer("direct.sigma")
+    assert 1.4826 * np.median(np.abs(off)) == pytest.approx(over, rel=0.06)
+
+
+def test_an_estimate_takes_light_that_differs_from_pixel_to_pixel_for_noise() -> None:
+    """docs/physics.md says so: 10 % of ambient light make sigma eight times too large."""
+    delays = np.linspace(8.0, 12.0, 120)[:, np.newaxis] + np.linspace(0.0, 1.0, 160)
+    rng = np.random.default_rng(14)
+    volts = ramp_v(rng, delays, 3.0 * np.exp(rng.normal(0.0, 0.1, delays.shape)))
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1")))
+    maps = resolve_frame(volts, plan=plan).maps
+    off = (maps.layer("direct.depth") - depth_m(1.0) * delays) / maps.layer("direct.sigma")
+    assert 1.4826 * np.median(np.abs(off)) == pytest.approx(1.0 / 8.0, rel=0.15)
 
 
 @pytest.mark.parametrize(
