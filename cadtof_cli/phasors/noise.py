@@ -193,7 +193,9 @@ def estimated_integration_length(
 
     The diagonal second difference (p[y,x] − p[y,x+1] − p[y+1,x] + p[y+1,x+1])/2 keeps the variance of white noise and
     removes every gradient along rows and columns; a sensor of one row or column has (p[x] − 2·p[x+1] + p[x+2])/√6. Its
-    median absolute deviation ignores edges and outliers. NaN is left out, and so are neighbours that all hold the same
+    median absolute deviation ignores edges and outliers. The less ambient light a pixel has, the less noise: so each
+    difference is divided by the deviation that `noise_model` expects of its pixels, over that of typical pixels. NaN is left
+    out, and so are neighbours that all hold the same
     values, as where a camera sets pixels without light to 0 V. The variance is compared with that of
     `noise_model` for the median of |p_h|². Returns infinity for a frame without noise, and NaN if fewer than 16
     differences of a harmonic are finite.
@@ -205,35 +207,42 @@ def estimated_integration_length(
     # its variances are those of photons, times 2·n_av − 1
     unit = noise_model(metadata, integration_length=1.0, quantised=quantised)
     # infinite pixels make NaN here, and NaN is left out
-    if 1 in phasors.shape[1:]:
-        phasors = _recorded(phasors.reshape(len(phasors), 1, -1), 1, 3)
+    line = 1 in phasors.shape[1:]
+    phasors = _recorded(phasors.reshape(len(phasors), 1, -1), 1, 3) if line else _recorded(phasors, 2, 2)
+    if line:
         difference = np.diff(phasors, n=2) / math.sqrt(6.0)
-        if variances is not None:
-            row = variances.reshape(1, -1)
-            difference /= np.sqrt((row[:, :-2] + 4.0 * row[:, 1:-1] + row[:, 2:]) / 6.0)
     else:
-        phasors = _recorded(phasors, 2, 2)
         difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
-        if variances is not None:
-            pairs = variances[:-1] + variances[1:]
-            difference /= np.sqrt(0.25 * (pairs[:, :-1] + pairs[:, 1:]))
     seen = expected = 0.0
     for plane, phasor, one in zip(difference, phasors, unit.each, strict=True):
-        finite = plane[np.isfinite(plane)]
-        if finite.size < FEWEST_DIFFERENCES:
+        if np.count_nonzero(np.isfinite(plane)) < FEWEST_DIFFERENCES:
             return math.nan
+        power = np.square(np.abs(phasor))
+        signal, least = float(median(power[np.isfinite(power)])), 2.0 * LEAST_SHARE * one.ambient_variance
+        typical = max(2.0 * one.ambient_variance - signal, least)
+        own = np.maximum(2.0 * one.ambient_variance - power, least) / typical
+        weights = _mean_variance(own if variances is None else own * variances.reshape(own.shape), line=line)
+        plane = plane / np.sqrt(weights)
+        finite = plane[np.isfinite(plane)]
         # means of counts are multiples of step/samples, and half their sums are multiples of half of that
         step = 0.5 * math.sqrt(12.0 * one.floor) / samples
         spread = [median_of_steps(np.abs(part), step) / MAD_PER_SIGMA for part in (finite.real, finite.imag)]
-        signal = float(median(np.abs(phasor[np.isfinite(phasor)]))) ** 2
         seen += spread[0] ** 2 + spread[1] ** 2 - 2.0 * (one.floor / samples + step**2 / 12.0)
-        expected += max(2.0 * one.ambient_variance - signal, 2.0 * LEAST_SHARE * one.ambient_variance)
+        expected += typical
     averaging = float(seen / expected)
     if averaging <= 0.0:
         return math.inf
     length = 0.5 * (1.0 + 1.0 / averaging)
     # 1/(2·n_av − 1) of one recording is that of the mean, times the number of recordings
     return length if samples == 1.0 else 0.5 * (1.0 + (2.0 * length - 1.0) / samples)
+
+
+def _mean_variance(variances: Float, /, *, line: bool) -> Float:
+    """Return the variance of each second difference of pixels with these variances, (Y, X): their weighted mean."""
+    if line:
+        return (variances[:, :-2] + 4.0 * variances[:, 1:-1] + variances[:, 2:]) / 6.0
+    pairs = variances[:-1] + variances[1:]
+    return 0.25 * (pairs[:, :-1] + pairs[:, 1:])
 
 
 def median_of_steps(sizes: Float, step: float, /) -> float:
