@@ -193,12 +193,12 @@ def estimated_integration_length(
 
     The diagonal second difference (p[y,x] − p[y,x+1] − p[y+1,x] + p[y+1,x+1])/2 keeps the variance of white noise and
     removes every gradient along rows and columns; a sensor of one row or column has (p[x] − 2·p[x+1] + p[x+2])/√6. Its
-    median absolute deviation ignores edges and outliers. The less ambient light a pixel has, the less noise: so each
-    difference is divided by the deviation that `noise_model` expects of its pixels, over that of typical pixels. NaN is left
-    out, and so are neighbours that all hold the same
-    values, as where a camera sets pixels without light to 0 V. The variance is compared with that of
-    `noise_model` for the median of |p_h|². Returns infinity for a frame without noise, and NaN if fewer than 16
-    differences of a harmonic are finite.
+    median absolute deviation ignores edges and outliers. NaN is left out, and so are neighbours that all hold the same
+    values, as where a camera sets pixels without light to 0 V.
+
+    The less ambient light a pixel has, the less noise. So each difference is divided by the deviation that `noise_model`
+    expects of its pixels, over that of a pixel with the median of |p_h|². The variance is compared with that of such a pixel.
+    Returns infinity for a frame without noise, and NaN if fewer than 16 differences of a harmonic are finite.
 
     `quantised`: the values are whole numbers. Rounding to them is not noise of photons, so its variance is taken off.
     `samples`: number of recordings that each pixel is a mean of. The n_av is that of one recording.
