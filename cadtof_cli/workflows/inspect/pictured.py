@@ -1,5 +1,6 @@
 """What `cadtof preview` can draw: maps, truth, other files of named layers, and recorded frames, as layers by name."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -47,16 +48,23 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
     Raises:
         CadtofError: an input does not exist, or holds nothing that can be drawn.
     """
+    # frames of several inputs often have the same names, so their names begin below the folder that holds all inputs
+    folders = [os.path.abspath(path if path.is_dir() else path.parent) for path in inputs]
+    base = Path(os.path.commonpath(folders)) if len(inputs) > 1 else None
     for path in inputs:
         if _holds_maps(path):
             run = read_run(path)
             for file in run.require_maps():
-                name = run.name(file) if len(inputs) == 1 or path.is_dir() else f"{file.parent.name}/{file.stem}"
+                name = run.name(file) if base is None else _name_below(base, file)
                 yield Pictured(name, partial(_read_map, run, file), DIRECT_DEPTH, run, file)
             continue
-        for capture in placed_captures(find_captures([path], recursive=path.is_dir()), [path])[0]:
+        for capture in placed_captures(find_captures([path], recursive=path.is_dir()), [path], base=base)[0]:
             for source in single_frames(capture):
                 yield Pictured(source.name, partial(_read_frame, capture, source), LIGHT)
+
+
+def _name_below(base: Path, file: Path) -> str:
+    return Path(os.path.abspath(file)).relative_to(base).with_suffix("").as_posix()
 
 
 def _holds_maps(path: Path) -> bool:

@@ -139,7 +139,10 @@ class _Scale:
 
 
 def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress: Progress) -> _Scale:
-    """Return the scale that suits all frames. Frames that cannot be read are left out, with a note."""
+    """Return the scale that suits all frames.
+
+    Frames that cannot be read, or that lack the layer of the first frame, are left out, with a note.
+    """
     values: list[NDArray[np.floating]] = []
     ends: list[float] = []
     kinds: set[PixelClass] = set()
@@ -156,6 +159,7 @@ def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress
             progress.say(f"left out: {error}")
             continue
         layer = layer or name
+        settings = replace(settings, layer=layer)
         block = block_of(shown, name)
         plane = block.panels[0].values
         shape = shape if any(shape) else (plane.shape[0], plane.shape[1])
@@ -174,6 +178,7 @@ def _blocks(
     found: Sequence[Pictured], scale: _Scale, settings: PreviewSettings, progress: Progress
 ) -> Iterator[tuple[str, Block | None]]:
     """Yield each frame's name, and its layer on the common scale; None: it cannot be drawn."""
+    settings = replace(settings, layer=scale.layer)
     for one in found:
         progress.advance()
         block = None
