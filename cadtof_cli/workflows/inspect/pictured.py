@@ -49,22 +49,18 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
         CadtofError: an input does not exist, or holds nothing that can be drawn.
     """
     # frames of several inputs often have the same names, so their names begin below the folder that holds all inputs
-    folders = [os.path.abspath(path if path.is_dir() else path.parent) for path in inputs]
-    base = Path(os.path.commonpath(folders)) if len(inputs) > 1 else None
+    folders = (path if path.is_dir() else path.parent for path in inputs)
+    base = Path(os.path.commonpath(map(os.path.abspath, folders))) if len(inputs) > 1 else None
     for path in inputs:
         if _holds_maps(path):
             run = read_run(path)
             for file in run.require_maps():
-                name = run.name(file) if base is None else _name_below(base, file)
+                name = run.name(file) if base is None else Path(os.path.relpath(file, base)).with_suffix("").as_posix()
                 yield Pictured(name, partial(_read_map, run, file), DIRECT_DEPTH, run, file)
             continue
         for capture in placed_captures(find_captures([path], recursive=path.is_dir()), [path], base=base)[0]:
             for source in single_frames(capture):
                 yield Pictured(source.name, partial(_read_frame, capture, source), LIGHT)
-
-
-def _name_below(base: Path, file: Path) -> str:
-    return Path(os.path.abspath(file)).relative_to(base).with_suffix("").as_posix()
 
 
 def _holds_maps(path: Path) -> bool:
