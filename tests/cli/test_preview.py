@@ -292,6 +292,27 @@ def test_the_bar_of_many_frames_says_that_one_of_them_is_beyond_its_ends(
     assert (done.status, extends) == (0, [extend])
 
 
+@pytest.mark.parametrize("size", [(1024, 1024), (1024, 1280), (512, 640)])
+def test_the_scale_of_many_frames_holds_their_right_edge(
+    size: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wall whose depth grows from 1 m at the left to 5 m at the right."""
+    ends: list[float] = []
+    draw = Figure.colorbar
+
+    def noting(figure: Figure, mappable: Any, *arguments: Any, **options: Any) -> Any:
+        ends.extend(mappable.get_clim())
+        return draw(figure, mappable, *arguments, **options)
+
+    monkeypatch.setattr(Figure, "colorbar", noting)
+    (tmp_path / "maps").mkdir()
+    for index in range(2):
+        depth = np.tile(np.linspace(1.0, 5.0, size[1], dtype=np.float32), (size[0], 1))
+        write_exr(tmp_path / "maps" / f"{index}.exr", {"direct.depth": depth})
+    assert cadtof("preview", tmp_path / "maps", "-o", tmp_path / "a.png").status == 0
+    assert ends == pytest.approx([1.0, 5.0], abs=0.1)
+
+
 def test_range_and_planar_depth_share_no_scale(tmp_path: Path) -> None:
     capture, folders = record(tmp_path / "capture"), [tmp_path / "range", tmp_path / "z"]
     for folder in folders:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.arrays import spread_values
 from cadtof_cli.calibration.store import is_calibration_folder, load_calibration
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, require
 from cadtof_cli.figures.calibration import draw_calibration
@@ -164,7 +165,7 @@ def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress
         plane = block.panels[0].values
         shape = shape if any(shape) else (plane.shape[0], plane.shape[1])
         kinds |= block.shown(block.panels[0])
-        values.append(plane.ravel()[:: max(1, plane.size // _VALUES_A_FRAME)].copy())
+        values.append(spread_values(plane, _VALUES_A_FRAME).copy())
         finite = plane[np.isfinite(plane)]
         ends += [float(finite.min()), float(finite.max())] if finite.size else []
     if not values:
