@@ -395,6 +395,16 @@ def test_frames_of_the_same_name_are_told_apart_in_a_sheet(tmp_path: Path) -> No
         assert set(named) <= _words(tmp_path / "a.svg")
 
 
+def test_the_title_names_the_capture_of_a_map(tmp_path: Path) -> None:
+    for day in ("monday", "tuesday"):
+        record(tmp_path / "recordings" / day / "hall")
+    done = cadtof("resolve", "--recursive", tmp_path / "recordings", "-o", tmp_path / "out", "-j", 1, "-q")
+    assert done.status == 0
+    for maps in (("out", "--frame", 1), ("out/tuesday/hall",), ("out/tuesday/hall/frame_0.tif",)):
+        assert cadtof("preview", tmp_path / maps[0], *maps[1:], "-o", tmp_path / "a.svg", "--overwrite").status == 0
+        assert "out/tuesday/hall/frame_0.tif" in _words(tmp_path / "a.svg")
+
+
 def test_a_recorded_frame_is_not_drawn_on_the_scale_of_depths(tmp_path: Path) -> None:
     maps = _maps(tmp_path)
     for suffix in (".png", ".gif"):

@@ -82,7 +82,8 @@ def _are_of_layers(files: Sequence[Path]) -> bool:
 
 def _read_map(run: Run, file: Path) -> Shown:
     """Read a map, or any file of named layers."""
-    return Shown.of(str(Path(file.parent.name, file.name)), read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
+    title = str(run.folder.name / file.relative_to(run.folder))
+    return Shown.of(title, read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
 
 
 def _read_frame(capture: Capture, source: FrameSource) -> Shown:
