@@ -376,8 +376,9 @@ def test_the_page_prints_in_light_colours_with_its_tables(shown: Shown) -> None:
     assert not browser.find("#split").is_displayed()
     assert not browser.find("nav").is_displayed()
     assert not browser.find("#compare-label").is_displayed()
-    # without it, nothing would say what the map shows
-    assert browser.find("#layer").is_displayed()
+    # without these, nothing would say what the map shows, and where in the bar its ends lie
+    for one in ("#layer", "#scale-low", "#scale-high"):
+        assert browser.find(one).is_displayed()
     browser.look(dark=True)
     printed = browser.printed()
     assert printed.startswith(b"%PDF")
