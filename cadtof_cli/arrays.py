@@ -1,5 +1,7 @@
 """Names for the array types that pass between the stages, and arrays that several callers share."""
 
+import itertools
+import math
 from dataclasses import is_dataclass
 from typing import Any, TypeVar
 
@@ -25,6 +27,15 @@ T = TypeVar("T")
 Values = TypeVar("Values", Float, Float32)
 """Numbers of either precision, such as float64 for patches and float32 for pixels; results have the precision of the
 input."""
+
+
+def spread_values(plane: NDArray[Any], most: int, /) -> NDArray[Any]:
+    """Return about `most` values of a plane (Y, X), evenly spread over its rows and columns, (n,).
+
+    The step from one value to the next has no divisor in common with the width: else they would come from a few columns.
+    """
+    steps = itertools.count(max(1, plane.size // most))
+    return plane.reshape(-1)[:: next(step for step in steps if math.gcd(step, plane.shape[1]) == 1)]
 
 
 def sealed(shared: T, /) -> T:

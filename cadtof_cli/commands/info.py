@@ -173,7 +173,8 @@ def _map_lines(facts: Any) -> Iterator[str]:
     from cadtof_cli.resolver.status import StatusBit, bit_words
 
     yield facts.path
-    yield _row("maps", f"{facts.files}" + (f" of {size_text(facts.pixels)} pixels" if facts.pixels else ""))
+    figures_of = "; the figures are those of the first" if facts.files > 1 and facts.layers else ""
+    yield _row("maps", f"{facts.files}{f' of {size_text(facts.pixels)} pixels' if facts.pixels else ''}{figures_of}")
     for name, layer in facts.layers.items():
         if layer.median is None:
             yield _row(name, "no answers")

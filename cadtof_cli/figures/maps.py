@@ -46,7 +46,11 @@ def draw_maps(
     lower: list[Block] = []
     if truth_m is not None:
         errors = {name: 100 * (depth - truth_m) for name, depth in known.items()}
-        panels = tuple(Panel(f"{name} − truth\n{_median(error)}", error, status) for name, error in errors.items())
+        untold = ~np.isfinite(truth_m)
+        panels = tuple(
+            Panel(f"{name} − truth\n{_median(error)}", error, status, in_one=untold & np.isfinite(known[name]))
+            for name, error in errors.items()
+        )
         lower.append(Scaled(panels, "cm", ERRORS, signed_limits(*errors.values())))
     for name, title, unit, factor in (
         (DIRECT_SIGMA, "σ of direct depth", "predicted, cm", 100),
@@ -83,7 +87,7 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
         panel = Panel("A − B", change, one.status, one_path=True, in_one=in_one)
         rows.append(
             [
-                Scaled(pair, one.units[name], DEPTHS, limits_of(both)),
+                Scaled(pair, one.unit(name), DEPTHS, limits_of(both)),
                 Scaled((panel,), unit, ERRORS, signed_limits(change)),
             ]
         )

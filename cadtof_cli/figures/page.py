@@ -32,6 +32,9 @@ LEGEND_ENTRY = 190
 _AREA, _WIDEST, _TALLEST, _NARROWEST = 88_000.0, 760.0, 900.0, 122.0
 """Area of a panel; its largest width and height, which limit the area; and the width that its title needs at least."""
 
+_LEAST_SIDE = 40.0
+"""Least width and height of a panel."""
+
 _GAP, _BAR, _LEFT, _TOP, _TITLE, _BOTTOM, _LEGEND_ROW = 14.0, 80.0, 58.0, 40.0, 42.0, 44.0, 24.0
 """Spaces of the page.
 
@@ -52,7 +55,7 @@ class Panel:
         values: (Y, X); NaN: no value.
         status: status bits, (Y, X), which say why a pixel has no value; None: not known.
         one_path: whether a pixel may lack a value because it has one path.
-        in_one: of a difference of two maps, the pixels for which only one of them has a value.
+        in_one: of a difference, the pixels that have the colour of a value in only one of the two; whatever their status.
     """
 
     title: str
@@ -208,6 +211,8 @@ def page_figure(
     framed = panel_width is None
     panel_width = panel_width or min(math.sqrt(_AREA * aspect), _WIDEST, _TALLEST * aspect)
     panel_height = panel_width / aspect
+    # frames of a few rows or columns are stretched by a whole number, so that they and their bars can be seen
+    panel_width, panel_height = (side * max(1, math.ceil(_LEAST_SIDE / side)) for side in (panel_width, panel_height))
     if aspect > _WIDE:
         rows = [(block,) for row in rows for block in row]
     elif aspect < _TALL:
@@ -262,7 +267,7 @@ def _draw(figure: Figure, cell: _Cell, page: _Page) -> None:
         figure.text(x, y, text, fontsize=size, color=ink, ha="center", va="center", parse_math=False)
     axes.tick_params(labelsize=7, length=2.5, labelleft=cell.leftmost, labelbottom=cell.lowest)
     for axis, length in ((axes.xaxis, page.panel_width), (axes.yaxis, page.panel_height)):
-        axis.set_major_locator(MaxNLocator(max(1, min(7, int(length / 45))), integer=True))
+        axis.set_major_locator(MaxNLocator(max(1, min(7, int(length / 45))), integer=True, min_n_ticks=1))
     if cell.leftmost:
         axes.set_ylabel("row, px", fontsize=7.5)
     if cell.lowest:

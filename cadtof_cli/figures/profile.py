@@ -53,7 +53,8 @@ def draw_profile(profile: Profile, path: Path, /) -> None:
 def _values(axes: Axes, profile: Profile) -> None:
     _curves(axes, profile, lambda values: values, 1.0)
     if profile.truth is not None:
-        axes.plot(profile.along, profile.truth, lw=1.0, color=TRUTH_COLOUR, label="truth", zorder=1.9)
+        points = _points(profile.truth, fewest=0)
+        axes.plot(profile.along, profile.truth, lw=1.0, **points, color=TRUTH_COLOUR, label="truth", zorder=1.9)
     what = profile.depth if profile.layer.endswith(".depth") else profile.layer
     axes.set_ylabel(f"{what}, {profile.unit}" if profile.unit else what)
     _to_lines(axes)
@@ -73,7 +74,8 @@ def _curves(axes: Axes, profile: Profile, shown: Callable[[Float], Float], facto
     `shown` turns the values of a curve into those that are drawn: the values themselves, or their errors.
     """
     for name, first, colour in _first_phasors(profile):
-        axes.plot(profile.along, shown(first), **_DASHED, color=colour, label=name)
+        depths = shown(first)
+        axes.plot(profile.along, depths, **_DASHED, **_points(depths, fewest=0), color=colour, label=name)
     for number, (curve, name, colour) in enumerate(_named(profile)):
         values, line = shown(curve.values), _LINES[number // len(COLOURS) % len(_LINES)]
         if curve.sigma is not None:
@@ -104,11 +106,11 @@ def _first_phasors(profile: Profile) -> Iterator[tuple[str, Float, str]]:
     yield from found
 
 
-def _points(values: Float) -> dict[str, Any]:
-    """Return the style of points for a curve with few pixels, or with a lone pixel, which a line would not show."""
+def _points(values: Float, *, fewest: int = _FEW) -> dict[str, Any]:
+    """Return the style of points for a curve of less than `fewest` pixels, or with a lone pixel, which a line would not show."""
     known = np.pad(np.isfinite(values), 1)
     alone = known[1:-1] & ~known[:-2] & ~known[2:]
-    return {"marker": ".", "markersize": 3.0} if alone.any() or values.size < _FEW else {}
+    return {"marker": ".", "markersize": 3.0} if alone.any() or values.size < fewest else {}
 
 
 def _to_lines(axes: Axes) -> None:

@@ -40,10 +40,19 @@ def thumbnail_size(count: int, shape: tuple[int, int], /) -> tuple[int, int]:
 
 
 def fitted(image: Image, size: tuple[int, int], /) -> Image:
-    """Return an image at another size (width, height); each new pixel is the nearest old one."""
-    rows, columns = ((np.arange(new) + 0.5) / new for new in size[::-1])
-    small: Image = image[(rows * image.shape[0]).astype(int)[:, None], (columns * image.shape[1]).astype(int)]
-    return small
+    """Return an image in the middle of a white one of a size (width, height); each new pixel is the nearest old one.
+
+    It keeps its proportions: frames of other sensors are not stretched. Half a pixel is the rounding of the size.
+    """
+    (width, height), aspect = size, image.shape[1] / image.shape[0]
+    inner = min(height, math.ceil((width + 0.5) / aspect)), min(width, math.ceil((height + 0.5) * aspect))
+    rows, columns = ((np.arange(new) + 0.5) / new for new in inner)
+    whole: Image = np.full((height, width, image.shape[2]), 255, np.uint8)
+    top, left = (height - inner[0]) // 2, (width - inner[1]) // 2
+    whole[top : top + inner[0], left : left + inner[1]] = image[
+        (rows * image.shape[0]).astype(int)[:, None], (columns * image.shape[1]).astype(int)
+    ]
+    return whole
 
 
 def draw_sheet(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Float, spread_values
 from cadtof_cli.files.png import indexed_png
 from cadtof_cli.report.frames import sampled
 
@@ -70,10 +70,9 @@ class LayerLimits:
         self._known: dict[str, Limits] = {}
 
     def add(self, name: str, plane: NDArray[np.floating], /) -> None:
-        """Add a layer of a frame, of any shape; values that are not finite are ignored."""
-        flat = plane.reshape(-1)
-        flat = flat[:: max(1, flat.size // MOST_PIXELS)]
-        values = flat[np.isfinite(flat)].astype(np.float64)
+        """Add a layer of a frame, (Y, X); values that are not finite are ignored."""
+        some = spread_values(plane, MOST_PIXELS)
+        values = some[np.isfinite(some)].astype(np.float64)
         if not values.size:
             return
         low, high = np.quantile(values, (0.01, 0.99))

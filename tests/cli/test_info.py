@@ -210,7 +210,7 @@ def test_maps_by_file_and_by_folder(form: Form, tmp_path: Path) -> None:
         assert (facts["run"] is None) == (files == 1)
     done = cadtof("info", out, out / f"frame_1.{form}", "-j", 1)
     assert done.status == 0
-    assert "2 of 32 × 24 pixels" in done.out
+    assert "2 of 32 × 24 pixels; the figures are those of the first\n" in done.out
     assert str(out / f"frame_1.{form}") in done.out
 
 

@@ -155,6 +155,38 @@ def test_a_pixel_alone_on_a_line_is_drawn_as_a_point(alone: int, figures: list[F
     assert (whole, broken) == ("None", ".")
 
 
+def test_truth_and_first_phasors_of_pixels_alone_are_drawn_as_points(figures: list[Figure], tmp_path: Path) -> None:
+    """Truth that was measured at some pixels only."""
+    sparse = np.where(np.arange(60) % 5 == 0, 1.0, np.nan)
+    line = np.arange(60), np.zeros(60, np.intp)
+    for known in (np.ones(60), sparse):
+        curve = Curve("a", np.ones(60), first_phasor=known)
+        profile = Profile("direct.depth", "m", "row 0", "column", line[1], line[0], "range", (curve,), known)
+        draw_profile(profile, tmp_path / "a.png")
+    for figure, marker in zip(figures, ("None", "."), strict=True):
+        drawn = {one.get_label(): one.get_marker() for one in figure.axes[0].get_lines()}
+        assert (drawn["truth"], drawn["first phasor"], drawn["a"]) == (marker, marker, "None")
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 2), (1, 300), (2000, 4)])
+def test_frames_of_few_rows_or_columns_can_be_seen(
+    height: int, width: int, figures: list[Figure], tmp_path: Path
+) -> None:
+    """Panels and bars are at least .4 inches high and panels as wide; pixels are counted in whole numbers."""
+    names = ("direct.depth", "mpi.depth", "confidence", "direct.sigma")
+    write_exr(tmp_path / "a.exr", {name: np.ones((height, width), np.float32) for name in names})
+    for more in ((), ("--layer", "direct.depth")):
+        assert cadtof("preview", tmp_path / "a.exr", "-o", tmp_path / "a.png", "--overwrite", *more).status == 0
+    for figure in figures:
+        for axes in figure.axes:
+            box = axes.get_window_extent().transformed(figure.dpi_scale_trans.inverted())
+            assert box.height > 0.39
+            if axes.images:
+                assert box.width > 0.39
+                places = [*axes.get_xticks(), *axes.get_yticks()]
+                assert places == [round(place) for place in places]
+
+
 @pytest.mark.parametrize("truth", [False, True])
 def test_the_legend_of_many_runs_is_whole(truth: bool, figures: list[Figure], tmp_path: Path) -> None:
     """No two runs have the same colour and kind of line."""

@@ -15,6 +15,7 @@ from PIL import Image, ImageSequence
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.figures.scales import limits_of
+from cadtof_cli.figures.sequence import fitted, thumbnail_size
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import Form, layers_of, record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
@@ -105,11 +106,17 @@ def test_planar_depth_is_named(tmp_path: Path) -> None:
         assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--depth", depth).status == 0
         assert cadtof("preview", out, "-o", tmp_path / f"{depth}.svg").status == 0
         assert ("planar depth z, m" in _words(tmp_path / f"{depth}.svg")) == (depth == "z")
+        assert cadtof("compare", out, out, "-o", tmp_path / f"compared {depth}.svg").status == 0
+        kinds = {"planar depth z, m", "radial range, m"} & _words(tmp_path / f"compared {depth}.svg")
+        assert kinds == {"planar depth z, m" if depth == "z" else "radial range, m"}
 
 
 @pytest.mark.parametrize(("height", "width"), [(24, 32), (5, 40), (700, 3)])
 def test_a_layer_is_drawn_at_full_resolution(height: int, width: int, tmp_path: Path) -> None:
-    """Every pixel of the map is a square of its own in the picture, in the colour of matplotlib's own scale."""
+    """Every pixel of the map is a square of its own in the picture, in the colour of matplotlib's own scale.
+
+    Pixels are wider if the map has only a few columns.
+    """
     depth = np.random.default_rng(0).uniform(1.0, 2.0, (height, width)).astype(np.float32)
     depth[1, 2] = np.nan
     write_exr(tmp_path / "a.exr", {"direct.depth": depth})
@@ -119,11 +126,12 @@ def test_a_layer_is_drawn_at_full_resolution(height: int, width: int, tmp_path: 
     expected = np.asarray(mpl.colormaps["magma"](depth.astype(float) - 1.0, bytes=True))[..., :3].astype(int)
     expected[1, 2] = NO_ANSWER
     side = max(1, 960 // max(height, width))
-    whole = np.repeat(np.repeat(expected, side, axis=0), side, axis=1)
+    wide = 14 if width == 3 else side
+    whole = np.repeat(np.repeat(expected, side, axis=0), wide, axis=1)
     # where the axes begin in the picture
     left = 58
     top = 81 + int(np.abs(picture[81, left] - whole[0, 0]).max() > 1)  # matplotlib 3.10 rounds differently
-    found = picture[top : top + height * side, left : left + width * side]
+    found = picture[top : top + height * side, left : left + width * wide]
     np.testing.assert_allclose(found, whole, rtol=0, atol=1)
 
 
@@ -284,6 +292,27 @@ def test_the_bar_of_many_frames_says_that_one_of_them_is_beyond_its_ends(
     assert (done.status, extends) == (0, [extend])
 
 
+@pytest.mark.parametrize("size", [(1024, 1024), (1024, 1280), (512, 640)])
+def test_the_scale_of_many_frames_holds_their_right_edge(
+    size: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wall whose depth grows from 1 m at the left to 5 m at the right."""
+    ends: list[float] = []
+    draw = Figure.colorbar
+
+    def noting(figure: Figure, mappable: Any, *arguments: Any, **options: Any) -> Any:
+        ends.extend(mappable.get_clim())
+        return draw(figure, mappable, *arguments, **options)
+
+    monkeypatch.setattr(Figure, "colorbar", noting)
+    (tmp_path / "maps").mkdir()
+    for index in range(2):
+        depth = np.tile(np.linspace(1.0, 5.0, size[1], dtype=np.float32), (size[0], 1))
+        write_exr(tmp_path / "maps" / f"{index}.exr", {"direct.depth": depth})
+    assert cadtof("preview", tmp_path / "maps", "-o", tmp_path / "a.png").status == 0
+    assert ends == pytest.approx([1.0, 5.0], abs=0.1)
+
+
 def test_range_and_planar_depth_share_no_scale(tmp_path: Path) -> None:
     capture, folders = record(tmp_path / "capture"), [tmp_path / "range", tmp_path / "z"]
     for folder in folders:
@@ -338,6 +367,64 @@ def test_truth_adds_the_errors(tmp_path: Path) -> None:
     np.testing.assert_array_equal(_picture(tmp_path / "first.png"), _picture(tmp_path / "truth.png"))
     done = cadtof("preview", maps, "-o", tmp_path / "no.gif", "--truth", truth)
     assert (done.status, "--truth goes with the figure of one frame, not with a film" in done.err) == (2, True)
+
+
+def test_a_pixel_that_truth_says_nothing_of_is_not_said_to_have_no_answer(tmp_path: Path) -> None:
+    maps, truth = _maps(tmp_path), step_truth().astype(np.float32)
+    for name in ("whole", "part"):
+        if name == "part":
+            truth[::2] = np.nan
+        write_exr(tmp_path / f"{name}.exr", {"direct.depth": truth})
+        done = cadtof("preview", maps, "-o", tmp_path / f"{name}.svg", "--truth", tmp_path / f"{name}.exr")
+        assert (done.status, done.err) == (0, "")
+    whole, part = _words(tmp_path / "whole.svg"), _words(tmp_path / "part.svg")
+    assert not any(word.startswith("no answer") for word in whole | part)
+    assert ("a value in only one of the two" in part, "a value in only one of the two" in whole) == (True, False)
+
+
+def test_frames_of_the_same_name_are_told_apart_in_a_sheet(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        _maps(tmp_path / name)
+    for inputs, named in (
+        (("a/out", "b/out"), ("a/out/frame_0", "b/out/frame_0")),
+        (("a/out/frame_0.tif", "b/out/frame_0.tif"), ("a/out/frame_0", "b/out/frame_0")),
+        (("a/capture", "b/capture"), ("a/capture/frame_0", "b/capture/frame_0")),
+    ):
+        done = cadtof("preview", *(tmp_path / one for one in inputs), "-o", tmp_path / "a.svg", "--overwrite")
+        assert done.status == 0
+        assert set(named) <= _words(tmp_path / "a.svg")
+
+
+def test_the_title_names_the_capture_of_a_map(tmp_path: Path) -> None:
+    for day in ("monday", "tuesday"):
+        record(tmp_path / "recordings" / day / "hall")
+    done = cadtof("resolve", "--recursive", tmp_path / "recordings", "-o", tmp_path / "out", "-j", 1, "-q")
+    assert done.status == 0
+    for maps in (("out", "--frame", 1), ("out/tuesday/hall",), ("out/tuesday/hall/frame_0.tif",)):
+        assert cadtof("preview", tmp_path / maps[0], *maps[1:], "-o", tmp_path / "a.svg", "--overwrite").status == 0
+        assert "out/tuesday/hall/frame_0.tif" in _words(tmp_path / "a.svg")
+
+
+def test_a_recorded_frame_is_not_drawn_on_the_scale_of_depths(tmp_path: Path) -> None:
+    maps = _maps(tmp_path)
+    for suffix in (".png", ".gif"):
+        done = cadtof("preview", maps, tmp_path / "capture", "-o", tmp_path / f"a{suffix}")
+        assert done.status == 0
+        assert done.err.startswith("left out: --layer: found 'direct.depth', expected one of H1.SC1")
+
+
+@pytest.mark.parametrize("shape", [(24, 32), (60, 90), (7, 100), (3, 2), (1, 1), (320, 240)])
+@pytest.mark.parametrize("other", [(24, 32), (30, 30), (1, 50), (50, 1)])
+def test_a_thumbnail_keeps_the_proportions_of_its_frame(shape: tuple[int, int], other: tuple[int, int]) -> None:
+    """The size of thumbnails is that of the first frame. The thumbnails of frames of its shape have no margin."""
+    for count in (2, 7, 100):
+        size = thumbnail_size(count, shape)
+        assert not (fitted(np.zeros((*shape, 4), np.uint8), size) == 255).any()
+        black = (fitted(np.zeros((*other, 4), np.uint8), size) == 0).all(axis=-1)
+        height, width = black.any(axis=1).sum(), black.any(axis=0).sum()
+        assert black.shape == size[::-1]
+        assert (width == size[0]) or (height == size[1])
+        assert min(abs(width - height * other[1] / other[0]), abs(height - width * other[0] / other[1])) <= 1.5
 
 
 def test_impossible_pictures_are_refused(tmp_path: Path) -> None:

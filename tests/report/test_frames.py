@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cadtof_cli.report.colours import LayerLimits
 from cadtof_cli.report.frames import embedded_frame, planned_shares, sampled, shown_places
 
 MB = 1_000_000
@@ -69,3 +70,16 @@ def test_only_as_many_frames_are_shown_as_fit() -> None:
 
 def test_thumbnails_shrink_if_there_are_many() -> None:
     assert planned_shares([_planes()], 5000, limit_bytes=25 * MB, whole=None).thumbnail_px < 80
+
+
+@pytest.mark.parametrize("size", [(1000, 1000), (2000, 2000), (1024, 1280), (1, 2000), (240, 320), (3, 4)])
+def test_the_colours_suit_all_columns_and_rows(size: tuple[int, int]) -> None:
+    y, x = np.mgrid[: size[0], : size[1]]
+    for values in (y, x):
+        limits = LayerLimits()
+        limits.add("direct.depth", values)
+        low, high, lowest, highest = limits.known()["direct.depth"]
+        last = values.max()
+        assert lowest <= low <= 0.02 * last
+        assert highest >= high >= 0.97 * last
+        assert highest >= 0.995 * last

@@ -246,6 +246,10 @@ def test_the_slider_shows_the_first_phasor_on_the_left(shown: Shown) -> None:
     both = _canvas(browser)
     np.testing.assert_array_equal(both[:10, :23], phasor[:10, :23])
     np.testing.assert_array_equal(both[:10, 25:], resolved[:10, 25:])
+    marks = {"direct.depth": "resolved", "error": "resolved", "truth": "truth", "mpi.depth": "mpi.depth"}
+    for layer, mark in marks.items():
+        _show_layer(browser, layer)
+        assert browser.find("#compare-marks").text.splitlines() == ["first phasor", mark]
 
 
 def test_the_ends_of_the_colours_can_be_dragged_and_typed(shown: Shown) -> None:
@@ -324,6 +328,10 @@ def test_status_bits_lie_over_the_pixels_that_have_them(shown: Shown) -> None:
     for bit, name in ((8, "one path"), (16, "two paths")):
         assert name in text
         assert f"{100 * np.mean((status & bit) != 0):.1f} %" in text
+    for layer in ("mpi.depth", "direct.depth"):
+        _show_layer(browser, layer)
+        none = f"no answer\n{100 * np.mean(np.isnan(shown.frames[0][layer])):.1f} %"
+        assert browser.find("#overlays").text.endswith(none)
     before = _canvas(browser)
     browser.click("#overlays input[value='16']")
     changed = (_canvas(browser) != before).any(axis=2)
@@ -367,6 +375,10 @@ def test_the_page_prints_in_light_colours_with_its_tables(shown: Shown) -> None:
     assert browser.run("return getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
     assert not browser.find("#split").is_displayed()
     assert not browser.find("nav").is_displayed()
+    assert not browser.find("#compare-label").is_displayed()
+    # without these, nothing would say what the map shows, and where in the bar its ends lie
+    for one in ("#layer", "#scale-low", "#scale-high"):
+        assert browser.find(one).is_displayed()
     browser.look(dark=True)
     printed = browser.printed()
     assert printed.startswith(b"%PDF")

@@ -24,6 +24,7 @@ function drawAll() {
   byId("compare-label").hidden = !hasPhasor;
   const compare = state.compare && hasPhasor;
   byId("split").hidden = byId("compare-marks").hidden = !compare;
+  byId("compare-marks").lastElementChild.textContent = state.layer === DIRECT || state.layer === ERROR ? "resolved" : state.layer;
   drawMap(frame, { ...state, compare });
   drawScale(frame, state.layer);
   drawPoints();
@@ -60,6 +61,7 @@ function setPixel(pixel, { aloud = false } = {}) {
 
 function setLayer(name) {
   state.layer = name;
+  showOverlays(frame, name, state.bits, redraw);
   if (state.line) setProfile(state.line);
   redraw();
 }
@@ -87,7 +89,7 @@ async function showFrame(number) {
   setPixel(before && state.pixel ? moved(state.pixel, before) : middle);
   state.begun &&= moved(state.begun, before);
   setProfile(before && state.line ? state.line.map((end) => moved(end, before)) : rowLine(middle));
-  showOverlays(frame, state.bits, redraw);
+  showOverlays(frame, state.layer, state.bits, redraw);
   showSampling(frame);
   setPoints();
   redraw();

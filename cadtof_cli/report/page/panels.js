@@ -41,8 +41,8 @@ function shareText(count, total) {
   return count && count < total / 1000 ? "< 0.1 %" : `${((100 * count) / total).toFixed(1)} %`;
 }
 
-// A check box for each status bit that occurs in the frame, with its share of the pixels.
-function showOverlays(frame, chosen, changed) {
+// A check box for each status bit that occurs in the frame, with its share of the pixels; and the share of the layer's grey pixels.
+function showOverlays(frame, name, chosen, changed) {
   const status = frame.layers.get(STATUS);
   const counts = run.bits.map((bit) => (status ? status.values.reduce((sum, one) => sum + ((one & bit.value) !== 0), 0) : 0));
   const labels = run.bits.flatMap((bit, k) => {
@@ -56,12 +56,9 @@ function showOverlays(frame, chosen, changed) {
     const share = element("span", { className: "number", textContent: shareText(counts[k], status.values.length) });
     return [element("label", { title: bit.meaning }, box, swatch(bit.colour), bit.name, share)];
   });
-  const direct = frame.layers.get(DIRECT);
-  if (direct) {
-    const none = direct.values.reduce((sum, one) => sum + Number.isNaN(one), 0);
-    const share = element("span", { className: "number", textContent: shareText(none, direct.values.length) });
-    labels.push(element("label", {}, swatch(run.palette.no_answer), "no answer", share));
-  }
+  const { values } = frame.layers.get(name);
+  const none = values.reduce((sum, one) => sum + Number.isNaN(one), 0);
+  labels.push(element("label", {}, swatch(run.palette.no_answer), "no answer", element("span", { className: "number", textContent: shareText(none, values.length) })));
   byId("overlays").replaceChildren(element("legend", { textContent: "Status bits over the map" }), ...labels);
 }
 

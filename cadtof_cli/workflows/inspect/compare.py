@@ -11,6 +11,7 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.comparison import BitChange, LayerDifference, MagnitudeTally, changed_bits, difference
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
+from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import bit_words
 from cadtof_cli.workflows.inspect.layers import Layers, require_same_depth, require_same_pixels, require_same_size
 from cadtof_cli.workflows.progress import Progress
@@ -211,4 +212,7 @@ def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:
     pair = pairs.pair(found.worst[0].frame)
     named = [name for name in (DIRECT_DEPTH, MPI_DEPTH) if name in pair.shared] or list(pair.shared[:2])
     title = f"{pair.name}: A = {pairs.a.maps}, B = {pairs.b.maps}"
-    draw_comparison(Shown.of("A", pair.first), Shown.of("B", pair.second), named, out, title=title)
+    # `MapPairs` refuses pairs of range and planar depth
+    depth = DEPTH_IN_WORDS[pairs.a.depth_kind]
+    one, other = (Shown.of(letter, layers, depth=depth) for letter, layers in (("A", pair.first), ("B", pair.second)))
+    draw_comparison(one, other, named, out, title=title)

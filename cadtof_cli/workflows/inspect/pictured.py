@@ -1,5 +1,6 @@
 """What `cadtof preview` can draw: maps, truth, other files of named layers, and recorded frames, as layers by name."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -47,14 +48,17 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
     Raises:
         CadtofError: an input does not exist, or holds nothing that can be drawn.
     """
+    # frames of several inputs often have the same names, so their names begin below the folder that holds all inputs
+    folders = (path if path.is_dir() else path.parent for path in inputs)
+    base = Path(os.path.commonpath(map(os.path.abspath, folders))) if len(inputs) > 1 else None
     for path in inputs:
         if _holds_maps(path):
             run = read_run(path)
             for file in run.require_maps():
-                name = run.name(file) if len(inputs) == 1 or path.is_dir() else f"{file.parent.name}/{file.stem}"
+                name = run.name(file) if base is None else Path(os.path.relpath(file, base)).with_suffix("").as_posix()
                 yield Pictured(name, partial(_read_map, run, file), DIRECT_DEPTH, run, file)
             continue
-        for capture in placed_captures(find_captures([path], recursive=path.is_dir()), [path])[0]:
+        for capture in placed_captures(find_captures([path], recursive=path.is_dir()), [path], base=base)[0]:
             for source in single_frames(capture):
                 yield Pictured(source.name, partial(_read_frame, capture, source), LIGHT)
 
@@ -78,7 +82,8 @@ def _are_of_layers(files: Sequence[Path]) -> bool:
 
 def _read_map(run: Run, file: Path) -> Shown:
     """Read a map, or any file of named layers."""
-    return Shown.of(str(Path(file.parent.name, file.name)), read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
+    title = str(run.folder.name / file.relative_to(run.folder))
+    return Shown.of(title, read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
 
 
 def _read_frame(capture: Capture, source: FrameSource) -> Shown:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.arrays import spread_values
 from cadtof_cli.calibration.store import is_calibration_folder, load_calibration
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, require
 from cadtof_cli.figures.calibration import draw_calibration
@@ -139,7 +140,10 @@ class _Scale:
 
 
 def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress: Progress) -> _Scale:
-    """Return the scale that suits all frames. Frames that cannot be read are left out, with a note."""
+    """Return the scale that suits all frames.
+
+    Frames that cannot be read, or that lack the layer of the first frame, are left out, with a note.
+    """
     values: list[NDArray[np.floating]] = []
     ends: list[float] = []
     kinds: set[PixelClass] = set()
@@ -156,11 +160,12 @@ def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress
             progress.say(f"left out: {error}")
             continue
         layer = layer or name
+        settings = replace(settings, layer=layer)
         block = block_of(shown, name)
         plane = block.panels[0].values
         shape = shape if any(shape) else (plane.shape[0], plane.shape[1])
         kinds |= block.shown(block.panels[0])
-        values.append(plane.ravel()[:: max(1, plane.size // _VALUES_A_FRAME)].copy())
+        values.append(spread_values(plane, _VALUES_A_FRAME).copy())
         finite = plane[np.isfinite(plane)]
         ends += [float(finite.min()), float(finite.max())] if finite.size else []
     if not values:
@@ -174,6 +179,7 @@ def _blocks(
     found: Sequence[Pictured], scale: _Scale, settings: PreviewSettings, progress: Progress
 ) -> Iterator[tuple[str, Block | None]]:
     """Yield each frame's name, and its layer on the common scale; None: it cannot be drawn."""
+    settings = replace(settings, layer=scale.layer)
     for one in found:
         progress.advance()
         block = None
