@@ -28,7 +28,7 @@ from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary
 from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene, scene_exposure
-from cadtof_cli.workflows.simulate.simulate import json_report, named_paths, simulate_trials, write_evolution
+from cadtof_cli.workflows.simulate.simulate import json_report, simulate_trials, write_evolution
 from cadtof_cli.workflows.simulate.trials import Trials
 
 _OF_SCENES_TOO = [
@@ -133,11 +133,8 @@ def _simulate_pixel(trials: Trials, out: Path | None, workers: Workers, *, quiet
     with progress_bar("simulate", "blocks", quiet=quiet) as bar:
         (outcome,) = simulate_trials((trials,), workers=workers, progress=bar)
     if out is not None:
-        write_evolution(trials, outcome, out)
-    if as_json:
-        tell(json.dumps(json_report(trials, outcome)))
-    else:
-        tell(*_table(trials, outcome))
+        write_evolution(outcome, out)
+    tell(*([json.dumps(json_report(outcome))] if as_json else _table(outcome)))
 
 
 def _record_scene(name: str, settings: RecordSettings, out: Path, workers: Workers, *, quiet: bool) -> None:
@@ -146,13 +143,14 @@ def _record_scene(name: str, settings: RecordSettings, out: Path, workers: Worke
     near, far = report.depths_m
     if not quiet:
         tell(
-            f"{out}: {counted(report.frames, 'frame')} of {name}, direct depth {near:.3f} to {far:.3f} m, "
+            f"{out}: {counted(settings.frames, 'frame')} of {name}, direct depth {near:.3f} to {far:.3f} m, "
             f"median MPI/direct {report.mpi_ratio:.3f}; truth in truth.exr",
             err=True,
         )
 
 
-def _table(trials: Trials, outcome: TrialsSummary) -> list[str]:
+def _table(outcome: TrialsSummary) -> list[str]:
+    trials = outcome.trials
     condition, way = trials.condition, "photon by photon" if trials.photon_by_photon else "by statistics"
     difference = outcome.confidence_v / outcome.confidence_model_v - 1.0
     light = " : ".join(f"{ratio:g}" for ratio in condition.ratios)
@@ -160,12 +158,14 @@ def _table(trials: Trials, outcome: TrialsSummary) -> list[str]:
         f"laser{' : MPI' * (len(condition.ratios) - 1)} : ambient = {light} : {condition.asr:g}, "
         f"n_av {trials.model.averaging.integration_length:g}, pulse {condition.fwhm_ns:g} ns, {trials.runs} runs {way}",
         f"{'path':8}{'true ns':>10}{'mean ns':>10}{'bias ns':>10}{'std ns':>10}{'bound ns':>10}{'within ±1 ns':>14}",
-        *(_row(name, path) for name, path in named_paths(outcome).items()),
+        *(_row(name, path) for name, path in outcome.named_paths.items()),
         f"confidence {1e3 * outcome.confidence_v:.3f} mV, "
         f"analytical model {1e3 * outcome.confidence_model_v:.3f} mV ({difference:+.2%})",
     ]
-    if outcome.steps == outcome.steps:
-        lines.append(f"{outcome.steps:.1f} steps of Levenberg–Marquardt from each of {trials.resolver.starts} starts")
+    if outcome.steps_per_start == outcome.steps_per_start:
+        lines.append(
+            f"{outcome.steps_per_start:.1f} steps of Levenberg–Marquardt from each of {trials.resolver.starts} starts"
+        )
     if outcome.impossible:
         lines.append(f"impossible amplitudes, and no answer, in {outcome.impossible:.1%} of the runs")
     return lines

@@ -3,7 +3,6 @@
 import numpy as np
 
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary
-from cadtof_cli.workflows.simulate.sweep import SweepCell
 from paper.effort import Effort
 from paper.resolver_experiments import (
     GRID_ASRS,
@@ -49,7 +48,7 @@ def table_1_section(found: list[Table1Row], effort: Effort) -> str:
             lines.append(
                 f"| 7{row.name}: 5, {second_ns:g} ns | {name} | {stated:.2f} | {' | '.join(shown)} | {bound:.3f} |"
             )
-    steps = ", ".join(f"{row.paper_way.steps:.1f}" for row in found)
+    steps = ", ".join(f"{row.paper_way.steps_per_start:.1f}" for row in found)
     return f"""## Figs. 6 and 7, Table 1: two peaks resolved
 
 ![Fig. 6](fig6.png)
@@ -84,10 +83,10 @@ def _verdict(ours: float, stated: float) -> str:
     return "(=)" if abs(ours / stated - 1) <= 0.15 or round(ours, 2) == stated else "(≠)"
 
 
-def _grid(cells: list[SweepCell], ratio: float, path: str, column: str) -> str:
+def _grid(cells: list[TrialsSummary], ratio: float, path: str, column: str) -> str:
     found = {
         (cell.trials.condition.asr, cell.trials.model.averaging.integration_length): getattr(
-            getattr(cell.outcome, path), column
+            getattr(cell, path), column
         )
         for cell in cells
         if cell.trials.condition.mpi_ratio == ratio
@@ -174,7 +173,7 @@ def _seeds(maps: Maps, ratio: float, paper: float) -> str:
 
 def _steps(maps: Maps) -> str:
     means = {
-        ratio: [cell.outcome.steps for cell in maps.as_the_paper if cell.trials.condition.mpi_ratio == ratio]
+        ratio: [cell.steps_per_start for cell in maps.as_the_paper if cell.trials.condition.mpi_ratio == ratio]
         for ratio in (0.3, 0.1, 0.0)
     }
     return ", ".join(

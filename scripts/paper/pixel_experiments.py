@@ -15,8 +15,9 @@ from cadtof_cli.files.documents import write_rows
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
+from cadtof_cli.workflows.simulate.outcome import TrialsSummary
 from cadtof_cli.workflows.simulate.simulate import simulate_trials
-from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, table_text
+from cadtof_cli.workflows.simulate.sweep import SweepSettings, rows, sweep, table_text
 from cadtof_cli.workflows.simulate.trials import Trials
 from paper.effort import SEED, Effort
 
@@ -123,13 +124,13 @@ def figure_3(effort: Effort) -> Figure3:
     single = [_single_path(cell.trials.condition) for cell in cells]
     draw_figure_3(list(rows(cells)), effort.out)
     by_ratio = {ratio: [cell for cell in cells if cell.trials.condition.mpi_ratio == ratio] for ratio in FIG_3_RATIOS}
-    errors = {r: [math.degrees(cell.outcome.phase_bias_rad) for cell in group] for r, group in by_ratio.items()}
-    noise = {r: max(math.degrees(cell.outcome.phase_std_rad) for cell in group) for r, group in by_ratio.items()}
+    errors = {r: [math.degrees(cell.phase_bias_rad) for cell in group] for r, group in by_ratio.items()}
+    noise = {r: max(math.degrees(cell.phase_std_rad) for cell in group) for r, group in by_ratio.items()}
     return Figure3(
-        max(abs(cell.outcome.confidence_v / cell.outcome.confidence_model_v - 1) for cell in cells),
-        max(abs(cell.outcome.confidence_v / model[0] - 1) for cell, model in zip(cells, single, strict=True)),
+        max(abs(cell.confidence_v / cell.confidence_model_v - 1) for cell in cells),
+        max(abs(cell.confidence_v / model[0] - 1) for cell, model in zip(cells, single, strict=True)),
         max(abs(row["phase_std_rad"] / row["phase_model_std_rad"] - 1) for row in rows(cells)),
-        max(abs(cell.outcome.phase_std_rad / model[1] - 1) for cell, model in zip(cells, single, strict=True)),
+        max(abs(cell.phase_std_rad / model[1] - 1) for cell, model in zip(cells, single, strict=True)),
         {ratio: float(np.mean(values)) for ratio, values in errors.items()},
         {ratio: max(values) - min(values) for ratio, values in errors.items()},
         {ratio: value / math.sqrt(effort.pixel_runs) for ratio, value in noise.items()},
@@ -137,13 +138,13 @@ def figure_3(effort: Effort) -> Figure3:
     )
 
 
-def _precision(cell: SweepCell) -> Precision:
+def _precision(cell: TrialsSummary) -> Precision:
     confidence_v, precision_rad = _single_path(cell.trials.condition)
     (row,) = rows([cell])
-    shorter = confidence_v / cell.outcome.confidence_model_v
+    shorter = confidence_v / cell.confidence_model_v
     return Precision(
         cell.trials.condition.asr,
-        math.degrees(cell.outcome.phase_std_rad),
+        math.degrees(cell.phase_std_rad),
         math.degrees(precision_rad),
         shorter,
         row["phase_model_std_rad"] / precision_rad / shorter,

@@ -20,7 +20,7 @@ from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
 from cadtof_cli.workflows.simulate.simulate import simulate_trials
-from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, table_text
+from cadtof_cli.workflows.simulate.sweep import SweepSettings, rows, sweep, table_text
 from cadtof_cli.workflows.simulate.trials import Recordings, Trials, recordings
 from paper.effort import SEED, Effort
 
@@ -160,9 +160,9 @@ class Maps:
         seeds: standard deviation of the second path, the paper's way at `WORST`, by MPI ratio, for every seed.
     """
 
-    ours: list[SweepCell]
-    always_two: list[SweepCell]
-    as_the_paper: list[SweepCell]
+    ours: list[TrialsSummary]
+    always_two: list[TrialsSummary]
+    as_the_paper: list[TrialsSummary]
     seeds: dict[float, list[float]]
 
 
@@ -172,7 +172,7 @@ def figures_8_and_9(effort: Effort) -> Maps:
         condition=condition(16.0), model=pixel(1.0e5), resolver=TWO_PATHS, runs=effort.resolver_runs, seed=SEED
     )
 
-    def swept(trials: Trials, ratios: tuple[float, ...]) -> list[SweepCell]:
+    def swept(trials: Trials, ratios: tuple[float, ...]) -> list[TrialsSummary]:
         settings = SweepSettings(base=trials, asrs=GRID_ASRS, mpi_ratios=ratios, integration_lengths=GRID_LENGTHS)
         return sweep(settings, workers=Workers(jobs=effort.jobs))
 
@@ -208,11 +208,11 @@ def _over_seeds(base: Trials, ratio: float) -> list[float]:
 
 
 def extremes(
-    cells: list[SweepCell], ratio: float, path: str, column: str, *, longest: float = math.inf
+    cells: list[TrialsSummary], ratio: float, path: str, column: str, *, longest: float = math.inf
 ) -> tuple[float, float]:
     """Return the smallest and the largest magnitude of a column over the cells of one MPI ratio, up to the n_av `longest`."""
     values = [
-        abs(getattr(getattr(cell.outcome, path), column))
+        abs(getattr(getattr(cell, path), column))
         for cell in cells
         if cell.trials.condition.mpi_ratio == ratio and cell.trials.model.averaging.integration_length <= longest
     ]

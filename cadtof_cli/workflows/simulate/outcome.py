@@ -36,6 +36,7 @@ class TrialsSummary:
     """Statistics of all runs of a condition.
 
     Attributes:
+        trials: the condition, and how it was recorded and resolved.
         paths: two or more: the direct path, then the paths of the MPI, the strongest first.
         confidence_v: mean magnitude of the first phasor's voltages.
         confidence_model_v: the same magnitude by the analytical model.
@@ -43,9 +44,10 @@ class TrialsSummary:
         phase_model_std_rad: the same standard deviation by the analytical model.
         phase_bias_rad: mean of the first phasor's phase minus the phase of the direct path.
         impossible: share of runs whose amplitudes exceed what the modulation can record.
-        steps: mean steps of the paper's search from one start; NaN with any other solver.
+        steps_per_start: mean steps of the paper's search from one start; NaN with any other solver.
     """
 
+    trials: Trials
     paths: tuple[PathSummary, ...]
     confidence_v: float
     confidence_model_v: float
@@ -53,7 +55,7 @@ class TrialsSummary:
     phase_model_std_rad: float
     phase_bias_rad: float
     impossible: float
-    steps: float
+    steps_per_start: float
 
     @property
     def direct(self) -> PathSummary:
@@ -64,6 +66,12 @@ class TrialsSummary:
     def second(self) -> PathSummary:
         """The strongest path of the MPI."""
         return self.paths[1]
+
+    @property
+    def named_paths(self) -> dict[str, PathSummary]:
+        """The paths by name: direct, second, path3 and so on."""
+        names = ("direct", "second", *(f"path{number}" for number in range(3, 1 + len(self.paths))))
+        return dict(zip(names, self.paths, strict=True))
 
 
 def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
@@ -82,6 +90,7 @@ def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
     none = np.full(len(phasors), np.nan)
     found = [*runs.times_ns, *[none] * len(condition.ratios)]
     return TrialsSummary(
+        trials,
         paths=tuple(
             _path_summary(trials, times, true_ns, float(bounds[path]))
             for times, (path, true_ns) in zip(found, true_times_ns(condition), strict=False)
@@ -92,7 +101,7 @@ def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
         phase_model_std_rad=float(precision),
         phase_bias_rad=float(np.mean(lag)),
         impossible=float(np.mean(runs.impossible)),
-        steps=float(np.mean(runs.steps)) if runs.steps.size else math.nan,
+        steps_per_start=float(np.mean(runs.steps)) if runs.steps.size else math.nan,
     )
 
 

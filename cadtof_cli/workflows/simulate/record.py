@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse, Target, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Target, Voltage
 from cadtof_cli.capture.toml import FILE_NAME, toml_text
 from cadtof_cli.errors import require
 from cadtof_cli.execution.workers import ALONE, Workers
@@ -42,11 +42,8 @@ class RecordSettings:
 
 @dataclass(frozen=True)
 class RecordReport:
-    """A recorded capture: its folder, its number of frames, and of its truth the median MPI/direct ratio and the least and
-    largest direct depth in m."""
+    """The truth of a recorded capture: its median MPI/direct ratio, and its least and largest direct depth in m."""
 
-    folder: Path
-    frames: int
     mpi_ratio: float
     depths_m: tuple[float, float]
 
@@ -64,21 +61,16 @@ def scene_exposure(
     motion: Motion = AT_REST,
 ) -> Exposure:
     """Return the exposure of a scene, with the metadata for its `capture.toml`. `counts`: whether the frames hold counts."""
+    offset = getattr(scene, "lamp_offset_m", (0.0, 0.0, 0.0))
     metadata = CaptureMetadata(
         modulation=modulation,
         pixel=Pixel(integration_length=integration_length),
         pulse=pulse,
         voltage=camera.voltage if counts else Voltage(),
-        optics=_optics(scene, camera),
+        optics=replace(camera.optics, lamp_offset_m=offset) if any(offset) else camera.optics,
         target=Target(distance_m=scene.distance_m if isinstance(scene, Wall) else None),
     )
     return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed, motion=motion)
-
-
-def _optics(scene: Scene, camera: Camera) -> Optics:
-    """Return the camera's optics, with the position of the scene's lamp if the lamp is not at the camera."""
-    offset = getattr(scene, "lamp_offset_m", (0.0, 0.0, 0.0))
-    return replace(camera.optics, lamp_offset_m=offset) if any(offset) else camera.optics
 
 
 def record_scene(
@@ -100,13 +92,8 @@ def record_scene(
         require(bool(seen), "scene", "nothing in view", "a surface there: bring the scene nearer")
         frames = frames_of(settings, whole, progress=progress)
         write_capture(folder, frames, settings=settings, truth=whole.truth, comments=_comments(settings))
-    depth = whole.truth["direct.depth"]
-    return RecordReport(
-        out,
-        settings.frames,
-        float(np.nanmedian(whole.truth["mpi.ratio"])),
-        (float(np.nanmin(depth)), float(np.nanmax(depth))),
-    )
+    depth, ratio = whole.truth["direct.depth"], whole.truth["mpi.ratio"]
+    return RecordReport(float(np.nanmedian(ratio)), (float(np.nanmin(depth)), float(np.nanmax(depth))))
 
 
 def expose(exposure: Exposure, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> Band:
@@ -148,12 +135,7 @@ def write_capture(
 ) -> None:
     """Write frames, voltages in V (H, 2, Y, X) each, `capture.toml` and `truth.exr` into a folder that exists.
 
-    Args:
-        folder: where to write.
-        frames: the frames, one after the other.
-        settings: settings of the capture.
-        truth: layers by name, (Y, X) each, NaN where the truth is unknown.
-        comments: lines at the top of `capture.toml`.
+    `truth` holds layers by name, (Y, X) each, NaN where the truth is unknown; `comments` are lines at the top of `capture.toml`.
     """
     exposure, kind = settings.exposure, format_by_name(settings.frame_format)
     assert kind.recording is not None

@@ -13,7 +13,7 @@ from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.documents import plain, write_rows
 from cadtof_cli.simulation.pixel.pixel import evolution
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
-from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
+from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
 from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Recordings, Trials, recordings
 
 
@@ -31,40 +31,31 @@ def _run(task: tuple[Trials, range]) -> Recordings:
     return recordings(*task)
 
 
-def json_report(trials: Trials, outcome: TrialsSummary, /) -> dict[str, Any]:
+def json_report(outcome: TrialsSummary, /) -> dict[str, Any]:
     """Return the object that `cadtof simulate --json` prints. A value that does not exist is null."""
+    names = ("confidence_v", "confidence_model_v", "impossible", "steps_per_start")
     report: dict[str, Any] = plain(
         {
-            "settings": settings(trials),
-            **{name: asdict(path) for name, path in named_paths(outcome).items()},
-            "confidence_v": outcome.confidence_v,
-            "confidence_model_v": outcome.confidence_model_v,
-            "impossible": outcome.impossible,
-            "steps_per_start": outcome.steps,
-            "runs": trials.runs,
+            "settings": settings(outcome.trials),
+            **{name: asdict(path) for name, path in outcome.named_paths.items()},
+            **{name: getattr(outcome, name) for name in names},
+            "runs": outcome.trials.runs,
         }
     )
     return report
-
-
-def named_paths(outcome: TrialsSummary, /) -> dict[str, PathSummary]:
-    """Return every path by its name: direct, second, path3 and so on."""
-    names = ("direct", "second", *(f"path{number}" for number in range(3, 1 + len(outcome.paths))))
-    return dict(zip(names, outcome.paths, strict=True))
 
 
 def settings(trials: Trials, /) -> dict[str, Any]:
     """Return all settings of the trials in one flat table."""
     model, resolver = trials.model, asdict(trials.resolver)
     of_modulation = ("periods_ns", "waveform", "amplitude_v")
-    of_trials = ("runs", "seed", "photon_by_photon")
     of_model = ("dead_time_ns", "jitter_ns", "sample_noise_v", "gain_mismatch", "offsets_v")
     not_of_a_pixel = {"mpi_model", "seed", "min_confidence"}
     return {
         **asdict(trials.condition),
         "integration_length": model.averaging.integration_length,
         **{name: getattr(model.modulation, name) for name in of_modulation},
-        **{name: getattr(trials, name) for name in of_trials},
+        **{name: getattr(trials, name) for name in ("runs", "seed", "photon_by_photon")},
         "photons_per_cycle": model.photons_per_cycle,
         "cycles": model.photons // model.photons_per_cycle,
         "stages": model.averaging.stages.drive,
@@ -76,7 +67,7 @@ def settings(trials: Trials, /) -> dict[str, Any]:
     }
 
 
-def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> None:
+def write_evolution(outcome: TrialsSummary, out: Path, /) -> None:
     """Write histogram, voltages and phase of one recording to a new folder, as CSV and PNG each, and the report.
 
     Raises:
@@ -85,6 +76,7 @@ def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> Non
     """
     from cadtof_cli.figures.pixel_evolution import draw_evolution
 
+    trials = outcome.trials
     generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(EVOLUTION_KEY, trials.stream)))
     recording = evolution(trials.model, trials.condition.mix(trials.period_ns), generator)
     first, second = recording.voltages_v
@@ -99,5 +91,5 @@ def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> Non
             },
         }.items():
             write_rows(folder / f"{name}.csv", tuple(columns), zip(*columns.values(), strict=True))
-        (folder / "summary.json").write_text(json.dumps(json_report(trials, outcome), indent=2) + "\n")
+        (folder / "summary.json").write_text(json.dumps(json_report(outcome), indent=2) + "\n")
         draw_evolution(recording, trials.condition, folder)

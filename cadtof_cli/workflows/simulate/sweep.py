@@ -1,7 +1,7 @@
 """Simulate a grid of conditions, and lay the results out as a table and as pictures."""
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary
-from cadtof_cli.workflows.simulate.simulate import named_paths, simulate_trials
+from cadtof_cli.workflows.simulate.simulate import simulate_trials
 from cadtof_cli.workflows.simulate.trials import Trials
 
 MOST_CELLS = 100_000
@@ -46,61 +46,42 @@ class SweepSettings:
             yield replace(self.base, condition=condition, model=model, stream=stream)
 
 
-@dataclass(frozen=True)
-class SweepCell:
-    """One condition of a sweep, and the statistics of its runs."""
-
-    trials: Trials
-    outcome: TrialsSummary
-
-
-def sweep(settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> list[SweepCell]:
+def sweep(
+    settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS
+) -> list[TrialsSummary]:
     """Simulate every cell. The processes share the blocks of runs of all cells."""
-    cells = list(settings.cells())
-    outcomes = simulate_trials(cells, workers=workers, progress=progress)
-    return [SweepCell(trials, outcome) for trials, outcome in zip(cells, outcomes, strict=True)]
+    return simulate_trials(list(settings.cells()), workers=workers, progress=progress)
 
 
-def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
+def rows(cells: Sequence[TrialsSummary], /) -> Iterator[dict[str, float]]:
     """Yield the rows of the table, one per condition, as values by column. A value that does not exist is NaN."""
     for cell in cells:
-        trials, outcome = cell.trials, cell.outcome
-        length = trials.model.averaging.integration_length
+        condition = cell.trials.condition
         values: dict[str, float] = {
-            "asr": trials.condition.asr,
-            "mpi_ratio": trials.condition.mpi_ratio,
-            "integration_length": length,
-            "runs": trials.runs,
+            "asr": condition.asr,
+            "mpi_ratio": condition.mpi_ratio,
+            "integration_length": cell.trials.model.averaging.integration_length,
+            "runs": cell.trials.runs,
         }
-        for name, path in named_paths(outcome).items():
+        for name, path in cell.named_paths.items():
             values |= {f"{name}_{column}": value for column, value in vars(path).items()}
-        yield values | {
-            "confidence_v": outcome.confidence_v,
-            "confidence_model_v": outcome.confidence_model_v,
-            "phase_std_rad": outcome.phase_std_rad,
-            "phase_model_std_rad": outcome.phase_model_std_rad,
-            "phase_bias_rad": outcome.phase_bias_rad,
-            "impossible": outcome.impossible,
-            "steps_per_start": outcome.steps,
-        }
+        yield values | {name: value for name, value in vars(cell).items() if name not in {"trials", "paths"}}
 
 
-def table_text(cells: list[SweepCell], /) -> str:
+def table_text(cells: Sequence[TrialsSummary], /) -> str:
     """Return the table as CSV; each number has seven digits."""
     table = list(rows(cells))
     return csv_text(table[0], (row.values() for row in table), digits=7)
 
 
-def draw_sweep(cells: list[SweepCell], folder: Path, /) -> None:
+def draw_sweep(cells: Sequence[TrialsSummary], folder: Path, /) -> None:
     """Draw heat maps like the paper's Figs. 3, 8 and 9 into a new folder."""
     from cadtof_cli.figures.sweep_maps import draw_confidence, draw_path_maps
 
     table = list(rows(cells))
     with new_folder(folder) as partial:
-        draw_path_maps(
-            table, "bias_ns", partial / "bias.png", title="mean error of the resolved time (Fig. 8 of the paper)"
-        )
-        draw_path_maps(
-            table, "std_ns", partial / "std.png", title="standard deviation of the resolved time (Fig. 9 of the paper)"
-        )
+        for name, what in (("bias", "mean error"), ("std", "standard deviation")):
+            figure = "Fig. 8" if name == "bias" else "Fig. 9"
+            title = f"{what} of the resolved time ({figure} of the paper)"
+            draw_path_maps(table, f"{name}_ns", partial / f"{name}.png", title=title)
         draw_confidence(table, partial / "first_phasor.png")

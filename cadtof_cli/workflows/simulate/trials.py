@@ -129,6 +129,11 @@ def _weights(model: PixelModel) -> Float32:
     return sealed(pixel_weights(model))
 
 
+def _sample_weights(model: PixelModel) -> Float:
+    """Return the weights of the samples at the fundamental, float64 (n,)."""
+    return np.asarray(_weights(model)[0], np.float64)
+
+
 def block_voltages(trials: Trials, runs: range, /) -> Float:
     """Return the voltages of a block of runs, (runs of the block, H, 2), in V."""
     model, mix = trials.model, trials.condition.mix(trials.period_ns)
@@ -160,7 +165,7 @@ def _gains(model: PixelModel) -> tuple[float, float]:
     """Return Σ w_i and Σ w_i² of the samples' weights w_i, in the settled average of Eq. (1) or in a switched cascade."""
     if model.averaging.stages.drive == "dc":
         return 1.0, averaging_gain(model.averaging.integration_length)
-    weights = _weights(model)[0].astype(np.float64)
+    weights = _sample_weights(model)
     return float(weights.sum()), float((weights**2).sum())
 
 
@@ -168,7 +173,7 @@ def noise_length(model: PixelModel, /) -> float:
     """Return the integration length that describes the noise of the pixel, also if its stages are switched."""
     if model.averaging.stages.drive == "dc":
         return model.averaging.integration_length
-    return effective_length(_weights(model)[0].astype(np.float64))
+    return effective_length(_sample_weights(model))
 
 
 def recorded_length(trials: Trials, /) -> float:
@@ -176,9 +181,8 @@ def recorded_length(trials: Trials, /) -> float:
 
     It is less than `noise_length` if photons are counted and so few come that the average does not settle.
     """
-    if not trials.photon_by_photon or trials.model.settles:
-        return noise_length(trials.model)
-    return effective_length(_weights(trials.model)[0].astype(np.float64))
+    is_mean_unsettled = trials.photon_by_photon and not trials.model.settles
+    return effective_length(_sample_weights(trials.model)) if is_mean_unsettled else noise_length(trials.model)
 
 
 def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
