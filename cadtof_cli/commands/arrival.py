@@ -21,10 +21,8 @@ _READ_BYTES = 2**16
 def paths_as_they_arrive(descriptor: int, /, *, separator: bytes) -> Iterator[tuple[Path, ...]]:
     """Yield paths in batches: each batch as soon as nothing more can be read, the last one when the writer has ended.
 
-    Args:
-        descriptor: file descriptor to read from, such as stdin's.
-        separator: byte that ends a path. After a line feed, empty lines are skipped, and the carriage return of a line that
-            Windows wrote is removed. After any other byte, each name is taken as it is.
+    If paths end with a line feed, empty lines are skipped, and the carriage return of a line that Windows wrote is removed. With
+    any other `separator`, each name is taken as it is.
     """
     rest, first, as_lines = b"", True, separator == b"\n"
     while True:

@@ -102,10 +102,7 @@ class _Step:
 
 
 def _step(*more: Decorator[Any]) -> Decorator[Any]:
-    """Return a decorator that adds the options of a step: those that all steps share, and `more`.
-
-    The command receives the shared ones as one record, `step`; the values of `more` are fields of its settings.
-    """
+    """Return a decorator that adds the options of a step as one record, `step`: those that all share, and `more` settings."""
     return RecordOptions(
         "step",
         _Step,
@@ -186,16 +183,9 @@ def _dark_lines(figures: Mapping[str, Any]) -> list[str]:
 
 def _response_lines(figures: Mapping[str, Any]) -> list[str]:
     lines = ["distances: " + ", ".join(f"{distance:g} m" for distance in figures["distances_m"])]
-    columns = (
-        "gain",
-        "phase_rad",
-        "pixel_phase_std_rad",
-        "pixel_phase_stderr_rad",
-        "pixel_gain_std",
-        "pixel_gain_stderr",
-    )
-    for index, row in enumerate(zip(*(figures[name] for name in columns), strict=True), start=1):
-        gain, phase, spread, error, gain_spread, gain_error = row
+    of_pixels = ("pixel_phase_std_rad", "pixel_phase_stderr_rad", "pixel_gain_std", "pixel_gain_stderr")
+    rows = zip(*(figures[name] for name in ("gain", "phase_rad", *of_pixels)), strict=True)
+    for index, (gain, phase, spread, error, gain_spread, gain_error) in enumerate(rows, start=1):
         lines.append(
             f"harmonic {index}: gain {gain:.4f}, phase {phase:+.4f} rad; pixel to pixel {spread:.4f} rad "
             f"(each known to {error:.4f}), {gain_spread:.2%} of gain (known to {gain_error:.2%})"

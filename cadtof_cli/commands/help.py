@@ -43,11 +43,9 @@ class HelpContext(click.Context):
 
 
 class SectionedCommand(click.Command):
-    """A command whose help shows some options under headings of their own.
+    """A command whose help shows some options under headings of their own, and all others under "Options".
 
-    Args:
-        headings: for each heading, the names of the parameters whose options stand under it. All other options stand
-            under "Options".
+    `headings` gives, for each heading, the names of the parameters whose options stand under it.
     """
 
     context_class = HelpContext
@@ -76,9 +74,7 @@ class SectionedCommand(click.Command):
 def example(*lines: str) -> str:
     """Return the end of a help text: commands that work as printed, in a folder that holds nothing but sample_data.
 
-    Args:
-        lines: commands; each begins with `cadtof`. If the last command needs files that are not in sample_data, the
-            commands before it make these files.
+    Each begins with `cadtof`. If the last one needs files that are not in sample_data, those before it make these files.
     """
     # \b keeps click from joining the lines into a paragraph
     return "\n".join(("\b", "Example:" if len(lines) == 1 else "Examples:", *(f"  {line}" for line in lines)))

@@ -107,20 +107,15 @@ def info(
 
 def _problem_lines(problems: Sequence[str]) -> Iterator[str]:
     """Yield the problems. If many frames have the same reason, yield the first few, and how many more there are."""
-    reasons = Counter(_reason(problem) for problem in problems)
-    told = Counter[str]()
-    for problem in problems:
-        reason = _reason(problem)
+    # the part that follows the name of the file
+    every = [problem.partition(": ")[2] or problem for problem in problems]
+    reasons, told = Counter(every), Counter[str]()
+    for problem, reason in zip(problems, every, strict=True):
         told[reason] += 1
         if told[reason] <= _NAMED_PER_REASON:
             yield problem
         elif told[reason] == reasons[reason]:
             yield f"{told[reason] - _NAMED_PER_REASON} more for the same reason; --json names all"
-
-
-def _reason(problem: str) -> str:
-    """Return the part of a problem that follows the name of the file."""
-    return problem.partition(": ")[2] or problem
 
 
 def _write_settings(found: Sequence[Any], out: Path | None, *, overwrite: bool) -> None:

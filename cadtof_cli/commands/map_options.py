@@ -10,10 +10,7 @@ _RESOLVER, _MAPS = declared_options(ResolverSettings), declared_options(MapSetti
 
 
 def path_options(*without: str) -> RecordOptions:
-    """Return the options that determine how phasors become paths, except those named in `without`.
-
-    The command receives them as one record, `resolver`.
-    """
+    """Return the options that determine how phasors become paths, except those in `without`; as one record, `resolver`."""
     own = (option for name, option in _RESOLVER.items() if name not in without)
 
     def settings(**given: Any) -> ResolverSettings:
@@ -30,10 +27,7 @@ def path_options(*without: str) -> RecordOptions:
 
 
 def map_options(*without: str) -> RecordOptions:
-    """Return the options that determine the values in maps, except those named in `without`.
-
-    The command receives them as one record, `maps`.
-    """
+    """Return the options that determine the values in maps, except those in `without`; as one record, `maps`."""
     own = (option for name, option in _MAPS.items() if name not in without)
     return RecordOptions("maps", MapSettings, path_options(), *own)
 

@@ -83,7 +83,7 @@ def metavar_of(name: str, kind: ParamType, /) -> str | None:
 
 
 def setting_option(
-    record: type,
+    record: Any,
     name: str,
     /,
     help: str,
@@ -104,7 +104,7 @@ def setting_option(
         show_default: whether the help shows the default, if there is one.
         more: other arguments of `click.option`, such as `metavar`; they override what follows from the record.
     """
-    (field,) = (item for item in fields(record) if item.name == name)
+    field = record.__dataclass_fields__[name]
     default = field.default if field.default_factory is MISSING else field.default_factory
     kind = _type_of(_type_hints(record)[name])
     dashed = name.replace("_", "-")
@@ -128,22 +128,13 @@ def setting_option(
 
 
 def number_option(name: str, kind: ParamType, help: str, /) -> Decorator[Any]:
-    """Return an option for numbers whose type is not taken from a settings record.
-
-    Args:
-        name: of the parameter, with its unit, such as `distance_m`.
-        kind: type of the number or numbers.
-        help: what the option does.
-    """
+    """Return an option for numbers whose type is not taken from a settings record; `name` has its unit, such as `distance_m`."""
     option = f"--{name.replace('_', '-')}"
     return click.option(*_names_of(option), name, type=kind, metavar=metavar_of(option, kind), help=help)
 
 
 def jobs_option(help: str, /) -> Decorator[Any]:
-    """Return the option `--jobs`.
-
-    If a user asks for more processes than are ever started, it says so and lowers the number.
-    """
+    """Return the option `--jobs`. If a user asks for more processes than are ever started, it says so and lowers the number."""
 
     def limited(ctx: click.Context, _param: click.Parameter, jobs: int) -> int:
         # a small number is allowed on every machine, so the cores need not be counted
@@ -157,10 +148,7 @@ def jobs_option(help: str, /) -> Decorator[Any]:
 
 
 def _type_of(hint: Any) -> ParamType:
-    """Return the type of an option for a field's type hint.
-
-    `| None` in a hint stands for an option that is not given; it does not change the type.
-    """
+    """Return the type of an option for a field's type hint. `| None`, for an option that is not given, does not change it."""
     (hint,) = [one for one in get_args(hint) if one is not NoneType] if NoneType in get_args(hint) else [hint]
     if get_origin(hint) is Literal:
         return click.Choice(get_args(hint))
@@ -229,12 +217,7 @@ def given_options(names: Collection[str], /) -> Iterator[str]:
 
 
 def note_given(names: Collection[str], where: str, /) -> None:
-    """Say on stderr which of these options were typed although they have no effect.
-
-    Args:
-        names: of the options' parameters.
-        where: when they have no effect, such as "with --solver two-path".
-    """
+    """Say on stderr which options with these parameters were typed though they have no effect `where`, as "with --solver lm"."""
     if click.get_current_context().params.get("quiet"):
         return
     for option in given_options(names):
@@ -242,26 +225,15 @@ def note_given(names: Collection[str], where: str, /) -> None:
 
 
 def refuse_given(names: Collection[str], where: str, /) -> None:
-    """Refuse options that were typed although they have no effect.
-
-    Args:
-        names: of the options' parameters.
-        where: when they have no effect, such as "with --scene card".
-
-    Raises:
-        SettingsError: one of the options was typed.
-    """
+    """Raise SettingsError if an option with these parameters was typed though it has no effect `where`."""
     for option in given_options(names):
         raise SettingsError(f"{option}: has no effect {where}; leave it out")
 
 
 def capture_options(*without: str) -> RecordOptions:
-    """Return a decorator that adds an option for every key of `capture.toml`.
+    """Return a decorator that adds an option for every key of `capture.toml`, except for the dotted keys in `without`.
 
     The command receives the values that were given as `overrides`, by dotted key.
-
-    Args:
-        without: dotted keys for which the command has an option of its own.
     """
     keys = tuple(key for key in KEYS.values() if key.path not in without)
 
@@ -284,11 +256,9 @@ def _capture_option(key: Key) -> Decorator[Any]:
         "numbers by name": NUMBERED_NAMES,
     }
     default = "" if key.default is None else f"  [if not given: {_as_typed(key.default)}, the paper's]"
-    about = f"{key.path}: {key.about}.{default}"
-    kind = types[key.kind]
+    about, kind = f"{key.path}: {key.about}.{default}", types[key.kind]
     metavar = _METAVARS.get(key.path) or metavar_of(key.option, kind)
-    names = _names_of(key.option)
-    return click.option(*names, f"capture_{key.name}", type=kind, metavar=metavar, help=about)
+    return click.option(*_names_of(key.option), f"capture_{key.name}", type=kind, metavar=metavar, help=about)
 
 
 CAPTURE_HEADING = {"Capture options (each overrides a key of capture.toml)": capture_options().names()}

@@ -69,10 +69,7 @@ class SceneOptions:
 
 
 def not_of_scene(name: str, /) -> frozenset[str]:
-    """Return those options of scenes that the scene `name` does not take.
-
-    No scene takes `--direct`, which is of a pixel.
-    """
+    """Return those options of scenes that the scene `name` does not take. No scene takes `--direct`, which is of a pixel."""
     others = {"direct_ns", *_scene.names()} - {field.name for field in fields(SCENES[name])}
     return frozenset(others if name in _MPI else {"mpi", *others})
 

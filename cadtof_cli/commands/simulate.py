@@ -31,7 +31,7 @@ from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene, s
 from cadtof_cli.workflows.simulate.simulate import json_report, simulate_trials, write_evolution
 from cadtof_cli.workflows.simulate.trials import Trials
 
-_OF_SCENES_TOO = [
+_OF_SCENES_TOO = {
     "speed_m_s",
     "frame_rate_hz",
     "seed",
@@ -40,13 +40,10 @@ _OF_SCENES_TOO = [
     "amplitude_v",
     "fwhm_ns",
     "capacitors",
-]
+}
 
 PIXEL_ONLY = {"as_json", "second_ns", "further", *trial_options.names()}.difference(_OF_SCENES_TOO)
-"""Options that a scene does not take.
-
-A scene is recorded from exact statistics, by Eq. (1), and `cadtof resolve` resolves it.
-"""
+"""Options that a scene does not take: it is recorded from exact statistics, by Eq. (1), and `cadtof resolve` resolves it."""
 
 
 @click.command(

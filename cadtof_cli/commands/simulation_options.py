@@ -17,7 +17,7 @@ from cadtof_cli.commands.options import (
     setting_option,
 )
 from cadtof_cli.commands.values import FURTHER_PATH, NumberTuple
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition, Motion
@@ -53,18 +53,12 @@ class TrialOptions:
     stages: Stages
 
     def averaging(self, integration_length: float | None, /) -> Averaging:
-        """Return the averaging, from the capacitors if they are given, else from the integration length n_av.
-
-        Raises:
-            SettingsError: both are given.
-        """
+        """Return the averaging, from the capacitors or the integration length n_av; raises SettingsError if both are given."""
         if self.capacitors is None:
             length = INTEGRATION_LENGTH if integration_length is None else integration_length
             return Averaging(integration_length=length, stages=self.stages)
-        if integration_length is not None:
-            raise SettingsError(
-                "--integration-length: found with --capacitors, expected one of the two: the capacitors determine n_av"
-            )
+        one = "one of the two: the capacitors determine n_av"
+        require(integration_length is None, "--integration-length", "with --capacitors", one)
         capacitors = Capacitors(values_ff=self.capacitors)
         return Averaging(integration_length=capacitors.integration_length, capacitors=capacitors, stages=self.stages)
 
@@ -73,11 +67,9 @@ class TrialOptions:
         noise_v = self.pixel["sample_noise_v"]
         if self.temperature_k is not None:
             if averaging.capacitors is None:
-                raise SettingsError(
-                    "--temperature: found without --capacitors, expected both: the temperature gives the kTC noise of C1"
-                )
-            if not self.temperature_k >= 0:
-                raise SettingsError(f"--temperature: found {self.temperature_k:g} K, expected 0 K or more")
+                both = "both: the temperature gives the kTC noise of C1"
+                raise SettingsError(f"--temperature: found without --capacitors, expected {both}")
+            require(self.temperature_k >= 0, "--temperature", f"{self.temperature_k:g} K", "0 K or more")
             noise_v = float((noise_v**2 + averaging.capacitors.ktc_noise_v(self.temperature_k) ** 2) ** 0.5)
         pixel = {**self.pixel, "sample_noise_v": noise_v}
         model = PixelModel(modulation=self.modulation, averaging=averaging, motion=self.motion, **pixel)
@@ -138,9 +130,7 @@ trial_options = RecordOptions(
 def note_unused(trial: TrialOptions, /, *, followed: bool = False) -> None:
     """Say on stderr which options were typed that have no effect.
 
-    Args:
-        trial: the options.
-        followed: whether one recording is simulated photon by photon, for the pictures of its evolution.
+    `followed`: whether one recording is simulated photon by photon, for the pictures of its evolution.
     """
     if trial.stages.drive == "dc":
         note_given({"f1_hz", "f2_hz"}, "with --stages dc")

@@ -20,11 +20,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
 
 _CONTROL_CHARACTERS = "[\x00-\x08\x0a-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-"""Characters that are escaped.
-
-These are control characters except tab, separators of lines, characters that change the direction of writing, and
-surrogates, which stand for bytes of file names that are not UTF-8.
-"""
+"""Characters that are escaped: control characters except tab, separators of lines, characters that change the direction of
+writing, and surrogates, which stand for bytes of file names that are not UTF-8."""
 
 
 def _one_line(text: object) -> str:
@@ -37,8 +34,7 @@ def _one_line(text: object) -> str:
 def tell(*texts: object, err: bool = False, above: "RichProgress | None" = None) -> None:
     """Write texts to stdout, or to stderr with `err`, one line each. Characters that would control a terminal are escaped.
 
-    If a bar is drawn on stderr, pass it as `above`: the line then stands above the bar. On a terminal, a line of stderr
-    that is too long is broken between two words.
+    If a bar is drawn on stderr, pass it as `above`. On a terminal, a line of stderr that is too long is broken between two words.
 
     Raises:
         OutputError: stdout cannot be written; errors of stderr are ignored.
@@ -61,10 +57,7 @@ def tell(*texts: object, err: bool = False, above: "RichProgress | None" = None)
 
 
 def _wrapped(line: str) -> str:
-    """Return a line of stderr, broken to the width of the terminal.
-
-    A word, such as a path, stays whole so that it can be copied.
-    """
+    """Return a line of stderr, broken to the width of the terminal. A word, such as a path, stays whole: it can be copied."""
     try:
         columns = os.get_terminal_size(sys.stderr.fileno()).columns
     except (OSError, ValueError):
@@ -79,10 +72,7 @@ def _wrapped(line: str) -> str:
 
 
 def forget(stream: TextIO, /) -> None:
-    """Discard what a stream could not take.
-
-    Otherwise Python would try to write it again at exit, and before it forks a process.
-    """
+    """Discard what a stream could not take; Python would try to write it again at exit, and before it forks a process."""
     with suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -109,10 +99,7 @@ def prepare_streams() -> None:
 
 
 REDRAW_SECONDS = 0.1
-"""Shortest time between two drawings of the bar.
-
-A drawing takes about a millisecond; frames come every few milliseconds.
-"""
+"""Shortest time between two drawings of the bar. A drawing takes about a millisecond; frames come every few milliseconds."""
 
 _LEAST_BAR, _WIDEST_BAR = 8, 40
 """Least and largest width of the bar, in columns."""
@@ -122,11 +109,7 @@ class Log(io.FileIO):
     """A file to which lines are appended, each with the time."""
 
     def note(self, message: str, /) -> None:
-        """Append a line.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Append a line; raises OutputError if the file cannot be written."""
         line = f"{datetime.now().astimezone().isoformat(timespec='seconds')} {_one_line(message)}\n"
         try:
             self.write(line.encode())
@@ -178,19 +161,16 @@ class _Terminal:
 
     def write(self, text: str) -> int:
         """Write a text; if that fails, forget it."""
-        with self._forgetting():
-            self._stream.write(text)
-        return len(text)
+        try:
+            return self._stream.write(text)
+        except OSError:
+            forget(self._stream)
+            return len(text)
 
     def flush(self) -> None:
         """Write what is buffered; if that fails, forget it."""
-        with self._forgetting():
-            self._stream.flush()
-
-    @contextmanager
-    def _forgetting(self) -> Iterator[None]:
         try:
-            yield
+            self._stream.flush()
         except OSError:
             forget(self._stream)
 
@@ -203,11 +183,8 @@ _WITHOUT_CURSOR = ("dumb", "unknown")
 def progress_bar(description: str, unit: str, *, quiet: bool = False, log: Path | None = None) -> Iterator[Bar]:
     """Yield a bar for the steps of a workflow; rich is imported only if the bar can be seen.
 
-    The file `log` gets the command line, all lines (also those that `quiet` hides), and the error that ended the
-    workflow.
-
-    Raises:
-        OutputError: the log cannot be written.
+    The file `log` gets the command line, all lines (also those that `quiet` hides), and the error that ended the workflow;
+    raises OutputError if it cannot be written.
     """
     try:
         opened = nullcontext() if log is None else Log(log, "a")
@@ -256,10 +233,7 @@ def _drawn(description: str, unit: str) -> Iterator["RichProgress"]:
     columns: tuple[ProgressColumn, ...] = (title, bar, MofNCompleteColumn(), rate, left)
 
     class OneLine(Progress):
-        """Progress in one line.
-
-        On a narrow terminal, columns that do not fit are left out, but never the count of steps.
-        """
+        """Progress in one line. On a narrow terminal, columns that do not fit are left out, but never the count of steps."""
 
         def make_tasks_table(self, tasks: Iterable[Task]) -> Table:
             """Return the line."""

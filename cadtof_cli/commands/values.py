@@ -3,12 +3,13 @@
 import math
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 
 if TYPE_CHECKING:
     ParamType = click.ParamType[Any]
@@ -27,12 +28,9 @@ PATH = click.Path(path_type=Path)
 
 
 class Typed(ParamType):
-    """The type of an option whose typed text a function turns into a value.
+    """The type of an option whose typed text `parse` turns into a value. A value that is no text, such as a default, stays.
 
-    Args:
-        name: placeholder of such a value in the help.
-        what: description of such a value, with an example, for the message if `parse` raises ValueError.
-        parse: text → value. A value that is not a text, such as a default, stays as it is.
+    `name` is the placeholder in the help; `what` describes a value by an example, for the message if `parse` raises ValueError.
     """
 
     def __init__(self, name: str, what: str, parse: Callable[[str], Any]) -> None:
@@ -96,11 +94,7 @@ class NumberTuple(Typed):
         self.count = count
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a tuple of numbers.
-
-        Raises:
-            SettingsError: there are more or fewer than `count` numbers.
-        """
+        """Return a tuple of numbers; raises SettingsError if there are more or fewer than `count`."""
         numbers = super().convert(value, param, ctx)
         if self.count not in {None, len(numbers)}:
             told = f" ({param.metavar})" if param is not None and param.metavar else ""
@@ -112,51 +106,32 @@ class NumberTuple(Typed):
 def grid_from_text(text: str, /, *, name: str) -> tuple[float, ...]:
     """Return the numbers of `1,2,5` (a list), `1:6:11` (11 even steps) or `log:1e3:1e5:5` (5 even ratios).
 
-    Args:
-        text: as typed.
-        name: of the option, for messages.
-
     Raises:
-        SettingsError: the text is none of these, or stands for no numbers.
+        SettingsError: the text is none of these, or stands for no numbers; the message begins with `name`, the option.
     """
     # imported here, so that printing the help does not load numpy
     import numpy as np
 
+    def number(part: str) -> float:
+        value = math.nan
+        with suppress(ValueError):
+            value = float(part)
+        require(math.isfinite(value), name, f"{part!r} in {text!r}", f"a number in {_FORMS}")
+        return value
+
     kind, _, rest = text.partition(":") if text.startswith("log:") else ("", "", text)
     parts = rest.split(":")
     if len(parts) == 1 and not kind:
-        values = [_number(part, text, name) for part in rest.split(",")]
-        if len(set(values)) != len(values):
-            raise SettingsError(f"{name}: found {text!r}, which contains a value twice, expected each once")
-        return tuple(values)
-    if len(parts) != 3:
-        raise SettingsError(f"{name}: found {text!r}, expected {_FORMS}")
-    start, stop = (_number(part, text, name) for part in parts[:2])
-    count = _count(parts[2], text, name)
-    if (count == 1) != (start == stop):
-        raise SettingsError(f"{name}: found {text!r}, expected two ends that differ and 2 steps or more")
-    if kind:
-        if start <= 0 or stop <= 0:
-            raise SettingsError(f"{name}: found {text!r}, expected ends above 0 for a log grid")
-        return tuple(float(value) for value in np.geomspace(start, stop, count))
-    return tuple(float(value) for value in np.linspace(start, stop, count))
-
-
-def _number(part: str, text: str, name: str) -> float:
-    try:
-        value = float(part)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise SettingsError(f"{name}: found {part!r} in {text!r}, expected a number in {_FORMS}")
-    return value
-
-
-def _count(part: str, text: str, name: str) -> int:
-    try:
-        count = int(part)
-    except ValueError:
-        count = 0
-    if not 1 <= count <= MOST_VALUES:
-        raise SettingsError(f"{name}: found {part!r} steps in {text!r}, expected 1 to {MOST_VALUES}")
-    return count
+        values = tuple(map(number, rest.split(",")))
+        require(len(set(values)) == len(values), name, f"{text!r}, which contains a value twice", "each once")
+        return values
+    require(len(parts) == 3, name, repr(text), _FORMS)
+    start, stop = map(number, parts[:2])
+    count = 0
+    with suppress(ValueError):
+        count = int(parts[2])
+    require(1 <= count <= MOST_VALUES, name, f"{parts[2]!r} steps in {text!r}", f"1 to {MOST_VALUES}")
+    require((count == 1) == (start == stop), name, repr(text), "two ends that differ and 2 steps or more")
+    require(not kind or (start > 0 and stop > 0), name, repr(text), "ends above 0 for a log grid")
+    spaced = np.geomspace if kind else np.linspace
+    return tuple(float(value) for value in spaced(start, stop, count))
