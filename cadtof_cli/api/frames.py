@@ -50,7 +50,16 @@ class Frame:
     source: str = ""
 
     def __post_init__(self) -> None:
-        stored, harmonics = self._numbers(), len(self.metadata.modulation.harmonics)
+        harmonics = len(self.metadata.modulation.harmonics)
+        if _masked(self.stored):
+            raise FrameError(
+                f"{self}: found masked values, expected an array of numbers; fill the masked ones with NaN or a saturated value"
+            )
+        try:
+            # an array that is contiguous and aligned is not copied
+            stored = np.require(self.stored, requirements=("C_CONTIGUOUS", "ALIGNED", "ENSUREARRAY"))
+        except ValueError as error:
+            raise FrameError(f"{self}: found no array of numbers: {error}") from error
         if stored.ndim != 4 or stored.shape[:2] != (harmonics, CHANNELS) or 0 in stored.shape:
             ways = transpositions(("stored", ""), stored.shape, harmonics)
             raise FrameError(
@@ -60,17 +69,6 @@ class Frame:
         if stored.dtype.name not in SAMPLE_TYPES:
             raise FrameError(f"{self}: found values of type {stored.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
         object.__setattr__(self, "stored", stored)
-
-    def _numbers(self) -> Stored:
-        """Return the stored values as a plain array, contiguous and aligned. Such an array is not copied."""
-        if _masked(self.stored):
-            raise FrameError(
-                f"{self}: found masked values, expected an array of numbers; fill the masked ones with NaN or a saturated value"
-            )
-        try:
-            return np.require(self.stored, requirements=("C_CONTIGUOUS", "ALIGNED", "ENSUREARRAY"))
-        except ValueError as error:
-            raise FrameError(f"{self}: found no array of numbers: {error}") from error
 
     def __str__(self) -> str:
         return self.source or self.name
@@ -186,10 +184,8 @@ def _counts_from_0(frames: slice) -> bool:
 def _overrides(metadata: Mapping[str, Any] | None) -> dict[str, Any]:
     for name in metadata or {}:
         if name not in KEYS:
-            meant = [
-                key for key in KEYS if key.endswith(f".{name}") or key.startswith(f"{name}.")
-            ] or difflib.get_close_matches(str(name), KEYS, n=1)
-            named = meant or sorted(KEYS)[:3]
+            meant = [key for key in KEYS if key.endswith(f".{name}") or key.startswith(f"{name}.")]
+            named = meant or difflib.get_close_matches(str(name), KEYS, n=1) or sorted(KEYS)[:3]
             raise SettingsError(f"metadata: found {name!r}, expected keys such as {', '.join(named)}, …")
     return {name: _plain(value) for name, value in (metadata or {}).items()}
 

@@ -35,10 +35,9 @@ def answer_of(message: bytes, /) -> tuple[int, Any]:
 
 
 class TaskMessages:
-    """Messages with one task each. They leave out the objects that tasks share, because both processes have these already.
+    """Messages with one task each, without the `shared` objects that tasks hold somewhere: both processes have these already.
 
-    Args:
-        shared: objects that tasks hold, directly or within other objects; they are recognised by identity, not by equality.
+    These objects are recognised by identity, not by equality.
     """
 
     def __init__(self, shared: Sequence[object]) -> None:
@@ -102,10 +101,7 @@ class Incoming(Generic[Who]):
             self._selector.unregister(connection)
 
     def ready(self, timeout_s: float | None, /) -> list[Who]:
-        """Wait until connections have a message, or their other end is closed; return the objects of these connections.
-
-        Return an empty list after `timeout_s`; None waits without limit.
-        """
+        """Wait until connections have a message, or their other end is closed; return their objects, none after `timeout_s`."""
         if self._selector is not None:
             return [key.data for key, _ in self._selector.select(timeout_s)]
         ready = wait(list(self._ends), timeout_s)

@@ -6,6 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Generator, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -27,11 +28,8 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 SHORT_S = 0.01
-"""Mean time per task, in s, below which tasks count as short. Then this process serves its workers only now and then, and each
-worker has more tasks ahead.
-
-Every time that this process runs, it may displace a worker from its core, and the worker's data from the cache of that core.
-"""
+"""Mean time per task, in s, below which tasks count as short. Then each worker has more tasks ahead, and this process serves them
+only now and then: each time it may displace a worker from its core, and the worker's data from the cache of that core."""
 
 TASKS_IN_MEAN = 8
 """Length of the running mean of the time per task: a new time counts for 1/8."""
@@ -147,10 +145,8 @@ class _Pool(Generic[Task, Result]):
     def dismiss(self) -> None:
         """Tell the workers to end, because nothing is left to do, and wait for their end."""
         for worker in self._workers:
-            try:
+            with suppress(OSError):
                 worker.connection.send_bytes(b"")
-            except OSError:
-                continue
         for worker in self._workers:
             worker.process.join(JOIN_S)
 
@@ -195,10 +191,7 @@ class _Pool(Generic[Task, Result]):
         return min(AHEAD + math.ceil(2.0 * PAUSE_S / max(self._task_s, 1e-4)), SHORT_AHEAD)
 
     def _start_fresh(self) -> _Worker[Task, Result]:
-        """Return a new worker after the end of all others, which are idle.
-
-        They may be dead without our knowing it, or hold memory that the new worker needs.
-        """
+        """Return a new worker after the end of all others, which are idle or dead, and may hold memory that it needs."""
         for worker in tuple(self._workers):
             self._end(worker)
         return self._start()
@@ -214,11 +207,8 @@ class _Pool(Generic[Task, Result]):
         ours, theirs = self._context.Pipe()
         taken = {worker.core for worker in self._workers}
         core = next((core for core in self._cores if core not in taken), None)
-        process = self._context.Process(
-            target=serve,
-            args=(self._function, self._messages, theirs, ours, self._listening, self._held, core),
-            daemon=True,
-        )
+        arguments = (self._function, self._messages, theirs, ours, self._listening, self._held, core)
+        process = self._context.Process(target=serve, args=arguments, daemon=True)
         try:
             with current_folder_left_out(), signals_held_back(self._context.get_start_method()):
                 process.start()
@@ -266,10 +256,7 @@ class _Pool(Generic[Task, Result]):
             job.error = answer
 
     def _lose(self, worker: _Worker[Task, Result], *, after_s: float | None = None) -> None:
-        """Go on without a worker: one of its jobs counts a loss, and its other jobs wait again like new ones.
-
-        `after_s` is the time limit if the worker exceeded it.
-        """
+        """Go on without a worker: one of its jobs counts a loss, the others wait again; `after_s`: the limit that it exceeded."""
         self._end(worker)
         if not worker.jobs:
             return
@@ -284,11 +271,7 @@ class _Pool(Generic[Task, Result]):
 def run_in_pool(
     function: Work[Task, Result], tasks: Iterable[Task], /, *, workers: Workers, shared: Sequence[object] = ()
 ) -> Generator[Outcome[Task, Result], None, None]:
-    """Yield the outcome of function(task) for every task, in the order of the tasks; worker processes call the function.
-
-    Raises:
-        BaseException: the exception that the function raised.
-    """
+    """Yield the outcome of function(task) for every task, in order; raise what the function raised in a worker process."""
     waiting, most = iter(tasks), workers.jobs * TASKS_PER_WORKER
     in_order: deque[_Job[Task, Result]] = deque()
     pool = _Pool(function, workers, shared)

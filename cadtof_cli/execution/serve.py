@@ -12,10 +12,7 @@ from cadtof_cli.execution.starting import begin_worker
 
 
 class _Answers:
-    """The answers of a worker, sent in the order of the tasks.
-
-    A result is sent when it and all results before it are there, by the thread that finished the last of these.
-    """
+    """The answers of a worker, sent in the order of the tasks by the thread that finished the last one that was missing."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -32,13 +29,10 @@ class _Answers:
             self._begun.append(result)
         # the result may have come before it was in the queue
         self.tell_all()
-        self._wait_for_at_most(LATER_AT_ONCE + 1)
+        self.wait_for_at_most(LATER_AT_ONCE + 1)
 
-    def end(self) -> None:
-        """Wait until all results are sent."""
-        self._wait_for_at_most(0)
-
-    def _wait_for_at_most(self, count: int) -> None:
+    def wait_for_at_most(self, count: int) -> None:
+        """Wait until no more than `count` results are still to be sent."""
         with self._change:
             self._change.wait_for(lambda: len(self._begun) <= count)
 
@@ -66,14 +60,9 @@ def serve(
     held: Connection,
     core: int | None,
 ) -> None:
-    """Answer one task after the other, until an empty message comes.
+    """Answer one task after the other with `function`, until an empty message comes.
 
-    Args:
-        function: what is done to each task.
-        messages: restores tasks from messages.
-        connection: the worker's end of the connection.
-        parent_end: the parent's end of it, of which a forked worker has a copy.
-        listening, held, core: see `begin_worker`.
+    `parent_end` is the other end of the connection, of which a forked worker has a copy; see `begin_worker` for the last three.
     """
     begin_worker(listening, held, core)
     parent_end.close()
@@ -85,4 +74,4 @@ def serve(
         except (OSError, EOFError):
             # the parent has ended, and nobody is there to read a traceback
             os._exit(1)
-        answers.end()
+        answers.wait_for_at_most(0)

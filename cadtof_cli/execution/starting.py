@@ -36,10 +36,9 @@ def cores_for(processes: int, /) -> tuple[int, ...]:
 
 @contextmanager
 def signals_held_back(start_method: str, /) -> Iterator[None]:
-    """Hold back the signals that end this process while a worker starts.
+    """Hold back the signals that end this process while a worker starts; do nothing if the system cannot, as on Windows.
 
-    Until a worker has reached `begin_worker`, it would handle these signals like its parent. If the system cannot hold signals
-    back, as on Windows, nothing is done.
+    Until a worker has reached `begin_worker`, it would handle these signals like its parent.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -71,9 +70,7 @@ def current_folder_left_out() -> Iterator[None]:
 
 
 def begin_worker(listening: "Connection", held: "Connection", core: int | None, /) -> None:
-    """Prepare a worker: it ignores Ctrl-C and a terminal that goes away; SIGTERM ends it, and so does the end of its parent.
-
-    Ctrl-C and the end of a terminal are for the parent to handle.
+    """Prepare a worker: SIGTERM ends it, and so does the end of its parent; Ctrl-C and the end of a terminal are for the parent.
 
     Args:
         listening: the worker's end of a pipe; a read from it fails when the parent ends.

@@ -39,11 +39,7 @@ NO_PROGRESS: Progress = _NoProgress()
 def results(
     function: Callable[[Task], Result], tasks: Sequence[Task], /, *, workers: Workers, progress: Progress
 ) -> Iterator[Result]:
-    """Yield function(task) for every task, in the order of the tasks. There are no more processes than tasks.
-
-    Raises:
-        CadtofError: a task's process ended without a result.
-    """
+    """Yield function(task) for every task, in order, by no more processes than tasks; raises CadtofError if one dies twice."""
     enough = replace(workers, jobs=max(min(workers.jobs, len(tasks)), 1))
     for outcome in run_ordered(function, tasks, workers=enough):
         if isinstance(outcome.result, WorkerDied):

@@ -73,11 +73,7 @@ class Connection:
     """
 
     def __init__(self, address: str, /) -> None:
-        """Connect.
-
-        Raises:
-            SettingsError: dask is not installed, or no scheduler answers.
-        """
+        """Connect; raises SettingsError if dask is not installed, or no scheduler answers."""
         try:
             from distributed import Client
         except ImportError as error:
@@ -125,11 +121,7 @@ class Connection:
             self._client.cancel(futures)
 
     def news(self) -> list[News]:
-        """Wait for news, `LISTEN_S` at most, and return all news.
-
-        Raises:
-            ClusterError: the scheduler is lost.
-        """
+        """Wait for news, `LISTEN_S` at most, and return all news; raises ClusterError if the scheduler is lost."""
         heard: list[WorkerJoined | WorkerLost | int] = []
         self._compare_workers()
         with suppress(queue.Empty):

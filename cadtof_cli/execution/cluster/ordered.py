@@ -71,12 +71,7 @@ def run_on_cluster(
     probe: Path | None,
     say: Callable[[str], None],
 ) -> Generator[Outcome[Task, Result], None, None]:
-    """Connect, check that the workers fit, and return a generator of outcomes in the order of the tasks.
-
-    Raises:
-        SettingsError: no scheduler answers.
-        ClusterError: workers do not fit; raised by the generator: the scheduler is lost.
-    """
+    """Connect, check that the workers fit, and return a generator of outcomes in order; for errors see `run_ordered`."""
     connection = Connection(scheduler)
     for note in connection.notes:
         say(f"warning: {note}")
@@ -123,8 +118,7 @@ class ClusterRun(Generic[Task, Result]):
     def welcome_workers(self) -> None:
         """Ask all workers that are there for their surroundings, and wait for the answers, `ANSWER_S` at most.
 
-        Raises:
-            ClusterError: some workers would not give the same results; the message names all of these.
+        Raise ClusterError, which names them, if some workers would not give the same results.
         """
         until = time.monotonic() + ANSWER_S
         self._take_news()
@@ -189,16 +183,13 @@ class ClusterRun(Generic[Task, Result]):
         """Return a batch for a worker, or None. As long as there are suspects, only an idle worker gets a batch: one suspect."""
         if self._suspects:
             return None if worker.batches else Batch([self._suspects.popleft()], alone=True)
-        size = self._batch_size()
+        # the lower quartile: on a busy machine, slower tasks are slow for reasons that larger batches do not mend
+        usual = statistics.quantiles(self._task_times_s)[0] if len(self._task_times_s) > 1 else SHORT_S
+        size = 1 if usual >= SHORT_S else min(math.ceil(BATCH_S / max(usual, 1e-9)), MOST_IN_BATCH)
         while len(self._queued) < size and len(self._unreported) < TASKS_AHEAD and self._draw():
             pass
         entries = [self._queued.popleft() for _ in range(min(size, len(self._queued)))]
         return Batch(entries) if entries else None
-
-    def _batch_size(self) -> int:
-        # the lower quartile: on a busy machine, slower tasks are slow for reasons that larger batches do not mend
-        usual = statistics.quantiles(self._task_times_s)[0] if len(self._task_times_s) > 1 else SHORT_S
-        return 1 if usual >= SHORT_S else min(math.ceil(BATCH_S / max(usual, 1e-9)), MOST_IN_BATCH)
 
     def _take_news(self) -> None:
         for news in self._cluster.news():

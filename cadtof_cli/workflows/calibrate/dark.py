@@ -24,8 +24,7 @@ from cadtof_cli.workflows.progress import Progress
 def calibrate_dark(inputs: Sequence[Path], /, *, settings: CalibrateSettings, progress: Progress) -> CalibrateReport:
     """Measure the dark part from one capture and write it.
 
-    Raises:
-        CadtofError: see `averaged_captures`; or there are several captures, or the frames saw light.
+    Raise CadtofError as `averaged_captures` does, or if there are several captures, or the frames saw light.
     """
     averaged = averaged_captures(inputs, "dark", settings=settings, progress=progress)
     if len(averaged.captures) > 1:

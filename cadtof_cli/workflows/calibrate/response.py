@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.response import TargetMean, fit_response
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration
@@ -32,8 +31,7 @@ def calibrate_response(
 ) -> CalibrateReport:
     """Measure the response part from captures of a flat target and write it.
 
-    Raises:
-        CadtofError: see `averaged_captures`; or a target's distance is not known.
+    Raise CadtofError as `averaged_captures` does, or if a target's distance is not known.
     """
     averaged = averaged_captures(inputs, "response", settings=settings, progress=progress)
     for capture, _ in averaged.captures:
@@ -49,21 +47,14 @@ def calibrate_response(
 
 
 def _target(capture: Capture, mean: FrameMean, earlier: Calibration | None) -> TargetMean:
-    volts, noise = mean.stored, _mean_noise(capture, mean)
+    volts, noise = mean.stored, np.full(mean.stored.shape[0], predicted_noise_v(capture.source.metadata))
+    noise = mean.mean_noise() if mean.frames >= FRAMES_ENOUGH else noise / math.sqrt(mean.frames)
     if earlier and earlier.dark:
         volts = np.where(earlier.dark.hot, np.nan, volts - earlier.dark.offset_v)
         noise = np.hypot(noise, earlier.dark.quality()["offset_stderr_v"])
     distance = capture.source.metadata.target.distance_m
     assert distance is not None
     return TargetMean(volts[:, 0] + 1j * volts[:, 1], noise, distance)
-
-
-def _mean_noise(capture: Capture, mean: FrameMean) -> Float:
-    """Return the standard deviation of the mean's voltages, (H,): measured if there are enough frames, else predicted."""
-    if mean.frames >= FRAMES_ENOUGH:
-        return mean.mean_noise()
-    predicted = predicted_noise_v(capture.source.metadata) / math.sqrt(mean.frames)
-    return np.full(mean.stored.shape[0], predicted)
 
 
 def _figures(response: ResponseCalibration) -> dict[str, Any]:
