@@ -13,7 +13,7 @@ from cadtof_cli.maps.comparison import BitChange, LayerDifference, MagnitudeTall
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import bit_words
-from cadtof_cli.workflows.inspect.layers import Layers, require_same_depth, require_same_pixels, require_same_size
+from cadtof_cli.workflows.inspect.layers import Layers, require_same_depth, require_same_part, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -91,7 +91,7 @@ class MapPairs:
         self.a, self.b = read_run(first), read_run(second)
         require_same_depth(self.a, self.b)
         if self.a.roi and self.b.roi:
-            require_same_pixels(self.a, self.b)
+            require_same_part(self.a, self.b)
         one, other = ({run.name(file): file for file in run.require_maps()} for run in (self.a, self.b))
         if one.keys().isdisjoint(other) and not first.is_file() and not second.is_file():
             # the folder of one capture in a run of several: its name is not in the names of another run's maps
@@ -150,25 +150,15 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
     found.layers = {name: tally.summary() for name, tally in tallies.items()}
     found.only_a = {"layers": sorted(only_a), "frames": pairs.only[0]}
     found.only_b = {"layers": sorted(only_b), "frames": pairs.only[1]}
-    _require_common_layers(found, pairs)
+    if not found.layers and found.status_changed is None:
+        raise CaptureError(
+            f"{pairs.a.maps} and {pairs.b.maps} have no layer in common: found {', '.join(sorted(only_a))} in A and "
+            f"{', '.join(sorted(only_b))} in B; give two runs, or a run and its truth"
+        )
     found.worst_by = _leading(tuple(found.layers))
     frames.sort(key=lambda one: (one.p90_abs or 0.0, one.max_abs or 0.0, one.status_changed or 0), reverse=True)
     found.worst = frames[:WORST]
     return found
-
-
-def _require_common_layers(found: Comparison, pairs: MapPairs) -> None:
-    """Make sure that something could be compared: values of a layer, or status bits.
-
-    Raises:
-        CaptureError: no frame has a layer in both.
-    """
-    if not found.layers and found.status_changed is None:
-        one, other = (", ".join(only["layers"]) for only in (found.only_a, found.only_b))
-        raise CaptureError(
-            f"{pairs.a.maps} and {pairs.b.maps} have no layer in common: found {one} in A and {other} in B; give two runs, or a"
-            " run and its truth"
-        )
 
 
 def _count_answers(found: Comparison, layer: str, one: NDArray[np.bool_], other: NDArray[np.bool_]) -> None:
@@ -179,10 +169,7 @@ def _count_answers(found: Comparison, layer: str, one: NDArray[np.bool_], other:
 
 
 def _count_bits(found: Comparison, pair: FramePair) -> int | None:
-    """Count the pixels that gain and lose each status bit, by the bit in words, and return how many differ in any bit.
-
-    None: A or B has no status.
-    """
+    """Count the pixels that gain and lose each status bit; return how many differ in any bit, None if A or B has no status."""
     bits, others = pair.first.get(STATUS), pair.second.get(STATUS)
     if bits is None or others is None:
         return None
@@ -201,11 +188,7 @@ def _leading(layers: tuple[str, ...]) -> str | None:
 
 
 def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:
-    """Draw the frame that differs most: A and B on one scale, their difference, and the paths of each pixel.
-
-    Raises:
-        CadtofError: the maps cannot be read, or the picture cannot be written.
-    """
+    """Draw the frame that differs most: A and B on one scale, their difference, and the paths of each pixel."""
     from cadtof_cli.figures.layers import Shown
     from cadtof_cli.figures.maps import draw_comparison
 

@@ -17,7 +17,7 @@ from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally,
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import layer_of, require_alike, require_same_size
+from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
 from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE
@@ -34,14 +34,14 @@ class Scatter:
 
 
 def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path | None, overwrite: bool) -> Evaluation:
-    """Compare the direct depth of a folder of maps, or of one file, with the direct depth in a truth file.
+    """Compare the direct depth of a folder of maps, or of one file, with the true direct depth; a step of progress is a map.
 
     The first phasor is compared too, over the same pixels: if a pixel has no answer in the maps, it has no first phasor either.
 
     Args:
         maps: the folder or file.
         truth: file with a direct depth; or a folder with such a file for each capture, in the same tree as the maps.
-        progress: a step is a map.
+        progress: told of each map.
         table: CSV file to be written, with a line for each frame; None: no file.
         overwrite: whether a file at `table` may be replaced.
 
@@ -100,7 +100,8 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     require_new(out, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
-    require_alike(run)
+    # raise SettingsError if the maps of a folder without a record are not alike
+    _ = run.roi, run.depth_kind
     if run.captures_shown > 1:
         progress.say(
             f"{maps}: --over-time takes the maps of {run.captures_shown} captures for one scene at rest; the folder of one"

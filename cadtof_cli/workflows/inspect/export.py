@@ -53,14 +53,10 @@ class _Map:
     kind: DepthKind
     optics: Optics
 
-    def layer(self, name: str) -> NDArray[Any]:
-        """Return a layer; raises CaptureError if the map has no such layer."""
-        return layer_of(self.layers, name, self.path)
-
     @property
     def depth(self) -> Float:
-        """The depths, float64 (Y, X)."""
-        return self.layer(self.name).astype(np.float64)
+        """The depths, float64 (Y, X); raises CaptureError if the map has no such layer."""
+        return layer_of(self.layers, self.name, self.path).astype(np.float64)
 
 
 def export_maps(
@@ -118,19 +114,16 @@ def _write_points(one: _Map, output: Path) -> None:
         )
     known = np.isfinite(depth)
     depth = np.where(known, depth, np.nan)
-    rows, columns = depth.shape
-    right, down = ray_slopes(one.optics, (rows, columns))
-    forward = depth if one.kind == "z" else depth * planar_per_range(one.optics, (rows, columns))
-    planes = {
-        "x": forward * right,
-        "y": forward * down,
-        "z": forward,
-        "amplitude": one.layer(f"{path}.amplitude"),
-        "sigma": one.layer(f"{path}.sigma"),
-    }
+    size = depth.shape[0], depth.shape[1]
+    right, down = ray_slopes(one.optics, size)
+    forward = depth if one.kind == "z" else depth * planar_per_range(one.optics, size)
+    amplitude, sigma, status = (
+        layer_of(one.layers, name, one.path) for name in (f"{path}.amplitude", f"{path}.sigma", STATUS)
+    )
+    planes = {"x": forward * right, "y": forward * down, "z": forward, "amplitude": amplitude, "sigma": sigma}
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
     comment = f"cadtof: {one.name} of {one.path.name}, metres; amplitude V, sigma m"
-    write_points(output, points | {STATUS: one.layer(STATUS)[known]}, comment=comment)
+    write_points(output, points | {STATUS: status[known]}, comment=comment)
 
 
 def _write_png(one: _Map, output: Path) -> None:

@@ -63,10 +63,7 @@ class FrameFacts:
 def facts_of_frame(
     source: FrameSource, /, *, layout: FrameLayout, metadata: CaptureMetadata, pixels: tuple[int, int] | None
 ) -> FrameFacts:
-    """Read one frame and return what it holds. Every error becomes its `problem`.
-
-    `pixels` is the size (Y, X) that it should have; None: any size.
-    """
+    """Read one frame of the size `pixels`, (Y, X), None for any, and return what it holds. Every error becomes its `problem`."""
     try:
         stored = read_stored(source, layout, size=pixels)
         container = detect_format(source.paths[0], raw=layout.raw is not None).name

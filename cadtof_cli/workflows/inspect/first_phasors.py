@@ -72,14 +72,9 @@ class FirstPhasors:
     digests: Mapping[str, str] = field(default_factory=dict)
 
     def depth(self, file: Path, direct: NDArray[np.floating], /) -> Float | None:
-        """Return the first phasor's depth of a map's frame, float64 (Y, X) in m; NaN if the map has no answer.
+        """Return the first phasor's depth of a map's frame, float64 (Y, X) in m; NaN where the direct depth of the map is NaN.
 
-        Args:
-            file: the map.
-            direct: its direct depth, (Y, X); NaN where there is no answer.
-
-        Returns:
-            None if no frame is known. None, with a note, if this frame is not known, cannot be read any more, or has changed.
+        None if no frame is known. None, with a note, if this frame is not known, cannot be read any more, or has changed.
         """
         name = self.run.name(file)
         task = self.tasks.get(name)

@@ -52,12 +52,10 @@ class GivenOptics:
 
 
 def first_sound_layers(files: Sequence[Path], /) -> Layers | None:
-    """Return the layers of the first file that can be read. They tell what kind of files all of them are.
+    """Return the layers of the first file that can be read; None if it has no named layers, or if no file can be read.
 
-    Truth is read only if there are no other files: if these are damaged, truth does not tell whether they are recorded frames.
-
-    Returns:
-        None if the first file that can be read has no named layers, or if no file can be read.
+    They tell what kind of files all of them are. Truth is read only if there are no other files: if these are damaged, truth does
+    not tell whether they are recorded frames.
     """
     for file in [path for path in files if path.stem != TRUTH] or files:
         try:
@@ -77,34 +75,13 @@ def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     return layers[name]
 
 
-def require_alike(run: Run, /) -> None:
-    """Raise SettingsError if the maps of a folder without a record show different pixels, or hold different kinds of depth."""
-    _ = run.roi, run.depth_kind
-
-
 def require_same_depth(run: Run, other: Run, /) -> None:
-    """Make sure that the maps of two runs hold the same kind of depth.
-
-    Raises:
-        SettingsError: one holds radial range and the other planar depth.
-    """
+    """Raise SettingsError if the maps of one run hold radial range, and those of the other planar depth."""
     if run.depth_kind != other.depth_kind:
         raise SettingsError(
             f"{run.maps} holds {DEPTH_IN_WORDS[run.depth_kind]} and {other.maps} {DEPTH_IN_WORDS[other.depth_kind]}: "
             "resolve both with the same --depth"
         )
-
-
-def require_same_pixels(run: Run, other: Run, /) -> None:
-    """Make sure that maps of the same size of two runs show the same part of the recorded frames.
-
-    Maps of other programs, which have neither a record nor a header, may show any part.
-
-    Raises:
-        SettingsError: they show different parts.
-    """
-    if all(one.record is not None or one.roi for one in (run, other)):
-        require_same_part(run, other)
 
 
 def require_same_part(run: Run, other: Run, /) -> None:
@@ -119,11 +96,7 @@ def require_same_part(run: Run, other: Run, /) -> None:
 
 
 def require_same_size(plane: NDArray[Any], expected: tuple[int, ...], path: Path, other: Path, /) -> None:
-    """Make sure that a plane read from `path` has the expected size, (Y, X), of the plane in the file `other`.
-
-    Raises:
-        CaptureError: it has another size.
-    """
+    """Raise CaptureError if a plane read from `path` has not the expected size, (Y, X), that of the file `other`."""
     if plane.shape != expected:
         raise CaptureError(
             f"{path}: found {size_text(plane.shape)} pixels, expected {size_text(expected)} as in {other}"

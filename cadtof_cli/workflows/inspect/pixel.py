@@ -40,25 +40,12 @@ class InspectedPixel:
 
 
 def inspect_pixel(
-    frame: Path,
-    pixel: tuple[int, int],
-    /,
-    *,
-    place: int,
-    settings: ResolveSettings,
-    progress: Progress,
+    frame: Path, pixel: tuple[int, int], /, *, place: int, settings: ResolveSettings, progress: Progress
 ) -> InspectedPixel:
-    """Resolve a frame as `cadtof resolve` does, and return everything about one of its pixels.
+    """Resolve a frame as `cadtof resolve` does, and return everything about one of its pixels, column x and row y from 0.
 
-    Args:
-        frame: a frame, a stack of them, or a capture folder.
-        pixel: column x and row y, from 0.
-        place: number, from 0, of the map among those that a run on `frame` would write.
-        settings: settings of the run.
-        progress: told what is assumed.
-
-    Raises:
-        CadtofError: the frame cannot be read or resolved, or has no such pixel.
+    `frame` is a frame, a stack of them, or a capture folder; `place` is the number, from 0, of the map among those that a run on
+    it would write. Raises CadtofError if the frame cannot be read or resolved, or has no such pixel.
     """
     task, notes = _task(frame, place, settings)
     source = str(task.sources[0])
@@ -111,9 +98,8 @@ def _task(frame: Path, place: int, settings: ResolveSettings) -> tuple[FrameTask
         if maps == place:
             return task, (*plan.notes(), *(calibration.notes if calibration else ()))
         maps += 1
-    raise SettingsError(
-        f"--frame: found {place}, expected 0 … {maps - 1}: a run on {frame} would write {counted(maps, 'map')}"
-    )
+    written = f"a run on {frame} would write {counted(maps, 'map')}"
+    raise SettingsError(f"--frame: found {place}, expected 0 … {maps - 1}: {written}")
 
 
 def _with_recorded_frame(error: NotAFrameError, file: Path) -> NotAFrameError:
@@ -161,9 +147,8 @@ def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:
         # a solver leaves one path out if its χ² is certainly above the limit
         verdict = "one path is far from explaining the phasors: a second one is taken, whatever noise it adds"
     else:
-        verdict = (
-            "one path does not explain the phasors, but a second one adds more error to the direct path than it removes"
-        )
+        more = "a second one adds more error to the direct path than it removes"
+        verdict = f"one path does not explain the phasors, but {more}"
     return asdict(test) | {"verdict": verdict}
 
 
@@ -173,18 +158,16 @@ def _diffuse(
     """Return the model of the frame's MPI with its reasons, and the tail at the pixel: H₁, recorded over direct light."""
     if choice is None:
         return None
-    answered, paths = bool(status & StatusBit.DIFFUSE_MPI), evidence.resolved.paths
-    found: dict[str, Any] = {"model": choice.taken, **asdict(choice), "in_separate_patch": evidence.in_separate_patch}
-    found["tail"] = None
-    if answered:
+    tail, paths = None, evidence.resolved.paths
+    if status & StatusBit.DIFFUSE_MPI:
         lag = float(np.angle(evidence.phasors[0] * np.exp(-1j * paths.phase_rad[0, 0])))
-        found["tail"] = {
+        tail = {
             "amplitude_ratio": float(np.abs(evidence.phasors[0]) / paths.amplitude[0, 0]),
             "lag_rad": lag,
             "pulled_back_m": lag * metres_per_radian(plan.metadata.modulation.periods_ns[0]),
             "chi_squared": float(evidence.resolved.chi_squared[0]),
         }
-    return found
+    return {"model": choice.taken, **asdict(choice), "in_separate_patch": evidence.in_separate_patch, "tail": tail}
 
 
 def _neighbours(maps: DepthMaps, x: int, y: int) -> list[list[float]]:

@@ -23,7 +23,7 @@ from cadtof_cli.workflows.inspect.layers import (
     GivenOptics,
     layer_of,
     require_same_depth,
-    require_same_pixels,
+    require_same_part,
     require_same_size,
 )
 from cadtof_cli.workflows.inspect.truth import require_truth, true_layer
@@ -56,8 +56,7 @@ class ProfileSettings:
     overwrite: bool = setting(False, "Replace the file if it exists.")
 
     def __post_init__(self) -> None:
-        if self.frame < 0:
-            raise SettingsError(f"--frame: found {self.frame}, expected 0 or more")
+        require(self.frame >= 0, "--frame", self.frame, "0 or more")
         given = [one for one in (self.row, self.column, self.line) if one is not None]
         if len(given) != 1:
             raise SettingsError(f"found {len(given)} of --row, --column and --line, expected one of them")
@@ -70,33 +69,24 @@ class ProfileSettings:
         return f"row {self.row}" if self.row is not None else f"column {self.column}"
 
     def pixels(self, height: int, width: int, /) -> tuple[Index, Index]:
-        """Return rows and columns of the pixels on the line, (n,) each.
-
-        Raises:
-            SettingsError: the line leaves the map.
-        """
+        """Return rows and columns of the pixels on the line, (n,) each; raises SettingsError if the line leaves the map."""
         if self.row is not None:
-            ends, option = (0, self.row, width - 1, self.row), f"--row: found {self.row}"
+            ends, option, found = (0, self.row, width - 1, self.row), "--row", f"{self.row}"
         elif self.column is not None:
-            ends, option = (self.column, 0, self.column, height - 1), f"--column: found {self.column}"
+            ends, option, found = (self.column, 0, self.column, height - 1), "--column", f"{self.column}"
         else:
             assert self.line is not None
-            ends, option = self.line, f"--line: found {','.join(map(str, self.line))}"
+            ends, option, found = self.line, "--line", ",".join(map(str, self.line))
         x0, y0, x1, y1 = ends
-        if not ({x0, x1} <= set(range(width)) and {y0, y1} <= set(range(height))):
-            raise SettingsError(f"{option}, expected columns 0 … {width - 1} and rows 0 … {height - 1}")
+        inside = {x0, x1} <= set(range(width)) and {y0, y1} <= set(range(height))
+        require(inside, option, found, f"columns 0 … {width - 1} and rows 0 … {height - 1}")
         share = np.linspace(0.0, 1.0, max(abs(x1 - x0), abs(y1 - y0)) + 1)
         rows, columns = (np.rint(a + share * (b - a)).astype(np.intp) for a, b in ((y0, y1), (x0, x1)))
         return rows, columns
 
 
 def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress: Progress) -> Profile:
-    """Return the values of maps along a line.
-
-    Args:
-        maps: folders of runs, and map files, of the same size.
-        settings: the line, and what is shown along it.
-        progress: told of what is left out.
+    """Return the values of maps of the same size, in folders of runs or single files, along a line.
 
     Raises:
         CadtofError: maps or truth cannot be read, lack the layer or differ in size; some maps hold range and some planar depth;
@@ -105,7 +95,9 @@ def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress
     runs = [read_run(path) for path in maps]
     for run in runs[1:]:
         require_same_depth(runs[0], run)
-        require_same_pixels(runs[0], run)
+        # maps of other programs, which have neither a record nor a header, may show any part
+        if all(one.record is not None or one.roi for one in (runs[0], run)):
+            require_same_part(runs[0], run)
     files = [_chosen(run, settings) for run in runs]
     found: list[Curve] = []
     size: tuple[int, ...] = ()
@@ -114,7 +106,7 @@ def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress
         values = layer_of(layers, settings.layer, file)
         size = size or values.shape
         require_same_size(values, size, file, files[0])
-        where = settings.pixels(*values.shape)
+        rows, columns = where = settings.pixels(*values.shape)
         sigma = layers.get(settings.layer.replace(".depth", ".sigma")) if settings.layer.endswith(".depth") else None
         first = None
         if settings.layer == DIRECT_DEPTH and settings.first_phasor and run.record is not None:
@@ -122,7 +114,6 @@ def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress
         along = values[where].astype(np.float64)
         beside = (None if one is None else one[where].astype(np.float64) for one in (sigma, first))
         found.append(Curve(name, along, *beside))
-    rows, columns = settings.pixels(size[0], size[1])
     known = _truth(settings.truth, runs[0], files[0], settings.layer, size)[rows, columns] if settings.truth else None
     # the legend names the folder, which is enough if it holds only one map
     of_frame = f" of {runs[0].name(files[0])}" if len(runs[0].files) > 1 else ""
@@ -198,11 +189,7 @@ def profile_table(profile: Profile, /) -> str:
 
 
 def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
-    """Write the profile as a table or a picture, as the suffix of `out` says.
-
-    Raises:
-        OutputError: the suffix is another one, the file is there already, or it cannot be written.
-    """
+    """Write the profile as a table or a picture, as the suffix of `out` says; raises OutputError if it names neither."""
     if out.suffix.lower() == TABLE:
         require_new(out, overwrite=overwrite)
         write_text(out, profile_table(profile))

@@ -72,10 +72,7 @@ class Truth:
     def file(self, map_file: Path, /) -> Path:
         """Return the file with the truth of a map. In a folder, it is the `truth.*` in the place that the map has in its run.
 
-        If there is no such file in that place, it is the one in the nearest folder above.
-
-        Raises:
-            CaptureError: there is no such file.
+        If there is no such file in that place, it is the one in the nearest folder above; raises CaptureError if there is none.
         """
         if not is_folder(self.given):
             return self.given
@@ -89,11 +86,7 @@ class Truth:
         )
 
     def depth(self, map_file: Path, direct: NDArray[Any], /) -> Float:
-        """Return the true depth of the pixels of a map, float64 (Y, X) in m.
-
-        Args:
-            map_file: the map.
-            direct: its direct depth, (Y, X).
+        """Return the true depth of the pixels of a map, float64 (Y, X) in m; `direct` is the map's direct depth, (Y, X).
 
         Raises:
             CadtofError: the truth cannot be read, has another size, or is in another unit.
@@ -108,18 +101,12 @@ class Truth:
         """Say so if one file is the truth of the maps of several captures."""
         captures = self.run.captures_shown
         if captures > 1 and not is_folder(self.given):
-            say(
-                f"{self.given}: the frames of {captures} captures are compared with this one truth; a folder may hold a truth for"
-                " each"
-            )
+            one = "compared with this one truth; a folder may hold a truth for each"
+            say(f"{self.given}: the frames of {captures} captures are {one}")
 
 
 def _require_metres(file: Path, known: Float, direct: NDArray[Any], /) -> None:
-    """Make sure that true depths are not in millimetres or centimetres.
-
-    Raises:
-        CaptureError: their median is too large, see `OTHER_UNIT`.
-    """
+    """Raise CaptureError if true depths are probably in mm or cm: if their median is too large, see `OTHER_UNIT`."""
     both = np.isfinite(known) & np.isfinite(direct)
     if not both.any():
         return

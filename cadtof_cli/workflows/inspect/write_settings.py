@@ -36,13 +36,7 @@ _BITS = (8, 10, 12, 14, 16)
 def write_settings(facts: CaptureFacts, /, *, out: Path | None, overwrite: bool) -> Path:
     """Write a commented `capture.toml` with the values that are known or suggested by the files, and return its path.
 
-    Args:
-        facts: what the capture holds.
-        out: file to be written; None: `capture.toml` in the capture's folder.
-        overwrite: whether a file there may be replaced.
-
-    Raises:
-        OutputError: there is such a file and `overwrite` is not set, or it cannot be written.
+    If `out` is None, it is written into the capture's folder. Raises OutputError if the file exists and may not be replaced.
     """
     path = out or Path(facts.root) / FILE_NAME
     require_new(path, overwrite=overwrite)
