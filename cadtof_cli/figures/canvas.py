@@ -27,10 +27,7 @@ def _drawn_characters() -> frozenset[int]:
 
 
 def drawable(text: str, /) -> str:
-    """Return a text in which characters that the font lacks are escaped.
-
-    Draw the text with `parse_math=False`, because names may hold `$`.
-    """
+    """Return a text with the characters escaped that the font lacks. Draw it with `parse_math=False`: names may hold `$`."""
     return "".join(
         sign
         if ord(sign) in _drawn_characters()
@@ -57,10 +54,7 @@ def add_title(figure: Figure, title: str, /, *, below: float, size: float = 11) 
 
 
 def legend_beside(axes: Axes, /, *others: Axes) -> Legend:
-    """Add a legend at the right of axes, and return it.
-
-    It names their curves, and the curves of `others`, which lie over the same axes.
-    """
+    """Add a legend at the right of axes, and return it; it names their curves, and those of `others`, which lie over them."""
     found = [one.get_legend_handles_labels() for one in (axes, *others)]
     handles, labels = ([item for part in parts for item in part] for parts in zip(*found, strict=True))
     return axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)

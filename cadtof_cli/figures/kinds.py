@@ -14,15 +14,9 @@ KINDS = {".png": "png", ".pdf": "pdf", ".svg": "svg", ".jpg": "jpg", ".jpeg": "j
 
 
 def require_picture(path: Path, /, *, overwrite: bool, more: Collection[str] = ()) -> None:
-    """Make sure that a picture can be written under this name.
+    """Raise OutputError if the name asks for another kind of picture, or the file exists and may not be replaced.
 
-    Args:
-        path: the file.
-        overwrite: whether an existing file may be replaced.
-        more: other endings that the error message names.
-
-    Raises:
-        OutputError: the name asks for another kind of picture, or the file exists and may not be replaced.
+    `more`: other endings that the error message names.
     """
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join((*KINDS, *more))}")
@@ -30,10 +24,6 @@ def require_picture(path: Path, /, *, overwrite: bool, more: Collection[str] = (
 
 
 def save(figure: "Figure", path: Path, /, *, dpi: int) -> None:
-    """Write a figure as the kind of picture that the file's name asks for, whole or not at all.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Write a figure as the kind of picture that the file's name asks for, whole; raises OutputError if that is impossible."""
     with atomic_write(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format=KINDS[path.suffix.lower()])

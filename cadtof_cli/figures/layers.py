@@ -68,10 +68,7 @@ class Shown:
 def scale_of(
     name: str, panels: tuple[Panel, ...], unit: str, /, *, limits: tuple[float, float] | None, colours: str | None
 ) -> Scaled:
-    """Return panels of a layer, or of layers like it, on one scale.
-
-    Limits and colours that are None are chosen to suit the layer's name and values.
-    """
+    """Return panels of a layer, or of layers like it, on one scale; limits and colours that are None are chosen to suit them."""
     values = np.concatenate([panel.values.ravel() for panel in panels])
     default, found = default_scale(name, values)
     return Scaled(panels, unit, colours or default, limits or found)
@@ -87,10 +84,7 @@ def block_of(
 
 
 def magnified_width(shape: tuple[int, ...], most: int, /) -> float:
-    """Return the width of a panel for a map of a shape (Y, X), magnified by a whole number.
-
-    The longer side has `most` pixels at most, unless the map itself is larger.
-    """
+    """Return the width of a panel for a map (Y, X), magnified by a whole number, whose longer side has `most` pixels at most."""
     return float(shape[1] * max(1, most // max(shape)))
 
 
@@ -122,10 +116,7 @@ def _in_rows(blocks: list[Block]) -> Rows:
 
 
 def draw_recorded(shown: Shown, path: Path, /) -> None:
-    """Draw a recorded frame, a row for each harmonic: SC1 and SC2, amplitude, and phase.
-
-    Each of the three has the same scale in all rows.
-    """
+    """Draw a recorded frame, a row for each harmonic: SC1 and SC2, amplitude, and phase, each on one scale in all rows."""
     rows: list[list[Block]] = []
     harmonics = [name.removesuffix(".phase") for name in shown.layers if name.endswith(".phase")]
     volts = np.concatenate([np.ravel(shown.layers[f"{one}.{sc}"]) for one in harmonics for sc in ("SC1", "SC2")])

@@ -36,11 +36,8 @@ _LEAST_SIDE = 40.0
 """Least width and height of a panel."""
 
 _GAP, _BAR, _LEFT, _TOP, _TITLE, _BOTTOM, _LEGEND_ROW = 14.0, 80.0, 58.0, 40.0, 42.0, 44.0, 24.0
-"""Spaces of the page.
-
-They are, in this order: between panels, for a bar of colours, at the left of the page, for the title of the page, for
-the title of a panel, below the lowest panels, and for a row of the legend.
-"""
+"""Spaces of the page: between panels, for a bar of colours, at the left of the page, for the title of the page, for the title of
+a panel, below the lowest panels, and for a row of the legend."""
 
 _WIDE, _TALL = 2.2, 0.6
 """Limits on width over height: wider panels are all stacked, taller panels all stand side by side."""
@@ -159,10 +156,7 @@ class _Cell:
 
 @dataclass(frozen=True)
 class _Page:
-    """The size of the page and of every panel on it.
-
-    `framed` says that the lines around a panel may cover its outermost pixels.
-    """
+    """The size of the page and of every panel on it; `framed`: the lines around a panel may cover its outermost pixels."""
 
     width: float
     height: float
@@ -304,12 +298,7 @@ def add_legend(
 ) -> None:
     """Add a legend of the colours of pixel classes at the foot of the figure."""
     if kinds:
-        handles = [Patch(facecolor=one.colour, edgecolor="black", lw=0.5, label=_label(one, shares)) for one in kinds]
-        figure.legend(
-            handles=handles, loc="lower center", ncols=columns, fontsize=8.5, frameon=False, borderaxespad=0.3
-        )
-
-
-def _label(kind: PixelClass, shares: Mapping[PixelClass, float] | None) -> str:
-    share = (shares or {}).get(kind)
-    return kind.label if share is None else f"{kind.label}: {share:.1%}"
+        labels = [f"{one.label}: {shares[one]:.1%}" if shares and one in shares else one.label for one in kinds]
+        squares = (Patch(facecolor=one.colour, edgecolor="black", lw=0.5) for one in kinds)
+        style = {"ncols": columns, "fontsize": 8.5, "frameon": False, "borderaxespad": 0.3}
+        figure.legend(list(squares), labels, loc="lower center", **style)

@@ -24,10 +24,7 @@ DOTS_PER_INCH = 110
 def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: Path, /) -> None:
     """Draw a row of plots per wall: planar depth along the row next to the principal point, and deviation from flat.
 
-    Args:
-        ranges_m: measured range of each wall of the calibration in m, (Y, X).
-        petzval: the calibration.
-        path: picture to write.
+    `ranges_m` is the measured range of each wall of the calibration in m, (Y, X).
     """
     figure = Figure(figsize=(15.0, 3.4 * len(ranges_m) + 0.5), layout="constrained")
     axes = figure.subplots(len(ranges_m), 2, squeeze=False)

@@ -25,11 +25,7 @@ MOST_ELLIPSE = 0.1
 
 
 def draw_phasors(evidence: PixelEvidence, path: Path, /, *, title: str) -> None:
-    """Draw the diagram as a picture.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Draw the diagram as a picture; raises OutputError if the file cannot be written."""
     harmonics = evidence.noise.harmonics
     width, height = _LEFT + len(harmonics) * (_SIDE + _GAP), _TOP + _SIDE + _BOTTOM
     figure = Figure(figsize=(width, height))
@@ -68,10 +64,7 @@ def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None
 
 
 def _path_ends(evidence: PixelEvidence, row: int, harmonic: int) -> list[complex]:
-    """Return the ends of the arrows of the paths, of which each begins at the end of the one before.
-
-    With diffuse MPI, the second arrow is the tail: the phasor minus the direct light.
-    """
+    """Return the ends of the arrows of the paths, each from the end before; with diffuse MPI, the second one is the tail."""
     paths = evidence.resolved.paths
     steps = paths.amplitude[:2, 0] * np.exp(1j * harmonic * paths.phase_rad[:2, 0])
     if evidence.resolved.status[0] & StatusBit.DIFFUSE_MPI:

@@ -139,12 +139,7 @@ def draw_film(
 
 
 def require_film(path: Path, /, *, overwrite: bool) -> None:
-    """Make sure that a film can be written.
-
-    Raises:
-        SettingsError: the file is an MP4, and imageio-ffmpeg is not installed.
-        OutputError: the file exists and may not be replaced.
-    """
+    """Raise OutputError if the file of a film exists and may not be replaced, SettingsError if MP4 lacks imageio-ffmpeg."""
     require_new(path, overwrite=overwrite)
     if path.suffix.lower() == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise SettingsError(
@@ -155,10 +150,7 @@ def require_film(path: Path, /, *, overwrite: bool) -> None:
 def _pictures(
     frames: Iterable[tuple[str, Block]], panel_width: float, kinds: Collection[PixelClass]
 ) -> Iterator[Image]:
-    """Yield the frames as pictures, RGB, (Y, X, 3).
-
-    The figure is made once; for later frames, map and title are replaced.
-    """
+    """Yield the frames as pictures, RGB, (Y, X, 3). The figure is made once; for later frames, map and title are replaced."""
     figure: Figure | None = None
     for title, block in frames:
         if figure is None:

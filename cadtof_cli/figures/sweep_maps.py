@@ -26,14 +26,7 @@ _TITLE_INCHES = 7.5
 
 
 def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> None:
-    """Draw one heat map per path and MPI ratio, with the direct path on top.
-
-    Args:
-        table: rows of a sweep.
-        column: what is drawn of each path, `bias_ns` or `std_ns`.
-        path: PNG to write.
-        title: of the figure.
-    """
+    """Draw one heat map of a column, `bias_ns` or `std_ns`, per path and MPI ratio, with the direct path on top."""
     ratios = sorted({row["mpi_ratio"] for row in table}, reverse=True)
     paths = [name.removesuffix(f"_{column}") for name in table[0] if name.endswith(f"_{column}")]
     names = [name for name in paths if any(np.isfinite(row[f"{name}_true_ns"]) for row in table)]

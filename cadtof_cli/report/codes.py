@@ -51,15 +51,14 @@ class Scale:
 
     def as_json(self) -> dict[str, Any]:
         """Return the scale in the form that the scripts of the page read."""
-        named = {"kind": self.kind, "first": self.first, "step": self.step}
-        return {"kind": self.kind, "values": list(self.values)} if self.kind == "table" else named
+        steps = {"first": self.first, "step": self.step}
+        return {"kind": self.kind, **({"values": list(self.values)} if self.kind == "table" else steps)}
 
 
 def coded_values(values: NDArray[np.floating], /, *, is_depth: bool) -> tuple[Codes, Scale]:
     """Return the codes of a layer of any shape, and their scale. NaN and −∞ become `NO_ANSWER`, +∞ becomes `INFINITE`.
 
-    Depths get steps of equal size. So do other layers if a value is not positive, or if the ratio of the highest to the
-    lowest value is `WIDE_RATIO` or less.
+    Depths get steps of equal size. So do other layers, unless all values are positive and their ratio exceeds `WIDE_RATIO`.
     """
     exact: Float = values.astype(np.float64)
     finite = np.isfinite(exact)

@@ -17,10 +17,7 @@ _VOID = frozenset({"img"})
 
 
 def printable(raw: str, /) -> str:
-    """Return a text in which invisible characters, and those that change the direction of writing, are escaped.
-
-    Characters that are not valid Unicode are escaped too.
-    """
+    """Return a text in which characters that are invisible, change the direction of writing or are no Unicode, are escaped."""
     return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in raw)
 
 
@@ -40,16 +37,14 @@ def element(tag: str, /, *children: object, **attributes: object) -> Markup:
     Attributes that are None or False are left out. In the name of an attribute, `_` stands for `-`; at its end, `_` is
     dropped.
     """
-    given = ((name, value) for name, value in attributes.items() if value is not None and value is not False)
-    written = "".join(_attribute(name, value) for name, value in given)
+    written = ""
+    for name, value in attributes.items():
+        if value is not None and value is not False:
+            shown = "" if value is True else f'="{text(str(value))}"'
+            written += f" {name.rstrip('_').replace('_', '-')}{shown}"
     if tag in _VOID:
         return Markup(f"<{tag}{written}>")
     return Markup(f"<{tag}{written}>{joined(map(text, children))}</{tag}>")
-
-
-def _attribute(name: str, value: object) -> str:
-    name = name.rstrip("_").replace("_", "-")
-    return f" {name}" if value is True else f' {name}="{text(str(value))}"'
 
 
 def table(

@@ -77,7 +77,7 @@ def write_page(
     truth: Sequence[EmbeddedFrame],
     limits: Mapping[str, Limits],
 ) -> None:
-    """Write a page, whole or not at all.
+    """Write a page, whole or not at all; raises OutputError if the file cannot be written.
 
     Args:
         path: file to write.
@@ -85,10 +85,10 @@ def write_page(
         frames: the frames that the viewer shows.
         truth: the truth of each capture with the steps of its frames; empty if no truth is known.
         limits: of each layer over the run, in the unit of the layer.
-
-    Raises:
-        OutputError: the file cannot be written.
     """
+    run = json.dumps(_document(frames, truth, limits), allow_nan=False, separators=(",", ":"))
+    # no browser finds an end or a begin of an element in the data
+    run = run.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
     style, script = _file("page.css"), "\n".join(_file(name) for name in SCRIPTS)
     markup = Template(_file("page.html")).substitute(
         policy=text(_policy(style, script)),
@@ -102,7 +102,7 @@ def write_page(
         settings=settings(page),
         table=frame_table(page),
         embedded=embedded_section([frame.embedded for frame in frames]),
-        run=_json_markup(json.dumps(_document(frames, truth, limits), allow_nan=False, separators=(",", ":"))),
+        run=run,
         data=_payloads(frames, truth),
         style=style,
         script=script,
@@ -129,16 +129,10 @@ def _document(
     frames: Sequence[ShownFrame], truth: Sequence[EmbeddedFrame], limits: Mapping[str, Limits]
 ) -> dict[str, Any]:
     """Return the data that the scripts need, without the maps."""
-    colours = palette()
-    bits = [
-        {
-            "name": bit_words(bit),
-            "value": int(bit),
-            "meaning": bit.meaning.replace("`", ""),
-            "colour": colours["status"][bit.name],
-        }
-        for bit in StatusBit
-    ]
+    colours, bits = palette(), []
+    for bit in StatusBit:
+        meaning, colour = bit.meaning.replace("`", ""), colours["status"][bit.name]
+        bits.append({"name": bit_words(bit), "value": int(bit), "meaning": meaning, "colour": colour})
     return {
         "frames": [frame.as_json(number) for number, frame in enumerate(frames)],
         "truth": [{"data": f"truth-{number}", **one.as_json()} for number, one in enumerate(truth)],
@@ -146,14 +140,6 @@ def _document(
         "bits": bits,
         "palette": {name: colours[name] for name in ("sequential", "diverging", "no_answer")},
     }
-
-
-def _json_markup(source: str) -> Markup:
-    """Return JSON as markup.
-
-    Its `<`, `>` and `&` are escaped, so that no browser finds an end or a begin of an element.
-    """
-    return Markup(source.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
 
 
 def _payloads(frames: Sequence[ShownFrame], truth: Sequence[EmbeddedFrame]) -> Markup:

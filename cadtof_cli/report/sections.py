@@ -103,13 +103,8 @@ def _shares(pixels: Mapping[str, int]) -> Markup:
             width = BAR_WIDTH * count / total
             shape = {"x": f"{place:.2f}", "y": 0, "width": f"{width:.2f}", "height": BAR_HEIGHT}
             bars.append(element("rect", class_=f"share share-{number}", **shape))
-            key = element(
-                "svg",
-                element("rect", width=12, height=12, class_=f"share-{number}"),
-                width=12,
-                height=12,
-                aria_hidden="true",
-            )
+            square = element("rect", width=12, height=12, class_=f"share-{number}")
+            key = element("svg", square, width=12, height=12, aria_hidden="true")
             entries.append(element("li", key, f" {title}: {_share(count / total)}"))
             place += width
     view = f"0 0 {BAR_WIDTH} {BAR_HEIGHT}"
@@ -187,19 +182,13 @@ def _count(frame: FrameLine, kind: str) -> str:
 
 def settings(page: PageText, /) -> Markup:
     """Return tables of the settings of run, captures and calibration; if there are many, only the first is open."""
-    many = len(page.settings) > _UNFOLDED
-    tables = [
-        _setting_table(caption, rows, folded=many and number > 0)
-        for number, (caption, rows) in enumerate(page.settings.items())
-    ]
+    many, tables = len(page.settings) > _UNFOLDED, list[Markup]()
+    for number, (caption, rows) in enumerate(page.settings.items()):
+        # there is a column of origins only if an origin is known
+        head = ("setting", "value", "from")[: 3 if any(origin for _, _, origin in rows) else 2]
+        shown = [row[: len(head)] for row in rows]
+        tables.append(table(head, shown, caption=caption, folded=many and number > 0))
     return joined(element("div", one, class_="settings") for one in tables)
-
-
-def _setting_table(caption: str, rows: Sequence[tuple[str, str, str]], *, folded: bool) -> Markup:
-    """Return a table of settings. It has a column of origins only if an origin is known."""
-    if any(origin for _, _, origin in rows):
-        return table(("setting", "value", "from"), rows, caption=caption, folded=folded)
-    return table(("setting", "value"), [row[:2] for row in rows], caption=caption, folded=folded)
 
 
 def status_words() -> Markup:

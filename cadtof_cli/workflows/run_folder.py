@@ -146,11 +146,7 @@ class Run:
         return [(root, steps_below(root, shared)) for root in capture_folders(self.record)]
 
     def reports(self) -> tuple[FrameReport, ...]:
-        """Return the valid lines of `frames.jsonl`; no lines if there is no such file.
-
-        Raises:
-            CaptureError: the file cannot be read.
-        """
+        """Return the valid lines of `frames.jsonl`, none if there is no such file; raises CaptureError if it cannot be read."""
         path = self.folder / FRAMES_FILE
         try:
             lines = read_bytes(path).splitlines()
@@ -257,10 +253,7 @@ def read_run(maps: Path, /) -> Run:
     """Return the run that a folder of maps, or one map file, belongs to.
 
     A folder that cannot be listed, as `lost+found` on a disk, or that is of another run is left out if the run says that none of
-    its maps were written into it.
-
-    Raises:
-        CaptureError: there is no such folder or file, such a folder has maps, or the `run.json` of the run cannot be read.
+    its maps were written into it. Raises CaptureError if one has maps, or if maps or `run.json` are missing or unreadable.
     """
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")

@@ -87,8 +87,8 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     if settings.truth is not None:
         truth = Truth(settings.truth, run)
         truth.tell_of_captures(progress.say)
-    reader = _Reader(run, settings, truth, first_phasors(run, progress.say))
-    gathered = _gathered(reader, progress)
+    gathered = _Gathered(run, settings, truth, first_phasors(run, progress.say))
+    gathered.gather(progress)
     if run.record is None and not gathered.shown:
         raise FrameError(next(iter(gathered.problems.values())))
     text = page_text(
@@ -112,21 +112,54 @@ class _Frame:
     truth_m: Float | None
 
 
-@dataclass(frozen=True)
-class _Reader:
-    """Reads the frames of a run: the layers of their maps, the depth of the first phasor, and the truth."""
+@dataclass
+class _Gathered:
+    """What the page needs of all maps of a run, gathered frame by frame. `truths` holds each truth by its file and step."""
 
     run: Run
     settings: ReportSettings
     truth: Truth | None
     recorded: FirstPhasors
+    shown: list[ShownFrame] = field(default_factory=list)
+    truths: dict[tuple[Path, int], EmbeddedFrame] = field(default_factory=dict)
+    maps: dict[Path, Float32] = field(default_factory=dict)
+    problems: dict[Path, str] = field(default_factory=dict)
+    limits: LayerLimits = field(default_factory=LayerLimits)
+    against_truth: EvaluationTally = field(default_factory=EvaluationTally)
 
-    def frames(self, files: Sequence[Path], problems: dict[Path, str], /) -> Iterator[_Frame]:
-        """Yield the frames with maps that can be read; for the others, keep the reason in `problems`.
+    def gather(self, progress: Progress) -> None:
+        """Read all maps: count each, and show those that the page has room for; raises CadtofError if the truth does not fit."""
+        files, whole = self.run.files, self.settings.full_frames
+        progress.advance(0, total=len(files))
+        places = sorted({0, len(files) // 2, len(files) - 1}) if files else ()
+        samples = list(self._frames([files[place] for place in places], {}))
+        if not samples:
+            list(self._frames(files, self.problems))
+            return
+        planes = [one.planes for one in samples]
+        if len({one.truth_file for one in samples}) > 1:
+            # the frames share one truth, unless there are several: then each frame needs room for its own
+            planes = [one.planes if one.truth_m is None else {**one.planes, TRUTH: one.truth_m} for one in samples]
+        room = BYTES_PER_MB * self.settings.max_size_mb - _BESIDE_MAPS
+        shown = shown_places(planes, len(files), limit_bytes=room, whole=whole)
+        room -= TEXT_BYTES * len(shown)
+        shares = planned_shares(planes, len(shown), limit_bytes=max(room, 0.0), whole=whole)
+        del samples, planes
+        shown_files = {files[place] for place in shown}
+        for frame in self._frames(files, self.problems):
+            self._count(frame)
+            if frame.file in shown_files:
+                self._show(frame, shares)
+            progress.advance()
 
-        Raises:
-            CadtofError: the truth does not fit.
-        """
+    def errors(self) -> Mapping[str, DepthErrors]:
+        """Return the errors against truth of the direct path, and of the first phasor if every map has one, by these names."""
+        found = self.against_truth.summary()
+        errors = {"first phasor": found.first_phasor, "direct path": found.direct} if found.frames else {}
+        return {name: one for name, one in errors.items() if one is not None}
+
+    def _frames(self, files: Sequence[Path], problems: dict[Path, str]) -> Iterator[_Frame]:
+        """Yield the frames with maps that can be read; for the others, keep the reason in `problems`."""
         for file in files:
             try:
                 planes = self._planes(file)
@@ -144,25 +177,7 @@ class _Reader:
         status = {STATUS: layers.pop(STATUS)} if STATUS in layers else {}
         return layers | ({} if first is None else {FIRST_PHASOR: first}) | status
 
-
-@dataclass
-class _Gathered:
-    """What the page needs of all maps of a run. `truths` holds each truth by its file and step."""
-
-    shown: list[ShownFrame] = field(default_factory=list)
-    truths: dict[tuple[Path, int], EmbeddedFrame] = field(default_factory=dict)
-    maps: dict[Path, Float32] = field(default_factory=dict)
-    problems: dict[Path, str] = field(default_factory=dict)
-    limits: LayerLimits = field(default_factory=LayerLimits)
-    against_truth: EvaluationTally = field(default_factory=EvaluationTally)
-
-    def errors(self) -> Mapping[str, DepthErrors]:
-        """Return the errors against truth of the direct path, and of the first phasor if every map has one, by these names."""
-        found = self.against_truth.summary()
-        errors = {"first phasor": found.first_phasor, "direct path": found.direct} if found.frames else {}
-        return {name: one for name, one in errors.items() if one is not None}
-
-    def count(self, frame: _Frame) -> None:
+    def _count(self, frame: _Frame) -> None:
         """Add a frame to the errors and to the limits of the layers."""
         planes, truth_m, first = frame.planes, frame.truth_m, frame.planes.get(FIRST_PHASOR)
         for layer, plane in planes.items():
@@ -175,47 +190,15 @@ class _Gathered:
             if first is not None:
                 self.limits.add(FIRST_PHASOR_ERROR, first - truth_m)
 
-    def show(self, reader: _Reader, frame: _Frame, shares: Shares) -> None:
-        """Add a frame to those that the page shows."""
-        number, file, planes = len(self.shown), frame.file, frame.planes
-        embedded = embedded_frame(planes, step=shares.step_of(number))
-        truth = self._add_truth(frame, embedded.step)
-        optics = reader.settings.optics(reader.run, file)
-        self.shown.append(ShownFrame(reader.run.name(file), embedded, optics, reader.run.depth_kind, truth))
+    def _show(self, frame: _Frame, shares: Shares) -> None:
+        """Add a frame to those that the page shows, and its truth, unless a frame of the same capture added it before."""
+        file, planes, truth = frame.file, frame.planes, None
+        embedded = embedded_frame(planes, step=shares.step_of(len(self.shown)))
+        if frame.truth_file is not None and frame.truth_m is not None:
+            key = frame.truth_file, embedded.step
+            if key not in self.truths:
+                self.truths[key] = embedded_frame({TRUTH: frame.truth_m}, step=embedded.step)
+            truth = list(self.truths).index(key)
+        optics = self.settings.optics(self.run, file)
+        self.shown.append(ShownFrame(self.run.name(file), embedded, optics, self.run.depth_kind, truth))
         self.maps[file] = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
-
-    def _add_truth(self, frame: _Frame, step: int) -> int | None:
-        """Add the truth of a frame; return its place among the truths, because frames of a capture share one."""
-        if frame.truth_file is None or frame.truth_m is None:
-            return None
-        key = frame.truth_file, step
-        if key not in self.truths:
-            self.truths[key] = embedded_frame({TRUTH: frame.truth_m}, step=step)
-        return list(self.truths).index(key)
-
-
-def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
-    gathered = _Gathered()
-    files = reader.run.files
-    progress.advance(0, total=len(files))
-    places = sorted({0, len(files) // 2, len(files) - 1}) if files else ()
-    samples = list(reader.frames([files[place] for place in places], {}))
-    if not samples:
-        list(reader.frames(files, gathered.problems))
-        return gathered
-    room, whole = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS, reader.settings.full_frames
-    planes = [one.planes for one in samples]
-    if len({one.truth_file for one in samples}) > 1:
-        # the frames share one truth, unless there are several: then each frame needs room for its own
-        planes = [one.planes if one.truth_m is None else {**one.planes, TRUTH: one.truth_m} for one in samples]
-    shown = shown_places(planes, len(files), limit_bytes=room, whole=whole)
-    room -= TEXT_BYTES * len(shown)
-    shares = planned_shares(planes, len(shown), limit_bytes=max(room, 0.0), whole=whole)
-    del samples, planes
-    shown_files = {files[place] for place in shown}
-    for frame in reader.frames(files, gathered.problems):
-        gathered.count(frame)
-        if frame.file in shown_files:
-            gathered.show(reader, frame, shares)
-        progress.advance()
-    return gathered
