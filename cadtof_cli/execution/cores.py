@@ -23,9 +23,7 @@ def available_cores() -> int:
 def quota_cores(own_groups: Path = _OWN_GROUPS, groups: Path = _GROUPS) -> float:
     """Return the processor time that the control groups of this process allow, in cores; infinity if nothing limits it.
 
-    Args:
-        own_groups: file with a line of hierarchy, controllers and group for each group of this process (man 7 cgroups).
-        groups: folder where the groups are mounted.
+    `own_groups` has a line of hierarchy, controllers and group for each group (man 7 cgroups), which is mounted in `groups`.
     """
     least = math.inf
     with suppress(OSError, ValueError):

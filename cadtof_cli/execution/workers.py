@@ -31,14 +31,7 @@ JOBS_PER_CORE = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """Who does the work.
-
-    Attributes:
-        jobs: number of processes; 1 means this process alone.
-        start_method: how other processes start.
-        task_timeout_s: time limit of a task, after which its process is ended; None: no limit.
-        scheduler: `local`, or the address of a dask scheduler.
-    """
+    """Who does the work: `jobs` processes of this machine, 1 for this process alone, or the workers of a dask scheduler."""
 
     jobs: int = field(default_factory=available_cores)
     start_method: StartMethod = setting(

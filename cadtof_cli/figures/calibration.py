@@ -21,9 +21,8 @@ def draw_calibration(calibration: Calibration, path: Path, /, *, title: str) -> 
         rows.append(_response_row(calibration.response))
     if calibration.petzval is not None:
         offset = 100.0 * calibration.petzval.range_offset_m
-        block = Scaled(
-            (Panel("field curvature", offset),), "added to the range, cm", ERRORS, signed_limits(offset, share=100.0)
-        )
+        limits = signed_limits(offset, share=100.0)
+        block = Scaled((Panel("field curvature", offset),), "added to the range, cm", ERRORS, limits)
         if rows and sum(len(one.panels) for one in rows[-1]) < 4:
             rows[-1].append(block)
         else:

@@ -66,9 +66,8 @@ class Panel:
         found = classes_of(self.status, np.isfinite(self.values), one_path=self.one_path)
         reasons = {kind: pixels for kind, pixels in found.items() if kind in NO_VALUE}
         if self.in_one is not None:
-            reasons = {kind: pixels & ~self.in_one for kind, pixels in reasons.items()} | {
-                PixelClass.IN_ONE: self.in_one
-            }
+            reasons = {kind: pixels & ~self.in_one for kind, pixels in reasons.items()}
+            reasons[PixelClass.IN_ONE] = self.in_one
         return reasons
 
 
@@ -91,9 +90,8 @@ class Scaled:
         """Return the colours of a panel, RGBA, (Y, X, 4)."""
         low, high = self.limits
         known = np.isfinite(panel.values)
-        image: Image = mpl.colormaps[self.colours](
-            Normalize(low, high, clip=True)(np.where(known, panel.values, low)), bytes=True
-        )
+        shares = Normalize(low, high, clip=True)(np.where(known, panel.values, low))
+        image: Image = mpl.colormaps[self.colours](shares, bytes=True)
         for kind, pixels in panel.without_value().items():
             image[pixels] = kind.rgba
         return image
@@ -171,14 +169,7 @@ class _Page:
 
 
 def draw_page(rows: Rows, path: Path, /, *, title: str, shares: Mapping[PixelClass, float] | None = None) -> None:
-    """Draw rows of blocks as a picture.
-
-    Args:
-        rows: the blocks of each row, side by side; all panels have the same size.
-        path: file to write.
-        title: of the page.
-        shares: share of pixels in each class, for the legend.
-    """
+    """Draw rows of blocks as a picture; see `page_figure`."""
     save(page_figure(rows, title=title, shares=shares), path, dpi=DOTS_PER_INCH)
 
 
@@ -191,10 +182,10 @@ def page_figure(
     kinds: Collection[PixelClass] | None = None,
     panel_width: float | None = None,
 ) -> Figure:
-    """Return the page as a figure (see `draw_page`).
+    """Return the page as a figure.
 
     Args:
-        rows: the blocks of each row, side by side.
+        rows: the blocks of each row, side by side; all panels have the same size.
         title: of the page.
         shares: share of pixels in each class, for the legend.
         kinds: classes of pixels that the legend names; None: those that occur.

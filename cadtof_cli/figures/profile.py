@@ -29,11 +29,7 @@ DOTS_PER_INCH = 130
 
 
 def draw_profile(profile: Profile, path: Path, /) -> None:
-    """Draw a cross-section, and below it the errors if truth is known.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Draw a cross-section, and below it the errors if truth is known; raises OutputError if the file cannot be written."""
     rows = 1 if profile.truth is None else 2
     figure = Figure(figsize=(10.0, 4.4 if rows == 1 else 6.6), layout="constrained")
     panels = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=(3, 2)[:rows])[:, 0]

@@ -67,13 +67,8 @@ def draw_sheet(
 ) -> None:
     """Draw thumbnails of frames in rows, with one bar of colours and a legend.
 
-    Args:
-        thumbnails: name and picture of each frame; a picture is None if the frame cannot be drawn.
-        scale: a block with the scale that all frames share.
-        path: file to write.
-        title: of the sheet.
-        size: width and height of the thumbnails in pixels.
-        kinds: classes of pixels that the legend names.
+    `thumbnails` are names and pictures of width and height `size` in pixels; None: the frame cannot be drawn. `scale` is a block
+    with the scale that all frames share, and `kinds` are the classes of pixels that the legend names.
     """
     width, height = size
     pitch = max(width, 64) + _SPACE
@@ -117,16 +112,8 @@ def draw_film(
 ) -> None:
     """Draw frames one after the other as GIF or MP4. From frame to frame, only the map and the title change.
 
-    Args:
-        frames: title and block of each frame; all blocks have the same size and scale. Frames are drawn as they come.
-            MP4 keeps one frame in memory, GIF keeps all.
-        path: file to write.
-        per_second: frames per second.
-        panel_width: in pixels of the film.
-        kinds: classes of pixels that the legend names.
-
-    Raises:
-        SettingsError: MP4 is asked for, and imageio-ffmpeg is not installed.
+    `frames` are titles and blocks of the same size and scale, drawn as they come: MP4 keeps one frame in memory, GIF keeps all.
+    `panel_width` is in pixels of the film, and `kinds` are the classes of pixels that the legend names.
     """
     waiting = iter(frames)
     first = next(waiting)

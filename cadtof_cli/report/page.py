@@ -52,20 +52,18 @@ class ShownFrame:
 
     def as_json(self, number: int, /) -> dict[str, Any]:
         """Return the frame in the form that the scripts of the page read; `number` is its place in the viewer."""
+        optics, focal = None, self.optics.focal_length_px
+        if focal is not None:
+            column, row = self.optics.principal_point(self.embedded.shape)
+            optics = {"focal_length_px": focal, "column": column, "row": row}
         return {
             "name": printable(self.name),
             "data": f"frame-{number}",
             "depth": self.depth,
-            "optics": self._optics(),
+            "optics": optics,
             "truth": self.truth,
             **self.embedded.as_json(),
         }
-
-    def _optics(self) -> dict[str, float] | None:
-        if self.optics.focal_length_px is None:
-            return None
-        column, row = self.optics.principal_point(self.embedded.shape)
-        return {"focal_length_px": self.optics.focal_length_px, "column": column, "row": row}
 
 
 def write_page(

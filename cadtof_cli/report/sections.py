@@ -208,7 +208,9 @@ def embedded_section(frames: Sequence[EmbeddedFrame], /) -> Markup:
     for frame in frames:
         for layer in frame.layers:
             layers.setdefault(layer.name, []).append(layer)
-    held = "; ".join(_held(step, count) for step, count in sorted(Counter(frame.step for frame in frames).items()))
+    kept = {1: "all pixels", 2: "every second row and column", 3: "every third row and column"}
+    steps = sorted(Counter(frame.step for frame in frames).items())
+    held = "; ".join(f"{kept.get(step, f'every {step}th row and column')} of {count}" for step, count in steps)
     told = (
         f"Of {counted(len(frames), 'frame')}, the page holds {held}. "
         "Every pixel on the page has all its layers; the files of the run hold all pixels of all frames. "
@@ -219,25 +221,17 @@ def embedded_section(frames: Sequence[EmbeddedFrame], /) -> Markup:
     return joined((element("p", told), losses))
 
 
-def _held(step: int, count: int) -> str:
-    kept = {1: "all pixels", 2: "every second row and column", 3: "every third row and column"}
-    return f"{kept.get(step, f'every {step}th row and column')} of {count}"
-
-
 def _loss(layers: Sequence[EmbeddedLayer]) -> tuple[str, str]:
     """Return the largest rounding error of a layer in any frame, and the kind of its steps, as texts."""
     if layers[0].scale.kind == "table":
         return "none", "bits"
     told, steps = [], []
     if even := [layer.scale.loss for layer in layers if layer.scale.kind == "linear"]:
-        told.append(_with_unit(max(even), layers[0].unit))
+        unit = layers[0].unit
+        largest, prefix = (1000.0 * max(even), "m") if unit in {"m", "V"} else (max(even), "")
+        told.append(f"{largest:.2g} {prefix}{unit}".strip())
         steps.append("even")
     if uneven := [layer.scale.loss for layer in layers if layer.scale.kind == "log"]:
         told.append(f"{100.0 * max(uneven):.2g} % of the value")
         steps.append("of the logarithm")
     return ", or ".join(told), ", or ".join(steps)
-
-
-def _with_unit(value: float, unit: str) -> str:
-    scaled, prefix = (1000.0 * value, "m") if unit in {"m", "V"} else (value, "")
-    return f"{scaled:.2g} {prefix}{unit}".strip()

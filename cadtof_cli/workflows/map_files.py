@@ -18,12 +18,8 @@ OnRun = Callable[[Path], object]
 def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail, on_run: OnRun = lambda _: None) -> tuple[Path, ...]:
     """Return the map files in a folder in natural order, as frames are taken, then those in folders below it; of a file, itself.
 
-    An empty folder with the name of a map counts as a map: reading it fails, with a message that names it.
-
-    Args:
-        maps: the folder or file.
-        on_unlisted: called with each folder below that cannot be listed; by default, it raises the error.
-        on_run: called with each folder below that holds a run of its own; by default, such folders are left out.
+    An empty folder with the name of a map counts as a map: reading it fails, with a message that names it. By default, a folder
+    below that cannot be listed raises the error, and one that holds a run of its own is left out.
     """
     return _map_files(maps, set(), on_unlisted, on_run) if is_folder(maps) else (maps,)
 

@@ -32,7 +32,6 @@ from cadtof_cli.workflows.progress import Progress
 ASSUMED_LENGTH = 1e5
 """Integration length n_av for predicting the noise of a frame if the metadata do not give it."""
 
-
 MOST_SCATTER = 1.5
 """Largest scatter of the typical pixel over its frames, in units of the noise, that is not warned of."""
 
@@ -44,12 +43,8 @@ LEAST_FREEDOM = 100
 class CalibrateSettings:
     """Where a part is written, and facts about its captures.
 
-    Attributes:
-        out: calibration folder.
-        overwrite: whether the part may be replaced.
-        distances_m: distances of the targets in m: one for all captures, or one each; empty: those in `capture.toml`.
-        settings_file: a `capture.toml` that is used for every capture, in place of any other.
-        overrides: values by dotted key that replace those of any `capture.toml`.
+    `distances_m` are those of the targets in m: one for all captures, or one each; empty: those in `capture.toml`. A
+    `settings_file` replaces any `capture.toml`, and `overrides`, values by dotted key, replace those of any.
     """
 
     out: Path = setting(MISSING, "Calibration folder; this part is added to it.", option="-o --out")
@@ -87,12 +82,7 @@ class CalibrateReport:
 
 
 def averaged_captures(
-    inputs: Sequence[Path],
-    kind: PartKind,
-    /,
-    *,
-    settings: CalibrateSettings,
-    progress: Progress,
+    inputs: Sequence[Path], kind: PartKind, /, *, settings: CalibrateSettings, progress: Progress
 ) -> Averaged:
     """Read every frame of the captures, and the earlier parts in the folder. Distances in the settings replace the metadata's.
 
@@ -214,11 +204,7 @@ def _require_same_modulation(captures: Sequence[Capture]) -> None:
 def _earlier_parts(
     folder: Path, kind: PartKind, metadata: CaptureMetadata, pixels: tuple[int, int], progress: Progress
 ) -> Calibration | None:
-    """Return the parts in the folder that are applied before this kind of part, and say which they are; None: there are none.
-
-    Raises:
-        CadtofError: a part cannot be read, or does not fit the captures.
-    """
+    """Return the parts in the folder that are applied before this kind of part, and say which they are; None: there are none."""
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
     if not any(os.path.lexists(folder / f"{name}.toml") for name in earlier):
         if earlier:
@@ -234,7 +220,5 @@ def save_with_report(
     part: Part, settings: CalibrateSettings, figures: Mapping[str, Any], findings: tuple[str, ...], /
 ) -> CalibrateReport:
     """Write a part and return the report on it."""
-    written = save_part(settings.out, part, overwrite=settings.overwrite)
-    return CalibrateReport(
-        part.kind, tuple(map(str, written)), digest_of(part), part.origin.frames, dict(figures), findings
-    )
+    written = tuple(map(str, save_part(settings.out, part, overwrite=settings.overwrite)))
+    return CalibrateReport(part.kind, written, digest_of(part), part.origin.frames, dict(figures), findings)

@@ -28,17 +28,11 @@ from cadtof_cli.workflows.progress import Progress
 
 
 def calibrate_petzval(
-    inputs: Sequence[Path],
-    /,
-    *,
-    settings: CalibrateSettings,
-    progress: Progress,
-    plot: Path | None = None,
+    inputs: Sequence[Path], /, *, settings: CalibrateSettings, progress: Progress, plot: Path | None = None
 ) -> CalibrateReport:
     """Measure the Petzval part from captures of one or several flat walls, write it, and draw it into `plot` if that is given.
 
-    Raises:
-        CadtofError: see `averaged_captures` and `fit_petzval`.
+    Raise CadtofError as `averaged_captures` and `fit_petzval` do.
     """
     if plot is not None:
         require_picture(plot, overwrite=settings.overwrite)
@@ -67,11 +61,9 @@ def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration 
     n_av = metadata.pixel.integration_length
     pixel = replace(metadata.pixel, integration_length=n_av * mean.frames if n_av is not None else None)
     use = CalibrationUse(folder, earlier.digest, curved=False) if earlier else None
-    plan = FramePlan(
-        metadata=replace(metadata, voltage=Voltage(), pixel=pixel),
-        settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")),
-        calibration=use,
-    )
+    settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"))
+    in_volts = replace(metadata, voltage=Voltage(), pixel=pixel)
+    plan = FramePlan(metadata=in_volts, settings=settings, calibration=use)
     maps = resolve_frame(mean.stored, plan=plan, calibration=earlier).maps
     single = (maps.status & StatusBit.ONE_PATH) != 0
     ranges, sigma = (

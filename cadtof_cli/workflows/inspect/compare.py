@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.layers import read_layers
@@ -141,7 +140,11 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
             tallies.setdefault(layer, MagnitudeTally()).add(change)
             if layer == leading:
                 of_frame.add(change)
-            _count_answers(found, layer, np.isfinite(one), np.isfinite(other))
+            in_a, in_b = np.isfinite(one), np.isfinite(other)
+            if (in_a != in_b).any():
+                answers = found.answers.setdefault(layer, AnswerChange())
+                answers.only_a += int(np.count_nonzero(in_a & ~in_b))
+                answers.only_b += int(np.count_nonzero(in_b & ~in_a))
         only_a |= pair.first.keys() - pair.second
         only_b |= pair.second.keys() - pair.first
         worst = of_frame.summary()
@@ -159,13 +162,6 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
     frames.sort(key=lambda one: (one.p90_abs or 0.0, one.max_abs or 0.0, one.status_changed or 0), reverse=True)
     found.worst = frames[:WORST]
     return found
-
-
-def _count_answers(found: Comparison, layer: str, one: NDArray[np.bool_], other: NDArray[np.bool_]) -> None:
-    if (one != other).any():
-        change = found.answers.setdefault(layer, AnswerChange())
-        change.only_a += int(np.count_nonzero(one & ~other))
-        change.only_b += int(np.count_nonzero(other & ~one))
 
 
 def _count_bits(found: Comparison, pair: FramePair) -> int | None:

@@ -37,13 +37,8 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
     """Compare the direct depth of a folder of maps, or of one file, with the true direct depth; a step of progress is a map.
 
     The first phasor is compared too, over the same pixels: if a pixel has no answer in the maps, it has no first phasor either.
-
-    Args:
-        maps: the folder or file.
-        truth: file with a direct depth; or a folder with such a file for each capture, in the same tree as the maps.
-        progress: told of each map.
-        table: CSV file to be written, with a line for each frame; None: no file.
-        overwrite: whether a file at `table` may be replaced.
+    `truth` is a file, or a folder with a file for each capture in the same tree as the maps. `table` is a CSV file to be written,
+    with a line for each frame.
 
     Raises:
         CadtofError: maps or truth cannot be read, hold no direct depth, differ in size, or hold z depth.

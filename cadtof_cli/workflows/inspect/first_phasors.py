@@ -7,6 +7,7 @@ maps of a run, a pixel that has no answer in the maps has no answer here either.
 import json
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -120,7 +121,12 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
     except CadtofError as error:
         say(f"the calibration of the run has changed or is gone, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
-    return FirstPhasors(run, tasks, say, _digests(run))
+    digests = {}
+    with suppress(CaptureError):
+        for report in run.reports():
+            if (file := run.map_of(report)) is not None and report.digest is not None:
+                digests[run.name(file)] = report.digest
+    return FirstPhasors(run, tasks, say, digests)
 
 
 def _changed_setting(capture: Capture, record: Mapping[str, Any]) -> str | None:
@@ -141,16 +147,6 @@ def _changed_setting(capture: Capture, record: Mapping[str, Any]) -> str | None:
         for one in known
     ]
     return None if [] in changes or not changes else changes[0][0]
-
-
-def _digests(run: Run) -> dict[str, str]:
-    """Return the digests of the values that a run read, by the names of the maps; empty if its lines cannot be read."""
-    try:
-        reports = run.reports()
-    except CaptureError:
-        return {}
-    files = ((run.map_of(report), report.digest) for report in reports)
-    return {run.name(file): digest for file, digest in files if file is not None and digest is not None}
 
 
 def _map_settings(record: Mapping[str, Any]) -> MapSettings:

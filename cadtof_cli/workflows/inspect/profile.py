@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Index
-from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
@@ -156,24 +155,17 @@ def _truth(truth: Path, run: Run, file: Path, layer: str, size: tuple[int, ...])
     known = run.cropped(whole)
     require_same_size(known, size, truth, file)
     if run.depth_kind == "z" and layer.endswith(".depth"):
-        is_part = run.roi is not None and known.shape == whole.shape
-        optics = _optics_of_part(run, truth, file) if is_part else run.optics(file)
+        optics = run.optics(file)
+        if run.roi is not None and known.shape == whole.shape:
+            # truth of a part: pixels count from its corner, and it does not tell the middle of the frame
+            if optics.principal_point_px is None:
+                raise SettingsError(
+                    f"{truth}: holds only the pixels of --roi, and run.json names no principal point, so z depth cannot be "
+                    "computed; give truth of whole frames, or resolve with --principal-point-px"
+                )
+            optics = GivenOptics().optics(run, file)
         known = known * run.cropped(planar_per_range(optics, (whole.shape[0], whole.shape[1])))
     return known
-
-
-def _optics_of_part(run: Run, truth: Path, file: Path) -> Optics:
-    """Return the optics of a map of `--roi` for truth of its pixels alone: the principal point counts from the map's corner.
-
-    Raises:
-        SettingsError: the principal point is unknown. It is the middle of the frame, whose size such truth does not tell.
-    """
-    if run.optics(file).principal_point_px is None:
-        raise SettingsError(
-            f"{truth}: holds only the pixels of --roi, and run.json names no principal point, so z depth cannot be computed; give"
-            " truth of whole frames, or resolve with --principal-point-px"
-        )
-    return GivenOptics().optics(run, file)
 
 
 def profile_table(profile: Profile, /) -> str:

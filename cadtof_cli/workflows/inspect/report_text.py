@@ -35,12 +35,8 @@ def page_text(
 ) -> PageText:
     """Return the texts on the page of a run.
 
-    Args:
-        run: the run.
-        maps: a small map of depths for each map that the page shows, in the order of the viewer.
-        depth_limits_m: least and largest depth in the colours of the thumbnails.
-        problems: why the other maps cannot be read.
-        errors: errors against truth, by what has them: the direct path, the first phasor.
+    `maps` holds a small map of depths for each map that the page shows, in the order of the viewer, and `problems` why the others
+    cannot be read. `errors` are those against truth, by what has them: the direct path, the first phasor.
     """
     reports: Sequence[FrameReport] = run.reports()
     if run.maps.is_file():

@@ -70,9 +70,7 @@ def settings(trials: Trials, /) -> dict[str, Any]:
 def write_evolution(outcome: TrialsSummary, out: Path, /) -> None:
     """Write histogram, voltages and phase of one recording to a new folder, as CSV and PNG each, and the report.
 
-    Raises:
-        OutputError: `out` holds something or cannot be written.
-        SettingsError: the stages are switched; the evolution of switched stages is not followed.
+    Raise OutputError if `out` holds something or cannot be written, SettingsError if the stages are switched.
     """
     from cadtof_cli.figures.pixel_evolution import draw_evolution
 
@@ -80,15 +78,13 @@ def write_evolution(outcome: TrialsSummary, out: Path, /) -> None:
     generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(EVOLUTION_KEY, trials.stream)))
     recording = evolution(trials.model, trials.condition.mix(trials.period_ns), generator)
     first, second = recording.voltages_v
+    photons, phase_deg = recording.photons, recording.phase_deg
+    times_ns = phase_deg / 360.0 * recording.period_ns
     with new_folder(out) as folder:
         for name, columns in {
             "histogram": {"time_ns": recording.bin_ns, "photons": recording.counts},
-            "voltages": {"photons": recording.photons, "sc1_v": first, "sc2_v": second},
-            "phase": {
-                "photons": recording.photons,
-                "phase_deg": recording.phase_deg,
-                "time_ns": recording.phase_deg / 360.0 * recording.period_ns,
-            },
+            "voltages": {"photons": photons, "sc1_v": first, "sc2_v": second},
+            "phase": {"photons": photons, "phase_deg": phase_deg, "time_ns": times_ns},
         }.items():
             write_rows(folder / f"{name}.csv", tuple(columns), zip(*columns.values(), strict=True))
         (folder / "summary.json").write_text(json.dumps(json_report(outcome), indent=2) + "\n")

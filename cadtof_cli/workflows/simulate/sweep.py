@@ -34,8 +34,7 @@ class SweepSettings:
     def __post_init__(self) -> None:
         cells = len(self.asrs) * len(self.mpi_ratios) * len(self.integration_lengths)
         require(1 <= cells <= MOST_CELLS, "grid", f"{cells} conditions", f"1 to {MOST_CELLS}")
-        for _ in self.cells():  # every condition checks itself before any work begins
-            pass
+        list(self.cells())  # every condition checks itself before any work begins
 
     def cells(self) -> Iterator[Trials]:
         """Yield the trials of every cell. The MPI ratio is the slowest axis, the integration length the fastest."""

@@ -76,9 +76,8 @@ class Trials:
         # raises an error if no solver fits
         self.resolver.solver_module(self.model.modulation.harmonics, sine=True)
         if self.model.dead_time_ns > 0 and not self.photon_by_photon:
-            raise SettingsError(
-                "dead time: found without --photons, expected both: it has an effect only on single photons"
-            )
+            why = "it has an effect only on single photons"
+            raise SettingsError(f"dead time: found without --photons, expected both: {why}")
 
     @property
     def period_ns(self) -> float:
@@ -186,10 +185,7 @@ def recorded_length(trials: Trials, /) -> float:
 
 
 def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
-    """Resolve the voltages of runs, (runs, H, 2), as those of a sine, whatever the waveform is.
-
-    `first` is the number of the first run.
-    """
+    """Resolve the voltages of runs, (runs, H, 2), from number `first` on, as those of a sine, whatever the waveform is."""
     model, settings = trials.model, replace(trials.resolver, seed=trials.seed)
     length = noise_length(model)
     metadata = CaptureMetadata(
