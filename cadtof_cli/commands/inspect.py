@@ -130,11 +130,8 @@ def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[
 def _test_lines(test: Mapping[str, Any] | None) -> Iterator[str]:
     if test is not None:
         moved, needed = ("–" if test[key] is None else f"{100 * test[key]:.2f} cm" for key in ("moved_m", "needed_m"))
-        yield _row(
-            "order test",
-            f"χ² {_number(test['chi_squared'], 2)}, limit {test['threshold']:.2f}; "
-            f"a second path moves the direct one by {moved}, needed: {needed}",
-        )
+        limit = f"χ² {_number(test['chi_squared'], 2)}, limit {test['threshold']:.2f}"
+        yield _row("order test", f"{limit}; a second path moves the direct one by {moved}, needed: {needed}")
         yield _row("", test["verdict"])
 
 
@@ -148,12 +145,11 @@ def _diffuse_lines(diffuse: Mapping[str, Any] | None) -> Iterator[str]:
     for name, (median, scatter) in (diffuse["room"] or {}).items():
         yield _row(f"  {name.removesuffix('_ns')}", f"{_number(median, 3)} ± {_number(scatter, 3)}{_ROOM[name]}")
     if diffuse["tail"]:
-        tail = diffuse["tail"]
-        yield _row(
-            "tail at the pixel",
-            f"amplitude × {_number(tail['amplitude_ratio'], 3)}, first phasor {_number(100 * tail['pulled_back_m'], 2)} cm "
-            f"too far, χ² {_number(tail['chi_squared'], 2)}",
+        ratio, too_far_m, chi_squared = (
+            diffuse["tail"][key] for key in ("amplitude_ratio", "pulled_back_m", "chi_squared")
         )
+        pulled = f"first phasor {_number(100 * too_far_m, 2)} cm too far, χ² {_number(chi_squared, 2)}"
+        yield _row("tail at the pixel", f"amplitude × {_number(ratio, 3)}, {pulled}")
     elif diffuse["in_separate_patch"]:
         yield _row("", "the pixel has separate paths")
 

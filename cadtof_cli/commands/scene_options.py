@@ -47,12 +47,9 @@ class LightOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """The options of a scene, its camera and its capture.
+    """The options of a scene, its camera and its capture: values of fields of `RecordSettings` and of the scenes, by name.
 
-    Attributes:
-        recording: values of fields of `RecordSettings`, by name.
-        settings: values of fields of the scenes, by name; None if an option is not given.
-        camera: the camera that looks at the scene.
+    A value of `settings` is None if the option is not given.
     """
 
     recording: Mapping[str, Any]

@@ -32,15 +32,8 @@ INTEGRATION_LENGTH = 1e5
 class TrialOptions:
     """The options of a pixel, of how often it is recorded, and of how its recordings are resolved.
 
-    Attributes:
-        motion: of the target that the pixel sees.
-        trials: values of fields of `Trials`, by name.
-        modulation: of the pixel.
-        fwhm_ns: length of the laser pulse in ns, full width at half maximum.
-        pixel: values of fields of `PixelModel`, by name.
-        temperature_k: temperature in K, which adds kTC noise; None: no kTC noise.
-        capacitors: capacitances in fF, instead of an integration length; None: not given.
-        stages: of the averaging.
+    `trials` and `pixel` are values of fields of `Trials` and of `PixelModel`, by name. `temperature_k` adds kTC noise;
+    `capacitors`, in fF, replace an integration length.
     """
 
     motion: Motion

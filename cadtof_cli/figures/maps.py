@@ -23,13 +23,9 @@ OF_A_MAP = (DIRECT_DEPTH, MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA)
 def draw_maps(
     shown: Shown, path: Path, /, *, truth_m: Float | None = None, first_phasor_m: Float | None = None
 ) -> None:
-    """Draw the maps of a frame. A legend explains the colours of pixels without a depth.
+    """Draw the maps of a frame, which has the layers `OF_A_MAP`. A legend explains the colours of pixels without a depth.
 
-    Args:
-        shown: the frame; it has the layers `OF_A_MAP`.
-        path: picture to write.
-        truth_m: true direct depths, (Y, X).
-        first_phasor_m: depths from the first phasor alone, (Y, X).
+    `truth_m` are true direct depths, (Y, X), and `first_phasor_m` depths from the first phasor alone.
     """
     direct = shown.values(DIRECT_DEPTH)
     status = np.zeros(direct.shape, np.uint32) if shown.status is None else shown.status

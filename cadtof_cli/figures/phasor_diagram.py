@@ -52,9 +52,8 @@ def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None
     ends = _path_ends(evidence, row, harmonic)
     reach = 1.18 * max(abs(phasor), *(abs(end) for end in ends), 1e-9)
     _arrow(axes, 0.0, phasor, MEASURED_COLOUR, "recorded", width=1.6)
-    for start, end, colour, name in zip(
-        (0.0, *ends), ends, (DIRECT_COLOUR, MPI_COLOUR), ("direct", "MPI"), strict=False
-    ):
+    paths = (DIRECT_COLOUR, "direct"), (MPI_COLOUR, "MPI")
+    for start, end, (colour, name) in zip((0.0, *ends), ends, paths, strict=False):
         _arrow(axes, start, end, colour, name, width=2.4)
     _ellipse(axes, phasor, evidence.covariance[row], reach)
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
@@ -73,12 +72,8 @@ def _path_ends(evidence: PixelEvidence, row: int, harmonic: int) -> list[complex
 
 
 def _arrow(axes: Axes, start: complex, end: complex, colour: str, name: str, *, width: float) -> None:
-    axes.annotate(
-        "",
-        xy=(end.real, end.imag),
-        xytext=(start.real, start.imag),
-        arrowprops={"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0},
-    )
+    style = {"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", xy=(end.real, end.imag), xytext=(start.real, start.imag), arrowprops=style)
     axes.plot([], [], color=colour, lw=width, label=name)
 
 
@@ -93,10 +88,8 @@ def _ellipse(axes: Axes, phasor: complex, covariance: Float, reach: float) -> No
     for count in (1, 2):
         width, height = 2.0 * count * times * sigmas[1], 2.0 * count * times * sigmas[0]
         label = None if count == 2 else "noise, 1 and 2 σ" + (f", magnified {times:g} times" if times > 1.0 else "")
-        where = (phasor.real, phasor.imag)
-        axes.add_patch(
-            Ellipse(where, width, height, angle=angle, fill=False, color="#e08a00", lw=1.3 / count, label=label)
-        )
+        where, style = (phasor.real, phasor.imag), {"fill": False, "color": "#e08a00", "lw": 1.3 / count}
+        axes.add_patch(Ellipse(where, width, height, angle=angle, label=label, **style))
 
 
 def _magnification(sigma: float, reach: float) -> float:

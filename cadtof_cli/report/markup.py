@@ -58,12 +58,7 @@ def table(
 ) -> Markup:
     """Return a table. If it is wider than the page, it scrolls on its own. The first column names the row.
 
-    Args:
-        head: titles of the columns.
-        rows: cells of texts and markup.
-        caption: what the table holds.
-        numbers: places of the columns that hold numbers.
-        folded: whether only the caption is shown until the reader opens the table.
+    `numbers` are the places of the columns that hold numbers. If `folded`, only the caption is shown until the reader opens it.
     """
     kinds = ["number" if column in frozenset(numbers) else None for column in range(len(head))]
     titles = (element("th", title, scope="col", class_=kind) for title, kind in zip(head, kinds, strict=True))

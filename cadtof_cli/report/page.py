@@ -77,12 +77,8 @@ def write_page(
 ) -> None:
     """Write a page, whole or not at all; raises OutputError if the file cannot be written.
 
-    Args:
-        path: file to write.
-        page: its words and tables.
-        frames: the frames that the viewer shows.
-        truth: the truth of each capture with the steps of its frames; empty if no truth is known.
-        limits: of each layer over the run, in the unit of the layer.
+    The viewer shows `frames`. `truth` is that of each capture with the steps of its frames; empty: no truth is known. `limits`
+    are those of each layer over the run, in the unit of the layer.
     """
     run = json.dumps(_document(frames, truth, limits), allow_nan=False, separators=(",", ":"))
     # no browser finds an end or a begin of an element in the data

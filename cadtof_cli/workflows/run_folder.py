@@ -202,8 +202,7 @@ class Run:
     def calibration(self) -> CalibrationUse | None:
         """Return the calibration that the run applied, in the folder where it lies now; None: the run applied none.
 
-        Raises:
-            LookupError, TypeError: the record has another form.
+        Raise LookupError or TypeError if the record has another form.
         """
         known = self.record and self.record.get("calibration")
         if not known:

@@ -78,11 +78,8 @@ def record_scene(
 ) -> RecordReport:
     """Write the capture to `out`, which must be absent or an empty folder. The files are the same for any number of jobs.
 
-    The steps of the progress are the bands of rows, then the frames.
-
-    Raises:
-        OutputError: `out` holds something or cannot be written.
-        SettingsError: the scene cannot be recorded.
+    The steps of the progress are the bands of rows, then the frames. Raise OutputError if `out` holds something or cannot be
+    written, SettingsError if the scene cannot be recorded.
     """
     exposure = settings.exposure
     progress.advance(0, total=len(band_rows(exposure.camera.height)) + settings.frames)

@@ -19,12 +19,7 @@ MOST_CELLS = 100_000
 
 @dataclass(frozen=True, kw_only=True)
 class SweepSettings:
-    """A grid of conditions.
-
-    Attributes:
-        base: trials with everything that is the same in all cells.
-        asrs, mpi_ratios, integration_lengths: values along the axes of the grid.
-    """
+    """A grid of conditions: values along its axes, and trials with everything that is the same in all cells."""
 
     base: Trials
     asrs: tuple[float, ...]
