@@ -50,8 +50,10 @@ class TrialOptions:
         if self.capacitors is None:
             length = INTEGRATION_LENGTH if integration_length is None else integration_length
             return Averaging(integration_length=length, stages=self.stages)
-        one = "one of the two: the capacitors determine n_av"
-        require(integration_length is None, "--integration-length", "with --capacitors", one)
+        if integration_length is not None:
+            raise SettingsError(
+                "--integration-length: found with --capacitors, expected one of the two: the capacitors determine n_av"
+            )
         capacitors = Capacitors(values_ff=self.capacitors)
         return Averaging(integration_length=capacitors.integration_length, capacitors=capacitors, stages=self.stages)
 

@@ -116,21 +116,24 @@ def grid_from_text(text: str, /, *, name: str) -> tuple[float, ...]:
         value = math.nan
         with suppress(ValueError):
             value = float(part)
-        require(math.isfinite(value), name, f"{part!r} in {text!r}", f"a number in {_FORMS}")
+        if not math.isfinite(value):
+            raise SettingsError(f"{name}: found {part!r} in {text!r}, expected a number in {_FORMS}")
         return value
 
     kind, _, rest = text.partition(":") if text.startswith("log:") else ("", "", text)
     parts = rest.split(":")
     if len(parts) == 1 and not kind:
         values = tuple(map(number, rest.split(",")))
-        require(len(set(values)) == len(values), name, f"{text!r}, which contains a value twice", "each once")
+        if len(set(values)) != len(values):
+            raise SettingsError(f"{name}: found {text!r}, which contains a value twice, expected each once")
         return values
     require(len(parts) == 3, name, repr(text), _FORMS)
     start, stop = map(number, parts[:2])
     count = 0
     with suppress(ValueError):
         count = int(parts[2])
-    require(1 <= count <= MOST_VALUES, name, f"{parts[2]!r} steps in {text!r}", f"1 to {MOST_VALUES}")
+    if not 1 <= count <= MOST_VALUES:
+        raise SettingsError(f"{name}: found {parts[2]!r} steps in {text!r}, expected 1 to {MOST_VALUES}")
     require((count == 1) == (start == stop), name, repr(text), "two ends that differ and 2 steps or more")
     require(not kind or (start > 0 and stop > 0), name, repr(text), "ends above 0 for a log grid")
     spaced = np.geomspace if kind else np.linspace
