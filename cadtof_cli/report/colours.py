@@ -2,7 +2,6 @@
 
 import base64
 import json
-from collections.abc import Mapping
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -63,24 +62,12 @@ MOST_PIXELS = 20_000
 """About so many pixels of a layer, evenly spread, are used to find its limits. More pixels would hardly change them."""
 
 
-class LayerLimits:
-    """The limits of each layer that are wide enough for all frames."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, Limits] = {}
-
-    def add(self, name: str, plane: NDArray[np.floating], /) -> None:
-        """Add a layer of a frame, (Y, X); values that are not finite are ignored."""
-        some = spread_values(plane, MOST_PIXELS)
-        values = some[np.isfinite(some)].astype(np.float64)
-        if not values.size:
-            return
+def widen(limits: dict[str, Limits], name: str, plane: NDArray[np.floating], /) -> None:
+    """Make the limits of a layer wide enough for one more plane of it, (Y, X); values that are not finite are ignored."""
+    some = spread_values(plane, MOST_PIXELS)
+    values = some[np.isfinite(some)].astype(np.float64)
+    if values.size:
         low, high = np.quantile(values, (0.01, 0.99))
         found = (float(low), float(high), float(values.min()), float(values.max()))
-        before = self._known.get(name, found)
-        low, high, lowest, highest = zip(before, found, strict=True)
-        self._known[name] = min(low), max(high), min(lowest), max(highest)
-
-    def known(self) -> Mapping[str, Limits]:
-        """Return the limits of each layer that has a finite value in some frame."""
-        return dict(self._known)
+        low, high, lowest, highest = zip(limits.get(name, found), found, strict=True)
+        limits[name] = min(low), max(high), min(lowest), max(highest)

@@ -12,7 +12,7 @@ from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.records import setting
-from cadtof_cli.report.colours import LayerLimits, small_plane
+from cadtof_cli.report.colours import Limits, small_plane, widen
 from cadtof_cli.report.frames import (
     ERROR,
     FIRST_PHASOR,
@@ -94,12 +94,11 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     text = page_text(
         run,
         maps=gathered.maps,
-        depth_limits_m=gathered.limits.known().get(DIRECT_DEPTH, (0.0, 0.0))[:2],
+        depth_limits_m=gathered.limits.get(DIRECT_DEPTH, (0.0, 0.0))[:2],
         problems=gathered.problems,
         errors=gathered.errors(),
     )
-    truths, limits = list(gathered.truths.values()), gathered.limits.known()
-    write_page(out, text, frames=gathered.shown, truth=truths, limits=limits)
+    write_page(out, text, frames=gathered.shown, truth=list(gathered.truths.values()), limits=gathered.limits)
 
 
 @dataclass(frozen=True)
@@ -124,7 +123,7 @@ class _Gathered:
     truths: dict[tuple[Path, int], EmbeddedFrame] = field(default_factory=dict)
     maps: dict[Path, Float32] = field(default_factory=dict)
     problems: dict[Path, str] = field(default_factory=dict)
-    limits: LayerLimits = field(default_factory=LayerLimits)
+    limits: dict[str, Limits] = field(default_factory=dict)
     against_truth: EvaluationTally = field(default_factory=EvaluationTally)
 
     def gather(self, progress: Progress) -> None:
@@ -182,13 +181,13 @@ class _Gathered:
         planes, truth_m, first = frame.planes, frame.truth_m, frame.planes.get(FIRST_PHASOR)
         for layer, plane in planes.items():
             if layer != STATUS:
-                self.limits.add(layer, plane)
+                widen(self.limits, layer, plane)
         if truth_m is not None:
             sigma = planes.get(DIRECT_SIGMA)
             self.against_truth.add(planes[DIRECT_DEPTH], truth_m, sigma_m=sigma, first_phasor_m=first)
-            self.limits.add(ERROR, planes[DIRECT_DEPTH] - truth_m)
+            widen(self.limits, ERROR, planes[DIRECT_DEPTH] - truth_m)
             if first is not None:
-                self.limits.add(FIRST_PHASOR_ERROR, first - truth_m)
+                widen(self.limits, FIRST_PHASOR_ERROR, first - truth_m)
 
     def _show(self, frame: _Frame, shares: Shares) -> None:
         """Add a frame to those that the page shows, and its truth, unless a frame of the same capture added it before."""
