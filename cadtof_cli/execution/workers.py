@@ -6,7 +6,7 @@ import sys
 from dataclasses import field
 from typing import Literal
 
-from cadtof_cli.errors import SettingsError, require
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.cores import available_cores
 from cadtof_cli.records import dataclass, setting
 
@@ -53,16 +53,18 @@ class Workers:
     )
 
     def __post_init__(self) -> None:
-        require(self.jobs >= 1, "--jobs", self.jobs, "1 or more")
+        if self.jobs < 1:
+            raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
         if self.start_method not in START_METHODS:
             raise SettingsError(
                 f"--start-method: found {self.start_method}, which this system does not have; expected {', '.join(START_METHODS)}"
             )
-        if (limit := self.task_timeout_s) is not None:
-            expected = f"seconds above 0, at most {LONGEST_S:g}"
-            require(0 < limit <= LONGEST_S, "--frame-timeout", f"{limit:g}", expected)
-        known = self.scheduler == LOCAL or bool(re.fullmatch(_SCHEDULER, self.scheduler))
-        require(known, "--scheduler", repr(self.scheduler), "local or tcp://HOST:PORT")
+        if self.task_timeout_s is not None and not 0 < self.task_timeout_s <= LONGEST_S:
+            raise SettingsError(
+                f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0, at most {LONGEST_S:g}"
+            )
+        if self.scheduler != LOCAL and not re.fullmatch(_SCHEDULER, self.scheduler):
+            raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
         if self.scheduler != LOCAL and self.task_timeout_s is not None:
             raise SettingsError(
                 "--frame-timeout works only with processes of this machine; leave out --scheduler or --frame-timeout"
