@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.report.colours import LayerLimits
+from cadtof_cli.report.colours import Limits, widen
 from cadtof_cli.report.frames import embedded_frame, planned_shares, sampled, shown_places
 
 MB = 1_000_000
@@ -76,9 +76,9 @@ def test_thumbnails_shrink_if_there_are_many() -> None:
 def test_the_colours_suit_all_columns_and_rows(size: tuple[int, int]) -> None:
     y, x = np.mgrid[: size[0], : size[1]]
     for values in (y, x):
-        limits = LayerLimits()
-        limits.add("direct.depth", values)
-        low, high, lowest, highest = limits.known()["direct.depth"]
+        limits: dict[str, Limits] = {}
+        widen(limits, "direct.depth", values)
+        low, high, lowest, highest = limits["direct.depth"]
         last = values.max()
         assert lowest <= low <= 0.02 * last
         assert highest >= high >= 0.97 * last
