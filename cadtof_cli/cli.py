@@ -66,7 +66,7 @@ RAISED_AGAIN_S = 0.001
 """Time after which the end of the command is tried again, if Python was in a call that cannot be ended."""
 
 _NO_ROOM = "failed to map segment from shared object"
-"""What the system says if memory is too short for a library."""
+"""What the system says if memory is too short for a library, or if no file of the disk may be executed (noexec)."""
 
 INTERRUPTED = 130
 BROKEN_PIPE = 141
@@ -197,7 +197,11 @@ def _message_and_status(error: Exception) -> tuple[Sequence[str], int]:
         case CadtofError():
             return (f"Error: {error}",), error.exit_status
         case _ if isinstance(error, MemoryError) or _NO_ROOM in str(error):
-            return ("Error: not enough memory; try fewer --jobs, or smaller inputs",), 1
+            told = "Error: not enough memory; try fewer --jobs, or smaller inputs"
+            for line in str(error).split("\n"):
+                if _NO_ROOM in line:
+                    told = f"Error: {line}: not enough memory (ulimit -v), or the disk is mounted noexec"
+            return (told,), 1
         case OSError(filename=None):
             told = f"standard output: cannot be written: {error.strerror or error}"
             if isinstance(error, FileNotFoundError):

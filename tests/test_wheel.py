@@ -1,6 +1,7 @@
-"""A wheel with compiled extensions says that it is for this system; one without, that it is for any system."""
+"""Wheels: the name says whether they hold compiled extensions, and flags of a distribution change no bits."""
 
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -64,3 +65,43 @@ def test_a_wheel_holds_the_extensions_that_could_be_built(sources: Path) -> None
     name, compiled, _ = wheel(sources, needed_program("cc"))
     assert "-abi3-" in name
     assert [Path(one).name.partition(".")[0] for one in compiled] == ["_kernel"]
+
+
+@pytest.mark.parametrize("flags", ["-Ofast", "-ffast-math", "-funsafe-math-optimizations"])
+def test_flags_of_a_distribution_do_not_change_arithmetic_of_the_whole_process(sources: Path, flags: str) -> None:
+    _, compiled, _ = wheel(sources, f"{needed_program('cc')} {flags}")
+    code = "import ctypes, sys; small = 5e-324; [ctypes.CDLL(name) for name in sys.argv[1:]]; print(small * float('1'))"
+    (file,) = (sources / "wheels").iterdir()
+    with ZipFile(file) as archive:
+        libraries = [archive.extract(name, sources / "libraries") for name in compiled]
+    done = subprocess.run([sys.executable, "-c", code, *libraries], capture_output=True, text=True, check=True)
+    assert (len(libraries), done.stdout) == (2, "5e-324\n")
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-funsafe-math-optimizations", "-ffinite-math-only"])
+def test_the_kernel_is_not_built_with_arithmetic_that_is_not_as_written(flag: str) -> None:
+    header = ROOT / "cadtof_cli" / "resolver" / "two_path" / "_kernel_group.h"
+    compiler = needed_program("gcc")
+    assert _preprocessed([compiler, "-std=c11"], header) == ""
+    assert "the same bits only without -ffast-math" in _preprocessed([compiler, "-std=c11", flag], header)
+
+
+def _preprocessed(compiler: list[str], header: Path) -> str:
+    """Return what the compiler says of a header on stderr."""
+    command = [*compiler, "-E", "-x", "c", str(header), "-o", os.devnull]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stderr
+
+
+@pytest.mark.skipif(platform.machine() not in {"x86_64", "AMD64"}, reason="names the flag of another processor")
+def test_flags_of_a_wrapper_do_not_contract_products_and_sums(tmp_path: Path) -> None:
+    file = tmp_path / "a.c"
+    file.write_text(
+        "#ifdef LISTS\n#include LISTS\n#endif\ndouble f(double a, double b, double c) { return a * b + c; }\n"
+    )
+    header = ROOT / "cadtof_cli" / "resolver" / "_instruction_sets.h"
+    command = [needed_program("gcc"), "-O3", "-mfma", "-ffp-contract=fast", "-S", str(file), "-o", "-"]
+    listing = [
+        subprocess.run([*command, *more], capture_output=True, text=True, check=True).stdout
+        for more in ([], [f'-DLISTS="{header}"'])
+    ]
+    assert ["fmadd" in text for text in listing] == [True, False]

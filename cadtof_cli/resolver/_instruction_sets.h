@@ -18,8 +18,9 @@
 
 #if defined(__GNUC__) && !defined(__clang__)
 /* If two choices in a loop depend on one comparison, GCC duplicates all code between them, once per outcome, before it
- * vectorises the loop. That costs a twentieth of the time, and a quarter in unlucky cases. */
-#pragma GCC optimize("no-thread-jumps")
+ * vectorises the loop. That costs a twentieth of the time, and a quarter in unlucky cases. Flags that a compiler's wrapper
+ * adds after those of setup.py must not contract a * b + c either. */
+#pragma GCC optimize("no-thread-jumps", "fp-contract=off")
 #endif
 
 static int always(void) { return 1; }

@@ -25,13 +25,15 @@ def extension() -> ModuleType:
     """Return the extension module.
 
     Raises:
-        ValueError: it was not built.
+        ValueError: it was not built, or cannot be loaded.
     """
     try:
-        from cadtof_cli.resolver.two_path import _kernel
+        import cadtof_cli.resolver.two_path._kernel as kernel
+    except ModuleNotFoundError as error:
+        raise ValueError("cadtof was installed without a C compiler, or without Python's headers") from error
     except ImportError as error:
-        raise ValueError("the compiled kernel was not built") from error
-    return _kernel
+        raise ValueError(f"it cannot be loaded: {error}") from error
+    return kernel
 
 
 def available_kernels() -> tuple[str, ...]:
@@ -62,5 +64,9 @@ def is_compiled_for(harmonics: int, /) -> bool:
 
 def numpy_note() -> str:
     """Return the note for a user when numpy runs: it is slower than the compiled kernel, and the reason why it runs."""
-    why = f"{CHOICE} asks for it" if len(available_kernels()) > 1 else "cadtof was installed without a C compiler"
+    why = f"{CHOICE} asks for it"
+    try:
+        extension()
+    except ValueError as error:
+        why = str(error)
     return f"two paths are resolved by numpy, not by the compiled kernel: the same maps, but slower ({why})"

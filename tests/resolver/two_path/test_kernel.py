@@ -4,6 +4,7 @@ import json
 import math
 import sys
 from dataclasses import fields, replace
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,7 +23,8 @@ from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
-from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen_kernel, numpy_note
+from cadtof_cli.resolver import two_path
+from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen_kernel, extension, numpy_note
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
 from cadtof_cli.resolver.two_path import kernel as front
 from tests.resolver.compiled import bits_of, compiled_kernels
@@ -306,6 +308,21 @@ def test_each_constant_that_the_kernel_reads_has_a_value(compiled: ModuleType) -
     constants = front.shared_constants(rest["settings"], rest["noise"].each)
     assert set(compiled.constant_names()) > set(constants)
     assert not [name for name, value in constants.items() if math.isnan(value)]
+
+
+@pytest.mark.parametrize(("damaged", "why"), [(True, "it cannot be loaded: "), (False, "cadtof was installed without")])
+def test_the_note_says_why_numpy_runs(damaged: bool, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if damaged:
+        (tmp_path / f"_kernel{EXTENSION_SUFFIXES[0]}").write_text("no library")
+    monkeypatch.setattr(two_path, "__path__", [str(tmp_path)])
+    monkeypatch.delitem(sys.modules, f"{two_path.__name__}._kernel", raising=False)
+    extension.cache_clear()
+    try:
+        assert available_kernels() == (NUMPY,)
+        assert f"but slower ({why}" in numpy_note()
+        assert (str(tmp_path) in numpy_note()) is damaged
+    finally:
+        extension.cache_clear()
 
 
 def test_the_environment_chooses_among_available_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
