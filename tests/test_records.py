@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import FrozenInstanceError, asdict, astuple, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import pytest
 
@@ -40,6 +40,15 @@ def family(decorator: Callable[..., Any]) -> tuple[type[Any], ...]:
                 raise ValueError("below 0")
             object.__setattr__(self, "d", self.d * 2)
 
+    @decorator(frozen=True)
+    class Grandchild(Child):
+        kind: ClassVar[int] = 7
+        c: str = "other"
+
+    @decorator(frozen=True)
+    class Youngest(Grandchild):
+        pass
+
     @decorator(frozen=True, kw_only=True)
     class Named:
         a: int
@@ -56,7 +65,7 @@ def family(decorator: Callable[..., Any]) -> tuple[type[Any], ...]:
     class Empty:
         pass
 
-    return Base, Child, Named, Unlike, Empty
+    return Base, Child, Named, Unlike, Empty, Grandchild, Youngest
 
 
 LIBRARY, OURS = family(dataclasses.dataclass), family(records.dataclass)
@@ -73,6 +82,8 @@ ARGUMENTS: list[tuple[int, tuple[Any, ...], dict[str, Any]]] = [
     (3, (), {}),
     (3, (2,), {}),
     (4, (), {}),
+    (5, (1,), {}),
+    (6, (1,), {"d": 2.0}),
 ]
 
 
@@ -87,6 +98,8 @@ def test_repr_fields_and_dicts_are_those_of_the_library() -> None:
         assert (asdict(ours), astuple(ours)) == (asdict(library), astuple(library))
         assert [item.name for item in fields(ours)] == [item.name for item in fields(library)]
         assert type(ours).__match_args__ == type(library).__match_args__
+        for name in "abcd":
+            assert getattr(type(ours), name, "nothing") == getattr(type(library), name, "nothing")
 
 
 def test_equality_and_hash_are_those_of_the_library() -> None:

@@ -211,6 +211,21 @@ def test_a_sensor_of_one_row_or_column_shows_its_noise_along_itself(shape: tuple
     assert math.isnan(estimated_integration_length(p[:, np.newaxis, :17], CaptureMetadata(), quantised=False))
 
 
+@pytest.mark.parametrize("shape", [(120, 160), (1, 19200)])
+def test_pixels_that_are_means_of_other_numbers_of_recordings_count_with_their_own_noise(
+    shape: tuple[int, int],
+) -> None:
+    """Every other pixel, and every other row, is a mean of ten times fewer."""
+    n_av, size = 1e4, shape[0] * shape[1]
+    y, x = np.indices(shape)
+    variances = np.where((x + y // 2) % 2 == 0, 10.0, 1.0) * np.where(y % 2 == 0, 10.0, 1.0)
+    p = phasors_of(Light(5.0, direct_ns=0.0).voltages(np.random.default_rng(3), n_av, size)).reshape(2, *shape)
+    mean = p.mean(axis=(1, 2), keepdims=True)
+    p = mean + (p - mean) * np.sqrt(variances)
+    estimate = estimated_integration_length(p, CaptureMetadata(), quantised=False, variances=variances)
+    assert estimate == pytest.approx(n_av, rel=0.1)
+
+
 @pytest.mark.parametrize("shape", [(60, 80), (1, 4800)])
 @pytest.mark.parametrize("share", [0.2, 0.45, 0.7, 0.95])
 @pytest.mark.parametrize("value", [0.0, 0.2 + 0.1j])
