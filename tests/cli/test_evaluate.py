@@ -184,7 +184,7 @@ def test_frames_of_the_run_without_maps_are_counted(tmp_path: Path) -> None:
     capture.files[1].write_bytes(capture.files[1].read_bytes()[:1000])
     truth = _truth(tmp_path / "truth.exr")
     # no frame, so it is skipped
-    shutil.copy(truth, capture.folder)
+    shutil.copy(truth, capture.folder / "map_b.exr")
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 1
     one = cadtof("evaluate", out / "frame_0.tif", "--truth", truth)
     assert (one.status, one.err) == (0, "")
