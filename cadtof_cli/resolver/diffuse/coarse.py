@@ -12,7 +12,7 @@ from cadtof_cli.resolver.diffuse.condition import Conditioned, conditioned
 from cadtof_cli.resolver.diffuse.noise import Entry
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import MEAN, WITHIN_PATCH
-from cadtof_cli.resolver.diffuse.tail import phase_data, residuals, wrapped
+from cadtof_cli.resolver.diffuse.tail import phase_data, wrapped
 from cadtof_cli.resolver.diffuse.walls import over_neighbours
 
 BESIDE_MORE = 0.3
@@ -152,7 +152,7 @@ def patch_posterior(data: Float, error: Float, fit: PatchFit, /) -> Conditioned:
     covariance = fit.covariance + error
     size = count + 2
     lower = {(i, j): covariance[i, j] for i in range(size) for j in range(i + 1)}
-    return conditioned(list(residuals(data, fit.expected[:count])), lower, targets=2)
+    return conditioned(list(data - fit.expected[:count]), lower, targets=2)
 
 
 def coarse_planes(
