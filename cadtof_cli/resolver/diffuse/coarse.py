@@ -85,6 +85,11 @@ SLOWER_ERROR = (0.0, 0.25)
 Chosen with 42 rooms at periods of 50 to 100 ns."""
 
 
+MIDDLE_RAD = -0.5 * np.pi
+"""Middle of the turn in which the phases of patches lie. A tail makes them negative, and strong MPI brings them near −π. If the
+turn ended there, blending two such patches would give the opposite direction halfway."""
+
+
 @dataclass(frozen=True, eq=False)
 class LagParts:
     """Which surfaces cause how much of the lag arg H_1 of n patches, (n,) each.
@@ -165,7 +170,7 @@ def coarse_planes(
     values, count = fit.posterior.copy(), len(fit.posterior) - 2
     entries, phases = needed_entries(count), phase_data(count)
     # without this, blending two patches whose phases differ by a turn would give the opposite direction halfway
-    values[phases] = wrapped(values[phases])
+    values[phases] = wrapped(values[phases], MIDDLE_RAD)
     following = count // 2
     with_more = min(following, 2) - 1
     lag = values[-1].copy()
