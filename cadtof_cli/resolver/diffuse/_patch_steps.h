@@ -135,13 +135,12 @@ INLINE void whiten(PatchGroup *restrict g, int data, int k) {
     }
 }
 
-/* Replace predicted data by observed minus predicted data; differences of phases are wrapped. */
+/* Replace predicted data by observed minus predicted data. */
 INLINE void differ(Row *restrict to, const double *restrict observed, int64_t n, int data, int m) {
     Row seen;
     for (int a = 0; a < data; a++) {
         take(&seen, observed + a * n, 1, n, m);
-        if (a < data / 2) EACH_PIXEL to[a][i] = seen[i] - to[a][i];
-        else EACH_PIXEL to[a][i] = wrapped_d(seen[i] - to[a][i]);
+        EACH_PIXEL to[a][i] = seen[i] - to[a][i];
     }
 }
 
@@ -173,6 +172,7 @@ INLINE void evidence(PatchGroup *restrict g, const Steps *restrict all, int64_t 
     take(g->missed, all->values + start, data, n, m);
     differ(g->missed, all->data + start, n, data, m);
     for (int a = 0; a < data; a++) {
+        if (a >= data / 2) EACH_PIXEL g->missed[a][i] = wrapped_d(g->missed[a][i]);
         for (int j = 0; j < STATES; j++) {
             EACH_PIXEL g->scale[i] = g->state[j][i] - g->pattern[j][i];
             add_product(g->pull[0], g->scale, g->jacobian[j][a], j == 0);
@@ -221,10 +221,13 @@ INLINE void posterior(PatchGroup *restrict g, const Steps *restrict all, int64_t
     const int values = data + 2;
     Row expected[MOST_VALUES];
     take(expected, all->values + start, values, n, m);
+    memcpy(g->missed, expected, data * sizeof(Row));
+    differ(g->missed, all->data + start, n, data, m);
     for (int j = 0; j < STATES; j++) EACH_PIXEL g->state[j][i] = all->room[j] + g->pattern[j][i] - g->state[j][i];
     for (int a = 0; a < values; a++) {
         for (int j = 0; j < STATES; j++) add_product(g->scale, g->state[j], g->jacobian[j][a], j == 0);
         EACH_PIXEL expected[a][i] += g->scale[i];
+        if (a >= data / 2 && a < data) EACH_PIXEL expected[a][i] += FULL_TURN * rint(g->missed[a][i] / FULL_TURN);
         give(all->answer + a * n + start, expected[a], m);
     }
     scatter(g, all->spread, values, values);

@@ -12,7 +12,7 @@ from cadtof_cli.resolver.diffuse.condition import Conditioned, conditioned
 from cadtof_cli.resolver.diffuse.noise import Entry
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import MEAN, WITHIN_PATCH
-from cadtof_cli.resolver.diffuse.tail import phase_data, residuals, wrapped
+from cadtof_cli.resolver.diffuse.tail import phase_data, wrapped
 from cadtof_cli.resolver.diffuse.walls import over_neighbours
 
 BESIDE_MORE = 0.3
@@ -85,6 +85,11 @@ SLOWER_ERROR = (0.0, 0.25)
 Chosen with 42 rooms at periods of 50 to 100 ns."""
 
 
+MIDDLE_RAD = -0.5 * np.pi
+"""Middle of the turn in which the phases of patches lie. A tail makes them negative, and strong MPI brings them near −π. If the
+turn ended there, blending two such patches would give the opposite direction halfway."""
+
+
 @dataclass(frozen=True, eq=False)
 class LagParts:
     """Which surfaces cause how much of the lag arg H_1 of n patches, (n,) each.
@@ -152,7 +157,7 @@ def patch_posterior(data: Float, error: Float, fit: PatchFit, /) -> Conditioned:
     covariance = fit.covariance + error
     size = count + 2
     lower = {(i, j): covariance[i, j] for i in range(size) for j in range(i + 1)}
-    return conditioned(list(residuals(data, fit.expected[:count])), lower, targets=2)
+    return conditioned(list(data - fit.expected[:count]), lower, targets=2)
 
 
 def coarse_planes(
@@ -165,7 +170,7 @@ def coarse_planes(
     values, count = fit.posterior.copy(), len(fit.posterior) - 2
     entries, phases = needed_entries(count), phase_data(count)
     # without this, blending two patches whose phases differ by a turn would give the opposite direction halfway
-    values[phases] = wrapped(values[phases])
+    values[phases] = wrapped(values[phases], MIDDLE_RAD)
     following = count // 2
     with_more = min(following, 2) - 1
     lag = values[-1].copy()

@@ -34,7 +34,7 @@ class PatchFit:
     Attributes:
         room: state of the frame, (6,).
         state: state of every patch, (6, n).
-        expected: values of the model before a patch's own data are seen, (data + 2, n).
+        expected: values of the model before a patch's own data are seen, (data + 2, n), phases with the data's turns.
         posterior: values after its own data are seen, by the linear model, (data + 2, n).
         covariance: prior covariance of the values, without noise, (data + 2, data + 2, n).
         jacobian: of the values, (6, data + 2, n).

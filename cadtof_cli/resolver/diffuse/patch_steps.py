@@ -8,8 +8,9 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.tail import residuals
+from cadtof_cli.resolver.diffuse.tail import phase_data, residuals
 from cadtof_cli.resolver.kernels import chosen_kernel, extension
+from cadtof_cli.resolver.paths import FULL_TURN
 
 LARGEST_STEP = 0.8
 """Largest change of a component per step (ln or ns): the model bends over a factor of two."""
@@ -57,7 +58,7 @@ class PatchSteps:
             spread: covariance of a patch's state before its own data are seen, (6, 6).
         """
         seen, noise = self._of_data(jacobian)
-        missed = residuals(linear, _total(room[:, None, None] * seen))
+        missed = linear - _total(room[:, None, None] * seen)
         white = whitened(_scatter(spread, seen) + noise, _with(seen.swapaxes(0, 1), missed))
         pull = _total(white[:, :-1] * white[:, -1:])
         change = room[:, None] + self.pattern - state + _times(spread, pull)
@@ -69,13 +70,16 @@ class PatchSteps:
         """Return the model's values before and after a patch's own data are seen, and their covariance before.
 
         The values, (data + 2, n) each, are those of the linear model. The covariance, (data + 2, data + 2, n), is
-        without noise.
+        without noise. Phases get the whole turns that bring `values` next to the data: the linear model may be off by
+        more than half a turn before the data are seen.
         """
         count = len(self.data)
         expected = values + _total((room[:, None] + self.pattern - state)[:, None] * jacobian)
+        phases = phase_data(count)
+        expected[phases] += FULL_TURN * np.rint((self.data - values[:count])[phases] / FULL_TURN)
         covariance = _scatter(spread, jacobian)
         joint = covariance[:count] + self.error[:count]
-        white = whitened(joint[:, :count].copy(), _with(joint, residuals(self.data, expected[:count])))
+        white = whitened(joint[:, :count].copy(), _with(joint, self.data - expected[:count]))
         return expected, expected + _total(white[:, :-1] * white[:, -1:]), covariance
 
     def _of_data(self, jacobian: Float) -> tuple[Float, Float]:

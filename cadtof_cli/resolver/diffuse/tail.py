@@ -160,9 +160,9 @@ def phase_data(data: int, /) -> slice:
     return slice(data // 2, data)
 
 
-def wrapped(phase: Values, /) -> Values:
-    """Return phases in rad brought to −π … π."""
-    inside: Values = phase - 2.0 * np.pi * np.rint(phase / (2.0 * np.pi))
+def wrapped(phase: Values, /, middle_rad: float = 0.0) -> Values:
+    """Return phases in rad brought to at most half a turn from `middle_rad`."""
+    inside: Values = phase - 2.0 * np.pi * np.rint((phase - middle_rad) / (2.0 * np.pi))
     return inside
 
 

@@ -23,6 +23,7 @@ def fit(seed: int = 1, *, targets: tuple[float, float] = (0.3, -0.4), data: int 
     jacobian = 0.1 * rng.normal(size=(6, count, PATCHES))
     covariance = 0.02 * np.einsum("jan,jbn->abn", jacobian, jacobian) + 1e-3 * np.eye(count)[..., None]
     expected = rng.normal(size=(count, PATCHES))
+    expected[data // 2 : data] = -np.abs(expected[data // 2 : data])
     expected[-2], expected[-1] = targets
     room, state = np.zeros(6), np.zeros((6, PATCHES))
     return PatchFit(room, state, expected, expected.copy(), covariance, jacobian)
@@ -75,6 +76,16 @@ def test_phases_that_differ_by_full_turns_give_the_same_planes() -> None:
     turned[3, 2] -= 4.0 * np.pi
     turned_planes, planes_before = (planes(one, lags()).planes for one in (replace(known, posterior=turned), known))
     assert_allclose(turned_planes, planes_before, atol=1e-6)
+
+
+@pytest.mark.parametrize("turn", [-1, 0, 1])
+def test_phases_of_neighbours_with_strong_mpi_lie_side_by_side_beyond_half_a_turn(turn: int) -> None:
+    """Pixels between patches of -3 and -3.3 rad got phases around 0, and depths that were up to 2 m off."""
+    known = fit(data=4)
+    known.posterior[2:4] = -3.0
+    known.posterior[3, 2] = -3.3 + turn * 2.0 * np.pi
+    phases = planes(known, lags()).planes[3][VALID]
+    assert_allclose(phases, [-3.0, -3.0, -3.3, -3.0], rtol=1e-6)
 
 
 def test_a_pixel_needs_the_covariances_of_its_data_and_of_the_targets_with_them() -> None:

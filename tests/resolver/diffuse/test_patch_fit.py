@@ -7,11 +7,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.coarse import patch_posterior
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
+from cadtof_cli.resolver.diffuse.patch_steps import CompiledSteps, PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.diffuse.tail import TailModel
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from tests.support.diffuse_frames import OMEGA, F
+from tests.support.kernels import by_kernel
 
 NO_LIGHT = np.zeros((3, 1), complex)
 
@@ -125,4 +129,34 @@ def test_phases_that_differ_by_full_turns_give_the_same_fit() -> None:
     turned[3, ::2] -= 4.0 * np.pi
     found, found_turned = (fitted_patches(given, error, model, pattern, known_optics=True) for given in (data, turned))
     assert_allclose(found_turned.room, found.room)
-    assert_allclose(found_turned.posterior, found.posterior)
+    assert_allclose(np.exp(1j * found_turned.posterior[2:4]), np.exp(1j * found.posterior[2:4]))
+    assert_allclose(found_turned.posterior[[0, 1, 4, 5]], found.posterior[[0, 1, 4, 5]])
+
+
+@pytest.mark.parametrize("kernel", available_kernels())
+@pytest.mark.parametrize("turns", [-1, 0, 2])
+def test_a_linear_model_that_is_off_by_more_than_half_a_turn_is_moved_back_and_not_on(kernel: str, turns: int) -> None:
+    """The model fits the data at the state of the patch; taken back to that of the room, it is 4 rad off.
+
+    The patch was moved on by the rest of the turn, and the lag with it: depths in rooms were metres off.
+    """
+    data, state = np.array([[-0.1], [-1.4 + 2.0 * np.pi * turns]]), MEAN[:, None].copy()
+    values = np.array([[-0.1], [-1.4], [0.0], [0.6]])
+    jacobian = np.zeros((6, 4, 1))
+    jacobian[4, 1:, 0] = -4.0, 0.0, 1.0
+    state[4] += 1.0
+    kind = PatchSteps if kernel == NUMPY else CompiledSteps
+    steps = kind(data, 1e-6 * np.eye(4)[..., None], np.ones(6), np.zeros((6, 1)))
+
+    def step() -> tuple[F, ...]:
+        linear = steps.evidence(values, jacobian, state)[1]
+        moved = steps.moved(state, linear, jacobian, MEAN, np.eye(6))
+        return (moved, *steps.posterior(values, jacobian, state, MEAN, np.eye(6)))
+
+    moved, expected, posterior, covariance = by_kernel(kernel, step)
+    assert_allclose(moved, state, atol=1e-6)
+    assert_allclose(expected[1:, 0], [2.6 + 2.0 * np.pi * turns, 0.0, -0.4])
+    assert_allclose(posterior[1:, 0], [data[1, 0], 0.0, 0.6], atol=1e-5)
+    fit = PatchFit(MEAN, state, expected, posterior, covariance, jacobian)
+    known = patch_posterior(data, 1e-6 * np.eye(4)[..., None], fit)
+    assert_allclose(known.shifts[1], 1.0, atol=1e-5)
