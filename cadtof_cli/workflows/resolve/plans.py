@@ -172,7 +172,11 @@ def plan_captures(
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
-        doubtful = () if stored is None else _doubts(stored, plan)
+        # a calibration shows that the planes are in order
+        doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
+        # what `read_frames` reads, for one path, may be calibrated later
+        if stored is not None and not doubtful and use is None and plan.resolver.max_paths > 1:
+            doubtful = camera_doubts(stored, plan.metadata)
         plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))
     return plans
 
@@ -207,15 +211,6 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
     if wrong:
         raise FrameError(wrong[0])
     return None
-
-
-def _doubts(stored: Stored, plan: FramePlan) -> tuple[str, ...]:
-    """Return in words what is likely wrong with a frame: with its values and planes or, if that is nothing, with its camera."""
-    # a calibration shows that the planes are in order
-    found = doubts(stored, plan.metadata, of_order=plan.calibration is None)
-    # what `read_frames` reads, for one path, may be calibrated later
-    asks_camera = plan.calibration is None and plan.resolver.max_paths > 1 and not found
-    return camera_doubts(stored, plan.metadata) if asks_camera else found
 
 
 def run_document(
