@@ -180,17 +180,19 @@ def wrong_planes(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
         for values in (rows[..., :-1:every], rows[..., 1::every])
     )
-    here, change, names = here - metadata.voltage.zero, beside - here, plane_names(metadata.modulation.harmonics)
+    here, change = here - metadata.voltage.zero, beside - here
     # the median leaves out edges of the scene, between which neighbours differ by more than noise
     noise = median(np.abs(change)) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
     if (dark := _without_light(here, change, noise)).any():
+        names = plane_names(metadata.modulation.harmonics)
         found = ", ".join(name for name, is_dark in zip(names, dark, strict=True) if is_dark)
         return (
             f"{found}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
         )
     if (same := _same_planes(here, noise)) is not None:
+        first, second = (plane_names(metadata.modulation.harmonics)[place] for place in same)
         return (
-            f"{names[same[1]]} shows the same as {names[same[0]]}, apart from noise: are both recordings of one plane, as in a "
+            f"{second} shows the same as {first}, apart from noise: are both recordings of one plane, as in a "
             "stack that holds all frames of one plane before those of the next?"
         )
     return None

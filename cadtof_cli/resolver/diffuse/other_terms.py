@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.phasors.rotors import product
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.elementary import exponential, phase_of, rotor
 from cadtof_cli.resolver.diffuse.records import Parts, PixelTails
@@ -80,7 +81,7 @@ def freed_of_other_terms(
     phase = (alone_rad - tails.lag_rad).astype(np.float32)
     for step in range(STEPS + 1):
         seen = _seen(0, phase, tails, response)
-        of_sine = _times(first, seen.sine)
+        of_sine = product(first, seen.sine)
         total = _plus(seen.value, of_sine)
         # i·H_1·exp(ix) is the derivative of H_1·exp(ix) by x
         slope = _over(_plus(seen.slope, (-of_sine[1], of_sine[0])), total)
@@ -112,7 +113,7 @@ def _seen(row: int, phase: Float32, tails: PixelTails, response: "ResponseBlock"
     for k, share in _orders(table).items():
         light_re, light_im = tails.of_terms[abs(k) * harmonic]
         tail = light_re - np.float32(1.0), light_im if k > 0 else -light_im
-        term = _times(_times(rotor(np.float32(k) * theta), tail), (np.float32(share.real), np.float32(share.imag)))
+        term = product(product(rotor(np.float32(k) * theta), tail), (np.float32(share.real), np.float32(share.imag)))
         value = _plus(value, term)
         slope = _plus(slope, (-np.float32(k * harmonic) * term[1], np.float32(k * harmonic) * term[0]))
     return _Seen(value, slope, sine)
@@ -131,15 +132,10 @@ def _plus(first: Parts, second: Parts) -> Parts:
     return first[0] + second[0], first[1] + second[1]
 
 
-def _times(first: Parts, second: Parts) -> Parts:
-    (a, b), (c, d) = first, second
-    return a * c - b * d, a * d + b * c
-
-
 def _over(first: Parts, second: Parts) -> Parts:
     """Return the quotient of complex numbers."""
     power = _power(second)
-    re, im = _times(first, (second[0], -second[1]))
+    re, im = product(first, (second[0], -second[1]))
     return re / power, im / power
 
 
