@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32
-from cadtof_cli.phasors.rotors import product
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.elementary import exponential, phase_of, rotor
 from cadtof_cli.resolver.diffuse.records import Parts, PixelTails
@@ -81,7 +80,7 @@ def freed_of_other_terms(
     phase = (alone_rad - tails.lag_rad).astype(np.float32)
     for step in range(STEPS + 1):
         seen = _seen(0, phase, tails, response)
-        of_sine = product(first, seen.sine)
+        of_sine = _times(first, seen.sine)
         total = _plus(seen.value, of_sine)
         # i·H_1·exp(ix) is the derivative of H_1·exp(ix) by x
         slope = _over(_plus(seen.slope, (-of_sine[1], of_sine[0])), total)
@@ -104,16 +103,15 @@ def freed_of_other_terms(
 
 def _seen(row: int, phase: Float32, tails: PixelTails, response: "ResponseBlock") -> _Seen:
     """Return what one harmonic sees of direct light of phase x and amplitude 1, and of its tail."""
-    everywhere, table = slice(None), response.stages[-1][row]
-    theta, harmonic = response.theta(row, phase, everywhere), table.harmonic
-    direct, sine = response.at(row, phase, everywhere), rotor(theta)
+    table, theta = response.stages[-1][row], response.theta(row, phase)
+    harmonic, direct, sine = table.harmonic, response.at(row, phase), rotor(theta)
     speed = np.float32(harmonic)
     value = direct.re - sine[0], direct.im - sine[1]
     slope = direct.slope_re + speed * sine[1], direct.slope_im - speed * sine[0]
     for k, share in _orders(table).items():
         light_re, light_im = tails.of_terms[abs(k) * harmonic]
         tail = light_re - np.float32(1.0), light_im if k > 0 else -light_im
-        term = product(product(rotor(np.float32(k) * theta), tail), (np.float32(share.real), np.float32(share.imag)))
+        term = _times(_times(rotor(np.float32(k) * theta), tail), (np.float32(share.real), np.float32(share.imag)))
         value = _plus(value, term)
         slope = _plus(slope, (-np.float32(k * harmonic) * term[1], np.float32(k * harmonic) * term[0]))
     return _Seen(value, slope, sine)
@@ -132,10 +130,15 @@ def _plus(first: Parts, second: Parts) -> Parts:
     return first[0] + second[0], first[1] + second[1]
 
 
+def _times(first: Parts, second: Parts) -> Parts:
+    (a, b), (c, d) = first, second
+    return a * c - b * d, a * d + b * c
+
+
 def _over(first: Parts, second: Parts) -> Parts:
     """Return the quotient of complex numbers."""
     power = _power(second)
-    re, im = product(first, (second[0], -second[1]))
+    re, im = _times(first, (second[0], -second[1]))
     return re / power, im / power
 
 

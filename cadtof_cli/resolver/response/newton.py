@@ -51,36 +51,36 @@ class SearchState:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of m pixels: the response there, the phasors, and the misfit at which a pixel is done.
+    """The equations of m pixels: their response, their phasors, and the misfit at which a pixel is done.
 
     `observed` is float32 (4, m): real and imaginary part of the first phasor, then of the second. `enough`, (m,), is
     that misfit.
     """
 
     response: ResponseBlock
-    pixels: Index
     observed: Float32
     enough: Float32
     weights: tuple[np.float32, ...]
 
     @staticmethod
-    def of(response: ResponseBlock, phasors: Complex, pixels: Index, noise: NoiseModel) -> "Equations":
-        """Return the equations of some pixels of phasors (2, n)."""
-        observed = [(re[pixels], im[pixels]) for re, im in response.observed(phasors)]
+    def of(response: ResponseBlock, phasors: Complex, noise: NoiseModel) -> "Equations":
+        """Return the equations of pixels with these phasors, (2, m)."""
+        observed = response.observed(phasors)
         weights = tuple(np.float32(1.0 / harmonic.dark_variance) for harmonic in noise.each)
         power = sum(weight * (re**2 + im**2) for weight, (re, im) in zip(weights, observed, strict=True))
-        samples = np.float32(1.0) if noise.samples is None else noise.samples[pixels].astype(np.float32)
+        samples = np.float32(1.0) if noise.samples is None else noise.samples.astype(np.float32)
         enough = np.maximum(np.float32(TOLERANCE**2) / samples, np.float32(ROUNDING**2) * power)
-        return Equations(response, pixels, np.concatenate(observed), enough, weights)
+        return Equations(response, np.concatenate(observed), enough, weights)
 
     def __getitem__(self, some: Bool | Index) -> "Equations":
-        return replace(self, pixels=self.pixels[some], observed=self.observed[:, some], enough=self.enough[some])
+        return replace(
+            self, response=self.response.block(some), observed=self.observed[:, some], enough=self.enough[some]
+        )
 
     def fields(self, values: Float32, row: int, stage: int) -> "Fields":
         """Return the answers and residuals of one harmonic for paths `values`, (4, m)."""
         a, x, b, y = values
-        fx = self.response.at(row, x, self.pixels, stage=stage)
-        fy = self.response.at(row, y, self.pixels, stage=stage)
+        fx, fy = (self.response.at(row, phase, stage=stage) for phase in (x, y))
         left_re = self.observed[2 * row] - a * fx.re
         left_im = self.observed[2 * row + 1] - a * fx.im
         left_re -= b * fy.re
@@ -186,8 +186,7 @@ def searched(equations: Equations, start: Float32, /, *, steps: int, stage: int 
     constants = [*numbers, *(STEP / number for number in numbers), 1.0 / STEP, *equations.weights]
     count = start.shape[1]
     values, misfit, done = np.empty((4, count), np.float32), np.empty(count, np.float32), np.empty(count, np.bool_)
-    phase = None if response.phase_rad is None else response.phase_rad[:, equations.pixels]
-    given = (*(table.entries for table in tables), phase, equations.observed, equations.enough, start)
+    given = (*(table.entries for table in tables), response.phase_rad, equations.observed, equations.enough, start)
     extension().search(
         kernel,
         steps,

@@ -114,8 +114,8 @@ def test_rotors_are_those_of_mean_and_half_of_the_phases() -> None:
     assert (found.sin_half >= 0.0).all()
 
 
-def equations(p: Complex, pixels: int = PIXELS) -> Equations:
-    return Equations.of(block(), p, np.arange(pixels), NOISE)
+def equations(p: Complex) -> Equations:
+    return Equations.of(block(), p, NOISE)
 
 
 def test_the_residual_of_the_equations_is_what_the_paths_do_not_explain() -> None:
