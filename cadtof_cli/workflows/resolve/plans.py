@@ -94,16 +94,17 @@ class CapturePlan:
             CaptureError: nothing tells how many frames come before those of `--frames`.
         """
         settings, layout = self.settings, self.capture.layout
-        frames = self._chosen(single_frames(self.capture, taken=taken))
+        frames = single_frames(self.capture, taken=taken)
+        if settings.frames is not None:
+            frames = self._chosen(frames, settings.frames)
         while sources := tuple(itertools.islice(frames, settings.maps.average)):
             form = map_format(settings.map_format, sources[0].paths[0])
             output = settings.out / f"{sources[0].name}.{form.name}"
             earlier = before(output) if settings.resume else None
             yield FrameTask(sources, layout, self.plan, self.pixels, output, settings.resume, earlier, token)
 
-    def _chosen(self, frames: Iterator[FrameSource]) -> Iterator[FrameSource]:
+    def _chosen(self, frames: Iterator[FrameSource], chosen: slice) -> Iterator[FrameSource]:
         """Yield the frames that `--frames` chooses: all frames are counted, so stacks before these must be readable."""
-        chosen = self.settings.frames or slice(None)
         for source in itertools.islice(frames, chosen.start or 0):
             if self.stack_frame_bytes is not None and source.index is None:
                 try:
