@@ -10,14 +10,14 @@ from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
 from cadtof_cli.optics import LampBeside, planar_per_range
-from cadtof_cli.phasors.noise import NoiseModel, noise_model
+from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.pipeline.pixels import EVERY, FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.resolver.two_path.kernel import FrameKernel, KernelScales
+from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, FrameKernel, KernelScales, saturation
 from cadtof_cli.units import metres_per_radian
 
 if TYPE_CHECKING:
@@ -180,9 +180,9 @@ def frame_traits(
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     recorded = tuple(one.dark_variance for one in noise.each)
     look = None
-    if correction.response is None and window == 1:
-        saturated = stages.saturated_counts
-        look = Look.of(stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored)
+    if correction.response is None and window == 1 and stored in STORED_TYPES[:-1]:
+        power = chi_squared_threshold(stages.resolver.false_alarm, pairs=len(noise.each))
+        look = Look(correction.phasor_map, saturation(stages.saturated_counts, stored), power, noise, correction.hot)
     return FrameTraits(
         grid,
         DiffuseSettings(
