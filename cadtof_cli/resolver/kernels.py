@@ -25,12 +25,10 @@ def extension() -> ModuleType:
     """Return the extension module.
 
     Raises:
-        ValueError: it was not built.
+        ImportError: it was not built.
     """
-    try:
-        from cadtof_cli.resolver.two_path import _kernel
-    except ImportError as error:
-        raise ValueError("the compiled kernel was not built") from error
+    from cadtof_cli.resolver.two_path import _kernel
+
     return _kernel
 
 
@@ -38,7 +36,7 @@ def available_kernels() -> tuple[str, ...]:
     """Return the names of the kernels that can run here, the fastest first: compiled instruction sets, then `numpy`."""
     try:
         return (*extension().levels(), NUMPY)
-    except ValueError:
+    except ImportError:
         return (NUMPY,)
 
 
