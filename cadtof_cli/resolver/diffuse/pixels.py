@@ -90,7 +90,7 @@ def diffuse_pixels(
     for entry, value in noise_covariance(seen.relative_noise, harmonics=model.settings.harmonics).items():
         if entry in entries:
             entries[entry] = entries[entry] + value
-    posterior = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
+    posterior = conditioned(list(residuals(seen.data, means[:count])), entries)
     shrink, lag = exponential(-(means[count] + posterior.shifts[0])), means[count + 1] + posterior.shifts[1]
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
     direct = _direct(seen, shrink, lag, np.maximum(posterior.covariance[1, 1], floor) + planes[-2])
