@@ -49,8 +49,10 @@ def resolve_paths(
     # sine: with a response, these follow from the solver's paths, so there the solver runs first.
     tail_first = tail is None or response is None or tail.nets is None
     before, after = (tail, None) if tail_first else (None, tail)
+    if tail is not None:
+        from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
     with np.errstate(all="ignore"):
-        free, nets = _freed(phasors, before, first)
+        free, nets = (phasors, None) if before is None else freed_pixels(phasors, before, first=first)
         start = partial(make_solver, free, noise=noise, settings=settings, response=response, first=first)
         solver: Solver | None = start() if before is None else None
         powers = list(free.real**2 + free.imag**2) if solver is None else solver.powers
@@ -72,7 +74,7 @@ def resolve_paths(
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            free, nets = _freed(sine, after, first)
+            free, nets = freed_pixels(sine, after, first=first)
             usable = answered if nets is None else answered & ~nets.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
             predicted = _predicted(phasors, after, first, usable, noise, response)
@@ -115,18 +117,6 @@ def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sin
     name = settings.solver_module(harmonics, sine=sine)
     made: Callable[..., Solver] = import_module(f"cadtof_cli.resolver.{name}").solver
     return made
-
-
-def _freed(phasors: Complex, tail: "DiffuseModel | None", first: int) -> "tuple[Complex, NetPixels | None]":
-    """Return the phasors with the tails subtracted in pixels that look through a net, and the record of these pixels.
-
-    Without a tail, or without a net in the frame, return the given phasors and None.
-    """
-    if tail is None:
-        return phasors, None
-    from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
-
-    return freed_pixels(phasors, tail, first=first)
 
 
 def screened(
