@@ -245,6 +245,7 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     as_read = _share_of_one_path(stored, metadata)
     share = min(as_read, _SURE)
     odds = _LEAST_ODDS * share / (1.0 - share)
+    # the share with these odds
     least = max(_LEAST_SHARE, odds / (1.0 + odds))
     if least >= _SURE:
         return None
