@@ -38,12 +38,6 @@ class SearchState:
     misfit: Float32
     done: Bool
 
-    @staticmethod
-    def of(values: Float32) -> "SearchState":
-        """Return the state before the first step: the misfit is infinite, and no pixel is done."""
-        count = values.shape[1]
-        return SearchState(values.copy(), np.full(count, np.inf, np.float32), np.zeros(count, np.bool_))
-
     def put(self, some: Index, other: "SearchState") -> None:
         """Overwrite the pixels with these indices."""
         self.values[:, some], self.misfit[some], self.done[some] = other.values, other.misfit, other.done
@@ -110,10 +104,11 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
     it starts from a tiny residual, and Newton's steps leave second-order errors. Pixels that are done stay in the
     arrays until dropping them pays off.
     """
-    found = SearchState.of(start)
-    where, going = np.arange(start.shape[1]), np.ones(start.shape[1], np.bool_)
+    count = start.shape[1]
+    found = SearchState(start.copy(), np.full(count, np.inf, np.float32), np.zeros(count, np.bool_))
+    where, going = np.arange(count), np.ones(count, np.bool_)
     trial, values, misfit, step = start, start, found.misfit, np.zeros_like(start)
-    for count in range(steps + 1):
+    for number in range(steps + 1):
         first, second = (equations.fields(trial, row, stage) for row in range(2))
         left = equations.weights[0] * first.left2 + equations.weights[1] * second.left2
         closer = left < misfit
@@ -127,7 +122,7 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
             found.put(where[done], SearchState(unseen[:, done], misfit[done], done[done]))
             going = going & ~done
         remaining = np.count_nonzero(going)
-        if count == steps or not remaining:
+        if number == steps or not remaining:
             break
         if remaining < STILL_WORTH * where.size:
             where, equations, misfit = where[going], equations[going], misfit[going]
