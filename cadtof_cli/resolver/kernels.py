@@ -25,10 +25,12 @@ def extension() -> ModuleType:
     """Return the extension module.
 
     Raises:
-        ImportError: it was not built.
+        ValueError: it was not built.
     """
-    from cadtof_cli.resolver.two_path import _kernel
-
+    try:
+        from cadtof_cli.resolver.two_path import _kernel
+    except ImportError as error:
+        raise ValueError("the compiled kernel was not built") from error
     return _kernel
 
 
@@ -36,7 +38,7 @@ def available_kernels() -> tuple[str, ...]:
     """Return the names of the kernels that can run here, the fastest first: compiled instruction sets, then `numpy`."""
     try:
         return (*extension().levels(), NUMPY)
-    except ImportError:
+    except ValueError:
         return (NUMPY,)
 
 
