@@ -147,17 +147,14 @@ def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     planes, limits = stored.reshape(*stored.shape[:2], -1), metadata.voltage.saturated_counts
     every = max(1, planes.shape[2] // LOOKED_AT)
     here = planes[:, :, :stop:every]
-    sound = sound_pixels(here, limits)
-
-    def difference(line: int) -> float:
+    sound, differences = sound_pixels(here, limits), []
+    for line in (width, height):
         there = planes[:, :, line : stop + line : every]
         both = sound & sound_pixels(there, limits)
         if np.count_nonzero(both) < FEWEST:
-            return math.nan
-        with np.errstate(invalid="ignore"):
-            return float(np.abs(there.astype(np.float64) - here).sum(axis=(0, 1))[both].mean())
-
-    if not difference(width) > _SHEARED * long / short * difference(height):
+            return None
+        differences.append(float(np.abs(there[..., both].astype(np.float64) - here[..., both]).sum(axis=(0, 1)).mean()))
+    if not differences[0] > _SHEARED * long / short * differences[1]:
         return None
     return (
         f"neighbours in a column differ far more than they would if each row had {height} pixels instead of {width}: are "
@@ -183,17 +180,19 @@ def wrong_planes(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
         for values in (rows[..., :-1:every], rows[..., 1::every])
     )
-    here, change, names = here - metadata.voltage.zero, beside - here, plane_names(metadata.modulation.harmonics)
+    here, change = here - metadata.voltage.zero, beside - here
     # the median leaves out edges of the scene, between which neighbours differ by more than noise
     noise = median(np.abs(change)) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
     if (dark := _without_light(here, change, noise)).any():
+        names = plane_names(metadata.modulation.harmonics)
         found = ", ".join(name for name, is_dark in zip(names, dark, strict=True) if is_dark)
         return (
             f"{found}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
         )
     if (same := _same_planes(here, noise)) is not None:
+        first, second = (plane_names(metadata.modulation.harmonics)[place] for place in same)
         return (
-            f"{names[same[1]]} shows the same as {names[same[0]]}, apart from noise: are both recordings of one plane, as in a "
+            f"{second} shows the same as {first}, apart from noise: are both recordings of one plane, as in a "
             "stack that holds all frames of one plane before those of the next?"
         )
     return None
@@ -244,15 +243,18 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if len(stored) < 2:
         return None
     as_read = _share_of_one_path(stored, metadata)
-    least = _LEAST_ODDS * _odds(as_read)
-    if least >= _odds(1.0):
+    share = min(as_read, _SURE)
+    odds = _LEAST_ODDS * share / (1.0 - share)
+    # the share with these odds
+    least = max(_LEAST_SHARE, odds / (1.0 + odds))
+    if least >= _SURE:
         return None
     shares = {
         words: _share_of_one_path(order(stored).reshape(stored.shape), metadata) for words, order in _ORDERS.items()
     }
     shares["with the opposite sign"] = _share_of_one_path(stored, metadata, sign=-1.0)
     likely = max(shares, key=lambda words: shares[words])
-    if shares[likely] <= _LEAST_SHARE or _odds(shares[likely]) <= least:
+    if shares[likely] <= least:
         return None
     return (
         f"the phases of the harmonics fit each other in only {as_read:.0%} of the pixels; {likely}, they would in "
@@ -302,8 +304,3 @@ def _share_of_one_path(stored: Stored, metadata: CaptureMetadata, *, sign: float
     alike = (length < _NEAR_RATIO * other) & (other < _NEAR_RATIO * length)
     alike &= np.abs(np.angle(second * np.conj(first) ** metadata.modulation.harmonics[1])) < _NEAR_RAD
     return float(alike.mean())
-
-
-def _odds(share: float) -> float:
-    share = min(share, _SURE)
-    return share / (1.0 - share)

@@ -221,8 +221,11 @@ def estimated_integration_length(
         signal, least = float(median(power[np.isfinite(power)])), 2.0 * LEAST_SHARE * one.ambient_variance
         typical = max(2.0 * one.ambient_variance - signal, least)
         own = np.maximum(2.0 * one.ambient_variance - power, least) / typical
-        weights = _mean_variance(own if variances is None else own * variances.reshape(own.shape), line=line)
-        plane = plane / np.sqrt(weights)
+        own = own if variances is None else own * variances.reshape(own.shape)
+        pairs = own[:-1] + own[1:]
+        # the variance of each second difference
+        mean = (own[:, :-2] + 4.0 * own[:, 1:-1] + own[:, 2:]) / 6.0 if line else 0.25 * (pairs[:, :-1] + pairs[:, 1:])
+        plane = plane / np.sqrt(mean)
         finite = plane[np.isfinite(plane)]
         # means of counts are multiples of step/samples, and half their sums are multiples of half of that
         step = 0.5 * math.sqrt(12.0 * one.floor) / samples
@@ -235,14 +238,6 @@ def estimated_integration_length(
     length = 0.5 * (1.0 + 1.0 / averaging)
     # 1/(2·n_av − 1) of one recording is that of the mean, times the number of recordings
     return length if samples == 1.0 else 0.5 * (1.0 + (2.0 * length - 1.0) / samples)
-
-
-def _mean_variance(variances: Float, /, *, line: bool) -> Float:
-    """Return the variance of each second difference of pixels with these variances, (Y, X): their weighted mean."""
-    if line:
-        return (variances[:, :-2] + 4.0 * variances[:, 1:-1] + variances[:, 2:]) / 6.0
-    pairs = variances[:-1] + variances[1:]
-    return 0.25 * (pairs[:, :-1] + pairs[:, 1:])
 
 
 def median_of_steps(sizes: Float, step: float, /) -> float:

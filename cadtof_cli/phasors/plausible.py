@@ -53,23 +53,25 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """
     some = spread_over(stored, LOOKED_AT)
     kind, voltage, together = stored.dtype, metadata.voltage, np.ascontiguousarray(some)
+    n_av, amplitude = metadata.pixel.integration_length, metadata.modulation.amplitude_v
     if missing := no_recording(together, metadata.modulation.harmonics):
         return missing
-    if _shows_no_noise(together.reshape(*stored.shape[:2], -1), metadata):
+    if _shows_no_noise(together, metadata):
         return "all pixels hold the same values, but noise makes pixels differ: the frame was not recorded"
-    longest, least, largest = _limits(metadata, kind)
-    # a quick test that nearly all frames pass; a comparison with NaN is false
-    if (
-        least < float(np.minimum.reduce(together, axis=None))
-        and float(np.maximum.reduce(together, axis=None)) < largest
-    ):
+    # five standard deviations of the noise come on top
+    noise_v = 0.0 if n_av is None else ambient_noise_v(metadata, integration_length=n_av)
+    longest = LONGEST * amplitude + 5.0 * noise_v
+    most, zero = longest / math.sqrt(2.0) / abs(volts_per_count(voltage, kind)), voltage.zero
+    low, high = voltage.saturated_counts or (-math.inf, math.inf)
+    # a quick test that nearly all frames pass: no phasor is too long, and none is saturated; a comparison with NaN is false
+    least, largest = (float(extreme.reduce(together, axis=None)) for extreme in (np.minimum, np.maximum))
+    if max(zero - most, low) < least and largest < min(zero + most, high):
         return None
     sound = sound_pixels(some, voltage.saturated_counts)
     if not sound.any():
         return all_saturated(stored.reshape(*stored.shape[:2], -1), metadata, kind)
     values = some[:, :, sound].astype(np.float64)
     volts = (values - voltage.zero) * volts_per_count(voltage, kind)
-    amplitude = metadata.modulation.amplitude_v
     beyond = np.hypot(volts[:, 0], volts[:, 1]) > longest
     if beyond.mean(axis=1).max() <= TOO_MANY:
         return None
@@ -159,15 +161,3 @@ def _shows_no_noise(planes: Stored, metadata: CaptureMetadata) -> bool:
     if not sound_pixels(planes[:, :, :1], metadata.voltage.saturated_counts).all():
         return False
     return is_without_noise(planes, noise_model(metadata, integration_length=n_av or 1.0, quantised=is_whole))
-
-
-def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[float, float, float]:
-    """Return the length of the longest possible phasor, in V, and two stored values. If all values of a pixel lie
-    between these, its phasors are no longer than that, and it is not saturated."""
-    n_av, voltage = metadata.pixel.integration_length, metadata.voltage
-    # five standard deviations of the noise come on top
-    noise_v = 0.0 if n_av is None else ambient_noise_v(metadata, integration_length=n_av)
-    longest = LONGEST * metadata.modulation.amplitude_v + 5.0 * noise_v
-    most = longest / math.sqrt(2.0) / abs(volts_per_count(voltage, dtype))
-    low, high = voltage.saturated_counts or (-math.inf, math.inf)
-    return longest, max(voltage.zero - most, low), min(voltage.zero + most, high)

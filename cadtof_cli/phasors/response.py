@@ -30,10 +30,10 @@ class HarmonicResponse:
     terms: tuple[tuple[int, complex], ...]
 
     def __post_init__(self) -> None:
-        orders = [k for k, _ in self.terms]
-        if len(set(orders)) != len(orders):
-            raise ValueError(f"harmonic {self.harmonic}: an order occurs twice in {orders}")
-        if not abs(self.main) > abs(self.mirror):
+        terms = dict(self.terms)
+        if len(terms) != len(self.terms):
+            raise ValueError(f"harmonic {self.harmonic}: an order occurs twice in {[k for k, _ in self.terms]}")
+        if not abs(terms.get(1, 0j)) > abs(terms.get(-1, 0j)):
             raise ValueError(f"harmonic {self.harmonic}: found G[k=1] = {self.main}, expected more than k = -1")
 
     @property

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Stored
+from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT
@@ -92,7 +92,9 @@ def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if pairs.shape[2] * width < FEWEST:
         return None
     # pairs of rows, one beside the other: a frame of two rows
-    phasors = _phasors(pairs.swapaxes(2, 3).reshape(*stored.shape[:2], -1), metadata)
+    values = pairs.swapaxes(2, 3).reshape(*stored.shape[:2], -1)
+    phasors = phasors_from_stored(values, ideal_phasor_map(metadata, stored.dtype))
+    phasors[:, saturated_pixels(values, metadata.voltage.saturated_counts)] = np.nan
     whole = stored.dtype.kind in "iu"
     lengths = np.abs(phasors[0][np.isfinite(phasors[0])])
     if lengths.size < FEWEST or not median(lengths) < _FULLY_LIT:
@@ -153,8 +155,9 @@ def unequal_harmonics(stored: Stored, metadata: CaptureMetadata, /) -> str | Non
     modulation = metadata.modulation
     if modulation.harmonics[:2] != (1, 2) or modulation.waveform != "sine":
         return None
-    phasors = _phasors(spread_over(stored, LOOKED_AT), metadata)[:2]
-    phasors = phasors[:, np.isfinite(phasors).all(axis=0)]
+    some = spread_over(stored, LOOKED_AT)
+    sound = some[:, :, sound_pixels(some, metadata.voltage.saturated_counts)]
+    phasors = phasors_from_stored(sound, ideal_phasor_map(metadata, stored.dtype))[:2]
     if phasors.shape[1] < 2 * FEWEST:
         return None
     length = np.abs(phasors[0])
@@ -171,10 +174,3 @@ def unequal_harmonics(stored: Stored, metadata: CaptureMetadata, /) -> str | Non
         f"the second harmonic is {middle:.3g} times as strong as the first at all depths, which looks like a second path in "
         "every pixel: run calibrate response, or correct fwhm_ns. Until then, --order 1 gives better depths where MPI is weak"
     )
-
-
-def _phasors(planes: Stored, metadata: CaptureMetadata) -> Complex:
-    """Return the phasors of pixels, (H, 2, n), NaN where a pixel is saturated."""
-    phasors = phasors_from_stored(planes, ideal_phasor_map(metadata, planes.dtype))
-    phasors[:, saturated_pixels(planes, metadata.voltage.saturated_counts)] = np.nan
-    return phasors

@@ -38,9 +38,7 @@ from cadtof_cli.resolver.status import StatusBit, has_answer
 if TYPE_CHECKING:
     from cadtof_cli.calibration.apply import CalibrationNoise
     from cadtof_cli.calibration.store import Calibration
-    from cadtof_cli.pipeline.samples import FrameSamples
-    from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, PatchKinds
-    from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
+    from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 
 BLOCK_PIXELS = 38400
 """Pixels per block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and few enough that memory
@@ -125,7 +123,7 @@ def prepare_frame(
         from cadtof_cli.pipeline.neighbours import pooled_pixels
 
         pixels = pooled_pixels(pixels, stages)
-    if stages.diffuse is not None:
+    if stages.resolver.may_be_diffuse(noise.harmonics):
         pixels = _with_predicted_mpi(pixels, stages)
     return pixels
 
@@ -221,57 +219,42 @@ def _with_noise_of_calibration(
 
 def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels:
     """Choose a frame's model of MPI; if it is diffuse, predict the tail from the frame's own geometry."""
-    from cadtof_cli.resolver.diffuse.grid import other_grids
-    from cadtof_cli.resolver.diffuse.light import patch_means
+    from cadtof_cli.pipeline.samples import frame_samples
+    from cadtof_cli.resolver.diffuse.choice import patch_kinds
+    from cadtof_cli.resolver.diffuse.grid import SHIFTS, patch_grid
+    from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
-    noise = pixels.noise
-    traits = (traits_of_frames if noise.samples is None else frame_traits)(stages, noise, pixels.stored.dtype)
-    look = _first_look(pixels, stages, traits)
-    if look.kinds.choice.reason == "few patches with light":
-        # perhaps the pixels without light lie in a pattern, and other pixels have light
-        others = (_first_look(pixels, stages, replace(traits, grid=grid)) for grid in other_grids(traits.grid))
-        look = next((other for other in others if other.kinds.choice.reason != "few patches with light"), look)
-    traits, kinds, sampled = look.traits, look.kinds, look.samples
-    if kinds.choice.reason != "tail":
-        return replace(pixels, choice=kinds.choice)
+    noise, choice = pixels.noise, None
+    make = traits_of_frames if noise.samples is None else frame_traits
+    traits = make(stages, noise, pixels.size, pixels.stored.dtype)
+    usual = traits.grid
+    for shift in SHIFTS if usual.stride > 1 else SHIFTS[:1]:
+        if shift != usual.shift:
+            traits = replace(traits, grid=patch_grid(*pixels.size, usual.view, shift))
+        sampled = None
+        if traits.look is not None and is_compiled_for(len(noise.harmonics)):
+            light = compiled_light(pixels.stored, traits.look, traits.grid)
+        else:
+            sampled = frame_samples(pixels, stages, traits.grid)
+            light = sampled.light()
+        means = patch_means(light, light.seen, traits)
+        kinds = patch_kinds(light, means, traits)
+        if kinds.choice.reason != "few patches with light":
+            choice = kinds.choice
+            break
+        choice = choice or kinds.choice
+    assert choice is not None
+    if choice.reason != "tail":
+        return replace(pixels, choice=choice)
     # imported here because only frames with a tail need it
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
-    model = diffuse_model(look.light, look.means, kinds, traits)
+    model = diffuse_model(light, means, kinds, traits)
     if sampled is not None and sampled.response is not None:
         for _ in range(FREEING_ROUNDS):
             if not isinstance(model, str):
                 light = sampled.light(model)
                 model = diffuse_model(light, patch_means(light, light.seen, traits), kinds, traits)
     if isinstance(model, str):
-        return replace(pixels, choice=replace(kinds.choice, reason=model))
+        return replace(pixels, choice=replace(choice, reason=model))
     return replace(pixels, choice=model.choice, tail=model)
-
-
-@dataclass(frozen=True, eq=False)
-class _FirstLook:
-    """The light of a frame's sampled pixels, and what it says of the frame.
-
-    `samples` are these pixels; None if the kernel looked at them.
-    """
-
-    traits: "FrameTraits"
-    light: "PatchLight"
-    means: "PatchMeans"
-    kinds: "PatchKinds"
-    samples: "FrameSamples | None"
-
-
-def _first_look(pixels: FramePixels, stages: FrameStages, traits: "FrameTraits") -> _FirstLook:
-    from cadtof_cli.pipeline.samples import frame_samples
-    from cadtof_cli.resolver.diffuse.choice import patch_kinds
-    from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
-
-    sampled = None
-    if traits.look is not None and is_compiled_for(len(traits.settings.harmonics)):
-        light = compiled_light(pixels.stored, traits.look, traits.grid)
-    else:
-        sampled = frame_samples(pixels, stages, traits.grid)
-        light = sampled.light()
-    means = patch_means(light, light.seen, traits)
-    return _FirstLook(traits, light, means, patch_kinds(light, means, traits), sampled)

@@ -5,45 +5,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, SomePixels, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, SomePixels, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
 from cadtof_cli.optics import LampBeside, planar_per_range
-from cadtof_cli.phasors.noise import NoiseModel, noise_model
+from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.pipeline.pixels import EVERY, FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.resolver.two_path.kernel import FrameKernel, KernelScales
+from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, FrameKernel, KernelScales, saturation
 from cadtof_cli.units import metres_per_radian
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
-    from cadtof_cli.capture.metadata import CaptureMetadata
-    from cadtof_cli.resolver.diffuse.grid import PatchGrid
     from cadtof_cli.resolver.diffuse.light import FrameTraits
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
-    from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
     from cadtof_cli.resolver.paths import ResolvedPaths
     from cadtof_cli.resolver.response.table import ResponseBlock
-
-
-@dataclass(frozen=True, eq=False)
-class DiffusePlan:
-    """How diffuse MPI is predicted.
-
-    Attributes:
-        grid: patches of a frame.
-        settings: settings of the prediction.
-        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
-    """
-
-    grid: "PatchGrid"
-    settings: "DiffuseSettings"
-    range_offset_m: Float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +42,6 @@ class FrameStages:
         solver_module: module of the resolver with the solver for these frames.
         layers: layers of the maps, besides the status.
         noise: noise of a recorded pixel; None: it is estimated from each frame.
-        diffuse: how diffuse MPI is predicted; None: MPI is always taken for separate paths.
     """
 
     plan: FramePlan
@@ -72,7 +53,6 @@ class FrameStages:
     solver_module: str
     layers: tuple[Layer, ...]
     noise: NoiseModel | None
-    diffuse: DiffusePlan | None
 
     def phasors(self, pixels: FramePixels, chosen: SomePixels = EVERY) -> Complex:
         """Return the phasors of all or some of the pixels, (H, n): the pooled ones, or those that follow from the
@@ -140,35 +120,8 @@ def frame_stages(
     solver = resolver.solver_module(metadata.modulation.harmonics, sine=response is None)
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
-    may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
-    diffuse = _diffuse_plan(metadata, size, resolver, correction, depth.range_offset_m) if may_be_diffuse else None
     saturated = metadata.voltage.saturated_counts
-    return sealed(
-        FrameStages(plan, saturated, correction, depth, resolver, response, solver, plan.layers, noise, diffuse)
-    )
-
-
-def _diffuse_plan(
-    metadata: "CaptureMetadata",
-    size: tuple[int, int],
-    resolver: ResolverSettings,
-    correction: FrameCorrection,
-    curvature_m: Float | None,
-) -> DiffusePlan:
-    from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid
-    from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-
-    modulation, optics = metadata.modulation, metadata.optics
-    focal = optics.focal_length_px
-    view = View(focal, optics.principal_point(size)) if focal else assumed_view(*size)
-    period_ns = modulation.periods_ns[0]
-    terms = None
-    if correction.response is not None:
-        from cadtof_cli.resolver.diffuse.other_terms import harmonics_seen
-
-        terms = harmonics_seen(correction.response)
-    asked = DiffuseSettings(model=resolver.mpi_model, period_ns=period_ns, harmonics=modulation.harmonics, terms=terms)
-    return DiffusePlan(patch_grid(*size, view), asked, None if curvature_m is None else -curvature_m.reshape(size))
+    return sealed(FrameStages(plan, saturated, correction, depth, resolver, response, solver, plan.layers, noise))
 
 
 def kernel_of_frame(
@@ -207,27 +160,41 @@ kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
 """`kernel_of_frame` with a cache, for frames that have nothing of their own in it: no tail and no samples."""
 
 
-def frame_traits(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic]) -> "FrameTraits":
-    """Return what is known of a frame besides its light, from its noise and the type of its stored values."""
+def frame_traits(
+    stages: FrameStages, noise: NoiseModel, size: tuple[int, int], stored: np.dtype[np.generic]
+) -> "FrameTraits":
+    """Return what is known of a frame besides its light, from its noise, its size and the type of its stored values."""
     from cadtof_cli.phasors.pooling import shared_noise
+    from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid
     from cadtof_cli.resolver.diffuse.light import FrameTraits, Look
+    from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
-    plan, correction = stages.diffuse, stages.correction
-    assert plan is not None
-    grid, window = plan.grid, stages.plan.settings.pool
+    modulation, optics = stages.plan.metadata.modulation, stages.plan.metadata.optics
+    correction, curvature_m, window = stages.correction, stages.depth.range_offset_m, stages.plan.settings.pool
+    focal, terms = optics.focal_length_px, None
+    grid = patch_grid(*size, View(focal, optics.principal_point(size)) if focal else assumed_view(*size))
+    if correction.response is not None:
+        from cadtof_cli.resolver.diffuse.other_terms import harmonics_seen
+
+        terms = harmonics_seen(correction.response)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     recorded = tuple(one.dark_variance for one in noise.each)
     look = None
-    if correction.response is None and window == 1:
-        saturated = stages.saturated_counts
-        look = Look.of(stages.resolver, noise, correction.phasor_map, saturated, correction.hot, stored=stored)
+    if correction.response is None and window == 1 and stored in STORED_TYPES[:-1]:
+        power = chi_squared_threshold(stages.resolver.false_alarm, pairs=len(noise.each))
+        look = Look(correction.phasor_map, saturation(stages.saturated_counts, stored), power, noise, correction.hot)
     return FrameTraits(
         grid,
-        plan.settings,
+        DiffuseSettings(
+            model=stages.resolver.mpi_model,
+            period_ns=modulation.periods_ns[0],
+            harmonics=modulation.harmonics,
+            terms=terms,
+        ),
         np.array(recorded) / samples,
         recorded,
         shared_noise(window, samples=samples, stride=grid.stride, count=grid.side // grid.stride),
-        plan.range_offset_m,
+        None if curvature_m is None else -curvature_m.reshape(size),
         look,
     )
 

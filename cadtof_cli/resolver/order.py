@@ -41,11 +41,9 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
 
     A pixel gets the smallest number of paths, up to `settings.max_paths`, whose misfit is within noise. It gets one
     path more only if that path is worth its scatter (`worth_another`). If the settings fix the order, every pixel gets
-    that number. The result of pixels that are not `answered` has no meaning.
+    that number. At least one pixel is `answered`; the result of the others has no meaning.
     """
     rows, unresolved = max(settings.paths, LEAST_PATHS), answered.copy()
-    if not unresolved.any():
-        return Fit.none(rows, unresolved.size)
     first = 1 if settings.order == "auto" else settings.max_paths
     fewer: tuple[Index, Fit] | None = None
     for count in range(first, settings.max_paths):

@@ -9,8 +9,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
-from cadtof_cli.resolver.order import Solver, fewest_paths, with_direct_first
-from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
+from cadtof_cli.resolver.order import LEAST_PATHS, Solver, fewest_paths, with_direct_first
+from cadtof_cli.resolver.paths import Fit, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 
@@ -49,8 +49,10 @@ def resolve_paths(
     # sine: with a response, these follow from the solver's paths, so there the solver runs first.
     tail_first = tail is None or response is None or tail.nets is None
     before, after = (tail, None) if tail_first else (None, tail)
+    if tail is not None:
+        from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
     with np.errstate(all="ignore"):
-        free, nets = _freed(phasors, before, first)
+        free, nets = (phasors, None) if before is None else freed_pixels(phasors, before, first=first)
         start = partial(make_solver, free, noise=noise, settings=settings, response=response, first=first)
         solver: Solver | None = start() if before is None else None
         powers = list(free.real**2 + free.imag**2) if solver is None else solver.powers
@@ -64,15 +66,15 @@ def resolve_paths(
             usable = answered if nets is None else answered & ~nets.where
             predicted = _predicted(phasors, before, first, usable, noise, response)
             answered &= ~predicted.answered
-            if not answered.any():
-                bits = status | predicted.answered * np.uint32(StatusBit.DIFFUSE_MPI)
-                return _resolved(_of_tail(predicted), confidence, bits, noise)
-        fit = fewest_paths(solver or start(), answered, settings=settings, noise=noise)
+        if answered.any():
+            fit = fewest_paths(solver or start(), answered, settings=settings, noise=noise)
+        else:
+            fit = Fit.none(max(settings.paths, LEAST_PATHS), answered.size)
         if after is not None and response is not None:
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            free, nets = _freed(sine, after, first)
+            free, nets = freed_pixels(sine, after, first=first)
             usable = answered if nets is None else answered & ~nets.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
             predicted = _predicted(phasors, after, first, usable, noise, response)
@@ -84,7 +86,9 @@ def resolve_paths(
         if tail is not None and predicted is not None:
             _put_tail(fit, predicted, nets, tail.separate_variance)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
-    return _resolved(fit, confidence, bits, noise)
+    if noise.samples is not None:
+        np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
+    return ResolvedPaths(fit.paths, confidence, bits, fit.chi_squared)
 
 
 def _predicted(
@@ -113,25 +117,6 @@ def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sin
     name = settings.solver_module(harmonics, sine=sine)
     made: Callable[..., Solver] = import_module(f"cadtof_cli.resolver.{name}").solver
     return made
-
-
-def _freed(phasors: Complex, tail: "DiffuseModel | None", first: int) -> "tuple[Complex, NetPixels | None]":
-    """Return the phasors with the tails subtracted in pixels that look through a net, and the record of these pixels.
-
-    Without a tail, or without a net in the frame, return the given phasors and None.
-    """
-    if tail is None:
-        return phasors, None
-    from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
-
-    return freed_pixels(phasors, tail, first=first)
-
-
-def _resolved(fit: Fit, confidence: Float, bits: Status, noise: NoiseModel) -> ResolvedPaths:
-    """Return the answer as a record; pixels that are means of several pixels get the bit `POOLED`."""
-    if noise.samples is not None:
-        np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
-    return ResolvedPaths(fit.paths, confidence, bits, fit.chi_squared)
 
 
 def screened(
@@ -163,15 +148,6 @@ def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings,
 
         _, two = ClosedForm(free[:, chosen], noise=noise).fit(2, np.ones(chosen.size, np.bool_), limit=None)
         fit[chosen] = with_direct_first(two, settings, noise[chosen], slice(None))
-
-
-def _of_tail(predicted: "DiffusePixels") -> Fit:
-    """Return the direct light and the MPI light of pixels with a predicted tail as two paths; other pixels are NaN."""
-    rows = zip(predicted.direct, predicted.mpi, strict=True)
-    amplitude, phase_rad, sigma_rad = (np.array(pair, np.float64) for pair in rows)
-    count = predicted.answered.size
-    chi_squared = predicted.chi_squared.astype(np.float64)
-    return Fit(Paths(amplitude, phase_rad, sigma_rad), chi_squared, np.ones(count, np.bool_), np.zeros(count))
 
 
 def _put_tail(fit: Fit, predicted: "DiffusePixels", nets: "NetPixels | None", left: float) -> None:

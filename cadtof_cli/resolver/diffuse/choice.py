@@ -159,7 +159,7 @@ def patch_kinds(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> 
     share = float(separate.sum() / count)
     if share > SEPARATE_SHARE:
         reason = "separate paths"
-    elif misfit < LEAST_MISFIT or _is_noise_in_half(misfits):
+    elif misfit < LEAST_MISFIT or median(misfits.sum(axis=0)) < LEAST_MISFIT * median_of_noise(len(misfits)):
         reason = "no MPI to be seen"
     elif are_two_paths(
         PatchData.of(means, lit, frame),
@@ -216,11 +216,6 @@ def misfits_without_mpi(means: PatchMeans, lit: Bool, frame: FrameTraits, /) -> 
         misfits.append((np.abs(ratio) - 1.0) ** 2 / (noise * (variances[0] + variance)))
         misfits.append(np.angle(ratio) ** 2 / (noise * (h * h * variances[0] + variance)))
     return np.array(misfits)
-
-
-def _is_noise_in_half(misfits: Float) -> bool:
-    """Return whether the deviations from light without MPI, (numbers, n), are noise in half of the patches."""
-    return float(median(misfits.sum(axis=0))) < LEAST_MISFIT * median_of_noise(len(misfits))
 
 
 def mpi_probability(misfit: float, /, *, numbers: int) -> float:

@@ -157,7 +157,7 @@ def patch_posterior(data: Float, error: Float, fit: PatchFit, /) -> Conditioned:
     covariance = fit.covariance + error
     size = count + 2
     lower = {(i, j): covariance[i, j] for i in range(size) for j in range(i + 1)}
-    return conditioned(list(data - fit.expected[:count]), lower, targets=2)
+    return conditioned(list(data - fit.expected[:count]), lower)
 
 
 def coarse_planes(

@@ -23,21 +23,20 @@ class Conditioned:
     chi_squared: Array
 
 
-def conditioned(residuals: Sequence[Array], covariance: Mapping[Entry, Array], /, *, targets: int) -> Conditioned:
-    """Condition the last `targets` variables on all others, by elimination in the order of the data.
+def conditioned(residuals: Sequence[Array], covariance: Mapping[Entry, Array], /) -> Conditioned:
+    """Condition the last two variables, the targets, on all others, by elimination in the order of the data.
 
     Args:
         residuals: data minus their means, in order.
         covariance: lower triangle of the covariance of data and targets. Entries between targets may be left out; they
             are not computed then.
-        targets: number of variables after the data.
     """
     count = len(residuals)
     left = dict(covariance)
-    moved: list[Array] = [*residuals, *(0.0 for _ in range(targets))]
+    moved: list[Array] = [*residuals, 0.0, 0.0]
     chi_squared = 0.0
     for i in range(count):
-        for j in range(i + 1, count + targets):
+        for j in range(i + 1, count + 2):
             share = left[j, i] / left[i, i]
             moved[j] = moved[j] - share * moved[i]
             for k in range(i + 1, j + 1):

@@ -21,6 +21,10 @@ SAMPLES = 8
 """Number of pixels that are sampled along each side of a patch. Their mean has little noise, and a large frame costs no
 more than a small one."""
 
+SHIFTS = ((0, 0), (1, 1), (1, 0))
+"""By how many rows and columns the sampled pixels are moved, one after the other, until some have light. Pixels without light
+may lie in a pattern: every second row, every second column, or a chequerboard."""
+
 UNKNOWN_WIDTH_RAD = math.radians(60.0)
 """Horizontal field of view that is assumed if the optics are unknown. Common time-of-flight modules have 55° to 70°."""
 
@@ -134,15 +138,6 @@ def sampled_pixels(height: int, width: int, shift: tuple[int, int] = (0, 0), /) 
     _, stride = _side_and_stride(height, width)
     up, left = shift
     return slice(stride // 2 - up, None, stride), slice(stride // 2 - left, None, stride)
-
-
-def other_grids(grid: PatchGrid, /) -> list[PatchGrid]:
-    """Return the grids that sample other pixels of a frame, in case that those of `grid` have no light.
-
-    Such pixels may lie in a pattern: every second row, every second column, or a chequerboard.
-    """
-    shifts = [(1, 1), (1, 0)] if grid.stride > 1 else []
-    return [patch_grid(grid.height, grid.width, grid.view, shift) for shift in shifts]
 
 
 def _side_and_stride(height: int, width: int) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Complex64, Float, Float32, Index, Stored, sealed
-from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
+from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.pooling import SharedNoise
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
@@ -16,8 +16,6 @@ from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
-from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, saturation
 
 LARGEST_AMPLITUDE = 1.5
 """Largest real or imaginary part of p_h of light and its noise. Phasors of light are 1 at most. A larger value is damage,
@@ -68,43 +66,17 @@ class Look:
     Attributes:
         phasor_map: map from stored values to phasors.
         saturated: stored values at or beyond these are saturated, in the values' own type; NaN: none are.
-        least_power: a pixel has no signal if the sum of |p_h|² over their variances is this or less.
-        variances: noise variances of the phasors of each harmonic.
-        harmonics: numbers of the harmonics.
+        least_power: a pixel has no signal if the sum of |p_h|² over their variances is this or less. `min_confidence` does
+            not count: surfaces that get no answer light the others all the same.
+        noise: noise of the pixels.
         hot: pixels that get no answer, (n,); None: there are none.
-        samples: number of recorded pixels that each pixel is a mean of, (n,); None: 1.
     """
 
     phasor_map: PhasorMap
     saturated: tuple[float, float]
     least_power: float
-    variances: tuple[float, ...]
-    harmonics: tuple[int, ...]
+    noise: NoiseModel
     hot: Bool | None = None
-    samples: Float | None = None
-
-    @classmethod
-    def of(
-        cls,
-        settings: ResolverSettings,
-        noise: NoiseModel,
-        phasor_map: PhasorMap,
-        saturated_counts: tuple[float, float] | None,
-        hot: Bool | None,
-        /,
-        *,
-        stored: np.dtype[np.generic],
-    ) -> "Look | None":
-        """Return the record for a frame with this noise and type; None if the kernel takes no frame of this type.
-
-        `settings.min_confidence` does not count: surfaces that get no answer light the others all the same.
-        """
-        if stored not in STORED_TYPES[:-1]:
-            return None
-        saturated = saturation(saturated_counts, stored)
-        power = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each))
-        variances = tuple(one.dark_variance for one in noise.each)
-        return cls(phasor_map, saturated, power, variances, noise.harmonics, hot, noise.samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +150,8 @@ def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /) -> PatchLight
     extension().look_at_samples(
         chosen_kernel(),
         np.array([*look.saturated, look.least_power]),
-        np.array(look.harmonics, np.int64),
-        np.array([1.0 / variance for variance in look.variances]),
+        np.array(look.noise.harmonics, np.int64),
+        np.array([1.0 / one.dark_variance for one in look.noise.each]),
         places,
         *(
             None if one is None else np.ascontiguousarray(one)
@@ -189,7 +161,7 @@ def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /) -> PatchLight
                 look.phasor_map.other,
                 look.phasor_map.constant,
                 look.hot,
-                look.samples,
+                look.noise.samples,
             )
         ),
         weighted,

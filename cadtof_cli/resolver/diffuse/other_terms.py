@@ -103,9 +103,8 @@ def freed_of_other_terms(
 
 def _seen(row: int, phase: Float32, tails: PixelTails, response: "ResponseBlock") -> _Seen:
     """Return what one harmonic sees of direct light of phase x and amplitude 1, and of its tail."""
-    everywhere, table = slice(None), response.stages[-1][row]
-    theta, harmonic = response.theta(row, phase, everywhere), table.harmonic
-    direct, sine = response.at(row, phase, everywhere), rotor(theta)
+    table, theta = response.stages[-1][row], response.theta(row, phase)
+    harmonic, direct, sine = table.harmonic, response.at(row, phase), rotor(theta)
     speed = np.float32(harmonic)
     value = direct.re - sine[0], direct.im - sine[1]
     slope = direct.slope_re + speed * sine[1], direct.slope_im - speed * sine[0]

@@ -90,7 +90,7 @@ def diffuse_pixels(
     for entry, value in noise_covariance(seen.relative_noise, harmonics=model.settings.harmonics).items():
         if entry in entries:
             entries[entry] = entries[entry] + value
-    posterior = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
+    posterior = conditioned(list(residuals(seen.data, means[:count])), entries)
     shrink, lag = exponential(-(means[count] + posterior.shifts[0])), means[count + 1] + posterior.shifts[1]
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
     direct = _direct(seen, shrink, lag, np.maximum(posterior.covariance[1, 1], floor) + planes[-2])
@@ -114,13 +114,9 @@ def pixels_of_sine(
     """Return what a sine would have recorded of pixels, (H, n), and a number of recorded pixels for each, (n,).
 
     The result for a pixel has the noise of a mean over that number of recorded pixels. `first` is the flat index of the
-    first of these consecutive pixels.
-
-    Raises:
-        ValueError: the model was made for a sine.
+    first of these consecutive pixels. The model is not that of a sine.
     """
-    if model.terms is None:
-        raise ValueError("the model was made for a sine")
+    assert model.terms is not None
     alone, pixels = first_phase(phasors[0], response=response), slice(first, first + phasors.shape[1])
     planes = model.terms.upsampler.joint(pixels, _first_range(alone.astype(np.float32), model, pixels))
     tails = PixelTails.of(planes, model.terms.harmonics)

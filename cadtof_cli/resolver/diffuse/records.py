@@ -107,13 +107,8 @@ class DiffuseModel:
     terms: TermTails | None = None
 
     def tails_of_patches(self, pixels: Index, /) -> PixelTails:
-        """Return the tail of pixels, given by flat indices; each pixel gets the tail of its patch.
-
-        Raises:
-            ValueError: the model was made for a sine.
-        """
-        if self.terms is None:
-            raise ValueError("the model was made for a sine")
+        """Return the tail of pixels, given by flat indices; each pixel gets the tail of its patch. Not for a sine."""
+        assert self.terms is not None
         row, column = self.upsampler.grid.patch_of(pixels)
         return PixelTails.of(self.terms.planes[:, row, column], self.terms.harmonics)
 

@@ -137,11 +137,6 @@ class SecondPaths:
         """Scatter of the logarithm of the share between the patches that know it."""
         return Scatter.of(self.log_share[self.known], self.noise[0, self.known])
 
-    @cached_property
-    def delay_scatter(self) -> "Scatter":
-        """Scatter of the delays between the same patches, in rad."""
-        return Scatter.of(self.later_rad[self.known], self.noise[1, self.known])
-
 
 @dataclass(frozen=True)
 class Scatter:
@@ -179,7 +174,8 @@ def has_one_share(second: SecondPaths, /, *, rad_per_ns: float) -> bool:
     """Return whether second paths have the same share of the light at different delays."""
     if not second.known.any():
         return False
-    return second.log_share_scatter.most * rad_per_ns**2 < ONE_SHARE_PER_NS**2 * second.delay_scatter.least
+    delays = Scatter.of(second.later_rad[second.known], second.noise[1, second.known])
+    return second.log_share_scatter.most * rad_per_ns**2 < ONE_SHARE_PER_NS**2 * delays.least
 
 
 def further_harmonics_tell(second: SecondPaths, data: PatchData, /) -> bool:

@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from cadtof_cli.arrays import Values
-from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.units import C_M_PER_NS, metres_per_radian
@@ -34,13 +33,6 @@ class DiffuseSettings:
     period_ns: float
     harmonics: tuple[int, ...]
     terms: tuple[tuple[int, float], ...] | None = None
-
-    def __post_init__(self) -> None:
-        if self.harmonics[:2] != (1, 2):
-            found = ", ".join(map(str, self.harmonics))
-            raise SettingsError(
-                f"modulation.periods_ns: found harmonics {found}; diffuse MPI needs 1 and 2 to begin with"
-            )
 
     @property
     def rad_per_ns(self) -> float:

@@ -66,7 +66,7 @@ class Upsampler:
     def linear(self, plane: int, pixels: slice, /) -> Float32:
         """Return a plane at consecutive pixels, flat indices row by row, by distance in the image alone, (n,)."""
         found = np.empty(pixels.stop - pixels.start, np.float32)
-        for band in self.bands(pixels):
+        for band in bands_of(self.grid, pixels.start, pixels.stop):
             down, right = self._shares(band)
             upper_left, upper_right, lower_left, lower_right = self._corners(self.planes[plane], band)
             upper = upper_left + right * (upper_right - upper_left)
@@ -79,7 +79,7 @@ class Upsampler:
         ranges, (n,).
         """
         found = np.empty((len(self.planes), range_m.size), np.float32)
-        for band in self.bands(pixels):
+        for band in bands_of(self.grid, pixels.start, pixels.stop):
             weights = self._weights(band, range_m[band.pixels].reshape(band.shape))
             *others, last = self._corners(self.planes, band)
             # the last patch's planes plus weighted differences from them: fewer passes over many planes than four products
@@ -89,10 +89,6 @@ class Upsampler:
                 total += np.multiply(values - last, weight, out=term)
             total += last
         return found
-
-    def bands(self, pixels: slice, /) -> tuple[Band, ...]:
-        """Cut consecutive pixels, flat indices row by row, into bands, in order."""
-        return _bands(self.grid, pixels.start, pixels.stop)
 
     def _weights(self, band: Band, range_m: Float32) -> Float32:
         """Return the weights of the upper left, upper right and lower left patch, (3, rows, columns); they and the last
@@ -123,7 +119,8 @@ class Upsampler:
 
 
 @lru_cache(maxsize=64)
-def _bands(grid: PatchGrid, start: int, stop: int) -> tuple[Band, ...]:
+def bands_of(grid: PatchGrid, start: int, stop: int, /) -> tuple[Band, ...]:
+    """Cut consecutive pixels, with flat indices from `start` to `stop` − 1 row by row, into bands, in order."""
     first, width, bands = start, grid.width, []
     while start < stop:
         top, left = divmod(start, width)

@@ -81,7 +81,10 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
     points, cost = end.points, end.cost
     if count == 1:
         return Mixture.of_points(points), cost
-    acceptable = _acceptable(measured, count, noise)
+    pairs = len(measured.harmonics) - count
+    acceptable: Float | float = chi_squared_threshold(SUSPECT, pairs=pairs) if pairs else EXACT_MISFIT
+    if noise.samples is not None:
+        acceptable = acceptable / noise.samples
     if count > 2 and (suspect := np.flatnonzero(cost > acceptable)).size:
         exact = exact_start(measured[suspect], paths=count)
         if exact:
@@ -157,12 +160,6 @@ def _sigma(paths: Mixture, matrix: Float) -> Float:
     count = len(paths.amplitude)
     variance = inverse_diagonal(cholesky(matrix, 2 * count), 2 * count)[count:]
     return np.sqrt(variance) / paths.amplitude
-
-
-def _acceptable(measured: Measured, count: int, noise: NoiseModel) -> Float | float:
-    pairs = len(measured.harmonics) - count
-    misfit = chi_squared_threshold(SUSPECT, pairs=pairs) if pairs else EXACT_MISFIT
-    return misfit if noise.samples is None else misfit / noise.samples
 
 
 def _improve(white: WhiteFit, starts: Mixture, pixels: Index, points: Float, cost: Float, noise: NoiseModel) -> None:

@@ -17,7 +17,7 @@ from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.likelihood.normal_equations import Triangle, cholesky, entry, solve
 
 if TYPE_CHECKING:
-    from cadtof_cli.resolver.likelihood.mixture import Measured
+    from cadtof_cli.resolver.likelihood.mixture import WeightedFit, WhiteFit
 
 WHITE, WEIGHTED = range(2)
 """Kinds of problems, numbered as in `enum kind` of `_levenberg_marquardt.h`."""
@@ -52,22 +52,6 @@ class Problem(Protocol):
 
     def __getitem__(self, chosen: Index, /) -> Self:
         """Return the problems of the given indices."""
-
-
-class Compilable(Problem, Protocol):
-    """Problems of paths, which the compiled search can solve too."""
-
-    @property
-    def kind(self) -> int:
-        """`WHITE` or `WEIGHTED`."""
-
-    @property
-    def measured(self) -> "Measured":
-        """The phasors to which paths are fitted."""
-
-    @property
-    def weights(self) -> tuple[float, ...] | Float:
-        """The weights of the phasors: (N,) if `WHITE`, (3, N, n) if `WEIGHTED`."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +170,7 @@ class Descent(ABC):
 class LevenbergMarquardt(Descent):
     """The method with damping in units of the matrix's diagonal."""
 
-    def solve(self, problem: Compilable, starts: Float, /, *, samples: Float | None = None) -> Minimum:
+    def solve(self, problem: "WhiteFit | WeightedFit", starts: Float, /, *, samples: Float | None = None) -> Minimum:
         """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge.
 
         `samples`, (n,): each problem is the mean of so many recordings, and the cost is in units of the noise of one
@@ -198,7 +182,7 @@ class LevenbergMarquardt(Descent):
         return Minimum(end.points, end.cost, end.matrix, end.converged, steps)
 
     def _compiled_ends(
-        self, compiled: ModuleType, problem: Compilable, starts: Float, samples: Float | None
+        self, compiled: ModuleType, problem: "WhiteFit | WeightedFit", starts: Float, samples: Float | None
     ) -> Minimum:
         measured, count, size = problem.measured, starts.shape[1], len(starts) // 3 * 2
         ends = Minimum(

@@ -52,7 +52,7 @@ def exact_start(measured: Measured, /, *, paths: int) -> Mixture | None:
     if paths == 2:
         first, second = (measured.re[row] + 1j * measured.im[row] for row in (0, 1))
         two = two_paths(fundamental_frame(first, second))
-        return Mixture(np.stack((two.a, two.b)), np.stack((two.cos_x, two.cos_y)), np.stack((two.sin_x, two.sin_y)))
+        return Mixture(two.amplitude, np.stack((two.cos_x, two.cos_y)), np.stack((two.sin_x, two.sin_y)))
     return strongest_of(pisarenko(measured.re[:run] + 1j * measured.im[:run]), paths)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.phasors.rotors import Rotor, unit_rotor
+from cadtof_cli.phasors.rotors import Rotor, product, unit_rotor
 from cadtof_cli.resolver.likelihood.k_paths import fisher_fit
 from cadtof_cli.resolver.likelihood.mixture import Mixture
 from cadtof_cli.resolver.likelihood.solver import Likelihood
@@ -78,10 +78,5 @@ def steps_of_starts(phasors: Complex, /, *, harmonics: tuple[int, ...], places: 
 
 def _paths(z: Float, modulus: Float, rotor: Rotor) -> Mixture:
     """Return α = z·p_1 and β = (1 − z)·p_1."""
-    amplitudes, cosines, sines = [], [], []
-    for re, im in ((z[0], z[1]), (1.0 - z[0], -z[1])):
-        share, (cos, sin) = unit_rotor(re, im)
-        amplitudes.append(share * modulus)
-        cosines.append(cos * rotor[0] - sin * rotor[1])
-        sines.append(sin * rotor[0] + cos * rotor[1])
-    return Mixture(np.stack(amplitudes), np.stack(cosines), np.stack(sines))
+    share, own = unit_rotor(np.stack([z[0], 1.0 - z[0]]), np.stack([z[1], -z[1]]))
+    return Mixture(share * modulus, *product(own, rotor))

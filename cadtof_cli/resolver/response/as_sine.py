@@ -7,7 +7,7 @@ the prediction of the tail then gives more exact terms.
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.resolver.paths import FULL_TURN, Paths
 from cadtof_cli.resolver.response.table import ENTRIES, ResponseBlock
 
@@ -20,9 +20,9 @@ def phasors_of_sine(phasors: Complex, paths: Paths, /, *, response: ResponseBloc
     sine = np.empty_like(phasors)
     for row, (re, im) in enumerate(response.observed(phasors)):
         for strength, x in zip(amplitude, phase, strict=True):
-            beyond_re, beyond_im = _beyond_sine(x, row, response)
-            re = re - strength * beyond_re
-            im = im - strength * beyond_im
+            answer, theta = response.at(row, x), response.theta(row, x)
+            re = re - strength * (answer.re - np.cos(theta))
+            im = im - strength * (answer.im - np.sin(theta))
         sine.real[row], sine.imag[row] = response.turned_back(row, re, im)
     return sine
 
@@ -39,7 +39,7 @@ def without_own_phases(phasors: Complex, paths: Paths, /, *, response: ResponseB
     without, result = response.without_phases, phasors.copy()
     for row, phasor in enumerate(result):
         for strength, x in zip(amplitude, phase, strict=True):
-            own, common = (block.at(row, x, slice(None)) for block in (response, without))
+            own, common = (block.at(row, x) for block in (response, without))
             own_re, own_im = response.turned_back(row, own.re, own.im)
             phasor.real -= strength * (own_re - common.re)
             phasor.imag -= strength * (own_im - common.im)
@@ -49,16 +49,9 @@ def without_own_phases(phasors: Complex, paths: Paths, /, *, response: ResponseB
 def single_path(phasor: Complex, /, *, response: ResponseBlock) -> Paths:
     """Return the single path, (1, n), that explains the phasor of the fundamental, complex128 (n,); NaN stays NaN."""
     phase = first_phase(phasor, response=response)
-    answer = response.at(0, phase.astype(np.float32), slice(None))
+    answer = response.at(0, phase.astype(np.float32))
     strength = np.abs(phasor) / np.hypot(answer.re, answer.im)
     return Paths(strength[np.newaxis], phase[np.newaxis], np.full((1, phase.size), np.nan))
-
-
-def _beyond_sine(phase: Float32, row: int, response: ResponseBlock) -> tuple[Float32, Float32]:
-    """Return f(θ) − exp(iθ) of one harmonic for paths with fundamental phase x."""
-    answer = response.at(row, phase, slice(None))
-    theta = response.theta(row, phase, slice(None))
-    return answer.re - np.cos(theta), answer.im - np.sin(theta)
 
 
 def first_phase(phasor: Complex, /, *, response: ResponseBlock | None) -> Float:

@@ -38,12 +38,6 @@ class SearchState:
     misfit: Float32
     done: Bool
 
-    @staticmethod
-    def of(values: Float32) -> "SearchState":
-        """Return the state before the first step: the misfit is infinite, and no pixel is done."""
-        count = values.shape[1]
-        return SearchState(values.copy(), np.full(count, np.inf, np.float32), np.zeros(count, np.bool_))
-
     def put(self, some: Index, other: "SearchState") -> None:
         """Overwrite the pixels with these indices."""
         self.values[:, some], self.misfit[some], self.done[some] = other.values, other.misfit, other.done
@@ -51,36 +45,36 @@ class SearchState:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of m pixels: the response there, the phasors, and the misfit at which a pixel is done.
+    """The equations of m pixels: their response, their phasors, and the misfit at which a pixel is done.
 
     `observed` is float32 (4, m): real and imaginary part of the first phasor, then of the second. `enough`, (m,), is
     that misfit.
     """
 
     response: ResponseBlock
-    pixels: Index
     observed: Float32
     enough: Float32
     weights: tuple[np.float32, ...]
 
     @staticmethod
-    def of(response: ResponseBlock, phasors: Complex, pixels: Index, noise: NoiseModel) -> "Equations":
-        """Return the equations of some pixels of phasors (2, n)."""
-        observed = [(re[pixels], im[pixels]) for re, im in response.observed(phasors)]
+    def of(response: ResponseBlock, phasors: Complex, noise: NoiseModel) -> "Equations":
+        """Return the equations of pixels with these phasors, (2, m)."""
+        observed = response.observed(phasors)
         weights = tuple(np.float32(1.0 / harmonic.dark_variance) for harmonic in noise.each)
         power = sum(weight * (re**2 + im**2) for weight, (re, im) in zip(weights, observed, strict=True))
-        samples = np.float32(1.0) if noise.samples is None else noise.samples[pixels].astype(np.float32)
+        samples = np.float32(1.0) if noise.samples is None else noise.samples.astype(np.float32)
         enough = np.maximum(np.float32(TOLERANCE**2) / samples, np.float32(ROUNDING**2) * power)
-        return Equations(response, pixels, np.concatenate(observed), enough, weights)
+        return Equations(response, np.concatenate(observed), enough, weights)
 
     def __getitem__(self, some: Bool | Index) -> "Equations":
-        return replace(self, pixels=self.pixels[some], observed=self.observed[:, some], enough=self.enough[some])
+        return replace(
+            self, response=self.response.block(some), observed=self.observed[:, some], enough=self.enough[some]
+        )
 
     def fields(self, values: Float32, row: int, stage: int) -> "Fields":
         """Return the answers and residuals of one harmonic for paths `values`, (4, m)."""
         a, x, b, y = values
-        fx = self.response.at(row, x, self.pixels, stage=stage)
-        fy = self.response.at(row, y, self.pixels, stage=stage)
+        fx, fy = (self.response.at(row, phase, stage=stage) for phase in (x, y))
         left_re = self.observed[2 * row] - a * fx.re
         left_im = self.observed[2 * row + 1] - a * fx.im
         left_re -= b * fy.re
@@ -110,10 +104,11 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
     it starts from a tiny residual, and Newton's steps leave second-order errors. Pixels that are done stay in the
     arrays until dropping them pays off.
     """
-    found = SearchState.of(start)
-    where, going = np.arange(start.shape[1]), np.ones(start.shape[1], np.bool_)
+    count = start.shape[1]
+    found = SearchState(start.copy(), np.full(count, np.inf, np.float32), np.zeros(count, np.bool_))
+    where, going = np.arange(count), np.ones(count, np.bool_)
     trial, values, misfit, step = start, start, found.misfit, np.zeros_like(start)
-    for count in range(steps + 1):
+    for number in range(steps + 1):
         first, second = (equations.fields(trial, row, stage) for row in range(2))
         left = equations.weights[0] * first.left2 + equations.weights[1] * second.left2
         closer = left < misfit
@@ -127,7 +122,7 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
             found.put(where[done], SearchState(unseen[:, done], misfit[done], done[done]))
             going = going & ~done
         remaining = np.count_nonzero(going)
-        if count == steps or not remaining:
+        if number == steps or not remaining:
             break
         if remaining < STILL_WORTH * where.size:
             where, equations, misfit = where[going], equations[going], misfit[going]
@@ -186,8 +181,7 @@ def searched(equations: Equations, start: Float32, /, *, steps: int, stage: int 
     constants = [*numbers, *(STEP / number for number in numbers), 1.0 / STEP, *equations.weights]
     count = start.shape[1]
     values, misfit, done = np.empty((4, count), np.float32), np.empty(count, np.float32), np.empty(count, np.bool_)
-    phase = None if response.phase_rad is None else response.phase_rad[:, equations.pixels]
-    given = (*(table.entries for table in tables), phase, equations.observed, equations.enough, start)
+    given = (*(table.entries for table in tables), response.phase_rad, equations.observed, equations.enough, start)
     extension().search(
         kernel,
         steps,

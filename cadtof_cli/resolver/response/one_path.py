@@ -64,7 +64,7 @@ def _one_path_step(
     """Return one Gauss–Newton step. The equations of each harmonic are turned so that its answer is real."""
     n11, n12, n22, g1, g2, chi, shorter, variance = (np.zeros_like(amplitude) for _ in range(8))
     for row, harmonic in enumerate(noise.each):
-        f = response.at(row, phase, slice(None))
+        f = response.at(row, phase)
         re, im = observed[row]
         left_re, left_im = re - amplitude * f.re, im - amplitude * f.im
         modulus = np.sqrt(f.re * f.re + f.im * f.im)

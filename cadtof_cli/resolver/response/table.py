@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32, SomePixels, sealed
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, SomePixels, sealed
 from cadtof_cli.phasors.response import NEGLIGIBLE_TERM, HarmonicResponse
 from cadtof_cli.records import dataclass
 
@@ -102,7 +102,7 @@ class ResponseBlock:
         """The same response for pixels without own phases."""
         return ResponseBlock(self.stages, None, None)
 
-    def block(self, pixels: SomePixels, /) -> "ResponseBlock":
+    def block(self, pixels: SomePixels | Bool, /) -> "ResponseBlock":
         """Return the response for some of the pixels."""
         if self.phase_rad is None or self.rotors is None:
             return self
@@ -131,15 +131,15 @@ class ResponseBlock:
         rotor = self.rotors[row]
         return re * rotor.real + im * rotor.imag, im * rotor.real - re * rotor.imag
 
-    def at(self, row: int, phase: Float32, pixels: SomePixels, /, *, stage: int = -1) -> Answer:
-        """Return the answer of one harmonic to paths with fundamental phase x, in some of the pixels."""
-        return self.stages[stage][row].at(self.theta(row, phase, pixels))
+    def at(self, row: int, phase: Float32, /, *, stage: int = -1) -> Answer:
+        """Return the answer of one harmonic to paths with fundamental phase x, (n,)."""
+        return self.stages[stage][row].at(self.theta(row, phase))
 
-    def theta(self, row: int, phase: Float32, pixels: SomePixels, /) -> Float32:
-        """Return θ = h·x plus the own phases of the pixels, for paths with fundamental phase x."""
+    def theta(self, row: int, phase: Float32, /) -> Float32:
+        """Return θ = h·x plus the own phases of the pixels, for paths with fundamental phase x, (n,)."""
         theta = phase * np.float32(self.stages[0][row].harmonic)
         if self.phase_rad is not None:
-            theta += self.phase_rad[row][pixels]
+            theta += self.phase_rad[row]
         return theta
 
 

@@ -28,8 +28,6 @@ STAGE_STEPS = 8
 STAGE_TOLERANCE = 10.0
 """Factor on the allowed residual at all stages but the last, because the next stage moves the paths anyway."""
 
-_EVERYWHERE = slice(None)
-
 
 def two_paths_of_response(
     alone: OnePath, phasors: Complex, chosen: Bool, /, *, response: ResponseBlock, noise: NoiseModel
@@ -47,7 +45,7 @@ def two_paths_of_response(
     converged = np.ones(chosen.shape, np.bool_)
     if not pixels.size:
         return start, converged
-    equations = Equations.of(response, phasors, pixels, noise)
+    equations = Equations.of(response.block(pixels), phasors[:, pixels], noise[pixels])
     found = searched(equations, _values(start, pixels), steps=MOST_STEPS)
     again = np.flatnonzero(~found.done)
     if again.size:
@@ -60,7 +58,7 @@ def two_paths_of_response(
 
 def _led_by_stages(equations: Equations, phasors: Complex) -> SearchState:
     """Return the state at the end of the stages, which start from the answer for a sine."""
-    values = _values(decomposed(*phasors), _EVERYWHERE)
+    values = _values(decomposed(*phasors), slice(None))
     coarse = replace(equations, enough=equations.enough * np.float32(STAGE_TOLERANCE**2))
     for stage in range(len(STAGES) - 1):
         values = searched(coarse, values, steps=STAGE_STEPS, stage=stage).values
@@ -91,7 +89,7 @@ def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Com
     for row, phasor in enumerate(phasors):
         if row:
             cos, sin = cos * cos - sin * sin, 2.0 * cos * sin
-        f = response.at(row, phase, _EVERYWHERE)
+        f = response.at(row, phase)
         re, im = response.turned_back(row, f.re, f.im)
         cleaned[row].real = phasor.real - alone.amplitude * (re - cos)
         cleaned[row].imag = phasor.imag - alone.amplitude * (im - sin)

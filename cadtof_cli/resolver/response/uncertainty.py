@@ -29,7 +29,7 @@ def response_sigmas(amplitude: Float, phase_rad: Float, /, *, response: Response
     """
     strengths: Array = amplitude.astype(np.float32)
     phases: Array = phase_rad.astype(np.float32)
-    answers = [[response.at(row, phase, slice(None)) for row in range(2)] for phase in phases]
+    answers = [[response.at(row, phase) for row in range(2)] for phase in phases]
     covariances = _covariances(strengths, phases, noise)
     sigmas = []
     for strength, own, other in zip(strengths, answers, reversed(answers), strict=True):

@@ -65,7 +65,8 @@ class TwoPaths:
     """Two paths of n pixels, float64: amplitudes a and b, (2, n), and phases x, y = mean ± half.
 
     The mean phase is stored as the unit rotor `cos_mean`, `sin_mean`. Half the difference, between 0 and π, is stored
-    as `cos_half` and `sin_half`. Where `single` is True there is one path: `b` and half the difference are 0.
+    as `cos_half` and `sin_half`. Where `single` is True there is one path: `b` and half the difference are 0. `known_rad` are
+    the phases x and y, (2, n), if the kernel has computed them.
     """
 
     amplitude: Float
@@ -74,6 +75,7 @@ class TwoPaths:
     cos_half: Float
     sin_half: Float
     single: Bool
+    known_rad: Float | None = None
 
     @property
     def a(self) -> Float:
@@ -116,6 +118,8 @@ class TwoPaths:
 
     def phases(self) -> Float:
         """Return x and y in [0, 2π) rad, (2, n)."""
+        if self.known_rad is not None:
+            return self.known_rad
         mean, half = phase_of(self.cos_mean, self.sin_mean), phase_of(self.cos_half, self.sin_half)
         x, y = mean + half, mean - half
         x = np.where(x >= FULL_TURN, x - FULL_TURN, x)

@@ -2,24 +2,12 @@
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float
-from cadtof_cli.records import dataclass
+from cadtof_cli.arrays import Complex
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 
 PLANES = 9
 """Number of values that the kernel returns per pixel, `DECOMPOSED_PLANES` in `_kernel_answers.h`."""
-
-
-@dataclass(frozen=True)
-class _Compiled(TwoPaths):
-    """Two paths from the kernel, which has computed their phases x and y, (2, n), too."""
-
-    found: Float
-
-    def phases(self) -> Float:
-        """Return x and y in [0, 2π) rad, (2, n)."""
-        return self.found
 
 
 def decomposed(p1: Complex, p2: Complex, /) -> TwoPaths:
@@ -34,4 +22,4 @@ def decomposed(p1: Complex, p2: Complex, /) -> TwoPaths:
     planes = np.empty((PLANES, p1.size))
     extension().decompose(kernel, np.ascontiguousarray(p1), np.ascontiguousarray(p2), planes)
     cos_mean, sin_mean, cos_half, sin_half, single = planes[2:7]
-    return _Compiled(planes[:2], cos_mean, sin_mean, cos_half, sin_half, single > 0.0, planes[7:])
+    return TwoPaths(planes[:2], cos_mean, sin_mean, cos_half, sin_half, single > 0.0, planes[7:])

@@ -4,6 +4,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.rotors import product
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.paths import Fit, Paths, doubt_of_one
 from cadtof_cli.resolver.two_path.arcsine import phase_of
@@ -72,8 +73,7 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
     weighted = t1 + 4.0 * weight * weight * t2
     square = weighted * (amplitude * (1.0 + 4.0 * weight)) ** 2
     sigma = np.where(square < LEAST, np.inf, weighted * inverse_root(square))
-    turned = cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos
-    return OnePath(amplitude, *turned, sigma, chi_squared, fall_off)
+    return OnePath(amplitude, *product((cos, sin), (frame.cos, frame.sin)), sigma, chi_squared, fall_off)
 
 
 def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]:
@@ -111,5 +111,4 @@ def _turn(cos: Float, sin: Float, angle: Float) -> tuple[Float, Float]:
     half = 0.5 * angle
     square = half * half
     norm = 1.0 / (1.0 + square)
-    cos_turn, sin_turn = (1.0 - square) * norm, 2.0 * half * norm
-    return cos * cos_turn - sin * sin_turn, sin * cos_turn + cos * sin_turn
+    return product((cos, sin), ((1.0 - square) * norm, 2.0 * half * norm))

@@ -94,16 +94,17 @@ class CapturePlan:
             CaptureError: nothing tells how many frames come before those of `--frames`.
         """
         settings, layout = self.settings, self.capture.layout
-        frames = self._chosen(single_frames(self.capture, taken=taken))
+        frames = single_frames(self.capture, taken=taken)
+        if settings.frames is not None:
+            frames = self._chosen(frames, settings.frames)
         while sources := tuple(itertools.islice(frames, settings.maps.average)):
             form = map_format(settings.map_format, sources[0].paths[0])
             output = settings.out / f"{sources[0].name}.{form.name}"
             earlier = before(output) if settings.resume else None
             yield FrameTask(sources, layout, self.plan, self.pixels, output, settings.resume, earlier, token)
 
-    def _chosen(self, frames: Iterator[FrameSource]) -> Iterator[FrameSource]:
+    def _chosen(self, frames: Iterator[FrameSource], chosen: slice) -> Iterator[FrameSource]:
         """Yield the frames that `--frames` chooses: all frames are counted, so stacks before these must be readable."""
-        chosen = self.settings.frames or slice(None)
         for source in itertools.islice(frames, chosen.start or 0):
             if self.stack_frame_bytes is not None and source.index is None:
                 try:
@@ -172,7 +173,11 @@ def plan_captures(
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
-        doubtful = () if stored is None else _doubts(stored, plan)
+        # a calibration shows that the planes are in order
+        doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
+        # what `read_frames` reads, for one path, may be calibrated later
+        if stored is not None and not doubtful and use is None and plan.resolver.max_paths > 1:
+            doubtful = camera_doubts(stored, plan.metadata)
         plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))
     return plans
 
@@ -207,15 +212,6 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
     if wrong:
         raise FrameError(wrong[0])
     return None
-
-
-def _doubts(stored: Stored, plan: FramePlan) -> tuple[str, ...]:
-    """Return in words what is likely wrong with a frame: with its values and planes or, if that is nothing, with its camera."""
-    # a calibration shows that the planes are in order
-    found = doubts(stored, plan.metadata, of_order=plan.calibration is None)
-    # what `read_frames` reads, for one path, may be calibrated later
-    asks_camera = plan.calibration is None and plan.resolver.max_paths > 1 and not found
-    return camera_doubts(stored, plan.metadata) if asks_camera else found
 
 
 def run_document(

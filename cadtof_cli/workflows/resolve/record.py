@@ -85,10 +85,9 @@ class RunRecorder:
         return None if place is None else report_of(self._line_at(place))
 
     def meet(self, task: FrameTask, /) -> None:
-        """Remember the recorded frames of a task, if maps of an earlier run may show the same frames."""
-        if self.resumed:
-            folder = place_in(self.path.parent, task.output).rpartition("/")[0]
-            self._recorded.update(f"{folder}/{Path(str(source)).name}" for source in task.sources)
+        """Remember the recorded frames of a task: maps of the earlier run may show the same frames."""
+        folder = place_in(self.path.parent, task.output).rpartition("/")[0]
+        self._recorded.update(f"{folder}/{Path(str(source)).name}" for source in task.sources)
 
     def add(self, report: FrameReport, /) -> None:
         """Append a frame's line. If the maps were kept, the line may be there already; then nothing is written.

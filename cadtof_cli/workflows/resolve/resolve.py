@@ -298,7 +298,8 @@ class _Run:
                 for number, task in enumerate(tasks, start=1):
                     if number > one.expected_maps:
                         self.expected += 1
-                    self.record.meet(task)
+                    if self.record.resumed:
+                        self.record.meet(task)
                     if "/" in task.sources[0].name:
                         require_inside(self.settings.out, task.output.parent)
                         with self._needed(), writing(task.output.parent):

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
-from cadtof_cli.phasors.noise import NoiseModel, noise_model
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
+from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored, saturated_pixels
+from cadtof_cli.pipeline.plan import FramePlan
+from cadtof_cli.pipeline.stages import frame_stages, frame_traits
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, assumed_view, patch_grid, sampled_pixels
 from cadtof_cli.resolver.diffuse.light import (
     Look,
@@ -21,6 +23,7 @@ from cadtof_cli.resolver.diffuse.light import (
 from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY
 from cadtof_cli.resolver.resolve import screened
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.kernel import saturation
 from tests.resolver.compiled import compiled_kernels
 from tests.support.diffuse_patches import traits_of
 from tests.support.kernels import by_kernel
@@ -75,7 +78,7 @@ def by_numpy(stored: Any, look: Look, noise: NoiseModel, settings: ResolverSetti
     size = (grid.height, grid.width)
     rows, columns = sampled_pixels(*size)
     sampled = phasors.reshape(-1, *size)[:, rows, columns]
-    return sampled_light(sampled, (found == 0).reshape(size)[rows, columns], grid, harmonics=look.harmonics)
+    return sampled_light(sampled, (found == 0).reshape(size)[rows, columns], grid, harmonics=look.noise.harmonics)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -93,8 +96,8 @@ def test_the_first_look_has_the_same_bits(
         noise = replace(noise, samples=rng.integers(1, 9, pixels).astype(np.float64))
     hot = rng.random(pixels) < 0.1 if per_pixel else None
     each = phasor_map(len(harmonics), pixels if per_pixel else None)
-    look = Look.of(settings, noise, each, LIMITS, hot, stored=stored.dtype)
-    assert look is not None
+    power = chi_squared_threshold(false_alarm, pairs=len(harmonics))
+    look = Look(each, saturation(LIMITS, stored.dtype), power, noise, hot)
     expected = by_numpy(stored, look, noise, settings, grid)
     assert pixels == 1 or 0.1 < expected.seen.mean() < 0.95
     for kernel in compiled_kernels():
@@ -110,9 +113,11 @@ def test_the_first_look_has_the_same_bits(
 
 
 def test_phasors_and_unusual_types_are_left_to_numpy() -> None:
+    voltage = Voltage(zero_counts=100.0, volts_per_count=1e-3)
+    stages = frame_stages(FramePlan(metadata=CaptureMetadata(voltage=voltage)), None, np.dtype(np.uint16), (12, 20))
+
     def looks(dtype: Any) -> bool:
-        given = ResolverSettings(), noise_of((1, 2)), phasor_map(2, None), LIMITS, None
-        return Look.of(*given, stored=np.dtype(dtype)) is not None
+        return frame_traits(stages, noise_of((1, 2)), (12, 20), np.dtype(dtype)).look is not None
 
     assert looks(np.uint16)
     assert looks(float)

@@ -14,7 +14,7 @@ def test_conditioning_is_that_of_gaussians_in_whole_matrices(data: int) -> None:
     covariance = root @ root.T
     residuals = rng.normal(size=data)
     lower = {(i, j): covariance[i, j] for i in range(data + 2) for j in range(i + 1)}
-    found = conditioned(list(residuals), lower, targets=2)
+    found = conditioned(list(residuals), lower)
     inverse = np.linalg.inv(covariance[:data, :data])
     cross = covariance[data:, :data]
     remaining = covariance[data:, data:] - cross @ inverse @ cross.T
@@ -27,7 +27,7 @@ def test_conditioning_is_that_of_gaussians_in_whole_matrices(data: int) -> None:
 
 def test_covariances_of_targets_that_are_not_needed_may_be_missing() -> None:
     covariance = {(0, 0): 2.0, (1, 0): 0.5, (2, 0): 0.7, (2, 2): 1.0}
-    found = conditioned([0.4], covariance, targets=2)
+    found = conditioned([0.4], covariance)
     assert found.shifts == pytest.approx((0.1, 0.14))
     assert found.covariance == pytest.approx({(1, 1): 1.0 - 0.7**2 / 2})
 

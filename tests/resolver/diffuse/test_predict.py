@@ -5,13 +5,11 @@ import pytest
 
 from cadtof_cli import resolve, simulate_scene
 from cadtof_cli.arrays import Float32
-from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.diffuse import choice, predict
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, RoomNumbers
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.diffuse_answers import answers, model_of, predicted
 from tests.support.diffuse_frames import (
@@ -371,11 +369,6 @@ def test_the_numbers_of_the_room_are_reported() -> None:
     strength = room.unseen[0] * room.decay_ns[0] / 12.0
     assert strength == pytest.approx(0.4, rel=0.5)
     assert room.decay_ns[0] == pytest.approx(8.0, rel=0.5)
-
-
-def test_harmonics_must_begin_with_one_and_two() -> None:
-    with pytest.raises(SettingsError, match="found harmonics 1, 3"):
-        DiffuseSettings(period_ns=40.0, harmonics=(1, 3))
 
 
 def uneven_tails(seed: int = 4) -> tuple[F, Z]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.upsampling import Upsampler, upsampler
+from cadtof_cli.resolver.diffuse.upsampling import Upsampler, bands_of, upsampler
 from tests.support.diffuse_frames import F
 
 SIZES = [(1, 1), (5, 3), (37, 53), (48, 64), (240, 320), (61, 600)]
@@ -31,7 +31,7 @@ def test_bands_cover_every_pixel_once_in_order(size: tuple[int, int], step: int)
     up = ramp(patch_grid(*size, assumed_view(*size)))
     pixels = []
     for start in range(0, size[0] * size[1], step):
-        for band in up.bands(slice(start, min(start + step, size[0] * size[1]))):
+        for band in bands_of(up.grid, start, min(start + step, size[0] * size[1])):
             rows, columns = np.mgrid[band.top : band.bottom, band.left : band.right]
             assert {band.patch_row} == {int(np.floor((y + 0.5) / up.grid.side + 0.5)) for y in rows[:, 0]}
             places = (rows * size[1] + columns).ravel()

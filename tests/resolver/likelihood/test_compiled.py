@@ -11,7 +11,6 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import (
     WHITE,
-    Compilable,
     LevenbergMarquardt,
     Minimum,
     compiled_search,
@@ -42,7 +41,9 @@ def hard_phasors(rows: int, count: int, rng: np.random.Generator) -> C:
     return phasors
 
 
-def mixture_problem(harmonics: tuple[int, ...], paths: int, count: int, *, white: bool) -> tuple[Compilable, Float]:
+def mixture_problem(
+    harmonics: tuple[int, ...], paths: int, count: int, *, white: bool
+) -> tuple[WhiteFit | WeightedFit, Float]:
     rng = np.random.default_rng([paths, count, *harmonics])
     noise = noise_of(harmonics, n_av=1e4)
     measured = Measured.of_phasors(hard_phasors(len(harmonics), count, rng), harmonics=harmonics)
@@ -60,7 +61,7 @@ def assert_same_bits(one: Any, other: Any) -> None:
         assert a.tobytes() == b.tobytes() or np.array_equal(a, b, equal_nan=True), field.name
 
 
-def assert_every_level_agrees(search: ModuleType, problem: Compilable, starts: Float) -> None:
+def assert_every_level_agrees(search: ModuleType, problem: WhiteFit | WeightedFit, starts: Float) -> None:
     samples = np.random.default_rng(1).uniform(1.0, 400.0, size=(starts.shape[1],))
     with np.errstate(all="ignore"):
         for solver in SOLVERS:

@@ -10,7 +10,7 @@ import pytest
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.likelihood import levenberg_marquardt, mixture, starts
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import Compilable, LevenbergMarquardt
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from tests.support.kernels import by_kernel
 from tests.support.mixtures import noise_of
@@ -48,7 +48,7 @@ def paths() -> Mixture:
     return Mixture(np.full((2, COUNT), 0.2), np.cos(phase), np.sin(phase))
 
 
-def problem(kind: str) -> tuple[Compilable, Float]:
+def problem(kind: str) -> tuple[WhiteFit | WeightedFit, Float]:
     """Return a problem, and the weights that the compiled search must receive."""
     if kind == "white":
         return WhiteFit(measured(), (3.0, 2.0, 1.0)), np.array([3.0, 2.0, 1.0])

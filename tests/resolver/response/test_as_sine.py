@@ -55,7 +55,7 @@ def _light(paths: Paths, response: ResponseBlock) -> NDArray[np.complex128]:
     phasors = np.zeros((2, paths.amplitude.shape[1]), np.complex128)
     for row in range(2):
         for a, x in zip(paths.amplitude, paths.phase_rad, strict=True):
-            answer = response.at(row, x.astype(np.float32), slice(None))
+            answer = response.at(row, x.astype(np.float32))
             re, im = response.turned_back(row, answer.re, answer.im)
             phasors[row] += a * (re + 1j * im)
     return phasors

@@ -58,7 +58,7 @@ def recorded(values: Float32, response: ResponseBlock) -> NDArray[np.complex128]
     a, x, b, y = values
     rng, rows = np.random.default_rng(9), []
     for row in range(2):
-        f, g = (response.at(row, phase, slice(None)) for phase in (x, y))
+        f, g = (response.at(row, phase) for phase in (x, y))
         light = a * (f.re + 1j * f.im) + b * (g.re + 1j * g.im)
         rows.append(light + 1e-3 * (rng.normal(size=COUNT) + 1j * rng.normal(size=COUNT)))
     return np.array(rows)
@@ -68,7 +68,7 @@ def assert_same_bits(
     response: ResponseBlock, phasors: Any, start: Float32, *, steps: int, stage: int = -1
 ) -> NDArray[np.bool_]:
     with np.errstate(all="ignore"):
-        equations = Equations.of(response, phasors, np.arange(start.shape[1]), NOISE)
+        equations = Equations.of(response, phasors, NOISE)
         expected = by_kernel(NUMPY, searched, equations, start, steps=steps, stage=stage)
     for kernel in compiled_kernels():
         found = by_kernel(kernel, searched, equations, start, steps=steps, stage=stage)

@@ -42,7 +42,7 @@ def test_tables_hold_the_values_of_the_series() -> None:
     model = response_block(responses, None)
     phase = np.linspace(-7.0, 7.0, 1001, dtype=np.float32)
     for row, response in enumerate(responses):
-        found = model.block(slice(None)).at(row, phase, slice(None))
+        found = model.block(slice(None)).at(row, phase)
         expected = response.at(response.harmonic * phase.astype(np.float64)) / response.main
         np.testing.assert_allclose(found.re + 1j * found.im, expected, atol=3e-6)
 
@@ -58,7 +58,7 @@ def test_a_block_has_the_phases_of_its_own_pixels(pixels: slice) -> None:
         np.testing.assert_allclose(re + 1j * im, 0.3 * np.exp(1j * phase_rad[row, pixels]), rtol=1e-6)
         back = block.turned_back(row, re, im)
         np.testing.assert_allclose(back[0] + 1j * back[1], 0.3, atol=1e-7)
-        theta = block.theta(row, np.full(re.shape, 0.5, np.float32), slice(None))
+        theta = block.theta(row, np.full(re.shape, 0.5, np.float32))
         np.testing.assert_allclose(theta, 0.5 * (row + 1) + phase_rad[row, pixels], rtol=1e-5)
     bare = response_block(responses, None)
     (re, im), _ = bare.block(pixels).observed(phasors)

@@ -114,8 +114,8 @@ def test_rotors_are_those_of_mean_and_half_of_the_phases() -> None:
     assert (found.sin_half >= 0.0).all()
 
 
-def equations(p: Complex, pixels: int = PIXELS) -> Equations:
-    return Equations.of(block(), p, np.arange(pixels), NOISE)
+def equations(p: Complex) -> Equations:
+    return Equations.of(block(), p, NOISE)
 
 
 def test_the_residual_of_the_equations_is_what_the_paths_do_not_explain() -> None:
@@ -164,9 +164,7 @@ def test_pixels_searched_apart_end_at_the_same_bits() -> None:
     alone = search(equations(p)[some], start[:, some], steps=5)
     np.testing.assert_array_equal(whole.values[:, some], alone.values)
     np.testing.assert_array_equal(whole.done[some], alone.done)
-    state = SearchState.of(start)
-    assert not state.done.any()
-    assert np.isinf(state.misfit).all()
+    state = SearchState(start.copy(), np.full(PIXELS, np.inf, np.float32), np.zeros(PIXELS, np.bool_))
     state.put(some, alone)
     np.testing.assert_array_equal(state.values[:, some], alone.values)
     assert (state.values[:, 1] == start[:, 1]).all()
