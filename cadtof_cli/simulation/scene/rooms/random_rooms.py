@@ -51,11 +51,9 @@ def random_room(
 ) -> Room:
     """Return the room of a seed; it is the same for the same arguments.
 
-    `furniture` is the number of pieces of furniture, up to MOST_FURNITURE, `albedo` the albedo of every surface, and `beam_deg`
-    half the beam's angle. An argument that is None is drawn.
-
-    Raises:
-        SettingsError: no room of this seed has place for the furniture, or the beam lights too little of what the camera sees.
+    `furniture` is the number of pieces of furniture, up to MOST_FURNITURE, `albedo` the albedo of every surface, and
+    `beam_deg` half the beam's angle. An argument that is None is drawn. A SettingsError is raised if no room of this
+    seed has place for the furniture, or if the beam lights too little of what the camera sees.
     """
     generator = np.random.default_rng(seed)
     kind = str(generator.choice(list(KINDS), p=list(KINDS.values())))
