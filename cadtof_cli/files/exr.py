@@ -131,13 +131,12 @@ def _opened(path: Path, *, header_only: bool) -> Any:
                 raise
         if printed:
             read_through(path)
-    if printed:
-        named = (line.removeprefix(f"{path}: ").removeprefix("<python_buffer>: ") for line in printed)
-        words = in_brief(line.removeprefix("Warning: ") for line in named)
-        raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
-    if not file.parts:
-        raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")
-    return file
+            named = (line.removeprefix(f"{path}: ").removeprefix("<python_buffer>: ") for line in printed)
+            words = in_brief(line.removeprefix("Warning: ") for line in named)
+            raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
+        if not file.parts:
+            raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")
+        return file
 
 
 @contextmanager
