@@ -19,6 +19,10 @@ def require_ratio(value: float, name: str, found: str) -> None:
     require(0 <= value <= MOST_RATIO, name, found, f"a ratio from 0 to {MOST_RATIO:g}")
 
 
+def _countable(counts: Float) -> bool:
+    return bool(np.all((counts >= 0) & np.isfinite(counts)))
+
+
 @dataclass(frozen=True, kw_only=True)
 class PhotonMix:
     """Photons by origin, for one pixel or for a block of pixels. Only the ratios of the numbers of photons matter.
@@ -40,9 +44,8 @@ class PhotonMix:
     jitter_ns: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, counts in (("photons", self.photons), ("ambient", self.ambient)):
-            sound = bool(np.all((counts >= 0) & np.isfinite(counts)))
-            require(sound, name, "one below 0, infinite or NaN", "finite numbers of 0 or more")
+        require(_countable(self.photons), "photons", "one below 0, infinite or NaN", "finite numbers of 0 or more")
+        require(_countable(self.ambient), "ambient", "one below 0, infinite or NaN", "finite numbers of 0 or more")
         require(self.delays_ns.shape == self.photons.shape, "delays", self.delays_ns.shape, f"{self.photons.shape}")
         require(1e-6 <= self.period_ns < math.inf, "period", f"{self.period_ns:g} ns", "a time above 0")
         require(0 <= self.fwhm_ns <= 1e9, "pulse width", f"{self.fwhm_ns:g} ns", "0 to 1e9 ns")
