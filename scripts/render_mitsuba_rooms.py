@@ -111,13 +111,12 @@ def _write(
 ) -> None:
     """Write a capture of one frame, with the noise of its integration length."""
     voltages_v = draw_voltages(_statistics(light, ambient, metadata), np.random.default_rng(seed), draws=1)[0]
-    modulation, files = metadata.modulation, format_by_name("tif").recording
-    assert files is not None
+    modulation, files = metadata.modulation, format_by_name("tif").frames()
     with new_folder(folder) as scratch:
         (scratch / FILE_NAME).write_text(toml_text(metadata, comments=(f"{view!r}",)), encoding="utf-8")
         write_layers(scratch / "truth.exr", truth, lossy=True)
         counts = _camera(view).counts_from_voltages(voltages_v)
-        files().write_frame(scratch / "frame_0000.tif", counts, layout=FrameLayout(modulation.harmonics), compress=True)
+        files.write_frame(scratch / "frame_0000.tif", counts, layout=FrameLayout(modulation.harmonics), compress=True)
 
 
 def _statistics(light: Complex, ambient: float, metadata: CaptureMetadata) -> VoltageStatistics:

@@ -42,12 +42,8 @@ class CalibrationNoise:
         """Return the noise of a pixel with the noise of the calibration added.
 
         The noise model describes a single recording, and the variance of a mean is that over `frames`. The
-        calibration's noise does not get smaller in a mean, so `frames` times its variance is added.
-
-        Args:
-            noise: noise of a single recording.
-            powers: typical |p|² of each harmonic, (H,).
-            frames: number of frames that the pixel is a mean of.
+        calibration's noise does not get smaller in a mean, so `frames` times its variance is added. `powers`, (H,), are
+        the typical |p|² of each harmonic.
         """
         steps = np.round(STEPS_PER_OCTAVE * np.log2(np.clip(powers, 1e-6, 1.0)))
         return _with_calibration(noise, self, tuple((2.0 ** (steps / STEPS_PER_OCTAVE)).tolist()), frames)

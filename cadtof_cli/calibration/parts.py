@@ -62,10 +62,9 @@ class Origin:
         return tuple(round(self.periods_ns[0] / period) for period in self.periods_ns)
 
     def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /, *, kind: str) -> None:
-        """Make sure that the part belongs to a capture; `pixels` is (Y, X), or None if the size is not known yet.
+        """Raise SettingsError unless the part belongs to a capture: the same size of the array, periods and waveform.
 
-        Raises:
-            SettingsError: size of the array, periods or waveform differ.
+        `pixels` is (Y, X), or None if the size is not known yet.
         """
         modulation = metadata.modulation
         checks: list[tuple[str, object, object]] = [("waveform", modulation.waveform, self.waveform)]
@@ -97,11 +96,7 @@ def named_planes(
 
 
 def stacked(maps: Maps, what: str, harmonics: tuple[int, ...], channels: int = 0) -> NDArray[np.float32]:
-    """Return the maps that `named_planes` has named as one float32 array, (H·channels, Y, X).
-
-    Raises:
-        MetadataError: one of them is missing.
-    """
+    """Return the maps that `named_planes` has named as one float32 array, (H·channels, Y, X); all must be there."""
     names = _plane_names(what, harmonics, channels)
     missing = [name for name in names if name not in maps]
     if missing:

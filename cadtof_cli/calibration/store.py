@@ -139,8 +139,7 @@ def digest_of(part: Part, /) -> str:
 def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[Path, ...]:
     """Write a part into a calibration folder, and return the files that were written; the other parts stay.
 
-    Raises:
-        OutputError: the part exists already and `overwrite` is not set, or the folder cannot be written.
+    An OutputError is raised if the part exists already and `overwrite` is not set.
     """
     path, maps = folder / f"{part.kind}.toml", part.maps()
     require_new(path, overwrite=overwrite)
@@ -185,11 +184,10 @@ def load_calibration(folder: Path, /, *, kinds: Sequence[PartKind] = PART_KINDS)
 
 @lru_cache(maxsize=4)
 def cached_calibration(folder: Path, digest: str, /) -> Calibration:
-    """Read a calibration once per process, and make sure that it has this digest.
+    """Read a calibration once per process; raise MetadataError unless it has this digest.
 
-    Raises:
-        MetadataError: see `load_calibration`; or the folder has changed since the start of the run that recorded the
-            digest. That run may still go on, or may have ended long ago.
+    It may have changed since the start of the run that recorded the digest. That run may still go on, or may have ended
+    long ago.
     """
     calibration = load_calibration(folder)
     if calibration.digest != digest:

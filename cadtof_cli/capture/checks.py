@@ -30,14 +30,10 @@ _EXPECTED: dict[Kind, str] = {
 
 
 class InvalidValueError(MetadataError):
-    """A value that its key cannot have.
+    """A value that its key cannot have, and the values that are allowed, in words.
 
-    Attributes:
-        key: the dotted name of the key.
-        found: the value.
-        expected: the values that are allowed, in words.
-        where: the file or option that gave the value; empty: not known. A caller that knows it raises the error again
-            with it.
+    `where` is the file or option that gave the value; empty: not known. A caller that knows it raises the error again
+    with it.
     """
 
     def __init__(self, key: str, found: object, expected: str, where: str = "") -> None:

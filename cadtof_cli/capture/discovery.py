@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.checks import InvalidValueError
-from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
+from cadtof_cli.capture.frames import Capture, FrameSource, natural_key
 from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, entries_of, fail
 from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.capture.planes import grouped_planes, hint_of_words
@@ -114,26 +114,19 @@ def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:
 def placed_captures(
     captures: Sequence[Capture], inputs: Sequence[Path], /, *, base: Path | None = None
 ) -> tuple[tuple[Capture, ...], Path]:
-    """Return captures with their frames renamed for OUT, and the folder whose tree OUT mirrors.
+    """Return captures found in `inputs`, with their frames renamed for OUT, and the folder `base` whose tree OUT mirrors.
 
     The name of a frame gets the path of its capture relative to that folder in front of it. If a capture lies outside
-    of the folder, the steps `..` of this path are left out.
-
-    Args:
-        captures: the captures that `find_captures` found in `inputs`.
-        inputs: folders and files.
-        base: the folder whose tree OUT mirrors; None: the deepest folder that contains all inputs and captures.
+    of the folder, the steps `..` of this path are left out. By default, the folder is the deepest one that contains all
+    inputs and captures.
     """
     if base is None:
         folders = [path if path.is_dir() else path.parent for path in inputs] + [one.root for one in captures]
         base = Path(os.path.commonpath(map(os.path.abspath, folders)))
     placed = []
     for one in captures:
-        below, frames = "".join(f"{step}/" for step in steps_below(one.root, base)), one.frames
-        if isinstance(frames, FrameFileList):
-            frames = replace(frames, below=below)
-        else:
-            frames = tuple(replace(frame, name=below + frame.name) for frame in frames)
+        below = "".join(f"{step}/" for step in steps_below(one.root, base))
+        frames = tuple(replace(frame, name=below + frame.name) for frame in one.frames) if below else one.frames
         placed.append(replace(one, frames=frames))
     return tuple(placed), base
 
@@ -151,8 +144,7 @@ def absolute(path: Path, /) -> Path:
 def nearest_settings(folder: Path, /) -> Path | None:
     """Return the `capture.toml` of a folder: the one in it, or else in the nearest folder above; None: there is none.
 
-    Raises:
-        CaptureError: the nearest folder that has such a file has it under a wrong name, so that it would be ignored.
+    A `capture.toml` under a wrong name would be ignored, so it raises a CaptureError.
     """
     for place in (folder, *absolute(folder).parents):
         # a file in a folder without permission counts as missing; a broken link counts as present, and reading it fails
@@ -198,8 +190,8 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
 def _below(folder: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> Iterator[Capture]:
     """Yield the captures in a folder and in all folders below it, in the natural order of the folders' names.
 
-    Raises:
-        UnlistedError: the folder itself cannot be listed; or there is no capture in the folders that can be listed.
+    If the folder itself cannot be listed, or if there is no capture in those that can be listed, an UnlistedError is
+    raised.
     """
     waiting, seen = [folder], set[str]()
     unlisted: UnlistedError | None = None
@@ -240,11 +232,6 @@ def _capture(
     The entries of the folder with the suffix of a frame, or of a plane, belong to the capture, in natural order. A
     folder with such a name belongs to it too, so that it is reported as a frame that fails. If `recursive` is set,
     captures are looked for inside of folders, so such a folder belongs to the capture only if it is empty.
-
-    Raises:
-        CaptureError: two frames have the same name; or `recursive` is set, and the folder has planes but none fits the
-            pattern.
-        MetadataError: `layout.harmonic` has no name for one of the harmonics.
     """
     # when a shell expands cap/*, `capture.toml` is among the named files
     layout, names = source.metadata.layout, [name for name in named or () if name != FILE_NAME]
@@ -261,8 +248,9 @@ def _capture(
         return None
     if named is None:
         names.sort(key=natural_key)
-    frames: Sequence[FrameSource] = FrameFileList(root, names)
-    if layout.pattern is not None:
+    if layout.pattern is None:
+        frames = tuple(FrameSource(name.rpartition(".")[0] or name, (root / name,)) for name in names)
+    else:
         try:
             frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
         except InvalidValueError as error:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
@@ -69,36 +69,6 @@ class FrameSource:
         while any(f"{self.name}_{index:0{digits}}" in taken for index in range(count)):
             digits += 1
         return tuple(replace(self, name=f"{self.name}_{index:0{digits}}", index=index) for index in range(count))
-
-
-@dataclass(frozen=True)
-class FrameFileList(Sequence[FrameSource]):
-    """Frames of one folder, each in a file of its own. A `FrameSource` is made only when a frame is asked for.
-
-    There may be thousands of files, so only their names are kept.
-
-    Attributes:
-        folder: the folder of the files.
-        files: the names of the files.
-        below: the beginning of the frames' names: empty, or folders with a slash at the end.
-    """
-
-    folder: Path
-    files: Sequence[str]
-    below: str = ""
-
-    def __len__(self) -> int:
-        return len(self.files)
-
-    @overload
-    def __getitem__(self, place: int) -> FrameSource: ...
-    @overload
-    def __getitem__(self, place: slice) -> "FrameFileList": ...
-    def __getitem__(self, place: int | slice) -> "FrameSource | FrameFileList":
-        if isinstance(place, slice):
-            return replace(self, files=self.files[place])
-        file = self.files[place]
-        return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
 
 
 def natural_key(name: str) -> str:
@@ -170,10 +140,6 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
 
     If there are several frames and `source.index` is None, the file is a stack, which its name did not tell.
 
-    Args:
-        source: where the frame lies.
-        layout: how the capture's files are laid out.
-
     Raises:
         NotAFrameError: the file is undamaged but holds something else, such as a map.
         FrameError: the file cannot be read, is damaged, or lacks a harmonic or channel.
@@ -239,7 +205,6 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
     """Return the stored values of a frame, (H, C, Y, X).
 
     Raises:
-        NotAFrameError: see `open_frames`.
         FrameError: see `open_frames`; or the file holds several frames and `source.index` is None; or (Y, X) of the
             frame is not `size`, which is the size of the capture's other frames.
     """
@@ -261,10 +226,8 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
     file with a single frame, we assume that it holds a single frame too; `read_stored` checks that. A file that cannot
     be opened is yielded as a single frame; it fails when it is read.
 
-    Args:
-        capture: the capture.
-        taken: returns names that the frames of stacks must not get; called at most once, and only if there is a stack.
-            None: the names of the capture's own frames.
+    `taken` returns names that the frames of stacks must not get, by default those of the capture's own frames. It is
+    called at most once, and only if there is a stack.
     """
     layout, size_of_one = capture.layout, 0
     names: Collection[str] | None = None
@@ -290,10 +253,7 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
 
 
 def lossy_compression(source: FrameSource, layout: FrameLayout, dtype: np.dtype[Any], /) -> str | None:
-    """Return the name of the compression of a frame's first file if it changes values of type `dtype`, else None.
-
-    None too if the file cannot be read.
-    """
+    """Return the name of the compression of a frame's first file if it is known to change values of type `dtype`, else None."""
     path = source.paths[0]
     try:
         found = detect_format(path, raw=layout.raw is not None)

@@ -43,8 +43,8 @@ HARMONIC_TOLERANCE = 5e-4
 """Largest relative distance of periods_ns[0] / period from a whole number; given periods are rounded decimals."""
 
 
-def _key(kind: Kind, about: str, default: Any, *checks: Check) -> Any:
-    """Declare a key of a table: kind of its value, meaning, default (the paper's value, or None) and checks."""
+def _key(kind: Kind, about: str, *checks: Check, default: Any = None) -> Any:
+    """Declare a key of a table: kind of its value, meaning, checks and default (the paper's value, or None)."""
     return field(default=default, metadata={"kind": kind, "about": about, "checks": checks})
 
 
@@ -73,7 +73,6 @@ class Modulation(Table):
     periods_ns: tuple[float, ...] = _key(
         "numbers",
         "modulation periods in ns, the fundamental first",
-        (40.0, 20.0),
         each(POSITIVE),
         each(PERIOD),
         Check(
@@ -81,14 +80,15 @@ class Modulation(Table):
             "the longest period first, then shorter ones, each the longest divided by a whole number, such as [40.0, 20.0]",
             list,
         ),
+        default=(40.0, 20.0),
     )
     waveform: Waveform = _key(
         "text",
         "waveform of the modulation, sine or triangle",
-        "sine",
         Check(lambda waveform: waveform in WAVEFORMS, " or ".join(map(repr, WAVEFORMS))),
+        default="sine",
     )
-    amplitude_v: float = _key("number", "amplitude of the modulation in V", 0.2746, POSITIVE, VOLTS)
+    amplitude_v: float = _key("number", "amplitude of the modulation in V", POSITIVE, VOLTS, default=0.2746)
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:
@@ -101,11 +101,7 @@ class Pixel(Table):
     """The averaging of the photons' samples in each pixel."""
 
     integration_length: float | None = _key(
-        "number",
-        "integration length n_av of Eq. (1), per harmonic; without it the noise is estimated",
-        None,
-        above(1),
-        COUNT,
+        "number", "integration length n_av of Eq. (1), per harmonic; without it the noise is estimated", above(1), COUNT
     )
 
 
@@ -116,11 +112,11 @@ class Pulse(Table):
     fwhm_ns: float = _key(
         "number",
         "length of the laser pulse in ns, full width at half maximum",
-        1.7,
         Check(
             lambda width: width == 0 or SHORTEST_PULSE_NS <= width < math.inf,
             f"0, or {SHORTEST_PULSE_NS:g} or more, in ns",
         ),
+        default=1.7,
     )
 
 
@@ -131,21 +127,18 @@ class Voltage(Table):
     zero_counts: float | None = _key(
         "number",
         "stored value that means 0 V; needed for unsigned integers, 0 for other types",
-        None,
         Check(math.isfinite, "a finite number"),
         COUNT,
     )
     volts_per_count: float | None = _key(
         "number",
         "volts per count; needed for integers; floats without it are volts",
-        None,
         Check(lambda scale: math.isfinite(scale) and scale != 0, "a finite number other than 0"),
         SCALE,
     )
     saturated_counts: tuple[float, float] | None = _key(
         "pair",
         "lower and upper limit; stored values at or beyond them are saturated",
-        None,
         Check(lambda limits: limits[0] < limits[1], "the lower limit, then a higher one", list),
     )
 
@@ -164,18 +157,16 @@ class Voltage(Table):
 class Optics(Table):
     """The lens, treated as a pinhole (needed for z depth, Petzval walls and point clouds), and the lamp."""
 
-    focal_length_px: float | None = _key("number", "focal length in pixels", None, POSITIVE, LENGTH)
+    focal_length_px: float | None = _key("number", "focal length in pixels", POSITIVE, LENGTH)
     principal_point_px: tuple[float, float] | None = _key(
         "pair",
         "column and row of the principal point in pixels, where the optical axis meets the array",
-        None,
         Check(lambda point: all(map(math.isfinite, point)), "two finite numbers"),
         each(COUNT),
     )
     lamp_offset_m: tuple[float, ...] | None = _key(
         "numbers",
         "position of the lamp relative to the camera in m: right, down, forward",
-        None,
         Check(lambda offset: len(offset) == 3 and max(map(abs, offset)) <= 10.0, "three numbers from -10 to 10"),
     )
 
@@ -188,9 +179,7 @@ class Optics(Table):
 class Target(Table):
     """A known object that a calibration capture looks at."""
 
-    distance_m: float | None = _key(
-        "number", "distance of a flat target along the optical axis in m", None, POSITIVE, LENGTH
-    )
+    distance_m: float | None = _key("number", "distance of a flat target along the optical axis in m", POSITIVE, LENGTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,21 +187,16 @@ class Layout(Table):
     """How frames are spread over files, if the files do not say it themselves."""
 
     pattern: str | None = _key(
-        "text",
-        "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif",
-        None,
-        PLANE_PATTERN,
+        "text", "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif", PLANE_PATTERN
     )
     channel: tuple[str, str] | None = _key(
         "names",
         "text of {channel} in the pattern for SC1 and SC2, if not 1 and 2",
-        None,
         Check(lambda names: len(set(names)) == 2 and all(names), "two different names", list),
     )
     harmonic: tuple[tuple[str, int], ...] | None = _key(
         "numbers by name",
         "text of {harmonic} in the pattern for each harmonic h, if not 1, 2, …",
-        None,
         Check(
             lambda pairs: len({number for _, number in pairs}) == len(pairs), "a different number for each name", dict
         ),
@@ -220,26 +204,19 @@ class Layout(Table):
     frames: int | None = _key(
         "whole number",
         "number of frames in each stack, if its file does not say it",
-        None,
         Check(lambda n: n >= 1, "1 or more"),
     )
-    raw_dtype: str | None = _key(
-        "text",
-        "data type of raw dumps, such as uint16 or >u2",
-        None,
-        SAMPLE_TYPE,
-    )
+    raw_dtype: str | None = _key("text", "data type of raw dumps, such as uint16 or >u2", SAMPLE_TYPE)
     raw_shape: tuple[int, ...] | None = _key(
         "whole numbers",
         "shape of a raw dump, such as 2,2,240,320 for H C Y X",
-        None,
         Check(
             lambda shape: len(shape) >= 2 and all(0 < length < 2**31 for length in shape),
             "two lengths or more, the last Y and X, each above 0",
         ),
     )
     raw_offset_bytes: int | None = _key(
-        "whole number", "bytes before the first value of a raw dump", None, Check(lambda n: n >= 0, "0 or more")
+        "whole number", "bytes before the first value of a raw dump", Check(lambda n: n >= 0, "0 or more")
     )
 
 
@@ -290,12 +267,7 @@ OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
 class Key:
     """One key of `capture.toml`, as the reader, the command-line options and the documentation need it.
 
-    Attributes:
-        table: the name of its table.
-        name: its name in the table.
-        about: the meaning of the key, in words.
-        default: the value if none is given; None: the key has no default.
-        kind: the kind of its values.
+    `about` is the meaning of the key, in words. It has no default if `default` is None.
     """
 
     table: str

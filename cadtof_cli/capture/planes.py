@@ -155,14 +155,9 @@ def grouped_planes(
     """Return a frame for every value of {frame} among the file names that fit the pattern, in natural order.
 
     If a file is missing, its frame names it all the same: this frame fails when it is read, and the other frames do
-    not. Without {frame} in the pattern, there is one frame with the name `frame`.
-
-    Args:
-        root: folder of the files.
-        names: paths of files relative to the root. Names that do not fit the pattern are ignored.
-        layout: the pattern, and the names of harmonics and channels in it. If it does not name them, {harmonic} is the
-            number h or the place in the order (see `harmonic_labels`), and {channel} is 1 for SC1 and 2 for SC2.
-        harmonics: harmonic numbers of the capture.
+    not. Without {frame} in the pattern, there is one frame with the name `frame`. If the layout does not name harmonics
+    and channels, {harmonic} is the number h or the place in the order (see `harmonic_labels`), and {channel} is 1 for
+    SC1 and 2 for SC2.
 
     Raises:
         MetadataError: `layout.harmonic` has no name for one of the harmonics.

@@ -116,7 +116,7 @@ def simulate(
         modulation=trial.modulation,
         pulse=Pulse(fwhm_ns=trial.fwhm_ns),
         integration_length=trial.averaging(light.integration_length).integration_length,
-        counts=format_by_name(scenery.recording["frame_format"]).counts,
+        counts=format_by_name(scenery.recording["frame_format"]).recording == "counts",
         seed=seed,
         motion=trial.motion,
     )

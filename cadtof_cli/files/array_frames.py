@@ -43,9 +43,6 @@ def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: 
         layout: harmonics of the capture, and the number of frames in a stack if the metadata gives it.
         mended_by: the Python call that saves the array in our order of axes: the parts before and after the place of
             the transposition. Messages show it.
-
-    Raises:
-        FrameError: the planes do not make up whole frames, or their type is not in `SAMPLE_TYPES`.
     """
     require_planes(path, array)
     where = f"{path}: found {array[..., 0, 0].size} planes of {shape_text(array.shape, array.dtype)}"
@@ -67,11 +64,7 @@ def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: 
 
 
 def single_plane(path: Path, array: Mapped, /) -> Stored:
-    """Return the one plane of an array, shape (Y, X), native byte order.
-
-    Raises:
-        FrameError: the array holds more than one plane.
-    """
+    """Return the one plane of an array, shape (Y, X), native byte order."""
     require_planes(path, array)
     if array.size != array.shape[-2] * array.shape[-1]:
         raise FrameError(f"{path}: found an array of {lengths_text(array.shape)}, expected a single plane")
@@ -101,11 +94,7 @@ def _planes(path: Path, array: Mapped, indices: NDArray[np.intp]) -> Stored:
 
 
 def require_planes(path: Path, array: Stored, /) -> None:
-    """Make sure that an array holds planes, and that its type is one that we read.
-
-    Raises:
-        FrameError: the array is empty or has fewer than two axes, or its type is not in `SAMPLE_TYPES`.
-    """
+    """Raise FrameError unless an array holds planes, of one of the `SAMPLE_TYPES`."""
     if array.dtype.name not in SAMPLE_TYPES:
         raise FrameError(f"{path}: found values of type {array.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
     if array.ndim < 2 or not array.size:
@@ -118,19 +107,13 @@ def lengths_text(shape: Sequence[int], /) -> str:
 
 
 def transpositions(call: tuple[str, str], shape: Sequence[int], harmonics: int, /) -> str:
-    """Return, in words for a message, the calls that bring an array into our order of axes.
+    """Return, in words for a message, the calls that bring an array of this shape into our order of axes.
 
     The shape tells which orders of axes the array may have: rows and columns are neighbours, and each is longer than
     the number of planes in a frame. Columns may come first, as MATLAB stores them; that is considered only if the array
-    would then have more columns than rows.
-
-    Args:
-        call: a Python call that saves the array: the parts before and after the place of the transposition.
-        shape: of the array.
-        harmonics: number of harmonics.
-
-    Returns:
-        Text for a message. Empty if the array may already be in our order, or if no frame can have this shape.
+    would then have more columns than rows. The text is empty if the array may already be in our order, or if no frame
+    can have this shape. `call` is a Python call that saves the array: the parts before and after the place of the
+    transposition.
     """
     lengths = {"H": harmonics, "C": CHANNELS, "P": CHANNELS * harmonics}
 

@@ -1,4 +1,7 @@
-"""Files and folders that appear whole or not at all: they are written under a temporary name, then renamed."""
+"""Files and folders that appear whole or not at all: they are written under a temporary name, then renamed.
+
+What cannot be written raises an OutputError: a PlaceError if no other file can be written there either.
+"""
 
 import errno
 import json
@@ -33,14 +36,7 @@ class PartialFile:
     followed.
 
     If `parts` is set, `commit` writes these parts, one after the other. They must not change before `commit` returns.
-
-    Args:
-        path: the file to be written.
-        token: a part of the temporary name, by which `remove_partial_files` finds the files that a killed writer left.
-
-    Raises:
-        OutputError: the file cannot be created.
-        PlaceError: no other file can be created there either.
+    `token` is a part of the temporary name, by which `remove_partial_files` finds the files that a killed writer left.
     """
 
     def __init__(self, path: Path, /, *, token: str = "") -> None:
@@ -58,15 +54,8 @@ class PartialFile:
     def commit(self, let_go: Callable[[], None] = lambda: None, /) -> int:
         """Write the parts, sync the file to the disk, rename it to `path`, and return its size in bytes.
 
-        Nearly all of the time is spent waiting for the disk.
-
-        Args:
-            let_go: called when all parts are written and this object no longer holds them: their memory can be used
-                again.
-
-        Raises:
-            OutputError: the file cannot be written or renamed; it has been discarded.
-            PlaceError: no other file can be written there either.
+        Nearly all of the time is spent waiting for the disk. `let_go` is called when all parts are written and this
+        object no longer holds them: their memory can be used again. If it fails, the file has been discarded.
         """
         assert self._descriptor is not None
         size = sum(part.nbytes for part in self.parts) or None
@@ -103,12 +92,7 @@ class PartialFile:
 
 @contextmanager
 def atomic_write(path: Path, /) -> Iterator[Path]:
-    """Yield the name of a temporary file beside `path`. It replaces `path` after the block, or is removed on an error.
-
-    Raises:
-        OutputError: the file cannot be written or renamed.
-        PlaceError: no other file can be written there either.
-    """
+    """Yield the name of a temporary file beside `path`. It replaces `path` after the block, or is removed on an error."""
     partial = PartialFile(path)
     try:
         with writing(path):
@@ -121,12 +105,7 @@ def atomic_write(path: Path, /) -> Iterator[Path]:
 
 @contextmanager
 def writing(path: Path, /) -> Iterator[None]:
-    """Turn an OSError in the block, in which `path` is written, into the error that `not_written` returns.
-
-    Raises:
-        OutputError: the file cannot be written.
-        PlaceError: no other file can be written there either.
-    """
+    """Turn an OSError in the block, in which `path` is written, into the error that `not_written` returns."""
     try:
         yield
     except OSError as error:
@@ -136,10 +115,8 @@ def writing(path: Path, /) -> Iterator[None]:
 def not_written(path: Path, error: OSError, /, *, size: int | None = None) -> OutputError:
     """Return the error for a user: PlaceError if no file can be written at that place, else OutputError.
 
-    Args:
-        path: the file.
-        error: the error that the operating system raised.
-        size: approximate number of bytes that were to be written; None: not known.
+    `error` is what the operating system raised, `size` the approximate number of bytes that were to be written, if
+    known.
     """
     told = error.strerror or str(error)
     if error.errno in _FULL and size is not None:
@@ -163,10 +140,6 @@ def write_text(path: Path, text: str, /) -> None:
     r"""Write a text as UTF-8, whole or not at all. Line ends are the same on every system.
 
     Bytes of file names that are not UTF-8 are written as their numbers, such as `\udcff`.
-
-    Raises:
-        OutputError: the file cannot be written.
-        PlaceError: no other file can be written there either.
     """
     content = memoryview(text.encode(errors="backslashreplace"))
     partial = PartialFile(path)
@@ -180,11 +153,7 @@ def write_json(path: Path, document: Mapping[str, Any], /) -> None:
 
 
 def make_folder(path: Path, /) -> None:
-    """Create a folder and its parents if they do not exist, and make sure that files can be written into it.
-
-    Raises:
-        OutputError: `path` is a file, or the folder cannot be created or written into.
-    """
+    """Create a folder and its parents if they do not exist, and make sure that files can be written into it."""
     probe = path / f".cadtof.{os.urandom(8).hex()}{PARTIAL_SUFFIX}"
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -200,11 +169,7 @@ def make_folder(path: Path, /) -> None:
 
 
 def require_new(path: Path, /, *, overwrite: bool) -> None:
-    """Make sure, before any work is done, that writing a file would not replace another one.
-
-    Raises:
-        OutputError: `path` exists already, and `overwrite` is not set.
-    """
+    """Raise OutputError if `path` exists already and `overwrite` is not set, before any work is done."""
     if os.path.lexists(path) and not overwrite:
         raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another place")
 
@@ -220,11 +185,7 @@ def require_absent(path: Path, /) -> None:
 
 @contextmanager
 def new_folder(path: Path, /) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`, and rename it to `path` on success.
-
-    Raises:
-        OutputError: `path` is a file or a folder that is not empty, or the place cannot be written.
-    """
+    """Yield a temporary folder beside `path`, which is absent or an empty folder, and rename it to `path` on success."""
     require_absent(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -64,11 +64,7 @@ class ExrPart(NamedPart):
 
 
 def read_parts(path: Path, /) -> list[ExrPart]:
-    """Return the parts of a file as their headers describe them; no pixels are read.
-
-    Raises:
-        FrameError: the file cannot be read, is damaged, or its headers promise more pixels than the file can hold.
-    """
+    """Return the parts of a file as their headers describe them; no pixels are read."""
     file = _opened(path, header_only=True)
     with damage_as_frame_error(path, "EXR"):
         parts = [_part(file.header(index)) for index in range(len(file.parts))]
@@ -79,11 +75,7 @@ def read_parts(path: Path, /) -> list[ExrPart]:
 
 
 def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
-    """Return the name of the file's compression if it changes values of type `dtype`, else None.
-
-    Raises:
-        FrameError: the file cannot be read.
-    """
+    """Return the name of the file's compression if it changes values of type `dtype`, else None."""
     file = _opened(path, header_only=True)
     with damage_as_frame_error(path, "EXR"):
         for header in map(file.header, range(len(file.parts))):
@@ -114,9 +106,6 @@ def open_pixels(path: Path, places: Sequence[tuple[int, str]], /) -> Iterator[li
     """Yield the channels at these places (index of a part, name of a channel) as they are stored.
 
     The arrays are valid only inside the block, as long as the file is open.
-
-    Raises:
-        FrameError: the file cannot be read, is damaged, or lacks a channel.
     """
     with _opened(path, header_only=False) as file:
         with damage_as_frame_error(path, "EXR"):
@@ -142,13 +131,12 @@ def _opened(path: Path, *, header_only: bool) -> Any:
                 raise
         if printed:
             read_through(path)
-    if printed:
-        named = (line.removeprefix(f"{path}: ").removeprefix("<python_buffer>: ") for line in printed)
-        words = in_brief(line.removeprefix("Warning: ") for line in named)
-        raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
-    if not file.parts:
-        raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")
-    return file
+            named = (line.removeprefix(f"{path}: ").removeprefix("<python_buffer>: ") for line in printed)
+            words = in_brief(line.removeprefix("Warning: ") for line in named)
+            raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
+        if not file.parts:
+            raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")
+        return file
 
 
 @contextmanager
@@ -164,11 +152,7 @@ def _as_the_library_takes_it(path: Path, mode: Literal["rb", "wb"]) -> Iterator[
 
 
 def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compression: Compression, **header: str) -> None:
-    """Write channels, (Y, X) each, float16, float32 or uint32, as one scan-line part.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write channels, (Y, X) each, float16, float32 or uint32, as one scan-line part; raises OSError if that fails."""
     planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
     described = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage, **header}
     with codes_of_the_system(path, sum(plane.nbytes for plane in planes.values())):
@@ -186,14 +170,8 @@ def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compressio
 def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """Yield the frame in an EXR file; all of it is read when the file is opened.
 
-    Args:
-        path: an EXR file, scan-line or tiled, of any compression that the OpenEXR library reads. From a pyramid of
-            resolutions, the full resolution is read.
-        layout: harmonics of the capture.
-
-    Raises:
-        NotAFrameError: no channel holds a voltage.
-        FrameError: the file cannot be read, is damaged, or lacks a harmonic or channel.
+    The file is scan-line or tiled, of any compression that the OpenEXR library reads. From a pyramid of resolutions,
+    the full resolution is read.
     """
     parts = read_parts(path)
     planes = _planes(path, parts, voltage_places(parts, layout, where=str(path)))
@@ -202,11 +180,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
-    """Return the one plane of an EXR file, shape (Y, X): its only channel, or its channel Y (luminance).
-
-    Raises:
-        FrameError: the file cannot be read, is damaged, or holds more than one plane.
-    """
+    """Return the one plane of an EXR file, shape (Y, X): its only channel, or its channel Y (luminance)."""
     parts = read_parts(path)
     places = places_in(parts)
     chosen = places if len(places) == 1 else [place for place in places if place.channel == "Y"]
@@ -279,12 +253,7 @@ def read_facts(path: Path, /) -> dict[str, str]:
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
-    """Return the channels of all parts by name, (Y, X) each, as they are stored.
-
-    Raises:
-        FrameError: the file cannot be read, is damaged, two parts have a channel of the same name, or parts show different
-            pixels.
-    """
+    """Return the channels of all parts by name, (Y, X) each, as they are stored."""
     parts = read_parts(path)
     places = places_in(parts)
     require_different_names(path, [place.channel for place in places])

@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.reading import damage_as_frame_error, open_regular
@@ -28,8 +28,8 @@ _HEAD_BYTES = 16
 """Number of first bytes that are read to recognise a format; messages show four of these bytes."""
 
 
-class FrameReader(Protocol):
-    """How the frames of a format are read. A file that cannot be read raises a FrameError that names the file."""
+class FrameFiles(Protocol):
+    """How the frames of a format are read and written. A file that cannot be read raises a FrameError that names the file."""
 
     def open_frames(self, path: Path, layout: "FrameLayout", /) -> AbstractContextManager["Frames"]:
         """Open a file of whole frames (formats with `whole`); raise NotAFrameError if it holds no voltages."""
@@ -37,12 +37,8 @@ class FrameReader(Protocol):
     def read_plane(self, path: Path, layout: "FrameLayout", /) -> "Stored":
         """Return the one plane of a file, shape (Y, X), native byte order."""
 
-
-class FrameWriter(Protocol):
-    """How a simulated camera records frames in a format."""
-
     def write_frame(self, path: Path, stored: "Stored", /, *, layout: "FrameLayout", compress: bool) -> None:
-        """Write one frame, shape (H, C, Y, X), without loss."""
+        """Write one frame, shape (H, C, Y, X), without loss (formats with `recording`)."""
 
 
 class Compressions(Protocol):
@@ -53,14 +49,16 @@ class Compressions(Protocol):
 
 
 class LayerFiles(Protocol):
-    """How maps are written in a format, and how named layers are read from it."""
+    """How maps are written in a format, and how named layers are read from it.
+
+    A file that cannot be read raises a FrameError, and a file without named layers a NotMapsError.
+    """
 
     def write_maps(self, path: Path, maps: "DepthMaps", /, *, header: "MapHeader") -> Sequence[memoryview]:
         """Write the maps of a frame: layers in their order, then the status bits. The same maps give the same bytes.
 
-        Returns:
-            Nothing (an empty sequence) if the file has been written. Otherwise the parts of the file, in their order;
-            the caller writes them.
+        Return nothing (an empty sequence) if the file has been written, or else its parts in their order, for the
+        caller to write.
         """
 
     def read_facts(self, path: Path, /) -> dict[str, str]:
@@ -81,11 +79,10 @@ class Format:
         magics: first bytes of its files, by which a file is recognised; empty if files can be recognised only by their
             name.
         stacks: whether a file may hold several frames.
-        frames: loads the module that reads frames.
+        frames: loads the module that reads and writes frames.
         whole: whether a file may hold a whole frame; False: a file holds one plane.
         layers: loads the module that writes maps and reads layers; None: the format is not used for maps.
-        recording: loads the module that writes frames; None: frames of this format are only read.
-        counts: whether the simulated camera records counts in this format; False: it records volts.
+        recording: what the simulated camera records in this format; None: frames of this format are only read.
         compressions: loads the module that tells whether a file's compression changes values; None: no compression of
             this format is known to change values.
     """
@@ -95,11 +92,10 @@ class Format:
     suffixes: tuple[str, ...]
     magics: tuple[bytes, ...]
     stacks: bool
-    frames: Callable[[], FrameReader]
+    frames: Callable[[], FrameFiles]
     whole: bool = True
     layers: Callable[[], LayerFiles] | None = None
-    recording: Callable[[], FrameWriter] | None = None
-    counts: bool = False
+    recording: Literal["volts", "counts"] | None = None
     compressions: Callable[[], Compressions] | None = None
 
 
@@ -116,7 +112,7 @@ EXR = Format(
     stacks=False,
     frames=_module("exr"),
     layers=_module("exr"),
-    recording=_module("exr"),
+    recording="volts",
     compressions=_module("exr"),
 )
 
@@ -128,8 +124,7 @@ TIFF = Format(
     stacks=True,
     frames=_module("tiff.frames"),
     layers=_module("tiff.layers"),
-    recording=_module("tiff.frames"),
-    counts=True,
+    recording="counts",
     compressions=_module("tiff.lossy"),
 )
 
@@ -146,12 +141,7 @@ PNG = Format(
 )
 
 RAW = Format(
-    name="raw",
-    title="raw dump",
-    suffixes=(".raw", ".bin", ".dat"),
-    magics=(),
-    stacks=True,
-    frames=_module("raw"),
+    name="raw", title="raw dump", suffixes=(".raw", ".bin", ".dat"), magics=(), stacks=True, frames=_module("raw")
 )
 
 FORMATS = (EXR, TIFF, NPY, PNG, RAW)
@@ -199,24 +189,18 @@ def map_format(name: str, frame: Path, /) -> Format:
 def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:
     """Return the suffixes of the files in which a capture may be recorded.
 
-    Args:
-        planes: whether each file holds one plane, which `[layout] pattern` says.
-        raw: whether `[layout.raw]` says what raw dumps hold.
+    If `planes`, each file holds one plane, as `[layout] pattern` says. If `raw`, `[layout.raw]` says what raw dumps
+    hold.
     """
     taken = (one for one in FORMATS if (one.magics or raw) and (one.whole or planes))
     return tuple(suffix for one in taken for suffix in one.suffixes)
 
 
 def detect_format(path: Path, /, *, raw: bool = False) -> Format:
-    """Return the format of a file by its first bytes.
+    """Return the format of a file by its first bytes; raise FrameError if it cannot be read, or its format is unknown.
 
-    Args:
-        path: the file.
-        raw: whether `[layout.raw]` says what raw dumps hold. If so, a file with the suffix of a raw dump is a raw dump,
-            whatever its first bytes are.
-
-    Raises:
-        FrameError: the file cannot be read, or its format is unknown.
+    If `raw`, then `[layout.raw]` says what raw dumps hold: a file with the suffix of a raw dump is one, whatever its
+    first bytes are.
     """
     if raw and format_by_suffix(path) is RAW:
         return RAW

@@ -96,15 +96,11 @@ def plane_name(harmonic: int, channel: int) -> str:
 
 
 def harmonic_labels(harmonics: tuple[int, ...], found: Collection[int]) -> tuple[int, ...]:
-    """Return the labels by which the files of a capture name its harmonics.
+    """Return the labels by which the files of a capture name its harmonics, if they name those in `found`.
 
     Usually these are the harmonic numbers h. They are the places 1, 2, … in the order of the harmonics if all places
     are in `found` but not all numbers are. Example: if a capture has the harmonics (1, 3) and its files say H1 and H2,
     then H2 is the second harmonic, h = 3.
-
-    Args:
-        harmonics: harmonic numbers h of the capture.
-        found: labels that the files name.
     """
     places = tuple(range(1, len(harmonics) + 1))
     if not set(harmonics) <= set(found) and set(places) <= set(found):

@@ -26,11 +26,7 @@ _STATUS_LIMIT = 2**13
 
 
 def file_digest(path: Path, /) -> str:
-    """Return the digest of a file's bytes.
-
-    Raises:
-        OSError: the file cannot be read.
-    """
+    """Return the digest of a file's bytes."""
     digest = Digest()
     with path.open("rb", buffering=0) as file:
         # a map may be large, so it is read in pieces
@@ -44,9 +40,6 @@ def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str)
 
     The caller commits or discards the file. A commit waits for the disk, so the caller can do other work at the same
     time.
-
-    Raises:
-        OutputError: the file cannot be written, such as for lack of space or permission.
     """
     kind = format_by_suffix(path)
     if kind is None or kind.layers is None:
@@ -109,26 +102,16 @@ def _with_quiet_nans(layer: NDArray[Any]) -> NDArray[Any]:
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
-    """Return the facts in the header of a map file by name, such as the kind of depth; empty if there are none.
-
-    Raises:
-        FrameError: the file cannot be read, or is damaged.
-    """
+    """Return the facts in the header of a map file by name, such as the kind of depth; empty if there are none."""
     kind = detect_format(path)
     return kind.layers().read_facts(path) if kind.layers else {}
 
 
 def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bool = False) -> None:
-    """Write (Y, X) layers as channels of one EXR file, which appears whole or not at all.
+    """Write (Y, X) layers, float16, float32 or uint32, as channels of one EXR file, which appears whole or not at all.
 
-    Args:
-        path: the file to be written.
-        layers: the layers by name: float16, float32 or uint32.
-        lossy: whether values are rounded to 16 bits of mantissa, by PXR24 compression. The rounding is 0.06 mm at 4 to
-            8 m. Smooth maps then take a quarter of the bytes that lossless compression needs.
-
-    Raises:
-        OutputError: the file cannot be written.
+    If `lossy`, values are rounded to 16 bits of mantissa, by PXR24 compression: to 0.06 mm at 4 to 8 m. Smooth maps
+    then take a quarter of the bytes that lossless compression needs.
     """
     from cadtof_cli.files.exr import write_exr
 

@@ -119,11 +119,7 @@ def is_map_layer(name: str, /) -> bool:
 
 
 def require_different_names(path: Path, names: Sequence[str], /) -> None:
-    """Make sure that no two layers of a file have the same name.
-
-    Raises:
-        FrameError: two layers have the same name, so it is not known which of them is meant.
-    """
+    """Raise FrameError if two layers of a file have the same name, so that it is not known which of them is meant."""
     repeated = next((name for name, count in Counter(names).items() if count > 1), None)
     if repeated is not None:
         raise FrameError(f"{path}: found {repeated} twice, expected it once")

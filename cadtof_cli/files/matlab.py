@@ -19,12 +19,7 @@ _LEAST_AXES = 3
 
 
 def matlab_refusal(path: Path, head: bytes, /) -> FrameError:
-    """Return the error that says how an array of a MATLAB file can be saved as a frame.
-
-    Args:
-        path: the file.
-        head: its first bytes.
-    """
+    """Return the error that says how an array of a MATLAB file, which begins with `head`, can be saved as a frame."""
     saved = repr(str(path.with_suffix(".npy")))
     if head.startswith(_VERSION_7_3):
         how = (

@@ -110,7 +110,7 @@ def says_a_harmonic(name: str, /) -> bool:
     label = plane_label(name)
     if label is not None:
         return label.harmonic is not None
-    return _only(_HARMONIC_WORD, name) is not None or _frequency_mhz(_without_channel(name)) is not None
+    return _only(_HARMONIC_WORD, name) is not None or _frequency_mhz(name) is not None
 
 
 def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[int, ...]:
@@ -122,7 +122,7 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     if None not in numbers:
         found = tuple(int(number) for number in numbers if number)
         return found if len(set(found)) == len(harmonics) else ()
-    frequencies = [mhz for name in names if (mhz := _frequency_mhz(_without_channel(name)))]
+    frequencies = [mhz for name in names if (mhz := _frequency_mhz(name))]
     different = sorted(set(frequencies))
     if len(frequencies) < len(names) or len(different) != len(harmonics):
         return ()
@@ -133,15 +133,11 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
 
 
 def require_own_frequencies(names: Sequence[str], layout: FrameLayout, *, where: str) -> None:
-    """Make sure that names which give harmonics by frequencies or periods give those of the capture.
-
-    Raises:
-        FrameError: the names give as many frequencies as there are harmonics, but others.
-    """
+    """Raise FrameError if names give as many frequencies or periods as the capture has harmonics, but others."""
     if layout.period_ns is None or all(_only(_HARMONIC_WORD, name) for name in names):
         return
     expected = [1e3 * harmonic / layout.period_ns for harmonic in layout.harmonics]
-    given = [_frequency_mhz(_without_channel(name)) for name in names]
+    given = [_frequency_mhz(name) for name in names]
     found = sorted({mhz for mhz in given if mhz})
     if None in given or len(found) != len(expected):
         return
@@ -164,14 +160,11 @@ def _channel_in_words(name: str) -> int | None:
 
 def _frequency_mhz(name: str) -> float | None:
     """Return the frequency in MHz that a name gives, directly or by a period in ns; None: it gives none."""
-    frequency, period = (_only(word, name) for word in (_FREQUENCY_WORD, _PERIOD_WORD))
+    without_channel = re.sub(_CHANNEL_BEFORE_NUMBER, " ", name) if len(name) <= _LONGEST_NAME else name
+    frequency, period = (_only(word, without_channel) for word in (_FREQUENCY_WORD, _PERIOD_WORD))
     if frequency is not None:
         return float(frequency)
     return 1e3 / float(period) if period is not None and float(period) > 0.0 else None
-
-
-def _without_channel(name: str) -> str:
-    return re.sub(_CHANNEL_BEFORE_NUMBER, " ", name) if len(name) <= _LONGEST_NAME else name
 
 
 def _only(word: str, name: str) -> str | None:
@@ -181,12 +174,9 @@ def _only(word: str, name: str) -> str | None:
 
 
 def planes_in_order(found: Mapping[tuple[int, int], Found], layout: FrameLayout, *, where: str) -> list[Found]:
-    """Return the values of `found`, which are keyed by harmonic and channel, in the order H1.SC1, H1.SC2, H2.SC1, …
+    """Return the values of `found`, keyed by harmonic and channel, in the order H1.SC1, H1.SC2, H2.SC1, …; all must be there.
 
     Files name a harmonic by its number or by its place: see `harmonic_labels`.
-
-    Raises:
-        FrameError: a plane is missing.
     """
     labels = harmonic_labels(layout.harmonics, {harmonic for harmonic, _ in found})
     wanted = [(harmonic, channel) for harmonic in labels for channel in range(1, CHANNELS + 1)]

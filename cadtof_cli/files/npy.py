@@ -21,12 +21,7 @@ _LOOKED_AT_AFTER = 4096
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
-    """Open a file whose array has the axes [T] H C Y X, or [T·]2·H Y X.
-
-    Raises:
-        FrameError: the file cannot be read, is damaged, holds Python objects, or its planes do not make up whole
-            frames.
-    """
+    """Open a file whose array has the axes [T] H C Y X, or [T·]2·H Y X."""
     return open_array(path, _mapped(path), layout, mended_by=("numpy.save(PATH, numpy.load(PATH)", ")"))
 
 

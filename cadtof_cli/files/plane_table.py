@@ -23,7 +23,9 @@ _CHANNEL_LABELS = "CS"
 def plane_table(
     labels: str, sizes: Sequence[int], layout: FrameLayout, *, where: str, names: Sequence[str] = ()
 ) -> NDArray[np.intp]:
-    """Return the index of the plane that holds each frame, harmonic and channel.
+    """Return the index of the plane, in the order of the file, that holds each frame, harmonic and channel, (T, H, C).
+
+    If names give labels, the labels decide, not the order.
 
     Args:
         labels: labels of the file's axes besides Y and X, slowest first: T frame, H harmonic, C or S channel; other
@@ -31,11 +33,7 @@ def plane_table(
         sizes: lengths of these axes.
         layout: harmonics of the capture, and the number of frames in a stack if the metadata gives it.
         where: the file and what was found in it, as the beginning of a message.
-        names: names of the planes, an empty text for a plane without a name. If names give labels, the labels decide,
-            not the order.
-
-    Returns:
-        Indices of planes in the order of the file, shape (T, H, C).
+        names: names of the planes, an empty text for a plane without a name.
 
     Raises:
         FrameError: the planes do not make up whole frames, or their order is ambiguous.

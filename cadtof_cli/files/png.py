@@ -31,12 +31,7 @@ _COLOUR_TYPES = {2: "RGB", 3: "a palette", 4: "grey and opacity", 6: "RGBA"}
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
-    """Return the plane of a file, uint8 or uint16 (Y, X).
-
-    Raises:
-        NotAFrameError: the file is a colour picture.
-        FrameError: the file cannot be read, is damaged, or has less than 8 bits per pixel.
-    """
+    """Return the plane of a file, uint8 or uint16 (Y, X)."""
     import imagecodecs
 
     with damage_as_frame_error(path, "PNG"):
@@ -107,11 +102,7 @@ def _size(path: Path, content: bytes) -> tuple[int, int, int]:
 
 
 def write_grey_png(path: Path, plane: NDArray[np.uint16], /, *, texts: dict[str, str]) -> None:
-    """Write a plane (Y, X) as a 16-bit grey PNG with texts by keyword; the file appears whole or not at all.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Write a plane (Y, X) as a 16-bit grey PNG with texts by keyword; the file appears whole or not at all."""
     height, width = plane.shape
     rows = np.zeros((height, 1 + 2 * width), np.uint8)  # PNG: each row begins with a filter type; 0 is no filter
     rows[:, 1:] = plane.astype(">u2").view(np.uint8)
@@ -133,14 +124,7 @@ def indexed_png(places: NDArray[np.uint8], colours: NDArray[np.uint8], /) -> byt
 
 
 def _png_bytes(pixels: tuple[int, int], /, *, depth: int, kind: int, chunks: Iterable[tuple[bytes, bytes]]) -> bytes:
-    """Return the bytes of a PNG: signature, header, chunks and end.
-
-    Args:
-        pixels: number of columns, number of rows.
-        depth: bits per sample.
-        kind: PNG's number of the colour type.
-        chunks: kind and content of each chunk between header and end.
-    """
+    """Return the bytes of a PNG of (columns, rows) pixels with `depth` bits: header, chunks (kind and content) and end."""
     header = struct.pack(">IIBBBBB", *pixels, depth, kind, 0, 0, 0)
     return PNG.magics[0] + b"".join(_chunk(*one) for one in ((b"IHDR", header), *chunks, (b"IEND", b"")))
 

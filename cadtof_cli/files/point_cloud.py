@@ -15,11 +15,7 @@ _PLY_TYPES = {"f": "float", "u": "uint"}
 
 
 def write_points(path: Path, columns: Columns, /, *, comment: str) -> None:
-    """Write points in the format of `path`'s suffix, binary and little-endian; the file appears whole or not at all.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Write points in the format of `path`'s suffix, binary and little-endian; the file appears whole or not at all."""
     count = len(next(iter(columns.values())))
     points = np.empty(count, [(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
     for name, values in columns.items():

@@ -14,12 +14,7 @@ from cadtof_cli.files.reading import damage_as_frame_error, require_regular
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
-    """Open a dump that holds one array of shape `layout.raw.shape`, or several one after the other: a stack.
-
-    Raises:
-        FrameError: `layout.raw` is None, the file does not have the size that follows from it, or the planes do not
-            make up whole frames.
-    """
+    """Open a dump that holds one array of shape `layout.raw.shape`, or several one after the other: a stack."""
     array = _mapped(path, layout)
     assert layout.raw is not None
     read = f"numpy.fromfile(PATH, {layout.raw.dtype!r}, offset={layout.raw.offset_bytes})"

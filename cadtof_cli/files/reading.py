@@ -57,11 +57,7 @@ def real_path(path: Path, /) -> str:
 
 
 def require_regular(path: Path, /) -> os.stat_result:
-    """Make sure, without opening it, that a path leads to a regular file; return its `os.stat` result.
-
-    Raises:
-        OSError: it does not; the error says why.
-    """
+    """Return the `os.stat` result of a regular file, which is not opened; raise an OSError that says why if it is none."""
     try:
         state = path.stat()
     except ValueError as error:
@@ -76,23 +72,14 @@ def require_regular(path: Path, /) -> os.stat_result:
 
 
 def open_regular(path: Path, /) -> int:
-    """Open a regular file for reading and return its descriptor.
-
-    Raises:
-        OSError: there is no regular file, or it cannot be opened.
-    """
+    """Open a regular file for reading and return its descriptor."""
     require_regular(path)
     # READ_FLAGS: if a FIFO has replaced the file since the line above, opening it does not wait
     return os.open(path, READ_FLAGS)
 
 
 def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None = MOST_TEXT_BYTES) -> str:
-    """Return the text in a regular file.
-
-    Raises:
-        OSError: there is no regular file, it cannot be read, or it holds more than `most_bytes`.
-        UnicodeDecodeError: the file is not text in this encoding.
-    """
+    """Return the text in a regular file; raise OSError if it holds more than `most_bytes`, or UnicodeDecodeError."""
     size = require_regular(path).st_size
     if most_bytes is not None and size > most_bytes:
         raise OSError(errno.EFBIG, f"found {size:,} bytes, expected {most_bytes:,} or fewer", str(path))
@@ -101,22 +88,13 @@ def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None 
 
 
 def read_bytes(path: Path, /) -> bytes:
-    """Return the content of a regular file.
-
-    Raises:
-        OSError: there is no regular file, or it cannot be read.
-    """
+    """Return the content of a regular file."""
     with os.fdopen(open_regular(path), "rb") as file:
         return file.read()
 
 
 def read_through(path: Path, /) -> None:
-    """Read a regular file to its end and keep nothing, to raise an error of the system that a library did not pass on.
-
-    Raises:
-        OSError: there is no regular file, or it cannot be opened or read. Examples: too many open files, a disk or
-            network that fails.
-    """
+    """Read a regular file and keep nothing, to raise an error of the disk, network or system that a library did not pass on."""
     with os.fdopen(open_regular(path), "rb", buffering=0) as file:
         while file.read(_PIECE_BYTES):
             pass

@@ -140,11 +140,7 @@ def most_bytes_of_a_file() -> int | None:
 
 
 def sync_folder(folder: str | Path, /) -> None:
-    """Sync a folder, which holds the names of its files, to the disk, if the system and the file system can do so.
-
-    Raises:
-        OSError: the folder does not exist any more, or the disk fails.
-    """
+    """Sync a folder, which holds the names of its files, to the disk, if the system and the file system can do so."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)

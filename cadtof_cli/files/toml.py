@@ -23,11 +23,7 @@ _AROUND_KEYS = r"[\n=,{}\[\]]"
 
 
 def read_toml(path: Path, /) -> dict[str, Any]:
-    """Return the document in a TOML file.
-
-    Raises:
-        MetadataError: the file cannot be read, or is not TOML.
-    """
+    """Return the document in a TOML file; raise MetadataError if it cannot be read, or is not TOML."""
     try:
         text = read_text(path, encoding="utf-8-sig")
         if any(piece.count(".") > _MOST_PARTS for piece in re.split(_AROUND_KEYS, text)):

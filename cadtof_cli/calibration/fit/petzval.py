@@ -143,8 +143,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
 def _doubtful_distances(problem: _Problem, fit: RobustFit, origin: Origin) -> tuple[str, ...]:
     """Return a finding for each given distance that the frames contradict: the curvature makes up for its error.
 
-    Raises:
-        SettingsError: they contradict it by more than `LARGEST_DISTANCE_ERROR_M`.
+    A distance that they contradict by more than `LARGEST_DISTANCE_ERROR_M` raises a SettingsError.
     """
     given, findings = ~problem.free[3::3], []
     if not given.any():

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -62,15 +62,6 @@ class TargetMean:
     distance_m: float
 
 
-@dataclass(frozen=True, eq=False)
-class RestFit:
-    """Phase and log of the gain, (H, m), of the m pixels `where`, (n,), that see some of the targets only."""
-
-    where: Bool
-    phase: Float
-    log_gain: Float
-
-
 def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata, origin: Origin) -> ResponseCalibration:
     """Return the response that fits all targets, with as many terms as the distances of the targets can determine.
 
@@ -96,14 +87,14 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     pixels = fit_pixels(observed, terms.terms)
     _require_light(pixels)
     _require_one_response(pixels, usable.reshape(origin.pixels), origin, metadata.optics)
-    rest = _fit_rest(every, seen, terms.terms)
+    phase, log_gain = _of_all_pixels(every, seen, pixels, terms.terms)
     findings = [*terms.findings, *_assumptions(seen, known_optics)]
     findings += _other_distances(targets, terms)
-    curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
-    if known_optics:
-        curvature, errors, own = _without_curvature(pixels, usable, metadata, origin)
+    curvature, errors = _curvature(pixels, usable, metadata, origin) if known_optics else ((0.0, 0.0), (0.0, 0.0))
     if any(curvature):
-        rest = replace(rest, phase=rest.phase - _added_rad(curvature, rest.where, metadata, origin))
+        added_m = curvature_m(origin.pixels, metadata.optics.principal_point(origin.pixels), curvature).ravel()
+        added_rad = added_m / metres_per_radian(origin.periods_ns[0])
+        phase -= np.array(origin.harmonics, np.float64)[:, np.newaxis] * added_rad
         findings.append(
             f"field curvature k2 = {curvature[0]:.4f} m, k4 = {curvature[1]:.4f} m was removed from the phase maps: `resolve` "
             "corrects it by itself, or uses the field curvature of `calibrate petzval` instead"
@@ -114,7 +105,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
             "distances right, and is the target flat, still and without multi-path interference?"
         )
     quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
-    responses, phases, gains = _terms_and_maps(own, pixels.log_gain, rest, terms.terms, ideal, usable)
+    responses, phases, gains = _terms_and_maps(phase, log_gain, seen, terms.terms, ideal)
     shape = (len(ideal), *origin.pixels)
     return ResponseCalibration(
         origin,
@@ -141,16 +132,18 @@ def _seen(volts: Complex, noise: Float) -> Bool:
     return np.asarray(seen)
 
 
-def _fit_rest(every: Observations, seen: Bool, terms: Terms) -> RestFit:
-    """Fit the pixels that see some of the targets, but not all of them, to the targets that they see."""
+def _of_all_pixels(every: Observations, seen: Bool, pixels: PixelFit, terms: Terms) -> tuple[Float, Float]:
+    """Return phases and logarithms of gains, (H, n) each: of pixels that do not see all targets, by the targets that they
+    see; 0 if they see none."""
     phase, log_gain = np.zeros((2, len(every.harmonics), seen.shape[1]))
+    phase[:, seen.all(axis=0)], log_gain[:, seen.all(axis=0)] = pixels.phase, pixels.log_gain
     where = np.asarray(seen.any(axis=0) & ~seen.all(axis=0))
     for kind in np.unique(seen[:, where], axis=1).T:
         alike = where & (seen == kind[:, np.newaxis]).all(axis=0)
         some = Observations(every.volts[kind], every.noise_v[kind], every.phase[kind], every.harmonics)
         fit = fit_pixels(some[alike], terms)
         phase[:, alike], log_gain[:, alike] = fit.phase, fit.log_gain
-    return RestFit(where, phase[:, where], log_gain[:, where])
+    return phase, log_gain
 
 
 def _assumptions(seen: Bool, known_optics: bool) -> list[str]:
@@ -185,12 +178,12 @@ def _other_distances(targets: Sequence[TargetMean], terms: TermFit) -> tuple[str
     )
 
 
-def _without_curvature(
+def _curvature(
     pixels: PixelFit, usable: Bool, metadata: CaptureMetadata, origin: Origin
-) -> tuple[tuple[float, float], tuple[float, float], Float]:
-    """Return the field curvature (k2, k4) in the phases, its standard errors, and the phases, (H, n), without it.
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the field curvature (k2, k4) in the phases, and its standard errors.
 
-    Curvature that is not significant stays in the phases and is returned as 0. Its standard errors say how large it may be.
+    Curvature that is not significant is returned as 0. Its standard errors say how large it may be.
     The lens delays all harmonics alike, and so does a delay of the pixel. They are told apart by the shape over the
     array: the delay of the lens is a polynomial in the distance from the principal point.
     """
@@ -218,15 +211,8 @@ def _without_curvature(
     _require_flat(fit, sigma, usable.reshape(origin.pixels))
     (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:2].tolist(), np.sqrt(np.diag(fit.covariance)[:2]).tolist()
     if abs(k2) <= CURVATURE_SIGNIFICANCE * k2_stderr and abs(k4) <= CURVATURE_SIGNIFICANCE * k4_stderr:
-        return (0.0, 0.0), (k2_stderr, k4_stderr), pixels.phase
-    return (k2, k4), (k2_stderr, k4_stderr), pixels.phase - _added_rad((k2, k4), usable, metadata, origin)
-
-
-def _added_rad(curvature: tuple[float, float], where: Bool, metadata: CaptureMetadata, origin: Origin) -> Float:
-    """Return what field curvature adds to the phases of some pixels, (H, n)."""
-    point, harmonics = metadata.optics.principal_point(origin.pixels), np.array(origin.harmonics, np.float64)
-    added = curvature_m(origin.pixels, point, curvature).ravel()[where] / metres_per_radian(origin.periods_ns[0])
-    return np.asarray(harmonics[:, np.newaxis] * added)
+        return (0.0, 0.0), (k2_stderr, k4_stderr)
+    return (k2, k4), (k2_stderr, k4_stderr)
 
 
 def _require_light(pixels: PixelFit) -> None:
@@ -292,7 +278,8 @@ def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
 
 
 def _mean_rotor(phase: Float) -> Complex:
-    total = np.exp(1j * phase).sum(axis=1)
+    """Return the mean phase of pixels, (…, n), as a rotor."""
+    total = np.exp(1j * phase).sum(axis=-1)
     return np.asarray(total / np.abs(total))
 
 
@@ -319,23 +306,20 @@ def _quality(
 
 
 def _terms_and_maps(
-    own: Float, log_gain: Float, rest: RestFit, terms: Terms, ideal: tuple[HarmonicResponse, ...], usable: Bool
+    own: Float, log_gain: Float, seen: Bool, terms: Terms, ideal: tuple[HarmonicResponse, ...]
 ) -> tuple[tuple[HarmonicResponse, ...], Float32, Float32]:
-    """Return G, which contains the means of phases and gains over the array, and maps of what is left, (H, Y·X) each.
-
-    `own` and `log_gain` are the phases and logarithms of the gains of the usable pixels, (H, n).
-    """
-    phase = np.zeros((len(ideal), usable.size), np.float32)
-    gain = np.ones((len(ideal), usable.size), np.float32)
+    """Return G, which contains the means of phases and gains over the pixels that see all targets, and maps of what is left,
+    (H, Y·X) each; `own` and `log_gain` are the phases and logarithms of the gains."""
+    phase, gain = np.zeros(own.shape, np.float32), np.ones(own.shape, np.float32)
+    usable, known = seen.all(axis=0), seen.any(axis=0)
     nominal = abs(ideal[0].main)
     responses = []
-    for row, (response, rotor) in enumerate(zip(ideal, _mean_rotor(own), strict=True)):
+    for row, response in enumerate(ideal):
+        rotor = _mean_rotor(own[row, usable])
         gains = np.exp(log_gain[row]) * nominal
-        middle = float(np.median(gains))
-        phase[row, usable] = np.angle(np.exp(1j * own[row]) / rotor)
-        gain[row, usable] = gains / middle
-        phase[row, rest.where] = np.angle(np.exp(1j * rest.phase[row]) / rotor)
-        gain[row, rest.where] = np.exp(rest.log_gain[row]) * nominal / middle
+        middle = float(np.median(gains[usable]))
+        phase[row, known] = np.angle(np.exp(1j * own[row, known]) / rotor)
+        gain[row, known] = gains[known] / middle
         higher = [(k, middle * value * complex(rotor) ** k) for k, value in terms[row].items()]
         responses.append(HarmonicResponse(response.harmonic, ((1, middle * complex(rotor)), *higher)))
     return tuple(responses), phase, gain

@@ -69,13 +69,11 @@ class RobustFit:
 def robust_fit(
     model: Callable[[Float], tuple[Float, Float]], start: Float, /, *, free: Bool | None = None
 ) -> RobustFit:
-    """Fit parameters, from a start (p,) that need not be close if the model is nearly linear.
+    """Fit parameters, (p,), from a start that need not be close if the model is nearly linear.
 
-    Args:
-        model: returns, for given parameters, the residuals, (n,), and the derivatives of the modelled values by the
-            free parameters, (n, free), both in units of the observations' standard deviations.
-        start: first values of all parameters, (p,).
-        free: the parameters that are fitted, (p,); None: all. The other parameters keep their value, and have no variance.
+    `model` returns, for given parameters, the residuals, (n,), and the derivatives of the modelled values by the free
+    parameters, (n, free), both in units of the observations' standard deviations. `free`, (p,), marks the parameters
+    that are fitted (None: all). The other parameters keep their value, and have no variance.
 
     Raises:
         SettingsError: the observations do not determine the parameters.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels, series, two_way
 from cadtof_cli.calibration.fit.robust import centre_and_spread, scaled_inverse
 
@@ -39,12 +39,6 @@ PASSES = 4
 
 OUTLIER = 5.0
 """A pixel is an outlier if the root of its misfit exceeds the median by more than this many robust standard deviations."""
-
-
-def _centred(columns: Float, weights: Float) -> Float:
-    """Return columns (N, H, n) without the best sum of one part per target and one part per harmonic."""
-    harmonic, target = two_way(columns, weights)
-    return columns - harmonic - target[:, np.newaxis, :]
 
 
 @dataclass(frozen=True)
@@ -112,7 +106,9 @@ def _fit(
             stretch *= step
             observed = replace(observed, phase=observed.phase * step[:, np.newaxis])
         else:
-            kept = _without_outliers(fit_pixels(observed, terms).misfit)
+            root = np.sqrt(fit_pixels(observed, terms).misfit)
+            centre, spread = centre_and_spread(root)
+            kept = np.asarray(root <= centre + OUTLIER * spread)
     pixels = fit_pixels(observed[kept], terms)
     system = _System(pixels, terms, base, observed.harmonics, free_distances)
     residual = float(np.sqrt(max(pixels.misfit.sum() - system.explained, 0.0) / system.freedom(len(orders))))
@@ -157,10 +153,13 @@ def _taken(changes: Terms, errors: Float, k: int) -> str:
     return f"used, {sizes} of k = 1"
 
 
-def _without_outliers(misfit: Float) -> Bool:
-    root = np.sqrt(misfit)
-    centre, spread = centre_and_spread(root)
-    return np.asarray(root <= centre + OUTLIER * spread)
+def _without_own(values: Complex, weights: Float) -> Float:
+    """Return real and imaginary parts of values, (N, H, n), over their errors, as one row, without what pixels may have of
+    their own: in the real part a sum of one part per target and one per harmonic, in the imaginary part one per harmonic."""
+    harmonic, target = two_way(values.real, weights)
+    real = values.real - harmonic - target[:, np.newaxis, :]
+    imaginary = values.imag - (values.imag * weights).sum(axis=0) / weights.sum(axis=0)
+    return (np.stack([real, imaginary]) * np.sqrt(weights)).ravel()
 
 
 class _System:
@@ -182,8 +181,7 @@ class _System:
         self._harmonics = len(harmonics)
         self._targets, self._pixels = pixels.left.shape[0], pixels.left.shape[2]
         self._free = self._targets - 1 if free_distances else 0
-        roots = np.sqrt(pixels.weights)
-        left = np.stack([_centred(pixels.left.real, pixels.weights), self._imaginary(pixels.left.imag, pixels.weights)])
+        left = _without_own(pixels.left, pixels.weights)
         columns = []
         for k in CANDIDATES:
             for row in range(len(harmonics)):
@@ -193,15 +191,14 @@ class _System:
                 for unit in (1.0, 1j):
                     column = np.zeros(pixels.left.shape, np.complex128)
                     column[:, row] = unit * answer
-                    parts = (_centred(column.real, pixels.weights), self._imaginary(column.imag, pixels.weights))
-                    columns.append((np.stack(parts) * roots).ravel())
+                    columns.append(_without_own(column, pixels.weights))
         matrix = np.stack(columns)
         self._normal = matrix @ matrix.T
-        self._side = matrix @ (left * roots).ravel()
-        self._power = float(((left * roots) ** 2).sum())
+        self._side = matrix @ left
+        self._power = float((left**2).sum())
         self.explained = 0.0
         if free_distances:
-            self._free_distances(matrix, (left * roots).ravel(), pixels, harmonics)
+            self._free_distances(matrix, left, pixels, harmonics)
 
     def _free_distances(self, matrix: Float, left: Float, pixels: PixelFit, harmonics: tuple[int, ...]) -> None:
         """Eliminate an error of each target's distance. It changes all its phases by the same share."""
@@ -209,10 +206,9 @@ class _System:
         usual = ways.mean(axis=1)
         rows = []
         for target, way in enumerate(ways / usual[:, np.newaxis]):
-            column = np.zeros(pixels.weights.shape)
-            column[target] = np.multiply.outer(harmonics, way)
-            parts = (np.zeros_like(column), self._imaginary(column, pixels.weights))
-            rows.append((np.stack(parts) * np.sqrt(pixels.weights)).ravel())
+            column = np.zeros(pixels.weights.shape, np.complex128)
+            column[target] = 1j * np.multiply.outer(harmonics, way)
+            rows.append(_without_own(column, pixels.weights))
         # changes whose mean is not 0 are left out: the pixels' own delays contain such a change
         distances = np.stack(rows) - np.mean(rows, axis=0)
         inverse = np.linalg.pinv(distances @ distances.T, rcond=NO_DIGITS, hermitian=True)
@@ -230,10 +226,6 @@ class _System:
         """
         step = self._solved(orders)[0].ravel() if orders else np.zeros(0)
         return np.asarray(1.0 + self._stretch - self._stretch_per_change[:, self._places(orders)] @ step)
-
-    @staticmethod
-    def _imaginary(column: Float, weights: Float) -> Float:
-        return np.asarray(column - (column * weights).sum(axis=0) / weights.sum(axis=0))
 
     def _places(self, orders: Sequence[int]) -> Index:
         width = 2 * self._harmonics

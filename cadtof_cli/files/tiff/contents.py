@@ -36,12 +36,9 @@ def is_plain_page(page: Page, /) -> bool:
 
 
 def require_voltages(path: Path, pages: Iterable[Page], names: Sequence[str], /) -> None:
-    """Make sure that the pages of a file may hold voltages; `names` are the names of its planes.
+    """Raise NotAFrameError if a file holds maps, or a colour picture; `names` are the names of its planes.
 
-    Raises:
-        NotAFrameError: the file holds maps, or a colour picture. A picture whose planes have names of voltages is
-            accepted.
-        FrameError: see `require_stored_plainly`.
+    A picture whose planes have names of voltages is accepted, if its pages are stored plainly.
     """
     layers = list(dict.fromkeys(filter(is_map_layer, names)))
     if layers:
@@ -54,11 +51,7 @@ def require_voltages(path: Path, pages: Iterable[Page], names: Sequence[str], /)
 
 
 def require_stored_plainly(path: Path, pages: Iterable[Page], /) -> None:
-    """Make sure that the values of pages are not inverted, and that their rows and columns are not turned.
-
-    Raises:
-        FrameError: a page is min-is-white, or has another orientation than the first row on top.
-    """
+    """Raise FrameError if values of pages are inverted (min-is-white), or their rows and columns are turned."""
     for page in _first_pages(pages):
         _require_plain_page(path, page)
 

@@ -45,11 +45,7 @@ class Envelope:
         return cls(head, pixels, file.read())
 
     def read(self, path: Path, /, *, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any] | None:
-        """Return the pixels of a file that has this envelope; None: the file has another, or `shape` does not fit.
-
-        Raises:
-            OSError: the file cannot be read.
-        """
+        """Return the pixels of a file that has this envelope; None: the file has another, or `shape` does not fit."""
         out = np.empty(shape, dtype)
         if out.nbytes != self.pixels:
             return None
@@ -69,18 +65,11 @@ class Envelope:
     def around(
         self, pixels: NDArray[Any], image: memoryview | None, /, *, old: bytes, new: bytes
     ) -> Sequence[memoryview]:
-        """Return the parts of a file with this envelope around other pixels.
+        """Return the parts of a file with this envelope, with `new` in place of its bytes `old`, around other pixels.
 
-        Args:
-            pixels: the pixels of the file.
-            image: memory with one disk block, then the pixels, then free space; see `DepthMaps`. None: the pixels lie
-                elsewhere.
-            old: bytes in the envelope that are replaced.
-            new: bytes that replace them, of the same length.
-
-        Returns:
-            One part, a piece of `image`, if the head takes exactly one block and the tail fits behind the pixels.
-            Otherwise three parts: head, pixels, tail.
+        `image` is memory with one disk block, then the pixels, then free space; see `DepthMaps`. If the head takes
+        exactly one block and the tail fits behind the pixels, there is one part, a piece of `image`. Otherwise there
+        are three parts: head, pixels, tail.
         """
         head, tail = self.head.replace(old, new), self.tail.replace(old, new)
         behind = BLOCK_BYTES + self.pixels

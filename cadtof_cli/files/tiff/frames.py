@@ -44,10 +44,6 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
 
     The pages of the last stack are remembered. So a worker that reads a stack frame by frame looks for its thousands of
     pages only once.
-
-    Raises:
-        NotAFrameError: the file holds maps, not voltages.
-        FrameError: the file cannot be read, is damaged, or its planes do not make up whole frames.
     """
     images, table = _opened(path, layout)
     shape = (len(layout.harmonics), CHANNELS, *images.plane_shape)
@@ -82,11 +78,7 @@ def _opened(path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.int
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
-    """Return the one plane of a TIFF file, shape (Y, X), native byte order.
-
-    Raises:
-        FrameError: the file cannot be read, is damaged, or holds more than one plane.
-    """
+    """Return the one plane of a TIFF file, shape (Y, X), native byte order."""
     with closing(TiffImages(path)) as images:
         if max(images.sizes) > 1:
             raise FrameError(f"{images.found}, expected a single plane")

@@ -86,13 +86,8 @@ def reading_tiff(path: Path) -> Iterator[None]:
 class TiffImages:
     """The images of one TIFF file, read by their index in the file. Opening the file finds damaged and missing pages.
 
-    Args:
-        path: a TIFF or BigTIFF file of either byte order.
-        voltages: whether the file must hold voltages, so that maps and pictures are refused.
-
-    Raises:
-        NotAFrameError: the file holds maps, not voltages.
-        FrameError: the file cannot be read, is damaged, or its pages differ from each other.
+    It is a TIFF or BigTIFF file of either byte order. If it must hold `voltages`, maps and pictures are refused
+    (NotAFrameError).
     """
 
     def __init__(self, path: Path, *, voltages: bool = True) -> None:

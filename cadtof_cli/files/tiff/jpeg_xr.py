@@ -23,12 +23,9 @@ _SEARCHED_BYTES = 4096
 
 
 def require_plain_colours(path: Path, page: Page, descriptor: int, /) -> None:
-    """Make sure that no strip or tile of a page declares colours with fewer pixels than its brightness.
+    """Raise FrameError if a strip or tile of a page declares colours with fewer pixels than its brightness.
 
     The library would write beyond the memory of a grey picture.
-
-    Raises:
-        FrameError: a strip or tile declares such colours.
     """
     for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False):
         data = read_at(descriptor, min(count, _SEARCHED_BYTES), offset)

@@ -22,7 +22,7 @@ from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.system import BLOCK_BYTES, codes_of_the_system
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
-from cadtof_cli.files.tiff.names import GDAL_METADATA, PAGE_NAME
+from cadtof_cli.files.tiff.names import GDAL_METADATA, PAGE_NAME, parsed
 
 _ASCII = 2
 
@@ -74,10 +74,7 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> Envelope | N
     """Write a file with tifffile, with all pixels in one run; then write the names of the pages into their tags.
 
     The pixels begin at a disk block and the file ends with a whole disk block, so that the next files can be written
-    without the page cache.
-
-    Returns:
-        The envelope of the file; None: tifffile did not write the pixels in one run, or the envelope is too large.
+    without the page cache. Return the envelope of the file; None: it is too large, or the pixels are not in one run.
     """
     names = (*maps.names, STATUS)
     bands = [
@@ -173,27 +170,14 @@ def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader
 def read_facts(path: Path, /) -> dict[str, str]:
     """Return the facts about the maps that the OME-XML of a file holds, by name."""
     with reading_tiff(path), tifffile.TiffFile(path) as file:
-        return _annotations(file.ome_metadata) if file.ome_metadata else {}
-
-
-def _annotations(xml: str) -> dict[str, str]:
-    """Return the facts that `ome_xml` wrote into the XML; empty if the text is no XML or was not written by us."""
-    try:
-        root = ElementTree.fromstring(xml)
-    except ElementTree.ParseError:
-        return {}
+        root = parsed(file.ome_metadata or "")
     ours = (element for element in root.iter(f"{{{_SCHEMA}}}MapAnnotation") if element.get("Namespace") == _NAMESPACE)
     pairs = ((pair.get("K", ""), pair.text or "") for one in ours for pair in one.iter(f"{{{_SCHEMA}}}M"))
     return {name: text for name, text in pairs if not name.startswith(_UNIT)}
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
-    """Return the pages of an OME-TIFF by the names of its channels; NaN where GDAL's value for no data stands for no answer.
-
-    Raises:
-        NotMapsError: the channels have no names.
-        FrameError: the file cannot be read, is damaged, or two channels have the same name.
-    """
+    """Return the pages of an OME-TIFF by the names of its channels; NaN where GDAL's value for no data stands for no answer."""
     with closing(TiffImages(path, voltages=False)) as images:
         planes = images.planes(np.arange(math.prod(images.sizes)))
         names = [name for name in images.names if name]

@@ -32,9 +32,6 @@ def lossy_compression(path: Path, _dtype: np.dtype[Any], /) -> str | None:
     """Return the name of the compression of the file's first page if it changes values.
 
     None: it does not change values, or the compressed data has a header that we do not understand.
-
-    Raises:
-        FrameError: the file cannot be read.
     """
     with reading_tiff(path), tifffile.TiffFile(path) as tiff:
         page = tiff.pages.first
@@ -161,21 +158,11 @@ def _jpeg_xr(data: bytes, _page: tifffile.TiffPage) -> str | None:
 
 
 _EXAMINE: dict[int, Callable[[bytes, tifffile.TiffPage], str | None]] = {
-    6: _jpeg,
-    7: _jpeg,
-    99: _jpeg,
-    22610: _jpeg_xr,
-    33007: _jpeg,
-    33003: _jpeg_2000,
-    33004: _jpeg_2000,
-    33005: _jpeg_2000,
-    34712: _jpeg_2000,
+    **dict.fromkeys((6, 7, 99, 33007, 34892), _jpeg),
+    **dict.fromkeys((33003, 33004, 33005, 34712), _jpeg_2000),
+    **dict.fromkeys((34927, 50001), _webp),
+    **dict.fromkeys((50002, 52546), _jpeg_xl),
+    **dict.fromkeys(jpeg_xr.COMPRESSIONS, _jpeg_xr),
     34887: _lerc,
-    34892: _jpeg,
-    34927: _webp,
-    34934: _jpeg_xr,
-    50001: _webp,
-    50002: _jpeg_xl,
-    52546: _jpeg_xl,
 }
 """Functions that examine compressed data, by the code of the compression; see `lossy_compression`."""

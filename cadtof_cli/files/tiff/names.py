@@ -32,16 +32,10 @@ GDAL_METADATA = 42112
 def names_of_planes(
     tiff: tifffile.TiffFile, series: Sequence[tifffile.TiffPageSeries], axes: str, sizes: Sequence[int]
 ) -> tuple[str, ...]:
-    """Return a name for every plane, in the order of the file. A plane without a name has an empty text.
+    """Return a name for every plane, in the order of the file; it is an empty text for a plane without a name.
 
-    The result is empty if no plane has a name.
-
-    Args:
-        tiff: the open file.
-        series: the series of its pages.
-        axes: labels of the axes besides Y and X, slowest first; I is the axis of images, S the axis of a pixel's
-            samples.
-        sizes: lengths of these axes.
+    The result is empty if no plane has a name. `axes` and `sizes` are labels and lengths of the axes besides Y and X,
+    slowest first: I is the axis of images, S the axis of a pixel's samples.
     """
     first, samples, images = tiff.pages.first, sizes[-1], math.prod(sizes[:-1])
     if tiff.is_ome:
@@ -68,13 +62,7 @@ def channel_names(xml: str, /) -> tuple[str, ...]:
 
     If the text describes several images, the names of the images count as well: see `_name_in_image`.
     """
-    from xml.etree import ElementTree
-
-    try:
-        root = ElementTree.fromstring(xml)
-    except ElementTree.ParseError:
-        # tifffile logs an error for this, which `reading_tiff` turns into a FrameError
-        return ()
+    root = parsed(xml)
     images = elements(root, "Image")
     if len(images) < _SEVERAL:
         return tuple(channel.get("Name", "") for channel in elements(root, "Channel"))
@@ -83,6 +71,17 @@ def channel_names(xml: str, /) -> tuple[str, ...]:
         for image in images
         for channel in elements(image, "Channel")
     )
+
+
+def parsed(xml: str) -> "Element":
+    """Return the root of an XML text; an empty element if the text is no XML."""
+    from xml.etree import ElementTree
+
+    try:
+        return ElementTree.fromstring(xml)
+    except ElementTree.ParseError:
+        # if it should be OME-XML, tifffile logs an error for this, which `reading_tiff` turns into a FrameError
+        return ElementTree.Element("none")
 
 
 def elements(root: "Element", tag: str) -> list["Element"]:
@@ -115,13 +114,7 @@ def _channels(names: Sequence[str], axes: str, sizes: Sequence[int]) -> tuple[st
 
 def _bands(page: tifffile.TiffPage, samples: int) -> tuple[str, ...]:
     """Return the descriptions of a GeoTIFF's bands, which GDAL wrote."""
-    from xml.etree import ElementTree
-
-    tag = page.tags.get(GDAL_METADATA)
-    try:
-        root = ElementTree.fromstring(str(tag.value) if tag else "")
-    except ElementTree.ParseError:
-        return ()
+    root = parsed(str(page.tags.valueof(GDAL_METADATA)))
     items = [item for item in root.iter("Item") if item.get("role") == "description"]
     names = {item.get("sample"): item.text or "" for item in items}
     return tuple(names.get(str(sample), "") for sample in range(samples)) if names else ()

@@ -17,13 +17,9 @@ _FIRST_WITH_INDEX = 2
 
 
 def require_sound_index(path: Path, tiff: tifffile.TiffFile, /) -> None:
-    """Make sure that the index of an NDTiff file describes the pages of this file and of no other file.
+    """Raise FrameError unless the index of an NDTiff file describes all pages of this file and no other file.
 
     This is checked before tifffile uses the index.
-
-    Raises:
-        FrameError: the index is missing, names other files, or its axes promise planes that it does not list.
-        OSError: the index cannot be read.
     """
     written_by = tiff.micromanager_metadata or {}
     if written_by.get("MajorVersion", 0) < _FIRST_WITH_INDEX:

@@ -55,13 +55,10 @@ _FORMS = {
 
 
 def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
-    """Follow the linked list of an open file's pages from the first to the last, and check it.
+    """Follow the linked list of an open file's pages to the last; raise FrameError unless all of it lies within the file.
 
     tifffile reads a list that breaks off as a shorter list. If a list returns to an earlier page, tifffile can follow
     it until the memory is full.
-
-    Raises:
-        FrameError: the list is empty, leaves the file, ends within a page or returns to an earlier page.
     """
     header = read_at(descriptor, 4, 0)
     form = _FORMS["<" if header[:2] == b"II" else ">", 43 in header[2:]]
@@ -102,11 +99,7 @@ def _require_values_within(path: Path, page: int, form: _Form, tags: bytes, size
 
 
 def require_sound_page(path: Path, page: Page, keyframe: tifffile.TiffPage, file_size: int) -> None:
-    """Check that all strips or tiles of a page are present and lie within the file.
-
-    Raises:
-        FrameError: strips are missing, empty, or reach beyond the end of the file.
-    """
+    """Raise FrameError unless all strips or tiles of a page are present and lie within the file."""
     needed = math.prod(keyframe.chunked)
     segments = list(zip(page.dataoffsets, page.databytecounts, strict=False))
     sound = sum(1 for offset, count in segments[:needed] if offset > 0 and count > 0)
@@ -120,17 +113,10 @@ def require_sound_page(path: Path, page: Page, keyframe: tifffile.TiffPage, file
 
 
 def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes: int) -> None:
-    """Check the type of samples and the number of bytes that the page which describes a series declares.
+    """Raise FrameError for samples or a compression that we do not read, or too many or too few bytes of pixels.
 
-    Args:
-        path: the file, for messages.
-        page: first page of the series, which describes all its pages.
-        stored_bytes: bytes that the page's strips must take if they are not compressed. It is the size of one page, or
-            of the whole series if this page stands for all pages.
-
-    Raises:
-        FrameError: we do not read samples of this type or this compression, or the declared bytes are too many or too
-            few.
+    The first `page` of a series describes all its pages. `stored_bytes` is what its strips must take if they are not
+    compressed: the size of one page, or of the whole series if this page stands for all pages.
     """
     if page.dtype is None or page.dtype.name not in SAMPLE_TYPES or page.bitspersample != page.dtype.itemsize * 8:
         found = f"{page.bitspersample} bits a sample, sample format {int(page.sampleformat)}"

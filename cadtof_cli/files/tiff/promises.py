@@ -13,7 +13,7 @@ import tifffile
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.reading import require_regular
-from cadtof_cli.files.tiff.names import elements
+from cadtof_cli.files.tiff.names import elements, parsed
 
 _MOST_PLANES = 2**20
 _LEAST_PAGE_BYTES = 50
@@ -34,13 +34,7 @@ def require_sound_promises(path: Path, tiff: tifffile.TiffFile, /) -> None:
 
 
 def _require_sound_ome(path: Path, tiff: tifffile.TiffFile) -> None:
-    from xml.etree import ElementTree
-
-    try:
-        root = ElementTree.fromstring(tiff.ome_metadata or "")
-    except ElementTree.ParseError:
-        # tifffile logs an error for this, which `reading_tiff` turns into a FrameError
-        return
+    root = parsed(tiff.ome_metadata or "")
     for pixels in elements(root, "Pixels"):
         _require_plausible(path, tiff, math.prod(int(pixels.get(f"Size{axis}", 1)) for axis in "CZT"))
     for data in elements(root, "TiffData"):

@@ -28,7 +28,7 @@ Item = int | Page
 
 
 def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPageSeries]:
-    """Return the series of a file, which are alike; software that writes page by page makes a series of every page.
+    """Return the series of a file; software that writes page by page makes a series of every page.
 
     Raises:
         FrameError: there is no image, the images differ in size or type, some lie in other files, or the metadata is
@@ -93,11 +93,7 @@ def _axes(series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...]]:
 
 
 def divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...], str]:
-    """Return labels and lengths of the axes over images, and labels of the axes within an image.
-
-    Raises:
-        FrameError: the pages of the series are no whole images.
-    """
+    """Return labels and lengths of the axes over images, and labels of the axes within an image, which pages hold whole."""
     axes, shape = _axes(series)
     page = series.keyframe
     outer = len(shape) - len(page.shape)
@@ -110,11 +106,7 @@ def divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tupl
 
 
 def sound_items(path: Path, series: Sequence[tifffile.TiffPageSeries], images: int) -> list[Item]:
-    """Return the place of every image, after checking that each lies within the file.
-
-    Raises:
-        FrameError: images are missing, or the file was cut off, or `require_sound_keyframe` refuses it.
-    """
+    """Return the place of every image; raise FrameError unless each of them lies within the file."""
     items: list[Item] = []
     for one in series:
         page = one.keyframe

@@ -47,14 +47,10 @@ def draw_detections(
 ) -> Float:
     """Return the times of the photons that a SPAD with dead time detects, float64 (n,), in ns from the first cycle on.
 
-    Args:
-        mix: of one pixel, without pixel axes. Its own jitter must be 0, because the times at which photons arrive decide which
-            photons the SPAD misses, not the times at which it reports them.
-        generator: source of all random numbers.
-        cycles: number of laser periods.
-        photons_per_cycle: number of photons that arrive in each laser period.
-        dead_time_ns: photons that arrive within this time after a detection are lost; they do not prolong it.
-        jitter_ns: standard deviation of the time that detection adds.
+    `photons_per_cycle` photons arrive in each of `cycles` laser periods. Photons that arrive within the dead time after
+    a detection are lost; they do not prolong it. `jitter_ns` is the standard deviation of the time that detection adds.
+    The mix has no pixel axes, and its own jitter must be 0, because the times at which photons arrive decide which
+    photons the SPAD misses, not the times at which it reports them.
     """
     phases = draw_phases(mix, generator, count=cycles * photons_per_cycle).astype(np.float64)
     times = np.mod(phases / (2.0 * math.pi), 1.0).reshape(cycles, photons_per_cycle)

@@ -30,8 +30,7 @@ _SAME_LENGTH = 1e-6
 class Capacitors:
     """C1 … C12 of Fig. 1, in fF. SC1 uses C1, C2, C5, C6, C9, C10; SC2 uses C3, C4, C7, C8, C11, C12.
 
-    Raises:
-        SettingsError: a capacitor is not above 0, or the channels have different integration lengths.
+    Both channels must have the same integration length.
     """
 
     values_ff: tuple[float, ...]
@@ -105,10 +104,8 @@ class Averaging:
     def weights(self, photons: int, *, photon_rate_hz: float) -> Float:
         """Return the weights of the samples of SC1 and of SC2 in the voltages read at the end, (2, photons).
 
-        Eq. (1) from 0 V gives w_i = (1/n_av)(1 − 1/n_av)^(N − i).
-
-        Raises:
-            SettingsError: the stages switch so rarely that no sample reaches the last stage.
+        Eq. (1) from 0 V gives w_i = (1/n_av)(1 − 1/n_av)^(N − i). If the stages switch so rarely that no sample reaches
+        the last stage, a SettingsError is raised.
         """
         if self.capacitors is None or self.stages.drive == "dc":
             decay = math.log1p(-1.0 / self.integration_length)
@@ -133,11 +130,8 @@ def effective_length(weights: Float, /) -> float:
 def stage_ticks(stages: Stages, photons: int, photon_rate_hz: float) -> list[tuple[int, int]]:
     """Return the ticks at which the stages switch, in the order of time: pairs (photons sampled before, stage 1 or 2).
 
-    Photons arrive at an even rate here. Real photons arrive at random, which would move a tick by a few photons, but hundreds of
-    photons lie between two ticks.
-
-    Raises:
-        SettingsError: a stage switches more than MOST_TICKS times.
+    Photons arrive at an even rate here. Real photons arrive at random, which would move a tick by a few photons, but
+    hundreds of photons lie between two ticks. A stage may switch MOST_TICKS times at most.
     """
     ticks = []
     for stage, frequency in ((1, stages.f1_hz), (2, stages.f2_hz)):

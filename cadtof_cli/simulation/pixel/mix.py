@@ -121,11 +121,7 @@ class Condition:
         return self.direct_ns, self.second_ns, *(time for _, time in self.further)
 
     def mix(self, period_ns: float) -> PhotonMix:
-        """Return the photons of one pixel, without pixel axes.
-
-        Raises:
-            SettingsError: a time is outside the period, or a path of MPI does not arrive after the direct path.
-        """
+        """Return the photons of one pixel, without pixel axes; raise SettingsError if a path comes too early or late."""
         require(0 <= self.direct_ns < period_ns, "direct", f"{self.direct_ns:g} ns", f"0 to less than {period_ns:g} ns")
         for name, time_ns in zip(("second", *("path" for _ in self.further)), self.times_ns[1:], strict=True):
             separation = time_ns - self.direct_ns

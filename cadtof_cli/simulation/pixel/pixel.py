@@ -107,8 +107,7 @@ def _require_few_photons(model: PixelModel) -> None:
 def pixel_weights(model: PixelModel, /) -> Float32:
     """Return the weights of the photons that count, (2, n) float32, the latest photon last; they are the same in all runs.
 
-    Raises:
-        SettingsError: there are too many photons to simulate them one by one, or no photon counts.
+    Too many photons to simulate one by one, or no photon that counts, raise a SettingsError.
     """
     _require_few_photons(model)
     weights = model.averaging.weights(model.photons, photon_rate_hz=model.photon_rate_hz)
@@ -144,8 +143,7 @@ def record_pixel(
 def require_traceable(model: PixelModel, /) -> None:
     """Raise a SettingsError if no recording of the pixel can be followed from photon to photon.
 
-    Raises:
-        SettingsError: the stages are switched, or there are too many photons to simulate them one by one.
+    Then the stages are switched, or there are too many photons.
     """
     _require_few_photons(model)
     if model.averaging.stages.drive == "switched":
@@ -157,11 +155,8 @@ def trace_pixel(
 ) -> tuple[Float, Float]:
     """Return one recording photon by photon, from 0 V on, for averaging by Eq. (1), with the stages closed (`dc`).
 
-    The first array has the arrival time of each photon within the period of the fundamental, in ns, (n,). The second array has
-    SC1 and SC2 after each photon, in V, (2, n).
-
-    Raises:
-        SettingsError: the stages are switched, or there are too many photons to simulate them one by one.
+    The first array has the arrival time of each photon within the period of the fundamental, in ns, (n,). The second
+    array has SC1 and SC2 after each photon, in V, (2, n). See `require_traceable` for what raises a SettingsError.
     """
     require_traceable(model)
     if model.dead_time_ns > 0:

@@ -23,9 +23,8 @@ _FRAME_KEY = 0
 class Exposure:
     """A recording: a scene, seen by a camera, with the modulation and averaging of the metadata.
 
-    Attributes:
-        seed: seed of everything that is random, in the array and in the frames.
-        motion: motion of the whole scene from harmonic to harmonic; every frame shows the scene at the same place.
+    `seed` is that of everything random, in the array and in the frames. All of the scene moves from harmonic to
+    harmonic, by `motion`; every frame shows it at the same place.
     """
 
     scene: Scene
@@ -39,11 +38,7 @@ class Exposure:
 
     @property
     def integration_length(self) -> float:
-        """n_av of Eq. (1).
-
-        Raises:
-            SettingsError: the metadata have no integration length.
-        """
+        """n_av of Eq. (1); raises SettingsError if the metadata have none."""
         length = self.metadata.pixel.integration_length
         if length is None:
             raise SettingsError("integration length: found none, expected a number above 1")
@@ -66,8 +61,7 @@ def band_rows(height: int) -> tuple[slice, ...]:
 def expose_band(exposure: Exposure, rows: slice, /) -> Band:
     """Return the voltages and the truth of one band.
 
-    Raises:
-        SettingsError: the scene reaches beyond the unambiguous range, where its truth could not be resolved.
+    A scene that reaches beyond the unambiguous range, where its truth could not be resolved, raises a SettingsError.
     """
     modulation, camera = exposure.metadata.modulation, exposure.camera
     light = exposure.scene.light(camera, rows)

@@ -135,11 +135,10 @@ def write_capture(
     `truth` holds layers by name, (Y, X) each, NaN where the truth is unknown; `comments` are lines at the top of `capture.toml`.
     """
     exposure, kind = settings.exposure, format_by_name(settings.frame_format)
-    assert kind.recording is not None
     (folder / FILE_NAME).write_text(toml_text(exposure.metadata, comments=comments), encoding="utf-8")
     write_layers(folder / "truth.exr", truth, lossy=True)
-    files, layout = kind.recording(), FrameLayout(exposure.metadata.modulation.harmonics)
+    files, layout = kind.frames(), FrameLayout(exposure.metadata.modulation.harmonics)
     for index, voltages_v in enumerate(frames):
-        stored = exposure.camera.counts_from_voltages(voltages_v) if kind.counts else voltages_v
+        stored = exposure.camera.counts_from_voltages(voltages_v) if kind.recording == "counts" else voltages_v
         path = folder / f"frame_{index:04d}.{kind.name}"
         files.write_frame(path, stored, layout=layout, compress=settings.compress)

@@ -69,7 +69,6 @@ class CornellBox:
             yaw_rad=0.0,
             pitch_rad=0.0,
             beam_rad=math.radians(40.0),
-            summary=self.summary,
         )
 
     def light(self, camera: Camera, rows: slice, /) -> Light:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.solids import Ball, Box
 
 _BOARD_M = 0.02
@@ -21,7 +22,7 @@ class Piece:
         radius_m: radius of the ball that the piece is if it has no parts.
     """
 
-    parts: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...] = ()
+    parts: tuple[tuple[Vector, Vector], ...] = ()
     radius_m: float = 0.0
 
     @property
@@ -60,16 +61,12 @@ class Piece:
 
 def random_piece(generator: np.random.Generator, /, *, scale: float = 1.0) -> Piece:
     """Return a piece of a random kind; its width and depth are multiplied by `scale`."""
-
-    def between(low: float, high: float) -> float:
-        return float(generator.uniform(low, high))
-
     make = _KINDS[int(generator.integers(len(_KINDS)))]
-    return make(between, scale)
+    return make(generator.uniform, scale)
 
 
 Between = Callable[[float, float], float]
-"""A function that draws a number between two limits."""
+"""Draws a number between two limits."""
 
 
 def _cupboard(between: Between, scale: float) -> Piece:
@@ -86,14 +83,11 @@ def _table(between: Between, scale: float) -> Piece:
 
 
 def _chair(between: Between, scale: float) -> Piece:
-    half, seat, back = scale * between(0.2, 0.26), between(0.4, 0.5), between(0.2, 0.3)
-    return Piece(
-        parts=(
-            ((0.0, seat, 0.0), (half, 0.03, half)),
-            ((0.0, seat + back, 0.03 - half), (half, back, 0.03)),
-            ((0.0, seat / 2, 0.0), (0.05, seat / 2 - 0.03, 0.05)),
-        )
-    )
+    half, height, rest = scale * between(0.2, 0.26), between(0.4, 0.5), between(0.2, 0.3)
+    seat = ((0.0, height, 0.0), (half, 0.03, half))
+    back = ((0.0, height + rest, 0.03 - half), (half, rest, 0.03))
+    leg = ((0.0, height / 2, 0.0), (0.05, height / 2 - 0.03, 0.05))
+    return Piece(parts=(seat, back, leg))
 
 
 def _shelf(between: Between, scale: float) -> Piece:
@@ -105,26 +99,19 @@ def _shelf(between: Between, scale: float) -> Piece:
 
 
 def _sofa(between: Between, scale: float) -> Piece:
-    width, seat, depth = scale * between(0.5, 1.0), between(0.18, 0.24), scale * between(0.35, 0.45)
-    back = between(0.15, 0.25)
+    width, height, depth = scale * between(0.5, 1.0), between(0.18, 0.24), scale * between(0.35, 0.45)
+    rest = between(0.15, 0.25)
+    seat = ((0.0, height, 0.0), (width, height, depth))
+    back = ((0.0, 2 * height + rest, 0.1 - depth), (width, rest, 0.1))
     arms = tuple(((side * width, 0.3, 0.0), (0.08, 0.3, depth)) for side in (-1.0, 1.0))
-    return Piece(
-        parts=(
-            ((0.0, seat, 0.0), (width, seat, depth)),
-            ((0.0, 2 * seat + back, 0.1 - depth), (width, back, 0.1)),
-            *arms,
-        )
-    )
+    return Piece(parts=(seat, back, *arms))
 
 
 def _bed(between: Between, scale: float) -> Piece:
     width, depth = scale * between(0.45, 0.9), scale * between(0.8, 1.0)
-    return Piece(
-        parts=(
-            ((0.0, 0.25, 0.0), (width, 0.25, depth)),
-            ((0.0, 0.5, _BOARD_M - depth), (width, 0.5, _BOARD_M)),
-        )
-    )
+    mattress = ((0.0, 0.25, 0.0), (width, 0.25, depth))
+    head = ((0.0, 0.5, _BOARD_M - depth), (width, 0.5, _BOARD_M))
+    return Piece(parts=(mattress, head))
 
 
 def _panel(between: Between, scale: float) -> Piece:
@@ -141,14 +128,4 @@ def _ball(between: Between, scale: float) -> Piece:
     return Piece(radius_m=scale * between(0.2, 0.45))
 
 
-_KINDS: tuple[Callable[[Between, float], Piece], ...] = (
-    _cupboard,
-    _table,
-    _chair,
-    _shelf,
-    _sofa,
-    _bed,
-    _panel,
-    _pillar,
-    _ball,
-)
+_KINDS = (_cupboard, _table, _chair, _shelf, _sofa, _bed, _panel, _pillar, _ball)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32, Index
+from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.directions import cosine_weighted, directions_about, evenly_spread_pairs
 from cadtof_cli.simulation.scene.rooms.solids import MARGIN_M, Interior
@@ -135,7 +135,8 @@ def lamp_light(interior: Interior, lamp: Lamp, generator: np.random.Generator, /
     numbers, lengths = np.arange(rays), met.lengths_m
     density = lamp.irradiance(interior, met.points_m, met.normals) / np.float32(lamp.flux)
     first = LightPoints(met.points_m, met.normals, met.albedo, lengths, density, lamp.flux)
-    later: list[tuple[Float32, Float32, Float32, Float32, Index]] = []
+    # no points at first, because it may be that every ray ends at the first surface
+    later = [(met.points_m[:, :0], met.normals[:, :0], met.albedo[:0], lengths[:0], numbers[:0])]
     for _ in range(MOST_BOUNCES):
         onward = np.flatnonzero(generator.random(len(met.albedo), dtype=np.float32) < met.albedo)
         if not len(onward):
@@ -146,20 +147,11 @@ def lamp_light(interior: Interior, lamp: Lamp, generator: np.random.Generator, /
         met = interior.meet(met.points_m[:, onward] + np.float32(MARGIN_M) * normals, directions)
         lengths = lengths[onward] + met.lengths_m
         later.append((met.points_m, met.normals, met.albedo, lengths, numbers))
-    even = np.float32(EVENNESS / interior.area_m2)
-    return LampLight(first, _in_order_of_rays(later, even, lamp.flux / rays), even)
-
-
-def _in_order_of_rays(
-    bounces: list[tuple[Float32, Float32, Float32, Float32, Index]], density: np.float32, share: float
-) -> LightPoints:
-    """Return the points of all bounces, sorted by ray, so that consecutive points come from all over the beam."""
-    if not bounces:
-        none, no_points = np.zeros(0, np.float32), np.zeros((3, 0), np.float32)
-        return LightPoints(no_points, no_points, none, none, none, 0.0)
-    points, normals, albedo, lengths, numbers = (np.concatenate(part, axis=-1) for part in zip(*bounces, strict=True))
+    points, normals, albedo, lengths, numbers = (np.concatenate(part, axis=-1) for part in zip(*later, strict=True))
+    # sorted by ray, so that consecutive points come from all over the beam
     order = np.argsort(numbers, kind="stable")
-    densities = np.full(len(order), density)
-    return LightPoints(
-        points[:, order], normals[:, order], albedo[order], lengths[order], densities, share * len(order)
+    even, flux = np.float32(EVENNESS / interior.area_m2), lamp.flux / rays * len(order)
+    further = LightPoints(
+        points[:, order], normals[:, order], albedo[order], lengths[order], np.full(len(order), even), flux
     )
+    return LampLight(first, further, even)

@@ -1,7 +1,7 @@
 """Rooms drawn by a seed: living rooms, corners, corridors and closets, with doors, windows, rugs and furniture."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -51,29 +51,29 @@ def random_room(
 ) -> Room:
     """Return the room of a seed; it is the same for the same arguments.
 
-    `furniture` is the number of pieces of furniture, up to MOST_FURNITURE, `albedo` the albedo of every surface, and `beam_deg`
-    half the beam's angle. An argument that is None is drawn.
-
-    Raises:
-        SettingsError: no room of this seed has place for the furniture, or the beam lights too little of what the camera sees.
+    `furniture` is the number of pieces of furniture, up to MOST_FURNITURE, `albedo` the albedo of every surface, and
+    `beam_deg` half the beam's angle. An argument that is None is drawn. A SettingsError is raised if no room of this
+    seed has place for the furniture, or if the beam lights too little of what the camera sees.
     """
     generator = np.random.default_rng(seed)
     kind = str(generator.choice(list(KINDS), p=list(KINDS.values())))
     pieces = int(generator.integers(DRAWN_FURNITURE + 1)) if furniture is None else furniture
-    beam = float(generator.uniform(*DRAWN_BEAM_DEG))
-    if beam_deg is not None:
-        beam = beam_deg
+    drawn_deg = generator.uniform(*DRAWN_BEAM_DEG)
+    beam = drawn_deg if beam_deg is None else beam_deg
     held = False
     for _ in range(TRIES):
-        draft = _draft(kind, generator)
-        solids = _furnished(draft, pieces, generator)
-        if solids is None:
+        empty = _empty_room(kind, generator, beam_rad=math.radians(beam))
+        interior = _furnished(empty, pieces, generator)
+        if interior is None:
             continue
         held = True
-        room = _room(kind, draft, solids, generator, beam_deg=beam)
+        patches, opening = _patches(interior.size_m, generator)
+        interior = replace(interior, patches=patches, albedos=_face_albedos(generator))
+        width, height, depth = interior.size_m
+        size = f"{kind} of {width:.2f} × {depth:.2f} × {height:.2f} m"
+        room = replace(empty, interior=interior, summary=f"{size}{opening}, pieces of furniture: {pieces}")
         if _fits(room):
-            interior = room.interior if albedo is None else _in_one_albedo(room.interior, albedo)
-            return replace(room, interior=interior, summary=f"{room.summary}, pieces of furniture: {pieces}")
+            return room if albedo is None else replace(room, interior=_in_one_albedo(interior, albedo))
     if held and beam < DRAWN_BEAM_DEG[0]:
         raise SettingsError(
             f"beam: found {beam:g}°, expected a wider one, of 25° or more: it lights too little of what the camera sees"
@@ -83,63 +83,53 @@ def random_room(
     )
 
 
-@dataclass(frozen=True)
-class _Draft:
-    """Size of a room, and the camera in it."""
-
-    size_m: Vector
-    position_m: Vector
-    yaw_rad: float
-    pitch_rad: float
-
-
-def _draft(kind: str, generator: np.random.Generator) -> _Draft:
+def _empty_room(kind: str, generator: np.random.Generator, *, beam_rad: float) -> Room:
+    """Return a room that has only its size, with the camera in it."""
     width, height, depth = (float(v) for v in generator.uniform((2.5, 2.3, 2.5), (7.0, 3.2, 7.0)))
     if kind == "corridor":
-        width, depth = float(generator.uniform(1.2, 2.2)), float(generator.uniform(4.0, 7.0))
+        width, depth = generator.uniform(1.2, 2.2), generator.uniform(4.0, 7.0)
     if kind == "closet":
         width, depth = (float(v) for v in generator.uniform(1.5, 2.7, 2))
     margin = min(_CAMERA_ROOM_M, 0.4 * width)
-    x = float(generator.uniform(margin, width - margin))
-    y = height - float(generator.uniform(0.8, min(2.0, height - 0.4)))
-    z = float(generator.uniform(0.25, max(0.5, 0.45 * depth)))
-    yaw = math.radians(float(generator.uniform(-12, 12) if kind == "corridor" else generator.uniform(-40, 40)))
+    x = generator.uniform(margin, width - margin)
+    y = height - generator.uniform(0.8, min(2.0, height - 0.4))
+    z = generator.uniform(0.25, max(0.5, 0.45 * depth))
+    yaw = math.radians(generator.uniform(-12, 12) if kind == "corridor" else generator.uniform(-40, 40))
     if kind == "corner":
         side = float(generator.choice([0.0, width]))
-        yaw = math.atan2(side - x, depth - z) + math.radians(float(generator.uniform(-12, 12)))
-    pitch = math.radians(float(generator.uniform(-8, 28)))
-    return _Draft((width, height, depth), (x, y, z), yaw, pitch)
+        yaw = math.atan2(side - x, depth - z) + math.radians(generator.uniform(-12, 12))
+    pitch = math.radians(generator.uniform(-8, 28))
+    empty = Interior(size_m=(width, height, depth), albedos=(0.0,) * 6)
+    return Room(interior=empty, position_m=(x, y, z), yaw_rad=yaw, pitch_rad=pitch, beam_rad=beam_rad)
 
 
-def _furnished(
-    draft: _Draft, pieces: int, generator: np.random.Generator
-) -> tuple[tuple[Box, ...], tuple[Ball, ...]] | None:
-    """Return pieces of furniture that touch neither each other nor the camera; None if there is no room for them."""
-    width, height, depth = draft.size_m
+def _furnished(room: Room, pieces: int, generator: np.random.Generator) -> Interior | None:
+    """Return the room with furniture that touches neither itself nor the camera; None if there is no room for it."""
+    width, height, depth = size_m = room.interior.size_m
     boxes: tuple[Box, ...] = ()
     balls: tuple[Ball, ...] = ()
-    taken = [(draft.position_m[0], draft.position_m[2], _CAMERA_ROOM_M)]
+    taken = [(room.position_m[0], room.position_m[2], _CAMERA_ROOM_M)]
     for _ in range(pieces):
         for attempt in range(PLACES):
             piece = random_piece(generator, scale=SMALLER**attempt)
             half_width, half_depth = piece.half_footprint_m
             radius = math.hypot(half_width, half_depth)
-            turn = float(generator.uniform(-math.pi, math.pi))
-            x, z = float(generator.uniform(0, width)), float(generator.uniform(0, depth))
+            turn = generator.uniform(-math.pi, math.pi)
+            x, z = generator.uniform(0, width), generator.uniform(0, depth)
             if generator.random() < AGAINST_WALL:
-                x, z, turn = _against_wall(x, z, half_depth, draft.size_m)
+                x, z, turn = _against_wall(x, z, half_depth, size_m)
                 across, along = (half_width, half_depth) if abs(math.cos(turn)) > 0.5 else (half_depth, half_width)
             else:
                 across = along = radius
             inside = across < x < width - across and along < z < depth - along and piece.height_m < height - 0.05
             if inside and all(math.hypot(x - a, z - b) > radius + r for a, b, r in taken):
-                more, rounder = piece.solids(x, height, z, turn_rad=turn, albedo=float(generator.uniform(0.2, 0.9)))
+                more, rounder = piece.solids(x, height, z, turn_rad=turn, albedo=generator.uniform(0.2, 0.9))
                 boxes, balls = boxes + more, balls + rounder
                 taken.append((x, z, radius))
                 break
         else:
             return None
-    return boxes, balls
+    return replace(room.interior, boxes=boxes, balls=balls)
 
 
 def _against_wall(x: float, z: float, half_depth: float, size_m: Vector) -> tuple[float, float, float]:
@@ -152,59 +142,35 @@ def _against_wall(x: float, z: float, half_depth: float, size_m: Vector) -> tupl
     return (gap, z, -math.pi / 2) if left < right else (width - gap, z, math.pi / 2)
 
 
-def _room(
-    kind: str,
-    draft: _Draft,
-    solids: tuple[tuple[Box, ...], tuple[Ball, ...]],
-    generator: np.random.Generator,
-    *,
-    beam_deg: float,
-) -> Room:
-    width, height, depth = draft.size_m
-    boxes, balls = solids
-    patches, words = _patches(draft.size_m, generator)
-    return Room(
-        interior=Interior(
-            size_m=draft.size_m, albedos=_face_albedos(generator), patches=patches, boxes=boxes, balls=balls
-        ),
-        position_m=draft.position_m,
-        yaw_rad=draft.yaw_rad,
-        pitch_rad=draft.pitch_rad,
-        beam_rad=math.radians(beam_deg),
-        summary=", ".join((f"{kind} of {width:.2f} × {depth:.2f} × {height:.2f} m", *words)),
-    )
-
-
 def _face_albedos(generator: np.random.Generator) -> tuple[float, float, float, float, float, float]:
     """Return the albedos of the faces: the walls are similar to each other, the ceiling is lighter, and the floor darker."""
     walls = np.clip(generator.uniform(0.25, 0.8) + generator.uniform(-0.15, 0.15, 4), 0.2, 0.9)
     left, right, near, far = (float(wall) for wall in walls)
-    return left, right, float(generator.uniform(0.4, 0.9)), float(generator.uniform(0.2, 0.6)), near, far
+    return left, right, generator.uniform(0.4, 0.9), generator.uniform(0.2, 0.6), near, far
 
 
-def _patches(size_m: Vector, generator: np.random.Generator) -> tuple[tuple[Patch, ...], list[str]]:
-    """Return pictures and rugs, then a door, a window or an open side, and words for the openings."""
+def _patches(size_m: Vector, generator: np.random.Generator) -> tuple[tuple[Patch, ...], str]:
+    """Return pictures and rugs, then a door, a window or an open side, if there is one, and words for it."""
     width, height, depth = size_m
-    patches, words = [], []
+    patches = []
     for _ in range(int(generator.integers(4))):
         face = int(generator.choice([0, 1, _FLOOR, 5]))
         low, high = _rectangle(size_m, generator)
-        patches.append(Patch(face=face, low_m=low, high_m=high, albedo=float(generator.uniform(0.2, 0.9))))
-    chance = float(generator.random())
+        patches.append(Patch(face=face, low_m=low, high_m=high, albedo=generator.uniform(0.2, 0.9)))
+    chance = generator.random()
     face = int(generator.choice([0, 1, 4, 5]))
     if chance < 0.12:
-        words.append(f"{FACES[face]} side open")
-        patches.append(Patch(face=face, low_m=(0.0, 0.0, 0.0), high_m=size_m, albedo=0.0))
+        words, low, high = f"{FACES[face]} side open", (0.0, 0.0, 0.0), size_m
     elif chance < 0.5:
-        words.append(f"open door {FACES[face]}")
-        x, z = (float(generator.uniform(0.0, length - 0.9)) for length in (width, depth))
+        words = f"open door {FACES[face]}"
+        x, z = (generator.uniform(0.0, length - 0.9) for length in (width, depth))
         low, high = (x, height - 2.0, z), (x + 0.9, height, z + 0.9)
-        patches.append(Patch(face=face, low_m=low, high_m=high, albedo=0.0))
     elif chance < 0.7:
-        words.append(f"window {FACES[face]}")
+        words = f"window {FACES[face]}"
         low, high = _rectangle(size_m, generator)
-        patches.append(Patch(face=face, low_m=low, high_m=high, albedo=0.0))
-    return tuple(patches), words
+    else:
+        return tuple(patches), ""
+    return (*patches, Patch(face=face, low_m=low, high_m=high, albedo=0.0)), f", {words}"
 
 
 def _rectangle(size_m: Vector, generator: np.random.Generator) -> tuple[Vector, Vector]:

@@ -6,7 +6,6 @@ by way of more surfaces over a wider neighbourhood. The surface that a pixel see
 averaged.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -37,23 +36,15 @@ _GRID_KEY, _ALONE_KEY, _LAMP_KEY = 0, 1, 2
 """Branches of the seed: for traced rows, for pixels that are traced for themselves, and for the light from the lamp."""
 
 
-@dataclass(frozen=True)
-class TracedRow:
-    """One traced row: what its pixels see, and the light on them."""
-
-    faces: Faces
-    light: Transients
-
-
 @lru_cache(maxsize=ROWS_KEPT)
-def traced_row(view: View, row: int, /) -> TracedRow:
-    """Trace one row, which is one of every STEP rows; the result depends only on the view and on the number of the row."""
+def traced_row(view: View, row: int, /) -> tuple[Faces, Transients]:
+    """Return what the pixels of one traced row see, and the light on them, which depends only on the view and on the row."""
     camera = view.camera
     columns = np.minimum(np.arange(0, camera.width, STEP) + STEP // 2, camera.width - 1)
     y = min(STEP * row + STEP // 2, camera.height - 1)
     seen = view.meet(camera.rays(slice(y, y + 1))[:, 0, columns])
     light = _light(view, seen.points_m, seen.normals, spawn_key=(_GRID_KEY, row))
-    return sealed(TracedRow(Faces(seen.surface, seen.normals), light))
+    return sealed((Faces(seen.surface, seen.normals), light))
 
 
 def indirect_light(view: View, seen: Meetings, rows: range, /) -> Float:
@@ -74,8 +65,8 @@ def indirect_light(view: View, seen: Meetings, rows: range, /) -> Float:
     by_cells = neighbour_weights(coarse, rows, faces, places, means_faces)
     light = np.stack(
         [
-            by_pixels @ np.concatenate([row.light.once[part] for row in near])
-            + by_cells @ (means @ np.concatenate([row.light.later[part] for row in wide]))
+            by_pixels @ np.concatenate([row.once[part] for _, row in near])
+            + by_cells @ (means @ np.concatenate([row.later[part] for _, row in wide]))
             for part in range(2)
         ]
     )
@@ -89,11 +80,9 @@ def indirect_light(view: View, seen: Meetings, rows: range, /) -> Float:
     return light
 
 
-def _together(rows: list[TracedRow]) -> Faces:
-    return Faces(
-        np.concatenate([row.faces.surface for row in rows]),
-        np.concatenate([row.faces.normals for row in rows], axis=1),
-    )
+def _together(rows: list[tuple[Faces, Transients]]) -> Faces:
+    surfaces, normals = ([seen.surface for seen, _ in rows], [seen.normals for seen, _ in rows])
+    return Faces(np.concatenate(surfaces), np.concatenate(normals, axis=1))
 
 
 def _light(view: View, points_m: Float32, normals: Float32, *, spawn_key: tuple[int, int]) -> Transients:

@@ -38,14 +38,9 @@ class Room:
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """A room, seen by a camera.
+    """A room, seen by a camera with its lamp at an offset, in the camera's coordinates.
 
-    Attributes:
-        room: the room.
-        camera: array and lens.
-        lamp_offset_m: offset from the camera to its lamp, in the camera's coordinates.
-        light_paths: number of light paths from each traced pixel.
-        seed: seed of the tracing.
+    `light_paths` is the number of light paths from each traced pixel, and `seed` that of the tracing.
     """
 
     room: Room
