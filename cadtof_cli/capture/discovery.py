@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.checks import InvalidValueError
-from cadtof_cli.capture.frames import Capture, FrameSource, natural_key
+from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
 from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, entries_of, fail
 from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.capture.planes import grouped_planes, hint_of_words
@@ -125,8 +125,11 @@ def placed_captures(
         base = Path(os.path.commonpath(map(os.path.abspath, folders)))
     placed = []
     for one in captures:
-        below = "".join(f"{step}/" for step in steps_below(one.root, base))
-        frames = tuple(replace(frame, name=below + frame.name) for frame in one.frames) if below else one.frames
+        below, frames = "".join(f"{step}/" for step in steps_below(one.root, base)), one.frames
+        if isinstance(frames, FrameFileList):
+            frames = replace(frames, below=below)
+        else:
+            frames = tuple(replace(frame, name=below + frame.name) for frame in frames)
         placed.append(replace(one, frames=frames))
     return tuple(placed), base
 
@@ -248,9 +251,8 @@ def _capture(
         return None
     if named is None:
         names.sort(key=natural_key)
-    if layout.pattern is None:
-        frames = tuple(FrameSource(name.rpartition(".")[0] or name, (root / name,)) for name in names)
-    else:
+    frames: Sequence[FrameSource] = FrameFileList(root, names)
+    if layout.pattern is not None:
         try:
             frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
         except InvalidValueError as error:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -69,6 +69,32 @@ class FrameSource:
         while any(f"{self.name}_{index:0{digits}}" in taken for index in range(count)):
             digits += 1
         return tuple(replace(self, name=f"{self.name}_{index:0{digits}}", index=index) for index in range(count))
+
+
+@dataclass(frozen=True)
+class FrameFileList(Sequence[FrameSource]):
+    """Frames of one folder, each in a file of its own. A `FrameSource` is made only when a frame is asked for.
+
+    There may be thousands of files, so only their names are kept. `below` is the beginning of the frames' names: empty,
+    or folders with a slash at the end.
+    """
+
+    folder: Path
+    files: Sequence[str]
+    below: str = ""
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    @overload
+    def __getitem__(self, place: int) -> FrameSource: ...
+    @overload
+    def __getitem__(self, place: slice) -> "FrameFileList": ...
+    def __getitem__(self, place: int | slice) -> "FrameSource | FrameFileList":
+        if isinstance(place, slice):
+            return replace(self, files=self.files[place])
+        file = self.files[place]
+        return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
 
 
 def natural_key(name: str) -> str:
