@@ -127,15 +127,24 @@ class Run:
         captures = [] if self.record is None else self.record.get("captures", [])
         beside = Path(self.name(file)).parent.parts
         # the maps of a capture lie in folders with the names of the last folders above its frames
-        found = [
-            (one, place)
-            for one, (root, place) in zip(captures, self._capture_places, strict=True)
-            if len(captures) == 1 or not beside or root.parts[-len(beside) :] == beside
-        ]
-        if len(found) > 1:
-            found = [(one, place) for one, place in found if place == beside] or found
-        several = [_optics_of(one) for one, _ in found]
+        found = captures if len(captures) == 1 else self._captures_at.get(beside)
+        if found is None:
+            found = [
+                one
+                for one, (root, _) in zip(captures, self._capture_places, strict=True)
+                if not beside or root.parts[-len(beside) :] == beside
+            ]
+        several = [_optics_of(one) for one in found]
         return several[0] if several and all(one == several[0] for one in several) else Optics()
+
+    @cached_property
+    def _captures_at(self) -> Mapping[tuple[str, ...], list[Mapping[str, Any]]]:
+        """The captures of the record, by the folders of their maps in the run's folder."""
+        found: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+        captures = [] if self.record is None else self.record.get("captures", [])
+        for one, (_, beside) in zip(captures, self._capture_places, strict=True):
+            found.setdefault(beside, []).append(one)
+        return found
 
     @cached_property
     def _capture_places(self) -> list[tuple[Path, tuple[str, ...]]]:
