@@ -3,9 +3,10 @@
 `resolve/record.py` writes the two records.
 """
 
+import io
 import operator
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
@@ -154,16 +155,16 @@ class Run:
         shared = shared_folder(self.folder, self.record)
         return [(root, steps_below(root, shared)) for root in capture_folders(self.record)]
 
-    def reports(self) -> tuple[FrameReport, ...]:
-        """Return the valid lines of `frames.jsonl`, none if there is no such file; raises CaptureError if it cannot be read."""
+    def reports(self) -> Iterator[FrameReport]:
+        """Yield the valid lines of `frames.jsonl`, none if there is no such file; raises CaptureError if it cannot be read."""
         path = self.folder / FRAMES_FILE
         try:
-            lines = read_bytes(path).splitlines()
+            lines = io.BytesIO(read_bytes(path))
         except FileNotFoundError:
-            return ()
+            return
         except OSError as error:
             raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
-        return tuple(report for report in map(report_of, lines) if report is not None)
+        yield from filter(None, map(report_of, lines))
 
     def map_of(self, report: FrameReport, /) -> Path | None:
         """Return the map file of a frame in the run's folder, also after the folder was moved; None: the frame has no maps."""

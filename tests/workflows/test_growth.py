@@ -32,7 +32,7 @@ MANY = 60
 def _counted(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> Iterator[Callable[[], int]]:
     """Count the calls of a function, or the uses of a property, in the block."""
     original, calls = vars(owner)[name], list[None]()
-    function = original.fget if isinstance(original, property) else original
+    function: Any = original.fget if isinstance(original, property) else original
 
     def counting(*arguments: Any, **named: Any) -> Any:
         calls.append(None)

@@ -108,15 +108,17 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
         known, by_root = run.record["captures"], dict[Any, list[Mapping[str, Any]]]()
         for one in known:
             by_root.setdefault(one.get("resolved_root"), []).append(one)
-        for capture in {one.root: one for one, _ in recorded.values()}.values():
+        plans = dict[Path, FramePlan]()
+        for root, capture in {one.root: one for one, _ in recorded.values()}.items():
             # captures that were moved together with the run are compared with all captures of the run
-            if changed := _changed_setting(capture, by_root.get(real_path(capture.root), known)):
-                say(f"{capture.root}: {changed} since the run, {NOT_EVALUATED}")
+            if changed := _changed_setting(capture, by_root.get(real_path(root), known)):
+                say(f"{root}: {changed} since the run, {NOT_EVALUATED}")
                 return FirstPhasors(run, {}, say)
-        tasks = {}
-        for name, (capture, sources) in recorded.items():
-            plan = FramePlan(metadata=capture.source.metadata, settings=settings, calibration=calibration)
-            tasks[name] = FrameTask(sources, capture.layout, plan, None, Path())
+            plans[root] = FramePlan(metadata=capture.source.metadata, settings=settings, calibration=calibration)
+        tasks = {
+            name: FrameTask(sources, capture.layout, plans[capture.root], None, Path())
+            for name, (capture, sources) in recorded.items()
+        }
     except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
         say(f"the settings of the run cannot be taken from its record, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
