@@ -69,7 +69,9 @@ def find_captures(
         CaptureError: an input does not exist, cannot be listed or holds no frames, or two frames have the same name.
         MetadataError: a `capture.toml` or an override is not allowed.
     """
-    source_of = functools.cache(lambda folder: load_metadata(settings_file or nearest_settings(folder), overrides))
+    # a file that describes a whole tree of captures is read once
+    loaded = functools.cache(lambda file: load_metadata(file, overrides))
+    source_of = functools.cache(lambda folder: loaded(settings_file or nearest_settings(folder)))
     captures: list[tuple[Capture, bool]] = []
     for (root, is_whole), group in itertools.groupby(inputs, key=lambda path: _root(path, source_of)):
         if recursive and is_whole:

@@ -3,9 +3,10 @@
 `resolve/record.py` writes the two records.
 """
 
+import io
 import operator
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
@@ -127,15 +128,24 @@ class Run:
         captures = [] if self.record is None else self.record.get("captures", [])
         beside = Path(self.name(file)).parent.parts
         # the maps of a capture lie in folders with the names of the last folders above its frames
-        found = [
-            (one, place)
-            for one, (root, place) in zip(captures, self._capture_places, strict=True)
-            if len(captures) == 1 or not beside or root.parts[-len(beside) :] == beside
-        ]
-        if len(found) > 1:
-            found = [(one, place) for one, place in found if place == beside] or found
-        several = [_optics_of(one) for one, _ in found]
+        found = captures if len(captures) == 1 else self._captures_at.get(beside)
+        if found is None:
+            found = [
+                one
+                for one, (root, _) in zip(captures, self._capture_places, strict=True)
+                if not beside or root.parts[-len(beside) :] == beside
+            ]
+        several = [_optics_of(one) for one in found]
         return several[0] if several and all(one == several[0] for one in several) else Optics()
+
+    @cached_property
+    def _captures_at(self) -> Mapping[tuple[str, ...], list[Mapping[str, Any]]]:
+        """The captures of the record, by the folders of their maps in the run's folder."""
+        found: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+        captures = [] if self.record is None else self.record.get("captures", [])
+        for one, (_, beside) in zip(captures, self._capture_places, strict=True):
+            found.setdefault(beside, []).append(one)
+        return found
 
     @cached_property
     def _capture_places(self) -> list[tuple[Path, tuple[str, ...]]]:
@@ -145,16 +155,16 @@ class Run:
         shared = shared_folder(self.folder, self.record)
         return [(root, steps_below(root, shared)) for root in capture_folders(self.record)]
 
-    def reports(self) -> tuple[FrameReport, ...]:
-        """Return the valid lines of `frames.jsonl`, none if there is no such file; raises CaptureError if it cannot be read."""
+    def reports(self) -> Iterator[FrameReport]:
+        """Yield the valid lines of `frames.jsonl`, none if there is no such file; raises CaptureError if it cannot be read."""
         path = self.folder / FRAMES_FILE
         try:
-            lines = read_bytes(path).splitlines()
+            lines = io.BytesIO(read_bytes(path))
         except FileNotFoundError:
-            return ()
+            return
         except OSError as error:
             raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
-        return tuple(report for report in map(report_of, lines) if report is not None)
+        yield from filter(None, map(report_of, lines))
 
     def map_of(self, report: FrameReport, /) -> Path | None:
         """Return the map file of a frame in the run's folder, also after the folder was moved; None: the frame has no maps."""

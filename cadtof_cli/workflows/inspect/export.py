@@ -78,13 +78,14 @@ def export_maps(
         out.with_name(f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}") if len(found) > 1 else out
         for run, file in found
     ]
-    for position, output in enumerate(outputs):
-        if output in outputs[:position]:
-            first, second = (found[place][1] for place in (outputs.index(output), position))
+    written: dict[Path, Path] = {}
+    for (_, file), output in zip(found, outputs, strict=True):
+        if output in written:
             raise SettingsError(
-                f"{first} and {second} would both be written as {output}; export each with a command of its own"
+                f"{written[output]} and {file} would both be written as {output}; export each with a command of its own"
             )
         require_new(output, overwrite=settings.overwrite)
+        written[output] = file
     progress.advance(0, total=len(found))
     for (run, file), output in zip(found, outputs, strict=True):
         kind, optics = _kind(run, settings), settings.optics(run, file)

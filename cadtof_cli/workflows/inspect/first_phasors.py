@@ -6,7 +6,7 @@ maps of a run, a pixel that has no answer in the maps has no answer here either.
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -105,14 +105,20 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
         return FirstPhasors(run, {}, say)
     try:
         settings, calibration = _map_settings(run.record), run.calibration()
-        for capture in {one.root: one for one, _ in recorded.values()}.values():
-            if changed := _changed_setting(capture, run.record):
-                say(f"{capture.root}: {changed} since the run, {NOT_EVALUATED}")
+        known, by_root = run.record["captures"], dict[Any, list[Mapping[str, Any]]]()
+        for one in known:
+            by_root.setdefault(one.get("resolved_root"), []).append(one)
+        plans = dict[Path, FramePlan]()
+        for root, capture in {one.root: one for one, _ in recorded.values()}.items():
+            # captures that were moved together with the run are compared with all captures of the run
+            if changed := _changed_setting(capture, by_root.get(real_path(root), known)):
+                say(f"{root}: {changed} since the run, {NOT_EVALUATED}")
                 return FirstPhasors(run, {}, say)
-        tasks = {}
-        for name, (capture, sources) in recorded.items():
-            plan = FramePlan(metadata=capture.source.metadata, settings=settings, calibration=calibration)
-            tasks[name] = FrameTask(sources, capture.layout, plan, None, Path())
+            plans[root] = FramePlan(metadata=capture.source.metadata, settings=settings, calibration=calibration)
+        tasks = {
+            name: FrameTask(sources, capture.layout, plans[capture.root], None, Path())
+            for name, (capture, sources) in recorded.items()
+        }
     except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
         say(f"the settings of the run cannot be taken from its record, {NOT_EVALUATED}: {error}")
         return FirstPhasors(run, {}, say)
@@ -129,24 +135,21 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
     return FirstPhasors(run, tasks, say, digests)
 
 
-def _changed_setting(capture: Capture, record: Mapping[str, Any]) -> str | None:
-    """Return in words which setting of a capture has changed since a run with this record; None: none has.
-
-    If captures were moved together with the run, the settings are compared with those of all captures of the run.
-    """
-    now = json.loads(json.dumps(asdict(capture.source.metadata), default=str))
-    there = real_path(capture.root)
-    known = [one for one in record["captures"] if one.get("resolved_root") == there] or record["captures"]
-    changes = [
-        [
+def _changed_setting(capture: Capture, known: Sequence[Mapping[str, Any]], /) -> str | None:
+    """Return in words which setting of a capture is another one than in the `known` captures of a run; None: one has them all."""
+    now, found = json.loads(json.dumps(asdict(capture.source.metadata), default=str)), None
+    for one in known:
+        changes = (
             f"{table}.{key} has changed from {value!r} to {now[table][key]!r}"
             for table, keys in one["metadata"].items()
             for key, value in keys.items()
             if key in now.get(table, ()) and now[table][key] != value
-        ]
-        for one in known
-    ]
-    return None if [] in changes or not changes else changes[0][0]
+        )
+        change = next(changes, None)
+        if change is None:
+            return None
+        found = found or change
+    return found
 
 
 def _map_settings(record: Mapping[str, Any]) -> MapSettings:

@@ -1,10 +1,9 @@
 """`cadtof info`: what captures and map files hold, and what is wrong with them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,15 @@ import numpy as np
 
 from cadtof_cli.calibration.store import is_calibration_folder
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
-from cadtof_cli.capture.metadata import KEYS, Layout
+from cadtof_cli.capture.frames import Capture, FrameSource, lossy_compression, single_frames
+from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Layout
 from cadtof_cli.capture.mistaken_units import mistaken_unit
 from cadtof_cli.capture.planes import hint_of_planes
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied
 from cadtof_cli.execution.workers import Workers
+from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.pipeline.plan import FramePlan
@@ -135,8 +135,7 @@ def look_into(
             on_unlisted=lambda folder, error: found.append(CaptureFacts(str(folder), problems=[str(error)])),
         )
     progress.advance(0, total=sum(len(capture.frames) for capture in captures))
-    for capture in captures:
-        facts = _capture_facts(capture, workers, progress)
+    for facts in _facts_of_captures(captures, workers, progress):
         # a search through all folders below an input also finds pictures that are no frames
         if not (facts.frames or facts.problems or recursive):
             facts.problems.append(f"{facts.root}: no frames: none of its files holds the voltages of a frame")
@@ -144,35 +143,72 @@ def look_into(
     return found
 
 
-def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> CaptureFacts:
-    metadata = capture.source.metadata
-    facts = CaptureFacts(str(capture.root), unambiguous_range_m=unambiguous_range_m(metadata.modulation.periods_ns[0]))
-    for key in KEYS.values():
-        value = getattr(getattr(metadata, key.table), key.name)
-        facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
-    typical = capture.typical
-    if typical is None and (found := hint_of_planes(capture)):
-        hint, facts.guessed_layout = found
-        facts.problems.append(hint)
-        return facts
-    if typical and not typical.is_plain:
-        facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
-    pixels = typical.pixels if typical else None
-    look = partial(facts_of_frame, layout=capture.layout, metadata=metadata, pixels=pixels)
-    with closing(run_ordered(look, single_frames(capture), workers=workers)) as outcomes:
-        implausible: list[str] = []
+@dataclass(frozen=True)
+class _Look:
+    """A frame to be read: of the capture in this place, whose frames have the size `pixels`, (Y, X); None: any size."""
+
+    place: int
+    source: FrameSource
+    layout: FrameLayout
+    metadata: CaptureMetadata
+    pixels: tuple[int, int] | None
+
+
+def _facts_of_look(look: _Look) -> FrameFacts:
+    return facts_of_frame(look.source, layout=look.layout, metadata=look.metadata, pixels=look.pixels)
+
+
+def _facts_of_captures(captures: Sequence[Capture], workers: Workers, progress: Progress) -> list[CaptureFacts]:
+    """Return what each capture holds. The same processes read the frames of all captures: there may be thousands of captures."""
+    found: list[CaptureFacts] = []
+    implausible: dict[int, list[str]] = {}
+    shared = [part for one in captures for part in (one.layout, one.source.metadata)]
+    looks = _looks(captures, found, implausible)
+    with closing(run_ordered(_facts_of_look, looks, workers=workers, shared=shared)) as outcomes:
         for outcome in outcomes:
-            result = outcome.result
+            look, result = outcome.task, outcome.result
             if isinstance(result, WorkerDied):
-                result = FrameFacts(problem=f"{outcome.task}: the process that read it died, twice")
-            facts.add(result)
+                result = FrameFacts(problem=f"{look.source}: the process that read it died, twice")
+            found[look.place].add(result)
             if result.implausible is not None:
-                implausible.append(f"{outcome.task}: {result.implausible}")
+                implausible[look.place].append(f"{look.source}: {result.implausible}")
             progress.advance()
+    for place, wrong in implausible.items():
+        _complete(found[place], captures[place], wrong)
+    return found
+
+
+def _looks(
+    captures: Sequence[Capture], found: list[CaptureFacts], implausible: dict[int, list[str]]
+) -> Iterator[_Look]:
+    """Yield the frames to be read. Begin the facts of each capture, and a list of its implausible frames if it is read."""
+    for place, capture in enumerate(captures):
+        metadata, typical = capture.source.metadata, capture.typical
+        facts = CaptureFacts(
+            str(capture.root), unambiguous_range_m=unambiguous_range_m(metadata.modulation.periods_ns[0])
+        )
+        found.append(facts)
+        for key in KEYS.values():
+            value = getattr(getattr(metadata, key.table), key.name)
+            facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
+        if typical is None and (of_planes := hint_of_planes(capture)):
+            hint, facts.guessed_layout = of_planes
+            facts.problems.append(hint)
+            continue
+        if typical and not typical.is_plain:
+            facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
+        implausible[place] = []
+        for source in single_frames(capture):
+            yield _Look(place, source, capture.layout, metadata, typical.pixels if typical else None)
+
+
+def _complete(facts: CaptureFacts, capture: Capture, implausible: Sequence[str]) -> None:
+    """Add to the facts of a capture what all of its frames tell."""
+    metadata = capture.source.metadata
     if implausible:
         more = f" (and {counted(len(implausible) - 1, 'more frame')})" if len(implausible) > 1 else ""
         facts.problems.append(f"{implausible[0]}{more}")
-    if pixels and (doubt := mistaken_unit(metadata, pixels)):
+    if capture.typical and (doubt := mistaken_unit(metadata, capture.typical.pixels)):
         facts.problems.append(f"{capture.root}: {doubt}")
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:
@@ -183,4 +219,3 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
             volts_per_count(metadata.voltage, np.dtype(dtype))
     except CadtofError as error:
         facts.problems.append(f"{capture.root}: {error}")
-    return facts

@@ -38,7 +38,7 @@ def page_text(
     `maps` holds a small map of depths for each map that the page shows, in the order of the viewer, and `problems` why the others
     cannot be read. `errors` are those against truth, by what has them: the direct path, the first phasor.
     """
-    reports: Sequence[FrameReport] = run.reports()
+    reports = list(run.reports())
     if run.maps.is_file():
         reports = [report for report in reports if run.map_of(report) in run.files]
     shown = {

@@ -242,18 +242,17 @@ def _without_incomplete_frames(
     A frame of several files waits until all of them are named. Frames that are averaged wait until there are enough of them.
     A capture that was named as a folder is complete.
     """
-    given, waiting, whole = set(map(absolute, paths)), [], []
+    given, incomplete, whole = set(map(absolute, paths)), set[Path](), []
     for capture in captures:
         files = {absolute(path) for frame in capture.frames for path in frame.paths} & given
         frames = capture.frames
         if files:
             frames = tuple(one for one in frames if len(one.paths) == 1 or given.issuperset(map(absolute, one.paths)))
             frames = frames[: len(frames) - len(frames) % settings.maps.average]
-            files = files.difference(absolute(path) for frame in frames for path in frame.paths)
-            waiting += [path for path in paths if absolute(path) in files]
+            incomplete |= files.difference(absolute(path) for frame in frames for path in frame.paths)
         if frames:
             whole.append(replace(capture, frames=frames))
-    return tuple(whole), waiting
+    return tuple(whole), [path for path in paths if absolute(path) in incomplete] if incomplete else []
 
 
 def _by_folder(paths: Iterable[Path]) -> dict[Path, list[Path]]:

@@ -268,11 +268,12 @@ def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan], c
 
     Frames are not counted again if their first file is among those that an earlier run has `counted`.
     """
+    by_root = {entry["root"]: entry for entry in document["captures"]}
     for one in plans:
         capture = one.capture
-        known = next((entry for entry in document["captures"] if entry["root"] == str(capture.root)), None)
+        known = by_root.get(str(capture.root))
         if known is None:
-            known = {
+            known = by_root[str(capture.root)] = {
                 "root": str(capture.root),
                 "resolved_root": real_path(capture.root),
                 "files": 0,

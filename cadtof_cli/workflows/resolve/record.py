@@ -235,7 +235,10 @@ class RunRecorder:
 
 def place_in(out: Path, output: Path, /) -> str:
     """Return the path of a map file from the run's folder `out`; if it does not lie below `out`, only its name."""
-    return str(output.relative_to(out)) if output.is_relative_to(out) else output.name
+    try:
+        return str(output.relative_to(out))
+    except ValueError:
+        return output.name
 
 
 def remove_map(out: Path, place: Path, report: FrameReport, /) -> None:

@@ -96,7 +96,8 @@ def resolve_captures(
         same_name = require_own_names(captures, settings.out)
         if settings.overwrite or settings.resume:
             remove_partial_files(settings.out)
-        for note in _notes(plans, calibration, settings, kernel=document["kernel"]):
+        # files of two folders that are named in turn are many captures of the same folders
+        for note in dict.fromkeys(_notes(plans, calibration, settings, kernel=document["kernel"])):
             progress.say(note)
         taken = arrivals.sources.keys if arrivals else partial(frame_names, captures)
         run = _Run(settings, progress, on_frame, taken)
