@@ -73,7 +73,10 @@ class BuildWithFlags(build_ext):
     """Build extensions with the flags that their compiler understands."""
 
     def build_extension(self, ext: Extension) -> None:
-        """Build one extension."""
+        """Build one extension. If that fails, none of older sources stays in its place, because its maps could have other bits."""
+        *folders, name = ext.name.split(".")
+        for old in ROOT.joinpath(*folders).glob(f"{name}.*.so"):
+            old.unlink()
         if self.compiler.compiler_type == "msvc":
             ext.extra_compile_args = MSVC_FLAGS
         else:

@@ -33,6 +33,9 @@ the errors are Gaussian."""
 OFFSET_CM = 0.3
 """Added to medians before their logarithm is taken, so that errors below the noise do not get too much weight."""
 
+FAR_OFF, FAR_OFF_M = 6.0, 0.1
+"""An error is called gross if it is larger than 6 sigma and than 10 cm."""
+
 FIGURE_CM = 10.0
 """Error at the ends of the colour scale."""
 
@@ -50,6 +53,7 @@ class Row:
         two_paths: errors of two paths.
         taken: errors of the chosen model.
         within: shares of the errors of `taken` within 1 and 2 sigma.
+        gross: share of them that are gross.
         diffuse: share of pixels that the chosen model takes for diffuse MPI.
     """
 
@@ -58,6 +62,7 @@ class Row:
     two_paths: Float
     taken: Float
     within: tuple[float, float]
+    gross: float
     diffuse: float
 
     @property
@@ -102,7 +107,7 @@ def main() -> None:
 def measured(capture: Capture, model: MpiModel, integration_length: float | None = None) -> Row:
     """Resolve all frames of a capture by a model and as two paths; an integration length adds the noise of less light."""
     truth = capture_truth(capture.root)
-    first, two, taken, score, status = [], [], [], [], []
+    first, two, taken, score, gross, status = [], [], [], [], [], []
     for source in single_frames(capture):
         stored, metadata = read_stored(source, capture.layout), capture.source.metadata
         if integration_length is not None:
@@ -113,11 +118,12 @@ def measured(capture: Capture, model: MpiModel, integration_length: float | None
         two.append(100 * (discrete.layer(DIRECT_DEPTH) - truth))
         taken.append(100 * error)
         score.append(np.abs(error / found.layer(DIRECT_SIGMA)))
+        gross.append((score[-1] > FAR_OFF) & (np.abs(error) > FAR_OFF_M))
         status.append((found.status & StatusBit.DIFFUSE_MPI) > 0)
     scores = np.concatenate(score)[np.isfinite(np.concatenate(score))]
     within = float(np.mean(scores < 1.0)), float(np.mean(scores < 2.0))
-    diffuse = float(np.mean(status))
-    return Row(capture.root.name, np.stack(first), np.stack(two), np.stack(taken), within, diffuse)
+    shares = float(np.mean(gross)), float(np.mean(status))
+    return Row(capture.root.name, np.stack(first), np.stack(two), np.stack(taken), within, *shares)
 
 
 def with_less_light(
@@ -154,12 +160,14 @@ def together(rows: Sequence[Row]) -> None:
     """Print a summary of all captures."""
     medians = np.array([row.medians for row in rows])
     ratio, within = medians[:, 2] / medians[:, 1], np.array([row.within[0] for row in rows])
+    gross = 1e3 * np.array([row.gross for row in rows])
     calibrated = np.count_nonzero((within >= SHARES[0]) & (within <= SHARES[1]))
     print(
         f"\n{len(rows)} captures: median error over that of two paths {np.median(ratio):.2f}, {ratio.max():.2f} at worst; "
         f"within 1 sigma in {SHARES[0]} … {SHARES[1]}: {calibrated}; "
         f"geometric mean of the medians {np.exp(np.mean(np.log(OFFSET_CM + medians[:, 2]))) - OFFSET_CM:.2f} cm, "
-        f"of two paths {np.exp(np.mean(np.log(OFFSET_CM + medians[:, 1]))) - OFFSET_CM:.2f} cm"
+        f"of two paths {np.exp(np.mean(np.log(OFFSET_CM + medians[:, 1]))) - OFFSET_CM:.2f} cm; "
+        f"gross errors: {gross.mean():.2f} in 1000, {gross.max():.1f} at worst"
     )
 
 

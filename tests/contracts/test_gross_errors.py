@@ -137,20 +137,21 @@ def test_triangle_waves_give_a_few_pixels_without_mpi_two_paths_half_a_metre_too
     assert low < np.mean(found) < high
 
 
-def test_in_a_room_pixels_at_edges_are_far_off_and_carry_no_bit() -> None:
-    """docs/diffuse.md says so. Nearly all lie where the depth steps by 10 cm and more between neighbours."""
+def test_in_a_room_some_pixels_at_edges_are_far_off_by_many_sigma() -> None:
+    """docs/diffuse.md says so. Nearly all lie where the depth steps by 10 cm and more between neighbours. It was ten times as
+    many before sigma grew with the misfit."""
     maps = resolve(next(read_frames("sample_data/room")))
     truth = read_maps("sample_data/room/truth.exr")["direct.depth"]
     gross, edges = is_gross(maps, truth), maximum_filter(truth, 3) - minimum_filter(truth, 3) > 0.1
     assert ((maps.status & StatusBit.DIFFUSE_MPI) > 0).all()
-    assert gross.mean() == pytest.approx(0.0044, rel=0.2)
-    assert gross[edges].mean() == pytest.approx(0.054, rel=0.2)
-    assert gross[edges].sum() > 0.95 * gross.sum()
+    assert gross.mean() == pytest.approx(0.0005, rel=0.3)
+    assert gross[edges].mean() == pytest.approx(0.0053, rel=0.3)
+    assert gross[edges].sum() > 0.85 * gross.sum()
 
 
 @pytest.mark.parametrize(
     ("echo", "row", "column", "low", "high"),
-    [(0.4, 150, 60, 0.0, 0.03), (0.4, 80, 120, 0.0, 0.001), (1.5, 100, 220, 0.9, 1.0)],
+    [(0.4, 150, 60, 0.0, 0.03), (0.4, 80, 120, 0.0, 0.001), (1.5, 100, 220, 0.6, 0.75)],
 )
 def test_in_a_room_a_panel_that_sends_back_a_late_echo_is_far_off_at_its_border_at_most(
     echo: float, row: int, column: int, low: float, high: float

@@ -16,6 +16,8 @@
 #define LEAST_AMPLITUDE_SQUARE 0.01f        /* pixels.py: LEAST_AMPLITUDE; LEAST_HARMONIC is 1 */
 #define LEAST_SHARE 0.05f
 #define UNKNOWN_PHASE_RAD 1.8137993642342178f
+#define USUAL_MISFIT 2.0f                   /* the variance grows where chi^2 exceeds USUAL_MISFIT + MISFIT_PER_DATUM x data */
+#define MISFIT_PER_DATUM 1.5f
 #define NEAREST_M 0.05f                     /* settings.py */
 #define SAME_SURFACE 0.1f                   /* planes.py */
 #define EVEN_WEIGHT 1e-3f                   /* upsampling.py */
@@ -256,18 +258,20 @@ INLINE void condition(TailGroup *restrict g, int harmonics) {
 INLINE void answer(TailGroup *restrict g, int harmonics) {
     const int data = data_of(harmonics), last = planes_of(data) - 1;
     const float *restrict of_lag = g->plane[entry(data, data + 1, data + 1)];
+    FloatRow misfit;
+    EACH_PIXEL misfit[i] = at_least_f(g->chi_squared[i] / (USUAL_MISFIT + MISFIT_PER_DATUM * (float)data), 1.0f);
     EACH_PIXEL {
         const float variance = at_least_f(of_lag[i], LEAST_SHARE * g->relative[0][i]) + g->plane[last - 1][i];
         g->shrink[i] = exponential(-(g->plane[data][i] + -g->moved[data][i]));
         g->lag[i] = g->plane[data + 1][i] + -g->moved[data + 1][i];
         g->direct[0][i] = g->amplitude[i] * g->shrink[i];
         g->direct[1][i] = within_a_turn(g->phase_rad[i] - g->lag[i]);
-        g->direct[2][i] = sqrtf(variance);
+        g->direct[2][i] = sqrtf(variance * misfit[i]);
     }
     EACH_PIXEL rotor(g->lag[i], &g->cos[i], &g->sin[i]);
     EACH_PIXEL {
         const float re = 1.0f - g->shrink[i] * g->cos[i], im = g->shrink[i] * g->sin[i];
-        const float sigma = sqrtf(at_least_f(g->plane[last][i], 0.0f) + g->relative[0][i]);
+        const float sigma = sqrtf((at_least_f(g->plane[last][i], 0.0f) + g->relative[0][i]) * misfit[i]);
         g->mpi[0][i] = g->amplitude[i] * sqrtf(re * re + im * im);
         g->mpi[1][i] = g->direct[1][i] + within_a_turn(phase_of_f(re, im) + g->lag[i]);
         g->mpi[2][i] = at_most_f(sigma, UNKNOWN_PHASE_RAD);

@@ -38,6 +38,10 @@ noise has a phase that is known to about a radian."""
 LEAST_SHARE = 0.05
 """Least variance of the direct phase, over that of arg p_1: a tail cannot cancel the noise of the data."""
 
+USUAL_MISFIT, MISFIT_PER_DATUM = 2.0, 1.5
+"""Up to 2 + 1.5 · (number of data), a pixel's χ² is taken as usual: noise alone exceeds it in a twelfth of the pixels. Beyond,
+the pixel contradicts the tail of its patches, as at edges of surfaces and in mirrors. Its variance then grows as χ²."""
+
 UNKNOWN_PHASE_RAD = np.pi / np.sqrt(3.0)
 """Standard deviation of a phase of which nothing is known."""
 
@@ -93,8 +97,9 @@ def diffuse_pixels(
     posterior = conditioned(list(residuals(seen.data, means[:count])), entries)
     shrink, lag = exponential(-(means[count] + posterior.shifts[0])), means[count + 1] + posterior.shifts[1]
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
-    direct = _direct(seen, shrink, lag, np.maximum(posterior.covariance[1, 1], floor) + planes[-2])
-    mpi = _mpi(seen, direct[1], shrink, lag, planes[-1])
+    misfit = np.maximum(posterior.chi_squared / np.float32(USUAL_MISFIT + MISFIT_PER_DATUM * count), np.float32(1.0))
+    direct = _direct(seen, shrink, lag, (np.maximum(posterior.covariance[1, 1], floor) + planes[-2]) * misfit)
+    mpi = _mpi(seen, direct[1], shrink, lag, planes[-1], misfit)
     rows = (*direct, *mpi, posterior.chi_squared)
     if not every:
         for row in rows:
@@ -162,12 +167,13 @@ def _direct(seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -
 
 
 def _mpi(
-    seen: PixelData, direct_rad: Float32, shrink: Float32, lag: Float32, variance: Float32
+    seen: PixelData, direct_rad: Float32, shrink: Float32, lag: Float32, variance: Float32, misfit: Float32
 ) -> tuple[Float32, Float32, Float32]:
-    """Return amplitude, phase and sigma of the MPI light's phasor, p_1·(1 − 1/H_1); its phase follows the direct one."""
+    """Return amplitude, phase and sigma of the MPI light's phasor, p_1·(1 − 1/H_1); its phase follows the direct one. The
+    variance is `misfit` times as large as usual."""
     cos, sin = rotor(lag)
     re, im = 1.0 - shrink * cos, shrink * sin
-    sigma = np.sqrt(np.maximum(variance, 0.0) + seen.relative_noise[0])
+    sigma = np.sqrt((np.maximum(variance, 0.0) + seen.relative_noise[0]) * misfit)
     return (
         seen.amplitude * np.sqrt(re * re + im * im),
         direct_rad + within_a_turn(phase_of(re, im) + lag),
