@@ -72,11 +72,16 @@ COMPILED = {
 class BuildWithFlags(build_ext):
     """Build extensions with the flags that their compiler understands."""
 
+    def run(self) -> None:
+        """Build all extensions. In a checkout, none of older sources stays if that fails: its maps could have other bits."""
+        if self.inplace or self.editable_mode:
+            for path in COMPILED:
+                for old in (ROOT / "cadtof_cli" / path).parent.glob(f"{Path(path).name}.*.so"):
+                    old.unlink()
+        super().run()
+
     def build_extension(self, ext: Extension) -> None:
-        """Build one extension. If that fails, none of older sources stays in its place, because its maps could have other bits."""
-        *folders, name = ext.name.split(".")
-        for old in ROOT.joinpath(*folders).glob(f"{name}.*.so"):
-            old.unlink()
+        """Build one extension."""
         if self.compiler.compiler_type == "msvc":
             ext.extra_compile_args = MSVC_FLAGS
         else:

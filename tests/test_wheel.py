@@ -67,6 +67,19 @@ def test_a_wheel_holds_the_extensions_that_could_be_built(sources: Path) -> None
     assert [Path(one).name.partition(".")[0] for one in compiled] == ["_kernel"]
 
 
+@pytest.mark.parametrize(("words", "left"), [(["build_ext", "--inplace"], 1), (["build_ext"], 2)])
+def test_a_checkout_keeps_no_extension_of_older_sources_if_a_build_fails(
+    sources: Path, words: list[str], left: int
+) -> None:
+    """The maps of such a kernel could have other bits. A build elsewhere, as of a wheel, leaves the checkout alone."""
+    folder = sources / "cadtof_cli" / "resolver" / "likelihood"
+    (folder / "_likelihood.abi3.so").touch()
+    (folder / "_likelihood_of_others.so").touch()
+    given = {"CC": NO_COMPILER, "LDSHARED": NO_COMPILER}
+    subprocess.run([sys.executable, "setup.py", "-q", *words], cwd=sources, env={**ENVIRONMENT, **given}, check=True)
+    assert len(list(folder.glob("*.so"))) == left
+
+
 @pytest.mark.parametrize("flags", ["-Ofast", "-ffast-math", "-funsafe-math-optimizations"])
 def test_flags_of_a_distribution_do_not_change_arithmetic_of_the_whole_process(sources: Path, flags: str) -> None:
     _, compiled, _ = wheel(sources, f"{needed_program('cc')} {flags}")
