@@ -1,6 +1,5 @@
 """Names for the array types that pass between the stages, and arrays that several callers share."""
 
-import itertools
 import math
 from dataclasses import is_dataclass
 from typing import Any, TypeVar
@@ -29,13 +28,19 @@ Values = TypeVar("Values", Float, Float32)
 input."""
 
 
-def spread_values(plane: NDArray[Any], most: int, /) -> NDArray[Any]:
-    """Return about `most` values of a plane (Y, X), evenly spread over its rows and columns, (n,).
+def even_step(size: int, width: int, /, *, count: int) -> int:
+    """Return the step by which at least `count` of `size` values, row by row, are evenly spread over rows and columns.
 
-    The step from one value to the next has no divisor in common with the width: else they would come from a few columns.
+    It has no divisor in common with the width, unless there is one row: else the values would come from a few columns.
+    All values are taken if there are no more than `count`; else there are fewer than three times as many.
     """
-    steps = itertools.count(max(1, plane.size // most))
-    return plane.reshape(-1)[:: next(step for step in steps if math.gcd(step, plane.shape[1]) == 1)]
+    steps = range(max(1, size // count), 0, -1)
+    return next(step for step in steps if size == width or math.gcd(step, width) == 1)
+
+
+def spread_values(plane: NDArray[Any], count: int, /) -> NDArray[Any]:
+    """Return at least `count` values of a plane (Y, X), or all there are, evenly spread over rows and columns, (n,)."""
+    return plane.reshape(-1)[:: even_step(plane.size, plane.shape[1], count=count)]
 
 
 def sealed(shared: T, /) -> T:

@@ -25,6 +25,7 @@ def entries_of(folder: Path, pattern: str | None = None, /) -> list[tuple[str, b
     """Return the entries of a folder: their paths relative to the folder, with slashes, and whether each is a folder.
 
     If the pattern of planes contains slashes, the entries are those of the folders that many levels below.
+    A folder that cannot be listed raises an UnlistedError.
     """
     found, above = list[tuple[str, bool]](), [""]
     for _ in (pattern or "").split("/"):

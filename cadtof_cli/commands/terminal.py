@@ -34,7 +34,8 @@ def _one_line(text: object) -> str:
 def tell(*texts: object, err: bool = False, above: "RichProgress | None" = None) -> None:
     """Write texts to stdout, or to stderr with `err`, one line each. Characters that would control a terminal are escaped.
 
-    If a bar is drawn on stderr, pass it as `above`. On a terminal, a line of stderr that is too long is broken between two words.
+    If a bar is drawn on stderr, pass it as `above`: the line then stands above it. On a terminal, a line of stderr that is too
+    long is broken between two words.
 
     Raises:
         OutputError: stdout cannot be written; errors of stderr are ignored.

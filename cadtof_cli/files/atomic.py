@@ -55,7 +55,8 @@ class PartialFile:
         """Write the parts, sync the file to the disk, rename it to `path`, and return its size in bytes.
 
         Nearly all of the time is spent waiting for the disk. `let_go` is called when all parts are written and this
-        object no longer holds them: their memory can be used again. If it fails, the file has been discarded.
+        object no longer holds them: their memory can be used again. If an OutputError is raised, the file has been
+        discarded.
         """
         assert self._descriptor is not None
         size = sum(part.nbytes for part in self.parts) or None

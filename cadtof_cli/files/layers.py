@@ -1,4 +1,7 @@
-"""Files of named layers in every format that holds them: maps, truth and the maps of a calibration."""
+"""Files of named layers in every format that holds them: maps, truth and the maps of a calibration.
+
+A file that cannot be read raises a FrameError, one that cannot be written an OutputError.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,7 +29,7 @@ _STATUS_LIMIT = 2**13
 
 
 def file_digest(path: Path, /) -> str:
-    """Return the digest of a file's bytes."""
+    """Return the digest of a file's bytes; raise OSError if it cannot be read."""
     digest = Digest()
     with path.open("rb", buffering=0) as file:
         # a map may be large, so it is read in pieces

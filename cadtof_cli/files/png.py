@@ -124,7 +124,7 @@ def indexed_png(places: NDArray[np.uint8], colours: NDArray[np.uint8], /) -> byt
 
 
 def _png_bytes(pixels: tuple[int, int], /, *, depth: int, kind: int, chunks: Iterable[tuple[bytes, bytes]]) -> bytes:
-    """Return the bytes of a PNG of (columns, rows) pixels with `depth` bits: header, chunks (kind and content) and end."""
+    """Return the bytes of a PNG of (columns, rows) pixels with `depth` bits and a colour type: header, chunks and end."""
     header = struct.pack(">IIBBBBB", *pixels, depth, kind, 0, 0, 0)
     return PNG.magics[0] + b"".join(_chunk(*one) for one in ((b"IHDR", header), *chunks, (b"IEND", b"")))
 

@@ -79,7 +79,10 @@ def open_regular(path: Path, /) -> int:
 
 
 def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None = MOST_TEXT_BYTES) -> str:
-    """Return the text in a regular file; raise OSError if it holds more than `most_bytes`, or UnicodeDecodeError."""
+    """Return the text in a regular file.
+
+    Raise OSError also if it holds more than `most_bytes`, UnicodeDecodeError if it is not text in this encoding.
+    """
     size = require_regular(path).st_size
     if most_bytes is not None and size > most_bytes:
         raise OSError(errno.EFBIG, f"found {size:,} bytes, expected {most_bytes:,} or fewer", str(path))

@@ -153,7 +153,7 @@ def sound_pixels(stored: Stored, saturated_counts: tuple[float, float] | None, /
 def spread_over(stored: Stored, count: int, /) -> Stored:
     """Return pixels, (H, 2, n), spread evenly over a frame, (H, 2, …): at least `count`, and fewer than twice as many.
 
-    If the frame has no more than `count` pixels, all of them are returned.
+    If the frame has no more than `count` pixels, all of them are returned. With some widths, they are of a few columns only.
     """
     planes = stored.reshape(*stored.shape[:2], -1)
     return planes[:, :, :: max(1, planes.shape[2] // count)]

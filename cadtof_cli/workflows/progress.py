@@ -39,7 +39,10 @@ NO_PROGRESS: Progress = _NoProgress()
 def results(
     function: Callable[[Task], Result], tasks: Sequence[Task], /, *, workers: Workers, progress: Progress
 ) -> Iterator[Result]:
-    """Yield function(task) for every task, in order, by no more processes than tasks; raises CadtofError if one dies twice."""
+    """Yield function(task) for every task, in order, by no more processes than tasks.
+
+    Raise CadtofError if the process of a task ended without a result, twice.
+    """
     enough = replace(workers, jobs=max(min(workers.jobs, len(tasks)), 1))
     for outcome in run_ordered(function, tasks, workers=enough):
         if isinstance(outcome.result, WorkerDied):

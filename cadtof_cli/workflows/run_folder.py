@@ -262,7 +262,8 @@ def read_run(maps: Path, /) -> Run:
     """Return the run that a folder of maps, or one map file, belongs to.
 
     A folder that cannot be listed, as `lost+found` on a disk, or that is of another run is left out if the run says that none of
-    its maps were written into it. Raises CaptureError if one has maps, or if maps or `run.json` are missing or unreadable.
+    its maps were written into it. If not, if there is no such folder or file, or if `run.json` cannot be read, a CaptureError is
+    raised.
     """
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")

@@ -193,6 +193,12 @@ def test_frames_of_the_run_without_maps_are_counted(tmp_path: Path) -> None:
     (out / "frame_2.tif").unlink()
     done = cadtof("evaluate", out, "--truth", truth)
     assert done.err == f"{out}: 2 frames of the run without maps, not compared: see frames.jsonl\n"
+    # the maps are compared all the same if the record of the frames is lost
+    (out / "frames.jsonl").unlink()
+    (out / "frames.jsonl").mkdir()
+    done = cadtof("evaluate", out, "--truth", truth)
+    told = f"frames of the run without maps are not counted: {out}/frames.jsonl: cannot be read: Is a directory\n"
+    assert (done.status, done.err) == (0, told)
 
 
 def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:

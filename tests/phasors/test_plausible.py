@@ -213,6 +213,13 @@ def without_noise(stored: NDArray[np.generic], *, step_v: float = 0.0, n_av: flo
     return is_without_noise(stored, noise_model(metadata, integration_length=n_av, quantised=step_v > 0.0))
 
 
+def test_a_large_frame_is_not_judged_by_a_few_columns() -> None:
+    """As with dead columns between the banks of converters of a wide sensor."""
+    frame = np.random.default_rng(1).integers(6000, 10000, (2, 2, 512, 1024), np.uint16)
+    frame[1, 0, :, ::128] = 8192
+    assert refusal(frame, COUNTS, 1e5) is None
+
+
 def test_sixteen_equal_pixels_are_without_noise_but_fewer_may_be_equal_by_chance() -> None:
     assert without_noise(equal_pixels(16))
     assert not without_noise(equal_pixels(15))

@@ -93,7 +93,10 @@ def _axes(series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...]]:
 
 
 def divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...], str]:
-    """Return labels and lengths of the axes over images, and labels of the axes within an image, which pages hold whole."""
+    """Return labels and lengths of the axes over images, and labels of the axes within an image.
+
+    Raise FrameError if the pages of the series are no whole images.
+    """
     axes, shape = _axes(series)
     page = series.keyframe
     outer = len(shape) - len(page.shape)

@@ -30,7 +30,7 @@ _SAME_LENGTH = 1e-6
 class Capacitors:
     """C1 … C12 of Fig. 1, in fF. SC1 uses C1, C2, C5, C6, C9, C10; SC2 uses C3, C4, C7, C8, C11, C12.
 
-    Both channels must have the same integration length.
+    All must be above 0, and both channels must have the same integration length.
     """
 
     values_ff: tuple[float, ...]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.errors import OutputError
+from cadtof_cli.errors import CaptureError, OutputError
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
@@ -49,8 +49,11 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
     files = run.require_maps()
     known = Truth(truth, run)
     known.tell_of_captures(progress.say)
-    if lost := run.frames_without_maps():
-        progress.say(f"{maps}: {counted(lost, 'frame')} of the run without maps, not compared: see {FRAMES_FILE}")
+    try:
+        if lost := run.frames_without_maps():
+            progress.say(f"{maps}: {counted(lost, 'frame')} of the run without maps, not compared: see {FRAMES_FILE}")
+    except CaptureError as error:
+        progress.say(f"frames of the run without maps are not counted: {error}")
     recorded = first_phasors(run, progress.say)
     whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.advance(0, total=len(files))
