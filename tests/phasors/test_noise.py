@@ -203,7 +203,7 @@ def test_columns_of_one_harmonic_are_not_noise() -> None:
     rng = np.random.default_rng(3)
     noise = 1e-3 * (rng.normal(size=(1, 120, 160)) + 1j * rng.normal(size=(1, 120, 160)))
     seen = estimated_integration_length(
-        0.2 + rng.normal(0.0, 0.01, 160) + noise,
+        np.asarray(0.2 + rng.normal(0.0, 0.01, 160) + noise, np.complex128),
         CaptureMetadata(modulation=Modulation(periods_ns=(40.0,))),
         quantised=False,
     )
