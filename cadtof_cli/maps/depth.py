@@ -133,7 +133,7 @@ def beyond_light(
     return beyond
 
 
-def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: float, longest: float = 1.0) -> None:
+def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: float, longest: float) -> None:
     """Set `IMPOSSIBLE`, and NaN in every layer that follows from the phasors, in pixels whose amplitudes exceed the
     modulation amplitude.
 

@@ -28,7 +28,7 @@ class FrameMean:
     stored: Stored
     samples: Float | None
     dtype: np.dtype[np.generic]
-    frames: int = 1
+    frames: int
     variance: Float | None = None
     step: float = 0.0
 

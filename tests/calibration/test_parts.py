@@ -83,8 +83,11 @@ def test_planes_are_named_and_stacked_in_order() -> None:
 
 
 def test_maps_of_a_part_cannot_be_changed() -> None:
-    part = dark()
-    for values in (part.offset_v, part.noise_v, part.defects):
+    made_up = made_up_calibration(CaptureMetadata(), SHAPE, {"dark", "response"})
+    dark, response = made_up.dark, made_up.response
+    assert dark is not None
+    assert response is not None
+    for values in (dark.offset_v, dark.noise_v, dark.defects, response.phase_rad, response.gain):
         with pytest.raises(ValueError, match="read-only"):
             values[...] = 0
 

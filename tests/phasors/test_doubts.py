@@ -91,6 +91,13 @@ def test_planes_that_hold_only_noise_are_doubted(
     )
 
 
+def test_bad_pixels_do_not_hide_a_plane_that_holds_only_noise() -> None:
+    stored = slanted_wall(7.0).astype(np.float32)
+    stored[1, 1] = np.random.default_rng(5).normal(ZERO, 7.0, (40, 60))
+    stored[0, 0, ::7, ::5] = np.nan
+    assert str(wrong_planes(stored, CaptureMetadata(voltage=COUNTS))).startswith("H2.SC2: found only noise")
+
+
 @pytest.mark.parametrize("frames", [2, 3, 4, 9])
 def test_planes_of_a_stack_that_holds_all_frames_of_one_plane_first_are_doubted(frames: int) -> None:
     """Its first four planes are read as a frame: they are H1.SC1 of all frames, then perhaps H1.SC2, H2.SC1 …"""

@@ -198,6 +198,18 @@ def test_a_very_short_integration_length_is_estimated_correctly() -> None:
     )
 
 
+def test_columns_of_one_harmonic_are_not_noise() -> None:
+    """A single harmonic is no sensor of one row."""
+    rng = np.random.default_rng(3)
+    noise = 1e-3 * (rng.normal(size=(1, 120, 160)) + 1j * rng.normal(size=(1, 120, 160)))
+    seen = estimated_integration_length(
+        np.asarray(0.2 + rng.normal(0.0, 0.01, 160) + noise, np.complex128),
+        CaptureMetadata(modulation=Modulation(periods_ns=(40.0,))),
+        quantised=False,
+    )
+    assert seen == pytest.approx(0.5 * (1.0 + (AMBIENT - 0.04) / 2e-6), rel=0.1)
+
+
 @pytest.mark.parametrize("shape", [(1, 4000), (4000, 1)])
 def test_a_sensor_of_one_row_or_column_shows_its_noise_along_itself(shape: tuple[int, int]) -> None:
     """Before, its noise could not be estimated. The light is that of a slanted wall with edges."""

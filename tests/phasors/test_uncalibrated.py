@@ -53,6 +53,13 @@ def test_another_integration_length_is_doubted(seen: float, words: str) -> None:
     assert words in doubt
 
 
+def test_pixels_without_a_first_harmonic_do_not_hide_the_noise_of_the_others() -> None:
+    volts = frame(n_av=1e4)
+    volts[0, :, :, 30:] = np.nan
+    (doubt,) = camera_doubts(volts, KNOWN)
+    assert " times too small" in doubt
+
+
 def test_texture_that_scatters_three_times_as_much_as_noise_is_not_doubted() -> None:
     assert camera_doubts(frame(n_av=N_AV / 5.0), KNOWN) == ()
 

@@ -332,6 +332,13 @@ def test_three_fifths_of_the_blocks_must_lie_on_the_wall(columns: int, share: st
         fitted(*walls)
 
 
+def test_just_three_fifths_of_the_blocks_are_enough() -> None:
+    """Without the last column of blocks, 6 of 15 are off."""
+    first, second = walls_with_columns_off(6, 0.3)
+    second.range_m[:, 75:] = np.nan
+    assert max(deviations(fitted(first, second))) < 3.5
+
+
 @pytest.mark.parametrize(("off_m", "flat"), [(0.021, True), (0.025, False)])
 def test_blocks_lie_on_the_wall_within_two_centimetres_and_noise(off_m: float, flat: bool) -> None:
     """The noise of a pixel is 3 mm."""
@@ -436,6 +443,15 @@ def test_a_given_distance_that_the_frames_contradict_is_refused(wrong_m: float) 
     )
     with pytest.raises(SettingsError, match=message):
         fitted(known, measured_wall(3.0, seed=2))
+
+
+def test_of_several_given_distances_the_contradicted_one_is_refused() -> None:
+    walls = [measured_wall(distance_m, seed=seed, known=True) for seed, distance_m in enumerate((1.0, 2.0, 3.0))]
+    walls[1] = replace(walls[1], distance_m=2.04)
+    with pytest.raises(
+        SettingsError, match=r"wall 2 \(wall_1\): the frames show it at 2\.00\d m, .* given distance of 2\.04 m"
+    ):
+        fitted(*walls)
 
 
 @pytest.mark.parametrize("wrong_m", [-0.004, 0.0, 0.004])
