@@ -100,7 +100,7 @@ def _fails(evaluation: "Evaluation", max_median: float) -> bool:
     median = evaluation.direct.median_cm
     if median is not None and median <= max_median:
         return False
-    found = "found no pixel with truth and an answer" if median is None else f"found a median error of {median:.2f} cm"
+    found = "found no pixel with truth and an answer" if median is None else f"found a median error of {median:g} cm"
     tell(f"failed: {found}, expected at most {max_median:g} cm (--max-median)", err=True)
     return True
 

@@ -148,7 +148,7 @@ def _capture_lines(facts: Any) -> Iterator[str]:
     if facts.noise_mv is not None:
         known = facts.metadata["pixel.integration_length"]["value"] is not None
         by = "the integration length" if known else "the integration length seen"
-        yield _row("noise", f"{facts.noise_mv:.3f} mV per channel at most, from {by}")
+        yield _row("noise", f"{facts.noise_mv:.3f} mV per channel in ambient light, from {by}")
     if facts.integration_length_seen is not None:
         most = f" … {facts.integration_lengths_seen[1]:.4g}" if facts.noise_changes else ""
         seen = f"{facts.integration_length_seen:.4g}{most} or more"

@@ -71,7 +71,7 @@ class HarmonicNoise:
 
     @cached_property
     def dark_variance(self) -> float:
-        """Variance per channel if only ambient light arrives: the largest that there can be."""
+        """Variance per channel if only ambient light arrives."""
         return self.ambient_variance + self.floor
 
     def one_path_variances(self, amplitude: Float | Float32, /) -> tuple[Any, Any]:

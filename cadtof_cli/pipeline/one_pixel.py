@@ -62,6 +62,7 @@ class PixelEvidence:
         two: the fit of two paths, the direct one first; None if the harmonics cannot tell two paths.
         test: the order test; None if the settings ask for no test.
         resolved: the answer.
+        metres_per_radian: length in the map, range or planar depth, that a radian of phase at the fundamental stands for.
         in_separate_patch: whether the pixel is resolved as separate paths although the frame has a tail; None: it has
             no tail.
     """
@@ -73,6 +74,7 @@ class PixelEvidence:
     two: tuple[PathNumbers, PathNumbers] | None
     test: OrderTest | None
     resolved: ResolvedPaths
+    metres_per_radian: float
     in_separate_patch: bool | None
 
 
@@ -101,6 +103,7 @@ def pixel_evidence(
         for count, fit in fits.items()
         if fit is not None
     }
+    metres = float(np.ravel(stages.depth.metres(here))[0])
     asked = stages.resolver.order == "auto" and stages.resolver.max_paths > 1
     return PixelEvidence(
         phasors[:, 0],
@@ -108,8 +111,9 @@ def pixel_evidence(
         pixel.noise,
         None if one is None else (numbers[1][0], float(one.chi_squared[0])),
         None if two is None else (numbers[2][0], numbers[2][1]),
-        _order_test(one, two, stages, pixel.noise, stages.depth.metres(here)) if asked and one and two else None,
+        _order_test(one, two, stages, pixel.noise, metres) if asked and one and two else None,
         resolved,
+        metres,
         None if tail is None else bool(tail.is_separate(here)[0]) or (nets is not None and bool(nets.where[0])),
     )
 
@@ -159,7 +163,7 @@ def _numbers(
     return PathNumbers(float(depth[0]), float(amplitude[0]), float(sigma_m[0]))
 
 
-def _order_test(one: Fit, two: Fit, stages: FrameStages, noise: NoiseModel, metres: Float | float) -> OrderTest:
+def _order_test(one: Fit, two: Fit, stages: FrameStages, noise: NoiseModel, metres: float) -> OrderTest:
     with np.errstate(invalid="ignore"):
         # without any light both standard deviations are infinite, and their difference is NaN
         moved, limit = move_and_limit(two.paths[0], one.paths[0])

@@ -95,7 +95,7 @@ def write_page(
         words=status_words(),
         settings=settings(page),
         table=frame_table(page),
-        embedded=embedded_section([frame.embedded for frame in frames]),
+        embedded=embedded_section([frame.embedded for frame in frames], truth),
         run=run,
         data=_payloads(frames, truth),
         style=style,

@@ -200,12 +200,12 @@ def status_words() -> Markup:
     )
 
 
-def embedded_section(frames: Sequence[EmbeddedFrame], /) -> Markup:
-    """Return how many pixels of each frame the page holds, and the rounding errors of the codes."""
+def embedded_section(frames: Sequence[EmbeddedFrame], truth: Sequence[EmbeddedFrame], /) -> Markup:
+    """Return how many pixels of each frame the page holds, and the rounding errors of the codes of frames and truth."""
     if not frames:
         return element("p", "The page holds no maps.")
     layers: dict[str, list[EmbeddedLayer]] = {}
-    for frame in frames:
+    for frame in (*frames, *truth):
         for layer in frame.layers:
             layers.setdefault(layer.name, []).append(layer)
     kept = {1: "all pixels", 2: "every second row and column", 3: "every third row and column"}
@@ -218,7 +218,8 @@ def embedded_section(frames: Sequence[EmbeddedFrame], /) -> Markup:
     )
     rows = [(name, *_loss(known)) for name, known in layers.items()]
     losses = table(("layer", "largest rounding", "steps"), rows, caption="What rounding loses")
-    return joined((element("p", told), losses))
+    errors = "An error in the viewer is a rounded depth minus the rounded truth, so it has the roundings of both."
+    return joined((element("p", told), losses, *([element("p", errors)] if truth else ())))
 
 
 def _loss(layers: Sequence[EmbeddedLayer]) -> tuple[str, str]:

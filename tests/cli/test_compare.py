@@ -74,6 +74,22 @@ def test_truth_is_compared_with_every_frame(runs: tuple[Path, Path], tmp_path: P
         assert {*found["only_a"]["layers"], *found["only_b"]["layers"]} >= {"other", "mpi.depth", "status"}
 
 
+def test_truth_of_0_and_less_is_no_value(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    """As in `evaluate`: many programs write 0 where they know no depth."""
+    holes, truth = step_truth().astype(np.float32), tmp_path / "truth.exr"
+    holes[:2], holes[2, :9], holes[2, 9:] = 0.0, -1.0, np.inf
+    write_exr(
+        truth, {"direct.depth": holes, "mpi.depth": np.zeros_like(holes), "direct.amplitude": np.zeros_like(holes)}
+    )
+    found = json.loads(cadtof("compare", runs[0], truth, "--json").out)
+    size = np.abs(_stacked(runs[0], "direct.depth").astype(float) - holes)[:, 3:]
+    assert found["layers"]["direct.depth"]["max_abs"] == pytest.approx(size.max(), rel=1e-6)
+    assert found["layers"]["direct.depth"]["p90_abs"] == pytest.approx(np.quantile(size, 0.9), rel=1e-6)
+    assert found["layers"]["mpi.depth"]["max_abs"] is None
+    assert found["layers"]["direct.amplitude"]["median_abs"] > 0.0
+    assert found["answers"]["direct.depth"] == {"only_a": 3 * 3 * 32, "only_b": 0}
+
+
 def test_two_runs_are_compared_in_a_table_and_a_picture(runs: tuple[Path, Path], tmp_path: Path) -> None:
     picture = tmp_path / "a.png"
     done = cadtof("compare", *runs, "-o", picture)

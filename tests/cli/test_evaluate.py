@@ -276,6 +276,7 @@ def test_a_limit_of_the_median_a_table_of_frames_and_maps_over_time(tmp_path: Pa
         done = cadtof("evaluate", out, "--truth", truth, "--max-median", limit)
         assert done.status == status
         assert ("(--max-median)" in done.err) == (status == 1)
+        assert status == 0 or f"found a median error of {median:g} cm, expected at most {limit:g} cm" in done.err
         assert "direct path" in done.out
     table, scatter = tmp_path / "frames.csv", tmp_path / "scatter.exr"
     done = cadtof("evaluate", out, "--truth", truth, "--csv", table, "--over-time", scatter, "--json")

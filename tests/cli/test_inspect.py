@@ -169,6 +169,15 @@ def test_the_tail_of_a_corner() -> None:
     assert (apart["diffuse"], apart["two_paths"]["direct"]) == (None, found["two_paths"]["direct"])
 
 
+def test_the_tail_of_a_corner_in_z_depth() -> None:
+    """All distances of a pixel are planar: the first phasor is too far by its own depth minus the direct depth."""
+    found = _inspected(DATA / "corner", 20, 20, "--depth", "z")
+    first = (np.arctan2(*reversed(found["phasors"][0])) % (2 * np.pi)) * C_M_PER_NS * T1_NS / (4 * np.pi)
+    planar = first / np.sqrt(1.0 + ((20 - 159.5) ** 2 + (20 - 119.5) ** 2) / 280.0**2)
+    tail = found["diffuse"]["tail"]
+    assert tail["pulled_back_m"] == pytest.approx(planar - found["chosen"]["direct.depth"], abs=1e-6)
+
+
 def test_neighbours_and_the_edge_of_the_frame(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     (file,) = _maps(capture.folder, tmp_path / "out")

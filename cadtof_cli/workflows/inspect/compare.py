@@ -13,6 +13,7 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import bit_words
 from cadtof_cli.workflows.inspect.layers import Layers, require_same_depth, require_same_part, require_same_size
+from cadtof_cli.workflows.inspect.truth import without_holes
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -115,11 +116,19 @@ class MapPairs:
         """Return a frame's layers in A and in B; raises CadtofError if they cannot be read, or differ in size."""
         files = self.files[name]
         first, second = (
-            {key: self.b.cropped(self.a.cropped(plane)) for key, plane in read_layers(file).items()} for file in files
+            {key: self.b.cropped(self.a.cropped(plane)) for key, plane in _values(file).items()} for file in files
         )
         one, other = (next(iter(layers.values())) for layers in (first, second))
         require_same_size(other, one.shape, files[1], files[0])
         return FramePair(name, first, second)
+
+
+def _values(file: Path) -> Layers:
+    """Return the layers of a file. Without a status it is no map of a run but truth, whose depths of 0 and less are no values."""
+    layers = read_layers(file)
+    if STATUS in layers:
+        return layers
+    return {name: without_holes(plane) if name.endswith(".depth") else plane for name, plane in layers.items()}
 
 
 def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:

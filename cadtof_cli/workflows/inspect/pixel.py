@@ -20,7 +20,7 @@ from cadtof_cli.pipeline.one_pixel import OrderTest, PixelEvidence, pixel_eviden
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.status import ANSWERED, StatusBit, describe_status
-from cadtof_cli.units import counted, metres_per_radian
+from cadtof_cli.units import counted
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
 from cadtof_cli.workflows.resolve.plans import plan_captures, use_calibration
@@ -78,7 +78,7 @@ def inspect_pixel(
         "one_path": None if evidence.one is None else asdict(evidence.one[0]) | {"chi_squared": evidence.one[1]},
         "two_paths": dict(zip(("direct", "mpi"), map(asdict, evidence.two), strict=True)) if evidence.two else None,
         "order_test": _order_test(evidence.test, status),
-        "diffuse": _diffuse(resolved.mpi, evidence, plan, status),
+        "diffuse": _diffuse(resolved.mpi, evidence, status),
         "chosen": {name: float(resolved.maps.layer(name)[y, x]) for name in resolved.maps.names} | {STATUS: status},
         "status": list(describe_status(status)),
         "neighbours_m": _neighbours(resolved.maps, x, y),
@@ -152,9 +152,7 @@ def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:
     return asdict(test) | {"verdict": verdict}
 
 
-def _diffuse(
-    choice: DiffuseChoice | None, evidence: PixelEvidence, plan: FramePlan, status: int
-) -> dict[str, Any] | None:
+def _diffuse(choice: DiffuseChoice | None, evidence: PixelEvidence, status: int) -> dict[str, Any] | None:
     """Return the model of the frame's MPI with its reasons, and the tail at the pixel: H₁, recorded over direct light."""
     if choice is None:
         return None
@@ -164,7 +162,7 @@ def _diffuse(
         tail = {
             "amplitude_ratio": float(np.abs(evidence.phasors[0]) / paths.amplitude[0, 0]),
             "lag_rad": lag,
-            "pulled_back_m": lag * metres_per_radian(plan.metadata.modulation.periods_ns[0]),
+            "pulled_back_m": lag * evidence.metres_per_radian,
             "chi_squared": float(evidence.resolved.chi_squared[0]),
         }
     return {"model": choice.taken, **asdict(choice), "in_separate_patch": evidence.in_separate_patch, "tail": tail}

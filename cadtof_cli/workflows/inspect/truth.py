@@ -28,7 +28,7 @@ centimetres give a ratio of 100."""
 def true_layer(run: Run, layer: str, path: Path, /) -> Float:
     """Return a layer of the truth of a run's maps, float64 (Y, X): of whole frames, or of the part that the maps show.
 
-    A depth of 0 or less is NaN, no truth: no surface is there, and many programs write 0 where they know no depth.
+    A depth of 0 or less is NaN, no truth: see `without_holes`.
 
     Maps of another run may serve as truth. The header of such a map says what it holds; other truth says nothing.
 
@@ -42,9 +42,12 @@ def true_layer(run: Run, layer: str, path: Path, /) -> Float:
     if said.roi:
         require_same_part(run, said)
     known = layer_of(read_layers(path), layer, path).astype(np.float64)
-    if layer.endswith(".depth"):
-        known[known <= 0.0] = np.nan
-    return known
+    return without_holes(known) if layer.endswith(".depth") else known
+
+
+def without_holes(depth: Float, /) -> Float:
+    """Return depths with NaN in place of 0 and less: no surface is there, and many programs write 0 where they know no depth."""
+    return np.where(depth <= 0.0, np.nan, depth)
 
 
 @dataclass(frozen=True)
