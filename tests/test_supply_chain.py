@@ -22,12 +22,24 @@ WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
-PINNED = re.compile(r"(?m)^([A-Za-z0-9_.-]+)==(\S+)$")
+PYTHONS = tuple(
+    found[1]
+    for one in PROJECT["classifiers"]
+    if (found := re.fullmatch(r"Programming Language :: Python :: (3\.\d+)", one))
+)
 
 
-def constraints() -> dict[str, Version]:
-    pinned = PINNED.findall((ROOT / "constraints.txt").read_text())
-    return {_plain(name): Version(number) for name, number in pinned}
+def constraints(python: str) -> dict[str, Version]:
+    """Return the versions that are pinned for a Python like 3.11, by name."""
+    here = {"python_version": python, "python_full_version": f"{python}.0"}
+    pinned = (
+        Requirement(line) for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")
+    )
+    return {
+        _plain(one.name): Version(str(one.specifier).removeprefix("=="))
+        for one in pinned
+        if one.marker is None or one.marker.evaluate(here)
+    }
 
 
 def requirements() -> Iterator[Requirement]:
@@ -68,8 +80,9 @@ def test_ci_audits_and_tries_the_newest_weekly() -> None:
     assert all(job["env"] == {"CADTOF_CONSTRAINTS": "none"} for job in newest["jobs"].values())
 
 
-def test_what_is_required_has_a_range_and_a_pinned_version_in_it() -> None:
-    pinned = constraints()
+@pytest.mark.parametrize("python", PYTHONS)
+def test_what_is_required_has_a_range_and_a_pinned_version_in_it(python: str) -> None:
+    pinned = constraints(python)
     for requirement in requirements():
         assert requirement.specifier, requirement
         assert requirement.specifier.contains(pinned[_plain(requirement.name)]), requirement
@@ -77,10 +90,11 @@ def test_what_is_required_has_a_range_and_a_pinned_version_in_it() -> None:
 
 def test_what_is_pinned_installs_with_the_oldest_python() -> None:
     """Debian 12 has Python 3.11.2. If a pinned version needs 3.11.5, pip tries every version before it says so."""
-    oldest, pinned = f"{PROJECT['requires-python'].removeprefix('>=')}.0", constraints()
+    oldest = PROJECT["requires-python"].removeprefix(">=")
+    pinned = constraints(oldest)
     for package in distributions():
         if pinned.get(_plain(package.name)) == Version(package.version) and "Requires-Python" in package.metadata:
-            assert SpecifierSet(package.metadata["Requires-Python"]).contains(oldest), package.name
+            assert SpecifierSet(package.metadata["Requires-Python"]).contains(f"{oldest}.0"), package.name
 
 
 def test_every_extra_that_is_asked_for_exists() -> None:
@@ -98,7 +112,9 @@ def test_the_citation_names_this_version() -> None:
 def test_the_scripts_install_what_is_pinned() -> None:
     setup = (ROOT / "scripts" / "setup.sh").read_text()
     assert '--constraint "$root/constraints.txt"' in setup
-    assert {_plain(name) for name in ("numpy", "tifffile", "OpenEXR", "pytest", "distributed")} <= constraints().keys()
+    assert {_plain(name) for name in ("numpy", "tifffile", "OpenEXR", "pytest", "distributed")} <= constraints(
+        PYTHONS[0]
+    ).keys()
 
 
 def test_the_source_archive_holds_all_that_scripts_and_tests_need() -> None:
