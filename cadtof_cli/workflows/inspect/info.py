@@ -13,7 +13,6 @@ from cadtof_cli.calibration.store import is_calibration_folder
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, lossy_compression, single_frames
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Layout
-from cadtof_cli.capture.mistaken_units import mistaken_unit
 from cadtof_cli.capture.planes import hint_of_planes
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import run_ordered
@@ -208,7 +207,7 @@ def _complete(facts: CaptureFacts, capture: Capture, implausible: Sequence[str])
     if implausible:
         more = f" (and {counted(len(implausible) - 1, 'more frame')})" if len(implausible) > 1 else ""
         facts.problems.append(f"{implausible[0]}{more}")
-    if capture.typical and (doubt := mistaken_unit(metadata, capture.typical.pixels)):
+    if capture.typical and (doubt := metadata.mistaken_unit(capture.typical.pixels)):
         facts.problems.append(f"{capture.root}: {doubt}")
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:
