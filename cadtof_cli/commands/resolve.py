@@ -145,7 +145,8 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
         usual = {"two paths": totals.two_paths, "one path": totals.one_path, "no answer": totals.invalid}
         counts = {what: count for what, count in rare.items() if count} | usual
         shares = ", ".join(f"{count / pixels:.1%} {what}" for what, count in counts.items())
-        line += f" ({per_second(totals.ok, totals.seconds)} frames/s); pixels: {shares}"
+        rate = totals.ok / totals.seconds
+        line += f" ({rate:{'.0f' if rate >= 10.0 else '.2g'}} frames/s); pixels: {shares}"
     if totals.already_there == totals.frames:
         return f"nothing to do: the maps of {counted(totals.frames, 'frame')} are already in {out}"
     if totals.already_there:
@@ -155,9 +156,3 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
         told = ", ".join(f"{count} {what}" for what, count in without.items() if count)
         line += f"; {told}, see {out / 'frames.jsonl'}"
     return f"{line}; maps in {out}" if totals.ok + totals.already_there else line
-
-
-def per_second(number: int, seconds: float, /) -> str:
-    """Return a rate per second as text, with two digits or more, such as '212', '12' and '0.35'."""
-    rate = number / seconds
-    return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"
