@@ -282,11 +282,12 @@ class CaptureMetadata:
             far_m = unambiguous_range_m(period)
             return f"modulation.periods_ns = {period:g}, … means depths up to {far_m:.4g} m: is it in ps instead of ns?"
         if focal is not None and (view_deg := 2.0 * math.degrees(math.atan(across / 2.0 / focal))) > WIDEST_VIEW_DEG:
-            told = f"optics.focal_length_px = {focal:g} means a view of {view_deg:.0f}°"
-            return f"{told}: is the value in mm instead of pixels?"
+            return f"optics.focal_length_px = {focal:g} means a view of {view_deg:.0f}°: is the value in mm instead of pixels?"
         if point is not None and across > LARGE_ARRAY and min(point) >= 0.0 and max(point) <= 1.0:
-            told = f"optics.principal_point_px = {point[0]:g}, {point[1]:g} lies in a corner of the frame"
-            return f"{told}: is the value a share of width and height instead of pixels?"
+            return (
+                f"optics.principal_point_px = {point[0]:g}, {point[1]:g} lies in a corner of the frame: is the value a share of "
+                "width and height instead of pixels?"
+            )
         if lamp_m > FAR_LAMP_M:
             return f"optics.lamp_offset_m puts the lamp {lamp_m:g} m from the camera: is the value in cm instead of m?"
         return None

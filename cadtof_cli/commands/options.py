@@ -20,6 +20,7 @@ from cadtof_cli.commands.values import (
     FRAME_RANGE,
     NAMES,
     NUMBERED_NAMES,
+    NUMBERS,
     PATH,
     TWO_PIXELS,
     NumberTuple,
@@ -40,11 +41,11 @@ _UNITS = {"-ns": "NS", "-v": "V", "-px": "PX", "-m": "M", "-deg": "DEG", "-hz": 
 """Endings of option names that say a unit, each with the placeholder of such a value in the help."""
 
 _METAVARS = {
+    "modulation.periods_ns": "NS,NS…",
     "modulation.waveform": "sine|triangle",
     "voltage.saturated_counts": "LOW,HIGH",
     "optics.principal_point_px": "X,Y",
     "optics.lamp_offset_m": "M,M,M",
-    "layout.raw_shape": "N,N…",
 }
 """Placeholders in the help for the values of those keys whose placeholder does not follow from kind and unit."""
 
@@ -247,9 +248,9 @@ def _capture_option(key: Key) -> Decorator[Any]:
     types: dict[Kind, ParamType] = {
         "number": click.FLOAT,
         "whole number": click.INT,
-        "numbers": NumberTuple(),
-        "whole numbers": NumberTuple(),
-        "pair": NumberTuple(),
+        "numbers": NUMBERS,
+        "whole numbers": NUMBERS,
+        "pair": NUMBERS,
         "text": click.STRING,
         "names": NAMES,
         "numbers by name": NUMBERED_NAMES,

@@ -61,6 +61,8 @@ def _frames(text: str) -> slice:
     return slice(start, stop)
 
 
+NUMBERS = Typed("N,N…", "a list of numbers such as 40,20", lambda text: list(map(float, text.split(","))))
+
 FRAME_RANGE = Typed("A:B", "a range of frames such as 10:20, 10: or 7, counted from 0", _frames)
 """A range of frames counted from 0, such as 10:20, whose end is not part of it; or a single frame."""
 
