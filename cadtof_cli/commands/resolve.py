@@ -110,7 +110,7 @@ def resolve(
             progress=bar,
             on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=settings.dry_run),
         )
-        summary = _dry_summary(totals, settings.out) if settings.dry_run else _summary(totals, settings)
+        summary = _summary(totals, settings)
         if bar.log:
             bar.log.note(summary)
     # without a frame, this line alone says why the exit status is 1, so --quiet prints it too
@@ -129,13 +129,11 @@ def _tell_of_frame(bar: "Bar", report: "FrameReport", /, *, as_json: bool, dry_r
         bar.say(f"{report.status}: {report.reason}", warning=True)
 
 
-def _dry_summary(totals: "RunTotals", out: Path) -> str:
-    kept = f", {totals.already_there} are already there" if totals.already_there else ""
-    return f"would write {counted(totals.ok, 'file')} of maps into {out}{kept}; nothing has been written"
-
-
 def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
     out = settings.out
+    if settings.dry_run:
+        kept = f", {totals.already_there} are already there" if totals.already_there else ""
+        return f"would write {counted(totals.ok, 'file')} of maps into {out}{kept}; nothing has been written"
     if not totals.frames:
         return "no frame was resolved: no capture has a frame in the range of --frames"
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid

@@ -61,7 +61,7 @@ class FrameFacts:
 
 
 @dataclass(frozen=True)
-class Look:
+class FrameLook:
     """A frame to be read: of the capture in this place, whose frames have the size `pixels`, (Y, X); None: any size."""
 
     place: int
@@ -71,7 +71,7 @@ class Look:
     pixels: tuple[int, int] | None
 
 
-def facts_of_frame(look: Look, /) -> FrameFacts:
+def facts_of_frame(look: FrameLook, /) -> FrameFacts:
     """Read one frame and return what it holds. Every error becomes its `problem`."""
     source, layout = look.source, look.layout
     try:

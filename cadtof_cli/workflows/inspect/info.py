@@ -25,7 +25,7 @@ from cadtof_cli.units import counted, unambiguous_range_m
 from cadtof_cli.workflows.inspect.facts import (
     CalibrationFacts,
     FrameFacts,
-    Look,
+    FrameLook,
     MapFacts,
     facts_of_calibration,
     facts_of_frame,
@@ -162,7 +162,9 @@ def _facts_of_captures(captures: Sequence[Capture], workers: Workers, progress: 
     return found
 
 
-def _looks(captures: Sequence[Capture], found: list[CaptureFacts], implausible: dict[int, list[str]]) -> Iterator[Look]:
+def _looks(
+    captures: Sequence[Capture], found: list[CaptureFacts], implausible: dict[int, list[str]]
+) -> Iterator[FrameLook]:
     """Yield the frames to be read. Begin the facts of each capture, and a list of its implausible frames if it is read."""
     for place, capture in enumerate(captures):
         metadata, typical = capture.source.metadata, capture.typical
@@ -181,7 +183,7 @@ def _looks(captures: Sequence[Capture], found: list[CaptureFacts], implausible: 
             facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
         implausible[place] = []
         for source in single_frames(capture):
-            yield Look(place, source, capture.layout, metadata, typical.pixels if typical else None)
+            yield FrameLook(place, source, capture.layout, metadata, typical.pixels if typical else None)
 
 
 def _complete(facts: CaptureFacts, capture: Capture, implausible: Sequence[str]) -> None:
