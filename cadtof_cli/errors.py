@@ -25,6 +25,10 @@ class CaptureError(CadtofError):
     """An input that holds no frames, or whose frames do not belong together."""
 
 
+class UnlistedError(CaptureError):
+    """A folder that the system does not list, so nobody knows whether it holds frames."""
+
+
 class FrameError(CadtofError):
     """One frame that cannot be read or resolved; the run goes on with the other frames."""
 

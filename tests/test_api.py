@@ -13,7 +13,7 @@ import pytest
 import tifffile
 
 from cadtof_cli import Frame, Maps, read_frames, read_maps, resolve, simulate_scene
-from cadtof_cli.api import notes
+from cadtof_cli.api import frames as api_frames
 from cadtof_cli.api.resolve import ResolveOptions, ResolverOptions
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import Pixel
@@ -283,7 +283,7 @@ def test_what_is_likely_wrong_with_an_array_is_logged_once(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`cadtof resolve` warns of planes in another order, of periods in ps and of assumptions; so does a frame from an array."""
-    monkeypatch.setattr(notes, "_kinds", set())
+    monkeypatch.setattr(api_frames, "_kinds", set())
     frame = next(read_frames(ROOT / "sample_data" / "card"))
     volts, periods = frame.stored[:, ::-1], {"modulation.periods_ns": [40.0e3, 20.0e3]}
     for _ in range(3):
@@ -297,7 +297,7 @@ def test_a_frame_without_a_recording_does_not_stand_for_those_after_it(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The buffer of a driver is empty when it starts. Values that `resolve` refuses are left to it."""
-    monkeypatch.setattr(notes, "_kinds", set())
+    monkeypatch.setattr(api_frames, "_kinds", set())
     frame = next(read_frames(ROOT / "sample_data" / "card"))
     for values in (np.full_like(frame.stored, 1000.0), frame.stored[:, ::-1]):
         Frame.from_array(values, {"modulation.amplitude_v": 0.25}, name="live")

@@ -12,13 +12,12 @@ from tests.support.loaded import COMMAND_LINE, loaded_modules
 
 PACKAGE = Path(__file__).parents[1] / "cadtof_cli"
 
-ANYBODY = {"errors", "units", "arrays", "quantiles", "records", "version"}
+ANYBODY = {"errors", "units", "arrays", "records", "version"}
 
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "units": set(),
     "arrays": set(),
-    "quantiles": set(),
     "records": set(),
     "version": set(),
     "execution": set(),

@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.api.notes import log_notes
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
-from cadtof_cli.capture.toml import load_metadata
+from cadtof_cli.capture.toml import MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.array_frames import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
+from cadtof_cli.phasors.doubts import doubts
+from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
@@ -30,7 +31,11 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 Place = str | os.PathLike[str]
 """The path of a file or folder."""
 
+MOST_KINDS = 64
+"""Largest number of kinds of frames that are looked at: a program that changes its settings for each frame pays no more."""
+
 _log = logging.getLogger("cadtof_cli")
+_kinds: set[object] = set()
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +113,7 @@ class Frame:
         path = None if settings_file is None else Path(settings_file)
         known = load_metadata(path, _overrides(metadata))
         made = cls(stored, known.metadata, name)
-        log_notes(made.stored, known, of=name)
+        _log_notes(made.stored, known, of=name)
         return made
 
 
@@ -167,6 +172,29 @@ def _frame_of(task: FrameTask) -> Frame:
     assert isinstance(stored, np.ndarray)
     source = task.sources[0]
     return Frame(stored, task.plan.metadata, source.name, source.file_name)
+
+
+def _log_notes(stored: Stored, source: MetadataSource, /, *, of: str) -> None:
+    """Log what is assumed about an array, (H, 2, Y, X), and what is likely wrong with it, once for each kind of frame.
+
+    A camera's own driver has no capture, but makes one frame after the other, so the first frame with the same settings, size
+    and type stands for all of them. A frame that `resolve` refuses is left to it, and does not count as the first of its kind.
+    """
+    known = source.metadata
+    kind = (known.modulation, known.voltage, known.optics, stored.shape, stored.dtype)
+    if kind in _kinds or len(_kinds) >= MOST_KINDS:
+        return
+    try:
+        if implausible(stored, known):
+            return
+        doubtful = doubts(stored, known)
+    except SettingsError:
+        return
+    _kinds.add(kind)
+    if taken := source.defaults_in_words():
+        _log.warning(f"{of}: {taken}")
+    for doubt in (*doubtful, *filter(None, [known.mistaken_unit((stored.shape[2], stored.shape[3]))])):
+        _log.warning(f"warning: {of}: {doubt}")
 
 
 def _masked(values: Any, /, *, depth: int = 2) -> bool:

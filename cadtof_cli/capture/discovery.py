@@ -16,12 +16,12 @@ from typing import Any
 
 from cadtof_cli.capture.checks import InvalidValueError
 from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
-from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, entries_of, fail
 from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.capture.planes import grouped_planes, hint_of_words
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
-from cadtof_cli.errors import CaptureError
+from cadtof_cli.errors import CaptureError, UnlistedError
 from cadtof_cli.files.formats import FORMATS, FRAME_SUFFIXES, RAW, frame_suffixes
+from cadtof_cli.files.reading import entries_of
 from cadtof_cli.units import first_of
 
 OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
@@ -39,6 +39,15 @@ _MISNAMED = (
     "capture.toml.toml",
 )
 """Wrong names that editors and other systems give to `capture.toml`."""
+
+
+OnUnlisted = Callable[[Path, UnlistedError], None]
+"""Called with each folder of a tree that cannot be listed; the search goes on with the other folders."""
+
+
+def fail(_folder: Path, error: UnlistedError, /) -> None:
+    """End the search at a folder that cannot be listed."""
+    raise error
 
 
 def find_captures(

@@ -20,8 +20,6 @@ from cadtof_cli.commands.options import (
 )
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.commands.values import PATH, PIXEL_PLACE
-from cadtof_cli.files.maps import STATUS
-from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 _WIDTH = 22
@@ -100,6 +98,9 @@ def inspect(
 
 def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[str]:
     """Yield the lines of the table."""
+    from cadtof_cli.files.maps import STATUS
+    from cadtof_cli.maps.layers import layer_unit
+
     yield f"{document['frame']}, pixel {document['pixel'][0]},{document['pixel'][1]}: {', '.join(document['status'])}"
     noise = document["noise"]
     for row, harmonic in enumerate(harmonics):

@@ -110,7 +110,7 @@ def resolve(
             progress=bar,
             on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=settings.dry_run),
         )
-        summary = _dry_summary(totals, settings.out) if settings.dry_run else _summary(totals, settings)
+        summary = _summary(totals, settings)
         if bar.log:
             bar.log.note(summary)
     # without a frame, this line alone says why the exit status is 1, so --quiet prints it too
@@ -129,13 +129,11 @@ def _tell_of_frame(bar: "Bar", report: "FrameReport", /, *, as_json: bool, dry_r
         bar.say(f"{report.status}: {report.reason}", warning=True)
 
 
-def _dry_summary(totals: "RunTotals", out: Path) -> str:
-    kept = f", {totals.already_there} are already there" if totals.already_there else ""
-    return f"would write {counted(totals.ok, 'file')} of maps into {out}{kept}; nothing has been written"
-
-
 def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
     out = settings.out
+    if settings.dry_run:
+        kept = f", {totals.already_there} are already there" if totals.already_there else ""
+        return f"would write {counted(totals.ok, 'file')} of maps into {out}{kept}; nothing has been written"
     if not totals.frames:
         return "no frame was resolved: no capture has a frame in the range of --frames"
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
@@ -145,7 +143,8 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
         usual = {"two paths": totals.two_paths, "one path": totals.one_path, "no answer": totals.invalid}
         counts = {what: count for what, count in rare.items() if count} | usual
         shares = ", ".join(f"{count / pixels:.1%} {what}" for what, count in counts.items())
-        line += f" ({per_second(totals.ok, totals.seconds)} frames/s); pixels: {shares}"
+        rate = totals.ok / totals.seconds
+        line += f" ({rate:{'.0f' if rate >= 10.0 else '.2g'}} frames/s); pixels: {shares}"
     if totals.already_there == totals.frames:
         return f"nothing to do: the maps of {counted(totals.frames, 'frame')} are already in {out}"
     if totals.already_there:
@@ -155,9 +154,3 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
         told = ", ".join(f"{count} {what}" for what, count in without.items() if count)
         line += f"; {told}, see {out / 'frames.jsonl'}"
     return f"{line}; maps in {out}" if totals.ok + totals.already_there else line
-
-
-def per_second(number: int, seconds: float, /) -> str:
-    """Return a rate per second as text, with two digits or more, such as '212', '12' and '0.35'."""
-    rate = number / seconds
-    return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"

@@ -1,17 +1,15 @@
 """The outcome of a task, and threads that wait for its end, as for a disk, while the next task is computed."""
 
+import _thread
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import field
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
-from cadtof_cli.execution.threads import begin_thread
 from cadtof_cli.records import dataclass
-
-if TYPE_CHECKING:
-    import _thread
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -94,6 +92,9 @@ LATER_AT_ONCE = 4
 HELD_AT_ONCE = 2
 """How many of these results may hold much memory, such as maps that are still to be written: more do not make the disk faster."""
 
+BEGINS_S = 1.0
+"""Longest wait for the first step of a new thread. A thread without memory ends before it, and tells nobody."""
+
 
 @dataclass(eq=False)
 class Finisher:
@@ -104,7 +105,7 @@ class Finisher:
 
     then: Callable[[], None]
     waiting: SimpleQueue[Later[Any] | None] = field(default_factory=SimpleQueue)
-    ends: "list[_thread.LockType]" = field(default_factory=list)
+    ends: list[_thread.LockType] = field(default_factory=list)
     most: int = LATER_AT_ONCE
     room: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(HELD_AT_ONCE))
 
@@ -158,3 +159,39 @@ def finishing(then: Callable[[], None] = lambda: None) -> Iterator[Finisher]:
             finisher.waiting.put(None)
         for end in finisher.ends:
             end.acquire()
+
+
+def begin_thread(work: Callable[[], None], ends: list[_thread.LockType], /) -> bool:
+    """Call `work` in a new thread, and return whether it began. If the system allows no more threads or memory, it never will.
+
+    `threading.Thread.start` would then wait without end. The end of the process does not wait for the thread. `ends` gets a
+    lock, which the thread holds while it works: whoever acquires the lock waits for the end of the work, or keeps it from
+    beginning. The lock is in the list before there is a thread, because an exception by a signal may end this function at any
+    step.
+    """
+    begun, end = _thread.allocate_lock(), _thread.allocate_lock()
+    begun.acquire()
+    trace, profile = threading.gettrace(), threading.getprofile()
+
+    def run() -> None:
+        if not end.acquire(blocking=False):
+            # it comes too late
+            return
+        begun.release()
+        # what `threading` does for its threads: a debugger or a count of calls may want it
+        sys.settrace(trace)
+        sys.setprofile(profile)
+        try:
+            work()
+        finally:
+            end.release()
+
+    ends.append(end)
+    try:
+        _thread.start_new_thread(run, ())
+        if begun.acquire(timeout=BEGINS_S) or not end.acquire(blocking=False):
+            return True
+    except RuntimeError:
+        pass
+    ends.remove(end)
+    return False

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
-from cadtof_cli.execution.threads import begin_thread
+from cadtof_cli.execution.outcome import begin_thread
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection

@@ -9,59 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from xxhash import xxh3_128
 
-from cadtof_cli.errors import FrameError, OutputError
-from cadtof_cli.files.atomic import PartialFile, atomic_write, not_written
-from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suffix
-from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader, NotMapsError
-
-Digest = xxh3_128
-"""Hash function for digests of files, fast enough for every frame and its maps.
-
-It detects accidental changes; it gives no protection against forgery.
-"""
-
-_CHUNK_BYTES = 2**22
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.atomic import atomic_write
+from cadtof_cli.files.formats import detect_format
+from cadtof_cli.files.maps import STATUS, NotMapsError
 
 _STATUS_LIMIT = 2**13
 """All numbers below it are status bits: those of `StatusBit`, which this room may not import."""
-
-
-def file_digest(path: Path, /) -> str:
-    """Return the digest of a file's bytes; raise OSError if it cannot be read."""
-    digest = Digest()
-    with path.open("rb", buffering=0) as file:
-        # a map may be large, so it is read in pieces
-        while piece := file.read(_CHUNK_BYTES):
-            digest.update(piece)
-    return digest.hexdigest()
-
-
-def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str) -> tuple[PartialFile, str]:
-    """Write maps under a temporary name, in the format of `path`'s suffix; return the file and the digest of its bytes.
-
-    The caller commits or discards the file. A commit waits for the disk, so the caller can do other work at the same
-    time.
-    """
-    kind = format_by_suffix(path)
-    if kind is None or kind.layers is None:
-        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
-    partial = PartialFile(path, token=token)
-    try:
-        parts = kind.layers().write_maps(partial.temporary, maps, header=header)
-        if not parts:
-            return partial, file_digest(partial.temporary)
-        partial.parts, digest = parts, Digest()
-        for part in parts:
-            digest.update(part)
-        return partial, digest.hexdigest()
-    except OSError as error:
-        partial.discard()
-        raise not_written(path, error, size=maps.pages.nbytes) from error
-    except BaseException:
-        partial.discard()
-        raise
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:

@@ -1,4 +1,4 @@
-"""The records of a frame's maps and of the header of their file."""
+"""The records of a frame's maps and of the header of their file, and how the file is written."""
 
 import math
 import re
@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from xxhash import xxh3_128
 
 from cadtof_cli.arrays import Float32, Status
-from cadtof_cli.errors import FrameError
+from cadtof_cli.errors import FrameError, OutputError
+from cadtof_cli.files.atomic import PartialFile, not_written
+from cadtof_cli.files.formats import MAP_SUFFIXES, format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
 from cadtof_cli.version import __version__
@@ -23,6 +26,14 @@ SOFTWARE = f"cadtof {__version__}"
 
 SOURCE = "source"
 """Name of the fact that says which frame was recorded; all other facts are the same for all frames of a run."""
+
+Digest = xxh3_128
+"""Hash function for digests of files, fast enough for every frame and its maps.
+
+It detects accidental changes; it gives no protection against forgery.
+"""
+
+_CHUNK_BYTES = 2**22
 
 _MAP_LAYER = rf"(direct|mpi)\.\w+|confidence|{STATUS}"
 
@@ -103,6 +114,42 @@ class MapHeader:
         if not source.isprintable():
             source = "".join(one if one.isprintable() else repr(one)[1:-1] for one in source)
         return MapHeader(self.units, {**self.facts, SOURCE: source})
+
+
+def file_digest(path: Path, /) -> str:
+    """Return the digest of a file's bytes; raise OSError if it cannot be read."""
+    digest = Digest()
+    with path.open("rb", buffering=0) as file:
+        # a map may be large, so it is read in pieces
+        while piece := file.read(_CHUNK_BYTES):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str) -> tuple[PartialFile, str]:
+    """Write maps under a temporary name, in the format of `path`'s suffix; return the file and the digest of its bytes.
+
+    The caller commits or discards the file. A commit waits for the disk, so the caller can do other work at the same
+    time.
+    """
+    kind = format_by_suffix(path)
+    if kind is None or kind.layers is None:
+        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
+    partial = PartialFile(path, token=token)
+    try:
+        parts = kind.layers().write_maps(partial.temporary, maps, header=header)
+        if not parts:
+            return partial, file_digest(partial.temporary)
+        partial.parts, digest = parts, Digest()
+        for part in parts:
+            digest.update(part)
+        return partial, digest.hexdigest()
+    except OSError as error:
+        partial.discard()
+        raise not_written(path, error, size=maps.pages.nbytes) from error
+    except BaseException:
+        partial.discard()
+        raise
 
 
 def region_of(said: str, /) -> tuple[int, int, int, int] | None:

@@ -1,4 +1,4 @@
-"""How files are read, and how errors of reading libraries become FrameErrors.
+"""How folders are listed and files are read, and how errors of reading libraries become FrameErrors.
 
 Only regular files are read, because reading a FIFO or a device in place of a file may wait for ever or never end.
 Whatever a library raises for a damaged file becomes a FrameError that names the file.
@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cadtof_cli.errors import FrameError, UnreadableError
+from cadtof_cli.errors import FrameError, UnlistedError, UnreadableError
 from cadtof_cli.files.system import READ_FLAGS
 from cadtof_cli.units import counted
 
@@ -46,6 +46,37 @@ def is_folder(path: Path, /) -> bool:
         return stat.S_ISDIR(path.stat().st_mode)
     except (OSError, ValueError):
         return False
+
+
+def entries_of(folder: Path, pattern: str | None = None, /) -> list[tuple[str, bool]]:
+    """Return the entries of a folder: their paths relative to the folder, with slashes, and whether each is a folder.
+
+    If a pattern of their paths contains slashes, the entries are those of the folders that many levels below. A folder that
+    cannot be listed raises an UnlistedError.
+    """
+    found, above = list[tuple[str, bool]](), [""]
+    for _ in (pattern or "").split("/"):
+        found = []
+        for below in above:
+            here = folder / below
+            try:
+                with os.scandir(here) as entries:
+                    found += [
+                        # a link in a loop is listed as a file; reading it raises the error
+                        (
+                            below + entry.name,
+                            entry.is_dir(follow_symlinks=False) or (entry.is_symlink() and is_folder(Path(entry))),
+                        )
+                        for entry in entries
+                    ]
+            except PermissionError as error:
+                raise UnlistedError(
+                    f"{here}: no permission to list this folder; expected one that can be read"
+                ) from error
+            except OSError as error:
+                raise UnlistedError(f"{here}: cannot be listed: {error.strerror}") from error
+        above = [f"{name}/" for name, is_dir in found if is_dir and not name.rpartition("/")[2].startswith(".")]
+    return found
 
 
 def real_path(path: Path, /) -> str:

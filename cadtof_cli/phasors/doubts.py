@@ -24,11 +24,10 @@ from itertools import combinations
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Stored
+from cadtof_cli.arrays import Bool, Float, Stored, median
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
-from cadtof_cli.quantiles import median
 
 _NEAR_RAD = 0.45
 """Largest difference, in rad, between the phase of the second harmonic and the phase that follows from the fundamental,

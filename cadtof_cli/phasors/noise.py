@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32, SomePixels
+from cadtof_cli.arrays import Complex, Float, Float32, SomePixels, median
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
 from cadtof_cli.phasors.response import ideal_response, pulse_response
 from cadtof_cli.phasors.rotors import Rotor
-from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 
 MAD_PER_SIGMA = 0.6744897501960817

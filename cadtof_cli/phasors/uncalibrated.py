@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored
+from cadtof_cli.arrays import Stored, median, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT
@@ -21,7 +21,6 @@ from cadtof_cli.phasors.voltages import (
     volts_from_stored,
     volts_per_count,
 )
-from cadtof_cli.quantiles import median, quantiles
 
 _MORE_NOISE, _LESS_NOISE = 8.0, 4.0
 """The noise of a frame is doubted if its variance is more than 8 times as large as the integration length explains, or

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored
+from cadtof_cli.arrays import Stored, median
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
 from cadtof_cli.maps.layers import AVERAGED, DIRECT_DEPTH, DIRECT_SIGMA, IN_KERNEL
@@ -29,7 +29,6 @@ from cadtof_cli.pipeline.stages import (
     kernel_of_frames,
     traits_of_frames,
 )
-from cadtof_cli.quantiles import median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, is_compiled_for
 from cadtof_cli.resolver.settings import CLOSED_FORM

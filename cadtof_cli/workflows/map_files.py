@@ -4,9 +4,9 @@ import itertools
 from collections.abc import Callable
 from pathlib import Path
 
-from cadtof_cli.capture.discovery import OUTPUT_FILES
+from cadtof_cli.capture.discovery import OUTPUT_FILES, OnUnlisted, fail
 from cadtof_cli.capture.frames import natural_key
-from cadtof_cli.capture.listing import OnUnlisted, UnlistedError, fail
+from cadtof_cli.errors import UnlistedError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.workflows.resolve.record import RUN_FILE

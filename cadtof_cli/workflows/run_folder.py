@@ -16,10 +16,9 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.checks import converted
 from cadtof_cli.capture.discovery import find_captures, placed_captures, steps_below
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
-from cadtof_cli.capture.listing import UnlistedError
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError, UnlistedError
 from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.maps import region_of
 from cadtof_cli.files.reading import is_folder, read_bytes

@@ -10,8 +10,10 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.commands.resolve import per_second
+from cadtof_cli.commands.resolve import _summary
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
+from cadtof_cli.workflows.resolve.reports import RunTotals
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from tests.support.captures import (
     PLANE_NAMES,
     TOML,
@@ -376,4 +378,5 @@ def _require_bad_pixels_marked(layers: dict[str, NDArray[Any]], form: Form) -> N
     ("frames", "seconds", "text"), [(424, 2.0, "212"), (99, 10.0, "9.9"), (3, 8.5, "0.35"), (1, 3600.0, "0.00028")]
 )
 def test_the_rate_of_a_slow_run_is_not_rounded_to_0(frames: int, seconds: float, text: str) -> None:
-    assert per_second(frames, seconds) == text
+    totals = RunTotals(frames=frames, ok=frames, one_path=1, seconds=seconds)
+    assert f"({text} frames/s)" in _summary(totals, ResolveSettings(out=Path("out")))

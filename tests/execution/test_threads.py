@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import pytest
 
-from cadtof_cli.execution import threads
+from cadtof_cli.execution import outcome
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Later, Work, finishing
 from cadtof_cli.execution.workers import Workers
@@ -55,10 +55,10 @@ def test_an_interrupt_while_a_thread_starts_ends_the_run(monkeypatch: pytest.Mon
 
 def test_a_thread_that_comes_too_late_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     late, calls = list[Callable[[], None]](), list[str]()
-    monkeypatch.setattr(threads, "BEGINS_S", 0.01)
+    monkeypatch.setattr(outcome, "BEGINS_S", 0.01)
     monkeypatch.setattr(_thread, "start_new_thread", lambda work, _: late.append(work))
     ends = list[_thread.LockType]()
-    assert not threads.begin_thread(lambda: calls.append("worked"), ends)
+    assert not outcome.begin_thread(lambda: calls.append("worked"), ends)
     late[0]()
     assert not calls
     assert not ends

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadtof_cli.files.layers import Digest, file_digest
+from cadtof_cli.files.maps import Digest, file_digest
 from cadtof_cli.workflows.resolve.frame_task import content_digest
 
 

@@ -8,8 +8,7 @@ regression over 294 rendered rooms. No number of a view was found that tells the
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
-from cadtof_cli.quantiles import median
+from cadtof_cli.arrays import Float, median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 

@@ -10,8 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
-from cadtof_cli.quantiles import median, quantiles
+from cadtof_cli.arrays import Bool, Float, median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans

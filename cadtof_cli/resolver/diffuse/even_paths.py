@@ -8,8 +8,7 @@ them, apart from noise.
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
-from cadtof_cli.quantiles import median
+from cadtof_cli.arrays import Bool, Float, median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,

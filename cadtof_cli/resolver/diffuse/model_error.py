@@ -10,8 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, sealed
-from cadtof_cli.quantiles import median
+from cadtof_cli.arrays import Complex, Float, median, sealed
 
 RATIO_ERROR = (0.023, 0.02)
 """Standard deviation of ln|p_h/p_1|: for h = 2, and for the harmonics after it."""

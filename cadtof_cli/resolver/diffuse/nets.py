@@ -7,8 +7,7 @@ paths. If the farther path ends on the plane of such a wall, in several patches 
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index
-from cadtof_cli.quantiles import median
+from cadtof_cli.arrays import Bool, Complex, Float, Index, median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.light import FrameTraits, patch_phasors

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Float32
-from cadtof_cli.quantiles import median
+from cadtof_cli.arrays import Bool, Float, Float32, median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.bias import Bias, missed_share, remaining_sigma_rad, view_numbers

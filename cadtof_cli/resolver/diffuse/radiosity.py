@@ -6,8 +6,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Complex, Complex64, Float, Float32
-from cadtof_cli.quantiles import median
+from cadtof_cli.arrays import Complex, Complex64, Float, Float32, median
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.elementary import rotor
 from cadtof_cli.resolver.diffuse.planes import Surfaces

@@ -11,8 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.quantiles import median, quantiles
+from cadtof_cli.arrays import Bool, Complex, Float, median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchMeans
 from cadtof_cli.resolver.diffuse.noise import noise_covariance

@@ -10,8 +10,7 @@ import math
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
-from cadtof_cli.quantiles import median
+from cadtof_cli.arrays import Bool, Float, median
 from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase

@@ -8,9 +8,8 @@ this order. Two true paths have an order of their own.
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.arrays import Bool, Float, median
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
-from cadtof_cli.quantiles import median
 
 LEAST_CORRELATION = 0.2
 """Smallest correlation of the data with what the room foretells, over all kinds of data. Below it, the frame has no tail.

@@ -60,14 +60,24 @@ class FrameFacts:
     implausible: str | None = None
 
 
-def facts_of_frame(
-    source: FrameSource, /, *, layout: FrameLayout, metadata: CaptureMetadata, pixels: tuple[int, int] | None
-) -> FrameFacts:
-    """Read one frame of the size `pixels`, (Y, X), None for any, and return what it holds. Every error becomes its `problem`."""
+@dataclass(frozen=True)
+class FrameLook:
+    """A frame to be read: of the capture in this place, whose frames have the size `pixels`, (Y, X); None: any size."""
+
+    place: int
+    source: FrameSource
+    layout: FrameLayout
+    metadata: CaptureMetadata
+    pixels: tuple[int, int] | None
+
+
+def facts_of_frame(look: FrameLook, /) -> FrameFacts:
+    """Read one frame and return what it holds. Every error becomes its `problem`."""
+    source, layout = look.source, look.layout
     try:
-        stored = read_stored(source, layout, size=pixels)
+        stored = read_stored(source, layout, size=look.pixels)
         container = detect_format(source.paths[0], raw=layout.raw is not None).name
-        return _facts(stored, container, layout, metadata)
+        return _facts(stored, container, layout, look.metadata)
     except NotAFrameError as error:
         return FrameFacts(problem=str(error), skipped=True)
     except CadtofError as error:

@@ -11,15 +11,13 @@ import numpy as np
 
 from cadtof_cli.calibration.store import is_calibration_folder
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, FrameSource, lossy_compression, single_frames
-from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Layout
-from cadtof_cli.capture.mistaken_units import mistaken_unit
+from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
+from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.capture.planes import hint_of_planes
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.pipeline.plan import FramePlan
@@ -27,6 +25,7 @@ from cadtof_cli.units import counted, unambiguous_range_m
 from cadtof_cli.workflows.inspect.facts import (
     CalibrationFacts,
     FrameFacts,
+    FrameLook,
     MapFacts,
     facts_of_calibration,
     facts_of_frame,
@@ -143,28 +142,13 @@ def look_into(
     return found
 
 
-@dataclass(frozen=True)
-class _Look:
-    """A frame to be read: of the capture in this place, whose frames have the size `pixels`, (Y, X); None: any size."""
-
-    place: int
-    source: FrameSource
-    layout: FrameLayout
-    metadata: CaptureMetadata
-    pixels: tuple[int, int] | None
-
-
-def _facts_of_look(look: _Look) -> FrameFacts:
-    return facts_of_frame(look.source, layout=look.layout, metadata=look.metadata, pixels=look.pixels)
-
-
 def _facts_of_captures(captures: Sequence[Capture], workers: Workers, progress: Progress) -> list[CaptureFacts]:
     """Return what each capture holds. The same processes read the frames of all captures: there may be thousands of captures."""
     found: list[CaptureFacts] = []
     implausible: dict[int, list[str]] = {}
     shared = [part for one in captures for part in (one.layout, one.source.metadata)]
     looks = _looks(captures, found, implausible)
-    with closing(run_ordered(_facts_of_look, looks, workers=workers, shared=shared)) as outcomes:
+    with closing(run_ordered(facts_of_frame, looks, workers=workers, shared=shared)) as outcomes:
         for outcome in outcomes:
             look, result = outcome.task, outcome.result
             if isinstance(result, WorkerDied):
@@ -180,7 +164,7 @@ def _facts_of_captures(captures: Sequence[Capture], workers: Workers, progress: 
 
 def _looks(
     captures: Sequence[Capture], found: list[CaptureFacts], implausible: dict[int, list[str]]
-) -> Iterator[_Look]:
+) -> Iterator[FrameLook]:
     """Yield the frames to be read. Begin the facts of each capture, and a list of its implausible frames if it is read."""
     for place, capture in enumerate(captures):
         metadata, typical = capture.source.metadata, capture.typical
@@ -199,7 +183,7 @@ def _looks(
             facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
         implausible[place] = []
         for source in single_frames(capture):
-            yield _Look(place, source, capture.layout, metadata, typical.pixels if typical else None)
+            yield FrameLook(place, source, capture.layout, metadata, typical.pixels if typical else None)
 
 
 def _complete(facts: CaptureFacts, capture: Capture, implausible: Sequence[str]) -> None:
@@ -208,7 +192,7 @@ def _complete(facts: CaptureFacts, capture: Capture, implausible: Sequence[str])
     if implausible:
         more = f" (and {counted(len(implausible) - 1, 'more frame')})" if len(implausible) > 1 else ""
         facts.problems.append(f"{implausible[0]}{more}")
-    if capture.typical and (doubt := mistaken_unit(metadata, capture.typical.pixels)):
+    if capture.typical and (doubt := metadata.mistaken_unit(capture.typical.pixels)):
         facts.problems.append(f"{capture.root}: {doubt}")
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:

@@ -16,8 +16,7 @@ from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.layers import Digest, file_digest, stage_maps
-from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.files.maps import DepthMaps, Digest, file_digest, stage_maps
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import require_plausible, tells_copies
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame

@@ -13,7 +13,6 @@ from typing import Any
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
-from cadtof_cli.capture.mistaken_units import mistaken_unit
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.files.reading import real_path
@@ -54,7 +53,7 @@ class CapturePlan:
         pixels: size (Y, X) of most frames; None if no file can be opened.
         stack_frame_bytes: bytes per frame of a stack; None if each file holds one frame.
         lossy_compression: name of the files' compression if it changes values; else None.
-        doubts: what is likely wrong with its values or planes, in words.
+        doubts: what is likely wrong with its values, planes or metadata, in words.
     """
 
     capture: Capture
@@ -136,8 +135,7 @@ class CapturePlan:
                 f"warning: {root}: recorded with lossy compression ({self.lossy_compression}), which changes voltages and so"
                 " depths; record without compression, or with a lossless one: deflate, LZW, Zstandard; in EXR ZIP or PIZ"
             )
-        of_unit = mistaken_unit(source.metadata, self.pixels) if self.pixels is not None else None
-        for doubt in (*self.doubts, *filter(None, [of_unit])):
+        for doubt in self.doubts:
             yield f"warning: {root}: {doubt}"
         resolver, harmonics = self.settings.maps.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
@@ -178,6 +176,8 @@ def plan_captures(
         # what `read_frames` reads, for one path, may be calibrated later
         if stored is not None and not doubtful and use is None and plan.resolver.max_paths > 1:
             doubtful = camera_doubts(stored, plan.metadata)
+        if of_unit := plan.metadata.mistaken_unit(typical.pixels):
+            doubtful += (of_unit,)
         plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))
     return plans
 
