@@ -19,8 +19,8 @@ from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_path
 DELAYS_PER_HARMONIC = 8
 """Delays of the grid per period of the highest harmonic. From an eighth of a period away, the fit converges safely."""
 
-FINEST_PLACES = 128
-"""Delays of a fine grid: as many as the compiled scan has room for. It takes a coarse grid of the highest harmonic."""
+MOST_PLACES = 128
+"""Largest number of delays of a fine grid: the compiled scan has room for so many."""
 
 ALIKE = 1.0 - 1e-9
 """If ρ of two paths is at least this, the phasors cannot tell the paths apart."""
@@ -72,9 +72,10 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float], fine: bool = F
 
     For delays x and y the best amplitudes solve S·[[1, ρ], [ρ, 1]]·(a, b) = (B(x), B(y)). Here B is the matched sum
     that `strongest_path` maximises, S = Σ w_h and ρ = Σ w_h·cos h(x − y)/S. The pair explains a·B(x) + b·B(y). All
-    pairs with the same lag have the same ρ. A `fine` grid has at least `FINEST_PLACES` delays.
+    pairs with the same lag have the same ρ. A `fine` grid has twice as many delays.
     """
-    places = max(_coarse(measured.harmonics), FINEST_PLACES if fine else 0)
+    coarse = _coarse(measured.harmonics)
+    places = max(coarse, min(2 * coarse, MOST_PLACES)) if fine else coarse
     grid = _grid(places)
     found = scanned(measured, weights=weights, pairs=True, places=places)
     pair = np.stack((found.first, (found.first + found.lag) % len(grid)))

@@ -24,7 +24,7 @@ def test_a_single_path_on_the_grid_is_found_as_the_strongest_path(place: int, we
     assert_allclose(found.cos[0] + 1j * found.sin[0], np.exp(2j * np.pi * place / STEPS), atol=1e-12)
 
 
-@pytest.mark.parametrize(("steps", "fine"), [(STEPS, False), (128, True)])
+@pytest.mark.parametrize(("steps", "fine"), [(STEPS, False), (2 * STEPS, True)])
 def test_two_paths_on_the_grid_are_found_as_the_best_pair(steps: int, fine: bool) -> None:
     problem, weights = Mixture((1.0, 0.5), (3 / steps * T1_NS, 11 / steps * T1_NS), asr=1.5), (5.0, 2.0, 1.0)
     found = best_pair(Measured.of_phasors(problem.exact(HARMONICS), harmonics=HARMONICS), weights=weights, fine=fine)
