@@ -125,8 +125,8 @@ class ResolverSettings:
 
         Raises:
             SettingsError: there are fewer harmonics than paths; or there are as many, but they are not 1, 2, …, so that
-                several answers fit them; or the response is no pure sine, and the harmonics are not 1 and 2, the solver
-                is `lm` or there are more than two paths.
+                several answers fit them; or diffuse MPI is asked for without harmonics 1 and 2; or the response is no pure
+                sine, and the harmonics are not 1 and 2, the solver is `lm` or there are more than two paths.
         """
         found = f"found harmonics {', '.join(map(str, harmonics))}"
         if self.max_paths > len(harmonics):
@@ -140,6 +140,11 @@ class ResolverSettings:
                 f"modulation.periods_ns: {found} of the first period; with {len(harmonics)} periods, {self.max_paths} paths have "
                 f"a unique solution only if these are harmonics {', '.join(map(str, first))}, such as "
                 f"{[round(40.0 / h, 3) for h in first]}: record another period, lower --paths, or use --solver one-path"
+            )
+        if self.mpi_model == "diffuse" and harmonics[:2] != (1, 2):
+            raise SettingsError(
+                f"--mpi-model diffuse: {found} of the first period; diffuse MPI is predicted from harmonics 1 and 2: "
+                "record half of the first period, too, or leave the option out"
             )
         in_closed_form = harmonics == (1, 2) and self.solver != "lm"
         if sine:
