@@ -385,7 +385,7 @@ def test_a_capture_whose_harmonics_allow_one_path_only_is_read(tmp_path: Path) -
     capture = record(tmp_path / "capture")
     (frame,) = read_frames(capture.folder, metadata={"modulation.periods_ns": [60.0, 20.0]})
     assert (resolve(frame, solver="one-path").status & 8 > 0).mean() > 0.5
-    with pytest.raises(SettingsError, match="with two periods, two paths have a unique"):
+    with pytest.raises(SettingsError, match="with 2 periods, 2 paths have a unique"):
         resolve(frame)
 
 

@@ -20,7 +20,7 @@ largest value, or the least, a converter has cut values off there.
 
 import math
 from collections.abc import Callable, Mapping
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -110,6 +110,18 @@ _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
 }
 """Other orders in which the values of a frame, (H, 2, Y, X), may have been stored: the order in words, and the function
 that puts the values back into planes of SC1 and SC2 for one harmonic after the other."""
+
+
+def _orders(harmonics: tuple[int, ...]) -> dict[str, Callable[[Stored], Stored]]:
+    """Return `_ORDERS` and, for three harmonics or more, also those with two other harmonics as the first two."""
+    found, count = dict(_ORDERS), len(harmonics)
+    for pair in permutations(range(count), 2):
+        if pair not in {(0, 1), (count - 1, count - 2)}:
+            one, two = (harmonics[place] for place in pair)
+            order = [*pair, *(place for place in range(count) if place not in pair)]
+            words = f"with the planes of H{one} and H{two} as those of H1 and H{harmonics[1]}"
+            found[words] = lambda frame, order=order: frame[order]  # type: ignore[misc]
+    return found
 
 
 def doubts(
@@ -249,7 +261,8 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if least >= _SURE:
         return None
     shares = {
-        words: _share_of_one_path(order(stored).reshape(stored.shape), metadata) for words, order in _ORDERS.items()
+        words: _share_of_one_path(order(stored).reshape(stored.shape), metadata)
+        for words, order in _orders(metadata.modulation.harmonics).items()
     }
     shares["with the opposite sign"] = _share_of_one_path(stored, metadata, sign=-1.0)
     likely = max(shares, key=lambda words: shares[words])

@@ -149,27 +149,29 @@ def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | N
 
 
 def unequal_harmonics(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return a message if the first two harmonics have other amplitudes than each other, by the same factor at all depths; else
-    None."""
+    """Return a message if a harmonic has another amplitude than the first, by the same factor at all depths; else None."""
     modulation = metadata.modulation
-    if modulation.harmonics[:2] != (1, 2) or modulation.waveform != "sine":
+    if modulation.waveform != "sine":
         return None
     some = spread_over(stored, LOOKED_AT)
     sound = some[:, :, sound_pixels(some, metadata.voltage.saturated_counts)]
-    phasors = phasors_from_stored(sound, ideal_phasor_map(metadata, stored.dtype))[:2]
+    phasors = phasors_from_stored(sound, ideal_phasor_map(metadata, stored.dtype))
     if phasors.shape[1] < 2 * FEWEST:
         return None
     length = np.abs(phasors[0])
-    first, second = phasors[:, (length >= median(length)) & (length > 0.0)]
+    first, *others = phasors[:, (length >= median(length)) & (length > 0.0)]
     if not first.size or abs(np.mean(first / np.abs(first))) > _ONE_DEPTH:
         return None
-    ratio = second * np.conj(first) ** 2 / np.abs(first) ** 3
-    middle, turn = float(median(ratio.real)), float(median(ratio.imag))
-    differs = abs(middle - 1.0)
-    alike = np.abs(ratio - middle) < _ALIKE * differs
-    if differs < _UNEQUAL or abs(turn) > _ALIKE_TURN * differs or not alike.mean() >= _ALIKE_SHARE:
-        return None
-    return (
-        f"the second harmonic is {middle:.3g} times as strong as the first at all depths, which looks like a second path in "
-        "every pixel: run calibrate response, or correct fwhm_ns. Until then, --order 1 gives better depths where MPI is weak"
-    )
+    for h, other in zip(modulation.harmonics[1:], others, strict=True):
+        # as a share of the first harmonic, turned back by the phase of one path
+        ratio = other * (np.conj(first) / np.abs(first)) ** h / np.abs(first)
+        middle, turn = float(median(ratio.real)), float(median(ratio.imag))
+        differs = abs(middle - 1.0)
+        alike = np.abs(ratio - middle) < _ALIKE * differs
+        if differs >= _UNEQUAL and abs(turn) <= _ALIKE_TURN * differs and alike.mean() >= _ALIKE_SHARE:
+            return (
+                f"harmonic {h} is {middle:.3g} times as strong as the first at all depths, which looks like a second path in "
+                "every pixel: run calibrate response, or correct fwhm_ns. Until then, --order 1 gives better depths where MPI "
+                "is weak"
+            )
+    return None

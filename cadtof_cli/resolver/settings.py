@@ -124,9 +124,9 @@ class ResolverSettings:
         """Return the module of the resolver whose `solver` fits the paths; `sine`: the response is a pure sine.
 
         Raises:
-            SettingsError: there are fewer harmonics than paths; or there are two harmonics that are not 1 and 2, to
-                which several pairs of paths fit; or the response is no pure sine, and the harmonics are not 1 and 2,
-                the solver is `lm` or there are more than two paths.
+            SettingsError: there are fewer harmonics than paths; or there are as many, but they are not 1, 2, …, so that
+                several answers fit them; or diffuse MPI is asked for without harmonics 1 and 2; or the response is no pure
+                sine, and the harmonics are not 1 and 2, the solver is `lm` or there are more than two paths.
         """
         found = f"found harmonics {', '.join(map(str, harmonics))}"
         if self.max_paths > len(harmonics):
@@ -134,10 +134,17 @@ class ResolverSettings:
                 f"modulation.periods_ns: found {counted(len(harmonics), 'period')}; {self.max_paths} paths need at least "
                 f"{self.max_paths} periods: lower --paths or --order, or use --solver one-path"
             )
-        if self.max_paths == 2 and len(harmonics) == 2 and harmonics != (1, 2):
+        first = range(1, len(harmonics) + 1)
+        if self.max_paths == len(harmonics) and harmonics != tuple(first):
             raise SettingsError(
-                f"modulation.periods_ns: {found} of the first period; with two periods, two paths have a unique solution only if "
-                "the second period is half of the first, such as [40.0, 20.0]: record a third period, or use --solver one-path"
+                f"modulation.periods_ns: {found} of the first period; with {len(harmonics)} periods, {self.max_paths} paths have "
+                f"a unique solution only if these are harmonics {', '.join(map(str, first))}, such as "
+                f"{[round(40.0 / h, 3) for h in first]}: record another period, lower --paths, or use --solver one-path"
+            )
+        if self.mpi_model == "diffuse" and harmonics[:2] != (1, 2):
+            raise SettingsError(
+                f"--mpi-model diffuse: {found} of the first period; diffuse MPI is predicted from harmonics 1 and 2: "
+                "record half of the first period, too, or leave the option out"
             )
         in_closed_form = harmonics == (1, 2) and self.solver != "lm"
         if sine:

@@ -93,6 +93,18 @@ def test_unknown_optics_are_reported_once(tmp_path: Path) -> None:
     assert median_error_cm("corner", layers) < 1.5
 
 
+def test_frames_without_harmonic_2_get_separate_paths_and_a_note_or_are_refused(tmp_path: Path) -> None:
+    """A room came out a decimetre too far, with a sigma of millimetres, and --mpi-model diffuse did nothing."""
+    done = cadtof("simulate", "--scene", "corner", "--periods-ns", "60,20,15", "-o", tmp_path / "corner")
+    assert done.status == 0, done.err
+    words = "half of the first period was not recorded, so all MPI is taken for separate paths, in rooms too"
+    for model, status, told in (("auto", 0, words), ("discrete", 0, ""), ("diffuse", 2, "--mpi-model diffuse: found")):
+        done = cadtof("resolve", tmp_path / "corner", "-o", tmp_path / model, "--mpi-model", model, "--roi", "0,0,9,9")
+        assert done.status == status, done.err
+        assert told in done.err
+        assert (words in done.err) == (model == "auto")
+
+
 @pytest.mark.parametrize("options", [("--pool", "3"), ("--average", "2"), ("--depth", "z")])
 def test_diffuse_mpi_goes_with_pooling_averaging_and_planar_depth(options: tuple[str, ...], tmp_path: Path) -> None:
     layers, _ = resolved("corner", tmp_path / "out", *options)

@@ -224,7 +224,7 @@ BAD_INPUT = [
     (("--solver", "lm", "--paths", "3"), "--solver lm finds two paths, not --paths 3"),
     (
         ("--periods", "40,10"),
-        "with two periods, two paths have a unique solution only if the second period is half of the first",
+        "with 2 periods, 2 paths have a unique solution only if these are harmonics 1, 2",
     ),
     (("--scene", "wall", "--solver", "lm", "-o", "x"), "--solver: has no effect with --scene wall"),
     (("--scene", "wall", "--wrapped", "-o", "x"), "--wrapped: has no effect with --scene wall"),

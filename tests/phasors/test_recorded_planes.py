@@ -53,10 +53,29 @@ def test_light_in_the_right_order_is_not_doubted(periods_ns: tuple[float, ...]) 
     assert no_recording(volts, (1, 2, 3)) is None
 
 
+@pytest.mark.parametrize("periods_ns", [TWO, THREE])
 @pytest.mark.parametrize("mpi", [0.0, 0.5, 0.8, 1.0, 2.0])
 @pytest.mark.parametrize("delay_ns", [2.0, 5.0, 10.0, 16.0])
-def test_the_right_order_is_not_doubted_however_strong_the_second_path_is(mpi: float, delay_ns: float) -> None:
-    assert doubt_of_order(light(mpi=mpi, delay_ns=delay_ns)) is None
+def test_the_right_order_is_not_doubted_however_strong_the_second_path_is(
+    mpi: float, delay_ns: float, periods_ns: tuple[float, ...]
+) -> None:
+    assert doubt_of_order(light(periods_ns, mpi=mpi, delay_ns=delay_ns), periods_ns) is None
+
+
+@pytest.mark.parametrize("mpi", [0.0, 0.1, 0.2])
+@pytest.mark.parametrize(
+    ("stored", "words"),
+    [
+        ([1, 0, 2], "with the planes of H2 and H1 as those of H1 and H2"),
+        ([0, 2, 1], "with the planes of H1 and H3 as those of H1 and H2"),
+        ([1, 2, 0], "with the planes of H3 and H1 as those of H1 and H2"),
+        ([2, 0, 1], "with the planes of H2 and H3 as those of H1 and H2"),
+        ([2, 1, 0], "with the harmonics in the opposite order"),
+    ],
+)
+def test_three_harmonics_in_any_other_order_are_doubted(stored: list[int], words: str, mpi: float) -> None:
+    """As in planes that are sorted by the names 100MHz, 25MHz, 50MHz."""
+    assert f"; {words}, they would in " in str(doubt_of_order(light(THREE, mpi=mpi)[stored], THREE))
 
 
 def test_two_equal_paths_a_third_of_a_period_apart_in_every_pixel_are_doubted_wrongly() -> None:

@@ -101,11 +101,20 @@ def test_the_room_follows_from_solver_order_and_harmonics(
         ({"solver": "one-path"}, (1,), None),
         ({"paths": 3}, (1, 2, 3), None),
         ({"paths": 3}, (1, 3), "3 paths need at least 3 periods"),
+        (
+            {"paths": 3},
+            (1, 2, 5),
+            r"only if these are harmonics 1, 2, 3, such as \[40.0, 20.0, 13.333\]: record another",
+        ),
+        ({"paths": 3, "order": "2"}, (1, 2, 5), None),
+        ({"mpi_model": "diffuse"}, (1, 3, 4), "--mpi-model diffuse: found harmonics 1, 3, 4 of the first period"),
+        ({"mpi_model": "diffuse"}, (1, 2, 4), None),
+        ({"paths": 3}, (1, 2, 4, 5), None),
         ({}, (1,), "found 1 period; 2 paths need at least 2 periods"),
         (
             {},
             (1, 3),
-            "with two periods, two paths have a unique solution only if the second period is half of the first",
+            "with 2 periods, 2 paths have a unique solution only if these are harmonics 1, 2",
         ),
     ],
 )

@@ -74,7 +74,8 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
 
     If the first search ends with a misfit that noise seldom gives, other starts are tried, in this order. For more than
     two paths: the exact answer of the first harmonics. For any number: one path fewer, found by this function, plus the
-    path that explains most of the rest. For two paths: the best pair of a grid.
+    path that explains most of the rest. For two paths: the best pair of a grid, and without harmonics 1 and 2 that of a
+    fine grid.
     """
     white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.each))
     end = _first_end(white, count, noise)
@@ -95,6 +96,10 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
         if count == 2:
             pair = best_pair(measured[suspect], weights=white.weights)
             _improve(white, pair, suspect, points, cost, noise)
+    # without harmonics 1 and 2 there is no exact start, and minima may lie nearer to each other than delays of the grid
+    if count == 2 and measured.harmonics[:2] != (1, 2) and (suspect := np.flatnonzero(cost > acceptable)).size:
+        pair = best_pair(measured[suspect], weights=white.weights, fine=True)
+        _improve(white, pair, suspect, points, cost, noise)
     return Mixture.of_points(points), cost
 
 

@@ -19,6 +19,9 @@ from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_path
 DELAYS_PER_HARMONIC = 8
 """Delays of the grid per period of the highest harmonic. From an eighth of a period away, the fit converges safely."""
 
+MOST_PLACES = 128
+"""Largest number of delays of a fine grid: the compiled scan has room for so many."""
+
 ALIKE = 1.0 - 1e-9
 """If ρ of two paths is at least this, the phasors cannot tell the paths apart."""
 
@@ -58,32 +61,38 @@ def exact_start(measured: Measured, /, *, paths: int) -> Mixture | None:
 
 def strongest_path(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     """Return the path of the grid that explains most of the phasors: the maximum of Σ_h w_h·Re(p_h·exp(−i h x))."""
-    grid = _grid(measured.harmonics)
+    grid = _grid(_coarse(measured.harmonics))
     found = scanned(measured, weights=weights, pairs=False)
     amplitude = np.maximum(found.peak, 0.0) / sum(weights)
     return Mixture(amplitude[np.newaxis], np.cos(grid)[np.newaxis, found.first], np.sin(grid)[np.newaxis, found.first])
 
 
-def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
+def best_pair(measured: Measured, /, *, weights: Sequence[float], fine: bool = False) -> Mixture:
     """Return the pair of paths of the grid that explains most of the phasors; both amplitudes are above 0.
 
     For delays x and y the best amplitudes solve S·[[1, ρ], [ρ, 1]]·(a, b) = (B(x), B(y)). Here B is the matched sum
     that `strongest_path` maximises, S = Σ w_h and ρ = Σ w_h·cos h(x − y)/S. The pair explains a·B(x) + b·B(y). All
-    pairs with the same lag have the same ρ.
+    pairs with the same lag have the same ρ. A `fine` grid has twice as many delays.
     """
-    grid = _grid(measured.harmonics)
-    found = scanned(measured, weights=weights, pairs=True)
+    coarse = _coarse(measured.harmonics)
+    places = max(coarse, min(2 * coarse, MOST_PLACES)) if fine else coarse
+    grid = _grid(places)
+    found = scanned(measured, weights=weights, pairs=True, places=places)
     pair = np.stack((found.first, (found.first + found.lag) % len(grid)))
-    rho = _lags(measured.harmonics, tuple(weights))[found.lag - 1, 0]
+    rho = _lags(measured.harmonics, tuple(weights), places)[found.lag - 1, 0]
     scale = 1.0 / (sum(weights) * (1.0 - rho * rho))
     amplitudes = np.stack(((found.peak - rho * found.other) * scale, (found.other - rho * found.peak) * scale))
     return Mixture(np.maximum(amplitudes, 0.0), np.cos(grid)[pair], np.sin(grid)[pair])
 
 
-def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool) -> Scanned:
-    """Return the path, or the pair, of the grid that explains most; all kernels give the same bits."""
+def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool, places: int | None = None) -> Scanned:
+    """Return the path, or the pair, of the grid that explains most; all kernels give the same bits.
+
+    The grid has so many `places`, or as many as its coarse form.
+    """
     harmonics, count = measured.harmonics, measured.re.shape[1]
-    factors, lags = _factors(harmonics, tuple(weights)), _lags(harmonics, tuple(weights))
+    places = places or _coarse(harmonics)
+    factors, lags = _factors(harmonics, tuple(weights), places), _lags(harmonics, tuple(weights), places)
     found = Scanned(np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count), np.empty(count))
     if (compiled := compiled_search(harmonics, paths=1 + pairs)) is not None:
         re, im = np.ascontiguousarray(measured.re), np.ascontiguousarray(measured.im)
@@ -125,26 +134,29 @@ def _best_lags(matched: Float, lags: Float) -> tuple[Index, Index]:
     return first, np.take_along_axis(best, first[np.newaxis], 0)[0]
 
 
-def _grid(harmonics: Sequence[int]) -> Float:
-    count = DELAYS_PER_HARMONIC * harmonics[-1]
-    return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+def _coarse(harmonics: Sequence[int]) -> int:
+    return DELAYS_PER_HARMONIC * harmonics[-1]
+
+
+def _grid(places: int) -> Float:
+    return np.linspace(0.0, 2.0 * np.pi, places, endpoint=False)
 
 
 @lru_cache(maxsize=8)
-def _factors(harmonics: tuple[int, ...], weights: tuple[float, ...]) -> Float:
+def _factors(harmonics: tuple[int, ...], weights: tuple[float, ...], places: int) -> Float:
     """Return the weight of every harmonic times cosine and sine at the delays of the grid, (places, N, 2)."""
     pairs = list(zip(harmonics, weights, strict=True))
-    return np.array([[(w * np.cos(h * x), w * np.sin(h * x)) for h, w in pairs] for x in _grid(harmonics)])
+    return np.array([[(w * np.cos(h * x), w * np.sin(h * x)) for h, w in pairs] for x in _grid(places)])
 
 
 @lru_cache(maxsize=8)
-def _lags(harmonics: tuple[int, ...], weights: tuple[float, ...]) -> Float:
+def _lags(harmonics: tuple[int, ...], weights: tuple[float, ...], places: int) -> Float:
     """Return ρ, −2ρ and 1/(1 − ρ²) of two paths one, two, … places apart, up to half the grid.
 
     The last value is 0 if the phasors cannot tell the two paths apart, such as two paths half a turn apart if all
     harmonics are odd.
     """
-    grid = _grid(harmonics)
+    grid = _grid(places)
     lags = grid[1 : len(grid) // 2 + 1]
     rhos = [
         sum(w * float(np.cos(h * lag)) for h, w in zip(harmonics, weights, strict=True)) / sum(weights) for lag in lags

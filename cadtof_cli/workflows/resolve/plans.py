@@ -140,6 +140,8 @@ class CapturePlan:
         resolver, harmonics = self.settings.maps.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
             yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view that is 60° wide"
+        if resolver.may_be_diffuse((1, 2)) and not resolver.may_be_diffuse(harmonics):
+            yield f"{root}: half of the first period was not recorded, so all MPI is taken for separate paths, in rooms too"
 
 
 def plan_captures(

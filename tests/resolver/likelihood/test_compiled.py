@@ -116,17 +116,20 @@ def test_buffers_of_weights_that_do_not_fit_are_errors(search: ModuleType) -> No
         assert_refused(search.weigh, sound, place, value)
 
 
-@pytest.mark.parametrize("pairs", [True, False])
+@pytest.mark.parametrize(("pairs", "places"), [(True, None), (False, None), (True, 128)])
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 3), (1,), (1, 2, 7), (1, 2, 4, 5)])
-def test_scans_find_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], pairs: bool) -> None:
+def test_scans_find_the_same_bits(
+    search: ModuleType, harmonics: tuple[int, ...], pairs: bool, places: int | None
+) -> None:
     for count in COUNTS:
         phasors = hard_phasors(len(harmonics), count, np.random.default_rng(count))
         phasors[:, 40::50] = 0.1  # several places of the grid are equally good
         measured, weights = Measured.of_phasors(phasors, harmonics=harmonics), tuple(range(3, 3 + len(harmonics)))
         with np.errstate(all="ignore"):
-            expected = by_kernel(NUMPY, scanned, measured, weights=weights, pairs=pairs)
+            expected = by_kernel(NUMPY, scanned, measured, weights=weights, pairs=pairs, places=places)
             for level in search.levels():
-                assert_same_bits(expected, by_kernel(level, scanned, measured, weights=weights, pairs=pairs))
+                found = by_kernel(level, scanned, measured, weights=weights, pairs=pairs, places=places)
+                assert_same_bits(expected, found)
 
 
 def test_buffers_of_scans_that_do_not_fit_are_errors(search: ModuleType) -> None:

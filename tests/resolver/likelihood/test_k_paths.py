@@ -153,6 +153,21 @@ def test_no_exhaustive_search_finds_a_better_pair(harmonics: tuple[int, ...], n_
         assert chi_squared <= best**2 + 0.1
 
 
+@pytest.mark.parametrize("harmonics", [(1, 3, 4), (1, 4, 5), (1, 4, 5, 6)])
+def test_without_the_second_harmonic_minima_near_the_best_one_are_not_taken_for_it(harmonics: tuple[int, ...]) -> None:
+    """The best pair has at most the misfit of the true one. The minima lie nearer to each other than coarse delays."""
+    rng, noise = np.random.default_rng(5), noise_of(harmonics, n_av=1e5)
+    delays = np.array([[0.0], [1.0]]) * rng.uniform(0.5, 3.1, RUNS) + rng.uniform(0.0, 2.5, RUNS)
+    amplitudes = np.stack((np.ones(RUNS), rng.uniform(0.15, 1.2, RUNS)))
+    amplitudes /= amplitudes.sum(axis=0) + 3.0
+    true = sum(a * np.exp(1j * np.outer(harmonics, x)) for a, x in zip(amplitudes, delays, strict=True))
+    variances = np.array([[harmonic.dark_variance] for harmonic in noise.each])
+    drawn = true + np.sqrt(variances) * (rng.normal(size=true.shape) + 1j * rng.normal(size=true.shape))
+    with np.errstate(all="ignore"):
+        _, misfit = found_paths(Measured.of_phasors(drawn, harmonics=harmonics), 2, noise=noise)
+    assert np.mean(misfit > (np.abs(drawn - true) ** 2 / variances).sum(axis=0) + 0.5) < 0.004
+
+
 def test_chi_squared_is_large_where_two_paths_are_too_few() -> None:
     three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0)).exact((1, 2, 3, 4))
     two = Mixture((1.0, 0.6), (5.0, 13.0)).exact((1, 2, 3, 4))

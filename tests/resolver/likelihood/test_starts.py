@@ -24,11 +24,12 @@ def test_a_single_path_on_the_grid_is_found_as_the_strongest_path(place: int, we
     assert_allclose(found.cos[0] + 1j * found.sin[0], np.exp(2j * np.pi * place / STEPS), atol=1e-12)
 
 
-def test_two_paths_on_the_grid_are_found_as_the_best_pair() -> None:
-    problem = Mixture((1.0, 0.5), (3 / STEPS * T1_NS, 11 / STEPS * T1_NS), asr=1.5)
-    found = best_pair(Measured.of_phasors(problem.exact(HARMONICS), harmonics=HARMONICS), weights=(5.0, 2.0, 1.0))
+@pytest.mark.parametrize(("steps", "fine"), [(STEPS, False), (2 * STEPS, True)])
+def test_two_paths_on_the_grid_are_found_as_the_best_pair(steps: int, fine: bool) -> None:
+    problem, weights = Mixture((1.0, 0.5), (3 / steps * T1_NS, 11 / steps * T1_NS), asr=1.5), (5.0, 2.0, 1.0)
+    found = best_pair(Measured.of_phasors(problem.exact(HARMONICS), harmonics=HARMONICS), weights=weights, fine=fine)
     assert_allclose(found.amplitude[:, 0], np.array([1.0, 0.5]) / 3.0, rtol=1e-9)
-    assert_allclose(np.angle(found.cos + 1j * found.sin)[:, 0], 2 * np.pi * np.array([3, 11]) / STEPS, atol=1e-9)
+    assert_allclose(np.angle(found.cos + 1j * found.sin)[:, 0], 2 * np.pi * np.array([3, 11]) / steps, atol=1e-9)
 
 
 def test_three_paths_begin_where_the_first_three_harmonics_have_them_exactly() -> None:

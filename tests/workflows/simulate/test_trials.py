@@ -200,7 +200,7 @@ def test_impossible_trials_are_refused() -> None:
     with pytest.raises(SettingsError, match="dead time: found without --photons"):
         trials(model=PixelModel(averaging=Averaging(integration_length=100.0), dead_time_ns=5.0))
     odd = PixelModel(modulation=Modulation(periods_ns=(40.0, 10.0)), averaging=Averaging(integration_length=100.0))
-    with pytest.raises(SettingsError, match=r"found harmonics 1, 4 of the first period; with two periods, two paths"):
+    with pytest.raises(SettingsError, match=r"found harmonics 1, 4 of the first period; with 2 periods, 2 paths"):
         trials(model=odd)
 
 
