@@ -124,8 +124,8 @@ class ResolverSettings:
         """Return the module of the resolver whose `solver` fits the paths; `sine`: the response is a pure sine.
 
         Raises:
-            SettingsError: there are fewer harmonics than paths; or there are as many, but they are not 1, 2, …, so that
-                several answers fit them; or diffuse MPI is asked for without harmonics 1 and 2; or the response is no pure
+            SettingsError: there are fewer harmonics than paths; or there are as many, but they are neither 1, 2, … nor
+                1, 2, 4, so that several answers fit them; or diffuse MPI is asked for without harmonics 1 and 2; or the response is no pure
                 sine, and the harmonics are not 1 and 2, the solver is `lm` or there are more than two paths.
         """
         found = f"found harmonics {', '.join(map(str, harmonics))}"
@@ -135,7 +135,8 @@ class ResolverSettings:
                 f"{self.max_paths} periods: lower --paths or --order, or use --solver one-path"
             )
         first = range(1, len(harmonics) + 1)
-        if self.max_paths == len(harmonics) and harmonics != tuple(first):
+        # with 1, 2, 4, most pixels have a single answer, too, and the search finds it
+        if self.max_paths == len(harmonics) and harmonics not in (tuple(first), (1, 2, 4)):
             raise SettingsError(
                 f"modulation.periods_ns: {found} of the first period; with {len(harmonics)} periods, {self.max_paths} paths have "
                 f"a unique solution only if these are harmonics {', '.join(map(str, first))}, such as "

@@ -106,6 +106,7 @@ def test_the_room_follows_from_solver_order_and_harmonics(
             (1, 2, 5),
             r"only if these are harmonics 1, 2, 3, such as \[40.0, 20.0, 13.333\]: record another",
         ),
+        ({"paths": 3}, (1, 2, 4), None),
         ({"paths": 3, "order": "2"}, (1, 2, 5), None),
         ({"mpi_model": "diffuse"}, (1, 3, 4), "--mpi-model diffuse: found harmonics 1, 3, 4 of the first period"),
         ({"mpi_model": "diffuse"}, (1, 2, 4), None),
