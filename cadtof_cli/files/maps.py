@@ -17,6 +17,7 @@ from cadtof_cli.files.atomic import PartialFile, not_written
 from cadtof_cli.files.formats import MAP_SUFFIXES, format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
+from cadtof_cli.units import printable
 from cadtof_cli.version import __version__
 
 STATUS = "status"
@@ -111,9 +112,7 @@ class MapHeader:
 
         Characters of the name that a header cannot hold, such as bytes that are not UTF-8, are escaped.
         """
-        if not source.isprintable():
-            source = "".join(one if one.isprintable() else repr(one)[1:-1] for one in source)
-        return MapHeader(self.units, {**self.facts, SOURCE: source})
+        return MapHeader(self.units, {**self.facts, SOURCE: printable(source)})
 
 
 def file_digest(path: Path, /) -> str:

@@ -77,7 +77,7 @@ def test_a_recorded_frame_is_read_back(kind: Format, compress: bool, tmp_path: P
     assert detect_format(path) is kind
     with kind.frames().open_frames(path, LAYOUT) as frames:
         assert (frames.count, frames.shape, frames.dtype) == (1, recorded.shape, recorded.dtype)
-        np.testing.assert_array_equal(frames.read(), recorded)
+        np.testing.assert_array_equal(frames.read(0), recorded)
 
 
 @pytest.mark.parametrize("name", MAP_FORMATS)
