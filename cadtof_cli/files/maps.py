@@ -12,9 +12,9 @@ import numpy as np
 from xxhash import xxh3_128
 
 from cadtof_cli.arrays import Float32, Status
-from cadtof_cli.errors import FrameError, OutputError
+from cadtof_cli.errors import FrameError
 from cadtof_cli.files.atomic import PartialFile, not_written
-from cadtof_cli.files.formats import MAP_SUFFIXES, format_by_suffix
+from cadtof_cli.files.formats import format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import printable
@@ -132,8 +132,8 @@ def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str)
     time.
     """
     kind = format_by_suffix(path)
-    if kind is None or kind.layers is None:
-        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
+    assert kind is not None
+    assert kind.layers is not None
     partial = PartialFile(path, token=token)
     try:
         parts = kind.layers().write_maps(partial.temporary, maps, header=header)

@@ -79,37 +79,29 @@ def median_variance_ratio(frames: int, /) -> float:
 
 
 def frame_mean(frames: Iterable[Stored], /, *, saturated_counts: tuple[float, float] | None) -> FrameMean:
-    """Return the mean of frames of stored values, (H, 2, Y, X) each.
+    """Return the mean of one or more frames of stored values, (H, 2, Y, X) each.
 
     The mean of a pixel is over the frames in which it is sound. A pixel that is sound in no frame keeps its values of
     the first frame, and counts as one sample.
-
-    Raises:
-        ValueError: there is no frame.
     """
-    number = 0
     for number, stored in enumerate(frames, start=1):
         if number == 1:
             first, total, count = stored, np.zeros(stored.shape), np.zeros(stored.shape[2:])
         sound = sound_pixels(stored, saturated_counts)
         total += np.where(sound, stored, 0)
         count += sound
-    if not number:
-        raise ValueError("the mean of no frames")
     samples = np.maximum(count, 1.0)
     return FrameMean(np.where(count > 0.0, total / samples, first), samples, first.dtype, number)
 
 
 def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
-    """Return the mean in V, and the variance in V², of frames of stored values, (H, 2, Y, X) each.
+    """Return the mean in V, and the variance in V², of one or more frames of stored values, (H, 2, Y, X) each.
 
     The mean is NaN for a pixel that was not sound in every frame. Welford's update loses no digits to a large offset.
 
     Raises:
         SettingsError: sizes of frames differ, or nothing says how many volts one count stands for.
-        ValueError: there is no frame.
     """
-    count = 0
     for count, stored in enumerate(frames, start=1):
         volts = volts_from_stored(stored, voltage)
         if count == 1:
@@ -123,7 +115,5 @@ def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
             change = volts - mean
             mean += change / count
             squares += change * (volts - mean)
-    if not count:
-        raise ValueError("the mean of no frames")
     variance = squares / max(count - 1, 1)
     return FrameMean(np.where(sound, mean, np.nan), None, mean.dtype, count, variance, step)

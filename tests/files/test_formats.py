@@ -95,13 +95,6 @@ def test_maps_keep_names_values_and_status(name: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(layers["status"], maps.status)
 
 
-def test_maps_of_no_known_format_are_refused(tmp_path: Path) -> None:
-    maps = DepthMaps(("confidence",), np.zeros((2, 5, 7), np.float32), np.zeros((5, 7), np.uint32))
-    with pytest.raises(OutputError, match=r"found the suffix '\.jpg', expected one of \.exr, \.tif, \.tiff"):
-        write_maps(tmp_path / "maps.jpg", maps)
-    assert not list(tmp_path.iterdir())
-
-
 def test_layers_are_written_without_loss_unless_lossy_is_asked_for(tmp_path: Path) -> None:
     layer = np.random.default_rng(4).uniform(0.5, 6, (30, 40)).astype(np.float32)
     write_layers(

@@ -47,11 +47,6 @@ def test_a_frame_in_which_a_pixel_is_nan_does_not_count_for_this_pixel() -> None
     assert np.isfinite(mean.stored).all()
 
 
-def test_the_mean_of_no_frames_is_refused() -> None:
-    with pytest.raises(ValueError, match="no frames"):
-        frame_mean([], saturated_counts=None)
-
-
 def mean_of(given: np.ndarray, voltage: Voltage | None = None) -> FrameMean:
     return mean_volts(given, voltage=voltage or Voltage())
 
@@ -105,11 +100,6 @@ def test_a_saturated_value_in_any_frame_invalidates_only_its_own_pixel(value: in
     assert mean.sound.sum() == 40 * 50 - (not sound)
     assert np.isfinite(mean.stored[:, :, 3, 4]).all() == sound
     assert np.isfinite(mean.stored[:, :, 3, 5]).all()
-
-
-def test_the_mean_volts_of_no_frames_are_refused() -> None:
-    with pytest.raises(ValueError, match="no frames"):
-        mean_volts([], voltage=Voltage())
 
 
 def test_frames_of_different_sizes_have_no_mean() -> None:
