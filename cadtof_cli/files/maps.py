@@ -17,7 +17,6 @@ from cadtof_cli.files.atomic import PartialFile, not_written
 from cadtof_cli.files.formats import format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
-from cadtof_cli.units import printable
 from cadtof_cli.version import __version__
 
 STATUS = "status"
@@ -101,18 +100,11 @@ class MapHeader:
     Attributes:
         units: unit of each layer by its name; empty text for pure numbers.
         facts: texts by name, such as the kind of depth, the periods, the recorded frame and the digest of a
-            calibration.
+            calibration. All their characters are printable; a header holds no bytes that are not UTF-8.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
-
-    def of_frame(self, source: str, /) -> "MapHeader":
-        """Return this header with one more fact: the name of the recorded frame.
-
-        Characters of the name that a header cannot hold, such as bytes that are not UTF-8, are escaped.
-        """
-        return MapHeader(self.units, {**self.facts, SOURCE: printable(source)})
 
 
 def file_digest(path: Path, /) -> str:
