@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
 from cadtof_cli.capture.toml import toml_text
 from tests.support.defects import DefectiveCamera, Defects, qvga_metadata
+from tests.support.run_cadtof import cadtof
 
 PIXELS = (60, 80)
 C_M_PER_NS = 0.299792458
@@ -109,3 +110,10 @@ def record_campaign(folder: Path, camera: DefectiveCamera) -> Campaign:
     near = write(folder / "wall_1m", camera, wall(camera, 1.0, tilt_deg=(3.0, -2.0), count=10, seed=20))
     far = write(folder / "wall_3m", camera, wall(camera, 3.0, tilt_deg=(-2.0, 4.0), count=10, seed=21))
     return Campaign(camera, dark, targets, (near, far))
+
+
+def calibrate(campaign: Campaign, out: Path) -> None:
+    """Measure all parts of a calibration from a campaign."""
+    for step in (("dark", campaign.dark), ("response", *campaign.targets), ("petzval", *campaign.walls)):
+        done = cadtof("calibrate", *step, "-o", out)
+        assert done.status == 0, done.err
