@@ -20,6 +20,11 @@ def size_text(pixels: Sequence[int], /) -> str:
     return f"{pixels[1]} × {pixels[0]}"
 
 
+def printable(text: str, /) -> str:
+    """Return a text in which characters that are invisible, change the direction of writing or are no Unicode, are escaped."""
+    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
+
+
 def shortened(text: str, most: int, /) -> str:
     """Return a text of at most `most` characters. A longer text loses its middle, because names differ most at their ends."""
     if len(text) <= most:

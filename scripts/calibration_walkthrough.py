@@ -11,33 +11,20 @@ from pathlib import Path
 from string import Template
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.store import load_calibration
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
-from cadtof_cli.capture.toml import toml_text
+from cadtof_cli.capture.metadata import Waveform
 from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.units import C_M_PER_NS
-from tests.support.defects import DefectiveCamera, Defects, qvga_metadata
+from tests.support import campaign
+from tests.support.campaign import ALL_DEFECTS, CARD_M, TARGETS_M, covered, wall, write
+from tests.support.defects import DefectiveCamera, Defects
 
 ROOT = Path(__file__).resolve().parent.parent
 PIXELS = (240, 320)
-DEFECTS = Defects(
-    offset_v=0.02,
-    hot_share=0.001,
-    phase_rad=(0.0, 0.3),
-    gain=(1.0, 0.8),
-    sc2_gain=1.05,
-    pixel_phase_rad=0.05,
-    pixel_gain=0.02,
-    petzval_m=(0.06, -0.02),
-    seed=7,
-)
-TARGETS_M = (0.5, 1.0, 1.7, 2.4, 3.0)
+DEFECTS = replace(ALL_DEFECTS, hot_share=0.001, phase_rad=(0.0, 0.3))
 CLEAN_ROWS = 40
 
 
@@ -150,7 +137,7 @@ def flatness(diary: Diary) -> float:
     """Return the RMS error of frames of a wall that was not fitted, divided by the RMS of their noise from frame to frame."""
     seen = camera()
     truth = seen.wall_range_m(2.0, (2.0, 1.0))
-    write(diary.place / "fresh", seen, wall(seen, 2.0, (2.0, 1.0), count=10, seed=90))
+    write(diary.place / "fresh", seen, wall(seen, 2.0, tilt_deg=(2.0, 1.0), count=10, seed=90))
     diary.run("resolve", "fresh", "-o", "fresh_maps", "--calibration", "camera", "--order", "1", "-q")
     maps = sorted((diary.place / "fresh_maps").glob("*.tif"))
     error = np.stack([read_layers(path)[DIRECT_DEPTH] - truth for path in maps])
@@ -169,8 +156,7 @@ def card_bias(diary: Diary, maps: str) -> float:
 def triangle(diary: Diary) -> tuple[float, float, float]:
     """Return the bias of one and of two paths under triangle modulation, in cm, and the share of pixels that converge."""
     seen = replace(camera("triangle"), defects=Defects())
-    frames, truth = card(seen, count=4, seed=5, separations_ns=(6.0, 20.0))
-    write(diary.place / "triangle", seen, frames)
+    write(diary.place / "triangle", seen, card(seen, count=4, seed=5, separations_ns=(6.0, 20.0)))
     diary.run("resolve", "triangle", "-o", "triangle_maps", "-q")
     errors, kept = [], []
     for path in sorted((diary.place / "triangle_maps").glob("*.tif")):
@@ -178,7 +164,7 @@ def triangle(diary: Diary) -> tuple[float, float, float]:
         bounded = layers["direct.sigma"] < 0.1
         status = layers["status"].astype(np.uint32)
         kept.append((status[bounded] & StatusBit.NOT_CONVERGED) == 0)
-        errors.append(100 * (layers[DIRECT_DEPTH] - truth))
+        errors.append(100 * (layers[DIRECT_DEPTH].astype(np.float64) - CARD_M))
     error = np.stack(errors)
     return (
         float(abs(np.nanmedian(error[:, :CLEAN_ROWS]))),
@@ -189,14 +175,14 @@ def triangle(diary: Diary) -> tuple[float, float, float]:
 
 def cost(diary: Diary) -> float:
     """Return the time of `resolve` with the calibration divided by the time without."""
-    write(diary.place / "many", camera(), card(camera(), count=30, seed=8)[0])
+    write(diary.place / "many", camera(), card(camera(), count=30, seed=8))
     return time_ratio(diary, "many", ("--calibration", "camera"), ())
 
 
 def triangle_cost(diary: Diary) -> float:
     """Return the time of resolving frames as triangle waves divided by the time of the same frames as sines."""
     seen = replace(camera("triangle"), defects=Defects())
-    write(diary.place / "triangles", seen, card(seen, count=30, seed=9)[0])
+    write(diary.place / "triangles", seen, card(seen, count=30, seed=9))
     return time_ratio(diary, "triangles", ("--waveform", "triangle"), ("--waveform", "sine"))
 
 
@@ -212,55 +198,24 @@ def time_ratio(diary: Diary, capture: str, options: Sequence[str], reference: Se
 
 
 def camera(waveform: Waveform = "sine") -> DefectiveCamera:
-    metadata = CaptureMetadata(
-        modulation=Modulation(waveform=waveform),
-        pixel=Pixel(integration_length=1e5),
-        optics=Optics(focal_length_px=280.0, principal_point_px=(159.5, 119.5)),
-    )
-    return DefectiveCamera(metadata=qvga_metadata(metadata), pixels=PIXELS, defects=DEFECTS)
+    return campaign.camera(DEFECTS, waveform=waveform, pixels=PIXELS)
 
 
 def record(place: Path, seen: DefectiveCamera) -> None:
-    nothing = np.zeros((1, *PIXELS))
-    write(place / "covered", seen, seen.frames(nothing, nothing, count=20, seed=1))
+    write(place / "covered", seen, covered(seen, count=20))
     for index, distance in enumerate(TARGETS_M):
-        write(
-            place / f"target_{distance}m", seen, wall(seen, distance, (0.0, 0.0), count=10, seed=10 + index), distance
-        )
-    write(place / "wall_1m", seen, wall(seen, 1.0, (3.0, -2.0), count=10, seed=20))
-    write(place / "wall_3m", seen, wall(seen, 3.0, (-2.0, 4.0), count=10, seed=21))
-    frames, truth = card(seen, count=4, seed=30)
-    write(place / "card", seen, frames)
-    write_layers(place / "card/truth.exr", {DIRECT_DEPTH: truth.astype(np.float32)})
-
-
-def wall(
-    seen: DefectiveCamera, distance_m: float, tilt_deg: tuple[float, float], *, count: int, seed: int
-) -> list[NDArray[np.uint16]]:
-    ranges = seen.wall_range_m(distance_m, tilt_deg)[np.newaxis]
-    return seen.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=count, seed=seed)
+        frames = wall(seen, distance, count=10, seed=10 + index)
+        write(place / f"target_{distance}m", seen, frames, distance_m=distance)
+    write(place / "wall_1m", seen, wall(seen, 1.0, tilt_deg=(3.0, -2.0), count=10, seed=20))
+    write(place / "wall_3m", seen, wall(seen, 3.0, tilt_deg=(-2.0, 4.0), count=10, seed=21))
+    write(place / "card", seen, card(seen, count=4, seed=30))
+    write_layers(place / "card/truth.exr", {DIRECT_DEPTH: np.full(PIXELS, CARD_M, np.float32)})
 
 
 def card(
     seen: DefectiveCamera, *, count: int, seed: int, separations_ns: tuple[float, float] = (3.0, 20.0)
-) -> tuple[list[NDArray[np.uint16]], Float]:
-    """Return frames of the two-path card (ASR 2, direct path at 0.75 m, top rows without MPI) and its direct range."""
-    separation = np.broadcast_to(np.linspace(*separations_ns, PIXELS[1]), PIXELS)
-    ratio = np.broadcast_to(np.linspace(0.05, 0.6, PIXELS[0])[:, np.newaxis], PIXELS).copy()
-    ratio[:CLEAN_ROWS] = 0.0
-    total = 3.0 + ratio
-    direct = np.full(PIXELS, 0.75)
-    ranges = np.stack([direct, direct + 0.5 * C_M_PER_NS * separation])
-    return seen.frames(ranges, np.stack([1.0 / total, ratio / total]), count=count, seed=seed), direct
-
-
-def write(
-    folder: Path, seen: DefectiveCamera, frames: list[NDArray[np.uint16]], distance_m: float | None = None
-) -> None:
-    folder.mkdir()
-    (folder / "capture.toml").write_text(toml_text(replace(seen.metadata, target=Target(distance_m=distance_m))))
-    for index, frame in enumerate(frames):
-        tifffile.imwrite(folder / f"frame_{index:04}.tif", frame, photometric="minisblack", metadata={"axes": "HCYX"})
+) -> list[NDArray[np.uint16]]:
+    return campaign.card(seen, count=count, seed=seed, separations_ns=separations_ns, weakest=0.05)
 
 
 if __name__ == "__main__":

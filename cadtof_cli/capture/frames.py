@@ -179,7 +179,8 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
             read_like = _last.read_like
             stored = read_like(path)
     if stored is not None:
-        yield Frames(1, stored.shape, stored.dtype, lambda _=0, whole=stored, /: whole, read_like)
+        whole = stored
+        yield Frames(1, whole.shape, whole.dtype, lambda _: whole, read_like)
         return
     kind = detect_format(path, raw=layout.raw is not None)
     if not kind.whole:

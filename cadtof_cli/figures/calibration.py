@@ -33,8 +33,7 @@ def draw_calibration(calibration: Calibration, path: Path, /, *, title: str) -> 
 def _dark_rows(dark: DarkCalibration) -> list[list[Block]]:
     """Return a row for each harmonic: the offsets of both channels, and the noise of one frame in both channels."""
     offset, noise = 1000.0 * dark.offset_v.astype(np.float64), 1000.0 * dark.noise_v.astype(np.float64)
-    bad = dark.defects != 0
-    offset[..., bad], noise[..., bad] = np.nan, np.nan
+    offset[..., dark.hot], noise[..., dark.hot] = np.nan, np.nan
     of_offset, of_noise = signed_limits(offset, share=99.5), (0.0, limits_of(noise)[1])
     return [
         [

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.textpath import TextPath
 
-from cadtof_cli.units import shortened
+from cadtof_cli.units import printable, shortened
 
 mpl.rcdefaults()
 
@@ -31,9 +31,7 @@ def drawable(text: str, /) -> str:
     return "".join(
         sign
         if ord(sign) in _drawn_characters()
-        else repr(sign)[1:-1]
-        if not sign.isprintable()
-        else f"\\u{{{ord(sign):x}}}"
+        else (f"\\u{{{ord(sign):x}}}" if sign.isprintable() else printable(sign))
         for sign in text
     )
 

@@ -57,7 +57,7 @@ def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: 
         ) from None
     shape = (len(layout.harmonics), CHANNELS, *array.shape[-2:])
 
-    def read(index: int = 0, /) -> Stored:
+    def read(index: int) -> Stored:
         return _planes(path, array, table[index].ravel()).reshape(shape)
 
     yield Frames(len(table), shape, array.dtype.newbyteorder("="), read)

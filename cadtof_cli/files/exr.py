@@ -176,7 +176,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     parts = read_parts(path)
     planes = _planes(path, parts, voltage_places(parts, layout, where=str(path)))
     stored = planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:])
-    yield Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored)
+    yield Frames(1, stored.shape, stored.dtype, lambda _: stored)
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -62,13 +62,6 @@ class FrameLayout:
         return tuple(plane_name(harmonic, channel) for harmonic in self.harmonics for channel in (1, 2))
 
 
-class ReadFrame(Protocol):
-    """How a frame of an open file is read."""
-
-    def __call__(self, index: int = 0, /) -> Stored:
-        """Return frame `index` with its stored values: shape (H, C, Y, X), C-contiguous, native byte order."""
-
-
 @dataclass(frozen=True, eq=False)
 class Frames:
     """The frames of one open file.
@@ -77,7 +70,7 @@ class Frames:
         count: number of frames.
         shape: shape of one frame, (H, C, Y, X).
         dtype: type of the stored values, native byte order.
-        read: reads one frame.
+        read: returns the stored values of the frame with this index, shape (H, C, Y, X), C-contiguous, native byte order.
         read_like: a quick way to read the single frame of another file, if all bytes around its pixels are the same as
             in this file. Such a file needs no checks, because this file passed them. The function returns None for any
             other file, and raises OSError if the file cannot be read. None: the reader has no such function.
@@ -86,7 +79,7 @@ class Frames:
     count: int
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    read: ReadFrame
+    read: Callable[[int], Stored]
     read_like: Callable[[Path], Stored | None] | None = None
 
 

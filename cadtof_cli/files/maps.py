@@ -12,9 +12,9 @@ import numpy as np
 from xxhash import xxh3_128
 
 from cadtof_cli.arrays import Float32, Status
-from cadtof_cli.errors import FrameError, OutputError
+from cadtof_cli.errors import FrameError
 from cadtof_cli.files.atomic import PartialFile, not_written
-from cadtof_cli.files.formats import MAP_SUFFIXES, format_by_suffix
+from cadtof_cli.files.formats import format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
 from cadtof_cli.version import __version__
@@ -100,20 +100,11 @@ class MapHeader:
     Attributes:
         units: unit of each layer by its name; empty text for pure numbers.
         facts: texts by name, such as the kind of depth, the periods, the recorded frame and the digest of a
-            calibration.
+            calibration. All their characters are printable; a header holds no bytes that are not UTF-8.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
-
-    def of_frame(self, source: str, /) -> "MapHeader":
-        """Return this header with one more fact: the name of the recorded frame.
-
-        Characters of the name that a header cannot hold, such as bytes that are not UTF-8, are escaped.
-        """
-        if not source.isprintable():
-            source = "".join(one if one.isprintable() else repr(one)[1:-1] for one in source)
-        return MapHeader(self.units, {**self.facts, SOURCE: source})
 
 
 def file_digest(path: Path, /) -> str:
@@ -133,8 +124,8 @@ def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str)
     time.
     """
     kind = format_by_suffix(path)
-    if kind is None or kind.layers is None:
-        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
+    assert kind is not None
+    assert kind.layers is not None
     partial = PartialFile(path, token=token)
     try:
         parts = kind.layers().write_maps(partial.temporary, maps, header=header)

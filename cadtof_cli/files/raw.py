@@ -30,8 +30,8 @@ def read_plane(path: Path, layout: FrameLayout, /) -> Stored:
 
 def _mapped(path: Path, layout: FrameLayout) -> Mapped:
     raw = layout.raw
-    if raw is None:
-        raise FrameError(f"{path}: a raw dump does not say what it holds: give dtype and shape under [layout.raw]")
+    # without it, no file counts as a dump: see `detect_format`
+    assert raw is not None
     with damage_as_frame_error(path, "raw"):
         dtype, size = np.dtype(raw.dtype), require_regular(path).st_size
         once = math.prod(raw.shape) * dtype.itemsize

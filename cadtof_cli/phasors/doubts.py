@@ -26,6 +26,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Stored, median
 from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
 
@@ -66,9 +67,6 @@ there."""
 _UNEVEN, _UNEVEN_SHARE = 0.1, 0.15
 """Difference between the amplitudes of harmonics beyond noise, relative to the largest, and the least share of pixels with a
 larger one, for a plane without light. Light of one phase has the same amplitude at all harmonics, even if a channel is 0."""
-
-_MEDIAN_OF_NORMAL = 0.6745
-"""Median magnitude of a normal distribution, in units of its standard deviation."""
 
 _SHEARED = 1.4
 """Threshold for height and width being swapped, on d(width)/d(height) divided by (longer side)/(shorter side). d(n) is
@@ -193,7 +191,7 @@ def wrong_planes(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
     here, change = here - metadata.voltage.zero, beside - here
     # the median leaves out edges of the scene, between which neighbours differ by more than noise
-    noise = median(np.abs(change)) / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
+    noise = median(np.abs(change)) / (MAD_PER_SIGMA * math.sqrt(2.0))
     if (dark := _without_light(here, change, noise)).any():
         names = plane_names(metadata.modulation.harmonics)
         found = ", ".join(name for name, is_dark in zip(names, dark, strict=True) if is_dark)
@@ -268,10 +266,10 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     likely = max(shares, key=lambda words: shares[words])
     if shares[likely] <= least:
         return None
+    planes = ", ".join(plane_names(metadata.modulation.harmonics))
     return (
         f"the phases of the harmonics fit each other in only {as_read:.0%} of the pixels; {likely}, they would in "
-        f"{shares[likely]:.0%}: are the planes in the order {', '.join(plane_names(metadata.modulation.harmonics))}, and are "
-        "their signs right?"
+        f"{shares[likely]:.0%}: are the planes in the order {planes}, and are their signs right?"
     )
 
 

@@ -1,4 +1,4 @@
-"""Recorded frames of a scene that stands still → their mean, which has less noise, and their scatter about it."""
+"""Recorded frames of a scene that stands still → their mean, which has less noise; in V, also their scatter about it."""
 
 from collections.abc import Iterable
 
@@ -14,47 +14,58 @@ from cadtof_cli.records import dataclass
 
 @dataclass(frozen=True, eq=False)
 class FrameMean:
-    """The mean of frames.
+    """The mean of frames, which is resolved in place of one frame.
 
     Attributes:
-        stored: the mean, (H, 2, Y, X).
-        samples: number of frames that each pixel is a mean of, float64 (Y, X); None: `frames` for every pixel.
-        dtype: of the values as they were recorded; float64 if the mean is in V.
-        frames: how many frames there were.
-        variance: sample variance of one frame about the mean, float64 (H, 2, Y, X); None: not measured.
-        step: between neighbouring values that a frame can hold, in the unit of the mean; 0 for floating-point values.
+        stored: the mean of the stored values, (H, 2, Y, X).
+        samples: number of frames that each pixel is a mean of, float64 (Y, X).
+        dtype: of the values as they were recorded.
     """
 
     stored: Stored
-    samples: Float | None
+    samples: Float
     dtype: np.dtype[np.generic]
+
+
+@dataclass(frozen=True, eq=False)
+class MeanVolts:
+    """The mean of frames in V, which a calibration is measured from.
+
+    Attributes:
+        volts: the mean, float64 (H, 2, Y, X); NaN in pixels that were not sound in every frame.
+        variance: sample variance of one frame about the mean, in V², float64 (H, 2, Y, X); 0 if there is one frame.
+        frames: how many frames there were.
+        step: between neighbouring values that a frame can hold, in V; 0 for floating-point values.
+    """
+
+    volts: Float
+    variance: Float
     frames: int
-    variance: Float | None = None
     step: float = 0.0
 
     @property
     def pixels(self) -> tuple[int, int]:
         """Size of the array, (Y, X)."""
-        height, width = self.stored.shape[2:]
+        height, width = self.volts.shape[2:]
         return height, width
 
     @property
     def sound(self) -> Bool:
         """The pixels with a finite mean at every harmonic and channel, (Y, X)."""
-        return np.asarray(np.isfinite(self.stored).all(axis=(0, 1)))
+        return np.asarray(np.isfinite(self.volts).all(axis=(0, 1)))
 
     def frame_noise(self) -> Float:
-        """Return the typical standard deviation of one frame's values at each harmonic, (H,): 0 if it was not measured.
+        """Return the typical standard deviation of one frame's values at each harmonic, (H,): 0 if there is one frame.
 
         It is at least that of rounding to steps, which frames do not show if their noise is smaller than a step.
         """
-        if self.variance is None or self.frames < 2:
-            return np.zeros(self.stored.shape[0])
+        if self.frames < 2:
+            return np.zeros(self.volts.shape[0])
         typical = np.median(self.variance[:, :, self.sound], axis=(1, 2)) / median_variance_ratio(self.frames)
         return np.asarray(np.sqrt(np.maximum(typical, self.rounding)))
 
     def mean_noise(self) -> Float:
-        """Return the typical standard deviation of the mean's values at each harmonic, (H,): 0 if it was not measured.
+        """Return the typical standard deviation of the mean's values at each harmonic, (H,): 0 if there is one frame.
 
         The rounding errors that all frames have in common stay in their mean (`repeated_rounding`).
         """
@@ -79,37 +90,29 @@ def median_variance_ratio(frames: int, /) -> float:
 
 
 def frame_mean(frames: Iterable[Stored], /, *, saturated_counts: tuple[float, float] | None) -> FrameMean:
-    """Return the mean of frames of stored values, (H, 2, Y, X) each.
+    """Return the mean of one or more frames of stored values, (H, 2, Y, X) each.
 
     The mean of a pixel is over the frames in which it is sound. A pixel that is sound in no frame keeps its values of
     the first frame, and counts as one sample.
-
-    Raises:
-        ValueError: there is no frame.
     """
-    number = 0
-    for number, stored in enumerate(frames, start=1):
-        if number == 1:
+    for number, stored in enumerate(frames):
+        if number == 0:
             first, total, count = stored, np.zeros(stored.shape), np.zeros(stored.shape[2:])
         sound = sound_pixels(stored, saturated_counts)
         total += np.where(sound, stored, 0)
         count += sound
-    if not number:
-        raise ValueError("the mean of no frames")
     samples = np.maximum(count, 1.0)
-    return FrameMean(np.where(count > 0.0, total / samples, first), samples, first.dtype, number)
+    return FrameMean(np.where(count > 0.0, total / samples, first), samples, first.dtype)
 
 
-def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
-    """Return the mean in V, and the variance in V², of frames of stored values, (H, 2, Y, X) each.
+def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> MeanVolts:
+    """Return the mean of one or more frames of stored values, (H, 2, Y, X) each.
 
-    The mean is NaN for a pixel that was not sound in every frame. Welford's update loses no digits to a large offset.
+    Welford's update loses no digits to a large offset.
 
     Raises:
         SettingsError: sizes of frames differ, or nothing says how many volts one count stands for.
-        ValueError: there is no frame.
     """
-    count = 0
     for count, stored in enumerate(frames, start=1):
         volts = volts_from_stored(stored, voltage)
         if count == 1:
@@ -123,7 +126,5 @@ def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
             change = volts - mean
             mean += change / count
             squares += change * (volts - mean)
-    if not count:
-        raise ValueError("the mean of no frames")
     variance = squares / max(count - 1, 1)
-    return FrameMean(np.where(sound, mean, np.nan), None, mean.dtype, count, variance, step)
+    return MeanVolts(np.where(sound, mean, np.nan), variance, count, step)

@@ -3,6 +3,8 @@
 import html
 from collections.abc import Iterable, Sequence
 
+from cadtof_cli.units import printable
+
 
 class Markup(str):
     """Text that is markup already, so that it is not escaped."""
@@ -14,11 +16,6 @@ EMPTY = Markup("")
 
 _VOID = frozenset({"img"})
 """Elements that HTML calls void: they have no children and no end tag."""
-
-
-def printable(raw: str, /) -> str:
-    """Return a text in which characters that are invisible, change the direction of writing or are no Unicode, are escaped."""
-    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in raw)
 
 
 def text(raw: object, /) -> Markup:

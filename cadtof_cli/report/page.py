@@ -14,7 +14,7 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import write_text
 from cadtof_cli.report.colours import Limits, palette
 from cadtof_cli.report.frames import EmbeddedFrame
-from cadtof_cli.report.markup import Markup, element, joined, printable, text
+from cadtof_cli.report.markup import Markup, element, joined, text
 from cadtof_cli.report.sections import (
     PageText,
     embedded_section,
@@ -26,6 +26,7 @@ from cadtof_cli.report.sections import (
     summary,
 )
 from cadtof_cli.resolver.status import StatusBit, bit_words
+from cadtof_cli.units import printable
 from cadtof_cli.version import __version__
 
 SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud.js", "panels.js", "main.js")

@@ -236,7 +236,7 @@ def test_a_frame_that_lacks_a_plane_fails_alone(tmp_path: Path) -> None:
     capture = _found_planes(tmp_path)
     assert _names(capture) == ["a", "b"]
     with open_frames(capture.frames[1], capture.layout) as frames:
-        assert np.array_equal(frames.read(), recorded)
+        assert np.array_equal(frames.read(0), recorded)
     with pytest.raises(FrameError) as caught, open_frames(capture.frames[0], capture.layout):
         pass
     assert str(caught.value) == f"{tmp_path / 'a_h2_sc1.tif'}: no such file, expected H2.SC1 of frame a there"

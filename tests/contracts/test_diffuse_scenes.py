@@ -234,7 +234,7 @@ def test_pixels_of_nan_have_no_answer_and_do_not_harm_the_others(name: str, mode
 
 
 def averaged(volts: F) -> FrameMean:
-    return FrameMean(volts, np.full(volts.shape[2:], 4.0), volts.dtype, frames=4)
+    return FrameMean(volts, np.full(volts.shape[2:], 4.0), volts.dtype)
 
 
 @pytest.mark.parametrize("variant", ["pool 3", "average 4", "z", "unknown optics", "estimated noise", "beyond 6 m"])

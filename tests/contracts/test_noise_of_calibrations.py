@@ -73,9 +73,7 @@ def resolved(folder: Path, parts: tuple[Part, ...], frames: int, metadata: Captu
     calibration: Calibration | None = load_calibration(folder) if parts else None
     use = CalibrationUse(folder, calibration.digest) if calibration else None
     volts, truth = recorded()
-    mean = FrameMean(
-        np.mean(volts[:frames], axis=0), np.full(truth.shape, float(frames)), volts[0].dtype, frames=frames
-    )
+    mean = FrameMean(np.mean(volts[:frames], axis=0), np.full(truth.shape, float(frames)), volts[0].dtype)
     return resolve_frame(mean, plan=FramePlan(metadata=metadata, calibration=use), calibration=calibration)
 
 

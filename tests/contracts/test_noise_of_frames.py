@@ -82,9 +82,7 @@ def test_an_estimated_sigma_is_true_if_counts_are_as_coarse_as_the_noise(
     for _ in range(frames):
         counts += np.rint(ramp_v(rng, delays, asr) / count_v + 2048.0) / frames
     whole = np.dtype(np.uint16)
-    frame = (
-        FrameMean(counts, np.full(delays.shape, float(frames)), whole, frames) if frames > 1 else counts.astype(whole)
-    )
+    frame = FrameMean(counts, np.full(delays.shape, float(frames)), whole) if frames > 1 else counts.astype(whole)
     maps = resolve_frame(frame, plan=plan).maps
     one = (maps.status & StatusBit.ONE_PATH) > 0
     assert one.mean() > 0.975
@@ -101,7 +99,7 @@ def test_sigma_of_a_mean_of_frames_includes_the_rounding_that_is_the_same_in_all
     delays = np.linspace(4.0, 12.0, 60)[:, np.newaxis] + np.linspace(0.0, 2.0, 80)
     rng = np.random.default_rng(6)
     counts = np.mean([np.rint(ramp_v(rng, delays, asr) / count_v + 200.0) for _ in range(16)], axis=0)
-    maps = resolve_frame(FrameMean(counts, np.full(delays.shape, 16.0), np.dtype(np.uint16), 16), plan=plan).maps
+    maps = resolve_frame(FrameMean(counts, np.full(delays.shape, 16.0), np.dtype(np.uint16)), plan=plan).maps
     one = (maps.status & StatusBit.ONE_PATH) > 0
     assert one.mean() > 0.98
     off = np.abs(maps.layer("direct.depth") - depth_m(1.0) * delays) / maps.layer("direct.sigma")
@@ -159,7 +157,7 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
     volts[:, :, 3:6] *= 0.025
     maps = {}
     for name, n_av, frame in (
-        ("mean", 1e4, FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype, 9)),
+        ("mean", 1e4, FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype)),
         ("long", longer, volts),
     ):
         metadata = replace(METADATA, modulation=Modulation(waveform=waveform), pixel=Pixel(integration_length=n_av))
@@ -185,7 +183,7 @@ def test_an_estimated_integration_length_is_that_of_one_frame_of_a_mean() -> Non
     """The estimate comes from the mean, which has the noise of a frame of 9 times the length."""
     volts = recorded_v(Light(2.0), n_av=9e4)
     plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1"), average=9))
-    resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype, 9), plan=plan)
+    resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype), plan=plan)
     assert resolved.noise.estimated
     assert resolved.noise.integration_length == pytest.approx(1e4, rel=0.1)
     scatter = (resolved.maps.layer("direct.depth") - depth_m(5.0)).std()
@@ -311,7 +309,7 @@ def test_a_mean_of_noise_alone_still_has_an_integration_length() -> None:
     """
     volts = np.random.default_rng(1).normal(0.0, AMPLITUDE_V, (2, 2, *SHAPE))
     plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(average=9))
-    resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype, 9), plan=plan)
+    resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype), plan=plan)
     assert 0.5 < resolved.noise.integration_length < 1.0
 
 

@@ -65,4 +65,4 @@ def test_exrmultipart_combines_one_file_per_harmonic(names: tuple[str, str], tmp
     ]
     tool("exrmultipart", "-combine", "-i", *files, "-o", tmp_path / "frame.exr", "-override", "1")
     with open_frames(FrameSource("frame", (tmp_path / "frame.exr",)), LAYOUT) as frames:
-        assert np.array_equal(frames.read(), recorded)
+        assert np.array_equal(frames.read(0), recorded)

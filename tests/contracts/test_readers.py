@@ -45,7 +45,7 @@ def test_every_sample_type_of_either_byte_order_is_read(dtype: str, byteorder: A
     recorded = known_frame(dtype)
     source = tiff(byteorder=byteorder, metadata={"axes": "HCYX"})(tmp_path / "frame", recorded)
     with open_frames(source, LAYOUT) as frames:
-        _assert_same(frames.read(), recorded)
+        _assert_same(frames.read(0), recorded)
 
 
 @pytest.mark.parametrize(("write", "dtype"), [(tiff(), "f4"), (exr(), "f4"), (exr(), "f2")])
@@ -53,7 +53,7 @@ def test_nan_and_infinities_stay_as_they_are(write: Callable[..., FrameSource], 
     recorded = known_frame(dtype)
     recorded[0, 0, 0, :3] = np.nan, np.inf, -np.inf
     with open_frames(write(tmp_path / "frame", recorded), LAYOUT) as frames:
-        _assert_same(frames.read(), recorded)
+        _assert_same(frames.read(0), recorded)
 
 
 @pytest.mark.parametrize("harmonics", [(1,), (1, 2, 3)])
@@ -61,7 +61,7 @@ def test_frames_of_any_number_of_harmonics_are_read(harmonics: tuple[int, ...], 
     recorded = np.arange(len(harmonics) * 2 * 5 * 7, dtype="u2").reshape(-1, 2, 5, 7)
     source = tiff(metadata=None)(tmp_path / "frame", recorded.reshape(-1, 5, 7))
     with open_frames(source, FrameLayout(harmonics)) as frames:
-        _assert_same(frames.read(), recorded)
+        _assert_same(frames.read(0), recorded)
 
 
 def test_one_harmonic_needs_no_number_in_exr(tmp_path: Path) -> None:
@@ -69,7 +69,7 @@ def test_one_harmonic_needs_no_number_in_exr(tmp_path: Path) -> None:
     path = tmp_path / "frame.exr"
     OpenEXR.File({}, {"SC1": recorded[0, 0].copy(), "SC2": recorded[0, 1].copy()}, num_threads=0).write(str(path))
     with open_frames(FrameSource("frame", (path,)), FrameLayout((1,))) as frames:
-        _assert_same(frames.read(), recorded)
+        _assert_same(frames.read(0), recorded)
 
 
 @pytest.mark.parametrize("names", [("H1", "H3"), ("H1", "H2")], ids=["numbers", "places"])
@@ -80,7 +80,7 @@ def test_harmonics_in_exr_are_called_by_number_or_place(names: tuple[str, str], 
     channels["H5.SC1"] = channels["confidence"] = np.zeros_like(recorded[0, 0])
     OpenEXR.File({}, channels, num_threads=0).write(str(path))
     with open_frames(FrameSource("frame", (path,)), FrameLayout((1, 3))) as frames:
-        _assert_same(frames.read(), recorded)
+        _assert_same(frames.read(0), recorded)
 
 
 def test_the_format_follows_from_the_content_of_a_file_not_from_its_name(tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_the_format_follows_from_the_content_of_a_file_not_from_its_name(tmp_pat
     source = exr()(tmp_path / "frame", recorded)
     disguised = source.paths[0].rename(tmp_path / "frame.tif")
     with open_frames(FrameSource("frame", (disguised,)), LAYOUT) as frames:
-        _assert_same(frames.read(), recorded)
+        _assert_same(frames.read(0), recorded)
 
 
 Arrange = Callable[[Stored], Stored]

@@ -17,6 +17,6 @@ def message(path: Path, layout: FrameLayout = LAYOUT, *, kind: type[FrameError] 
 
 def message_of(source: FrameSource, layout: FrameLayout = LAYOUT, *, kind: type[FrameError] = FrameError) -> str:
     with pytest.raises(FrameError) as caught, open_frames(source, layout) as frames:
-        frames.read()
+        frames.read(0)
     assert type(caught.value) is kind
     return str(caught.value)

@@ -215,7 +215,7 @@ path = Path(sys.argv[1])
 with open_frames(FrameSource("frame", (path,)), FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53)))) as frames:
     os.truncate(path, 9000)
     try:
-        frames.read()
+        frames.read(0)
     except FrameError as error:
         print(error)
 """
@@ -283,7 +283,7 @@ def test_png_planes_of_any_program_are_a_frame(
     for file, plane in zip(files, recorded.reshape(4, 37, 53), strict=True):
         write(file, np.ascontiguousarray(plane))
     with open_frames(FrameSource("frame", files), LAYOUT) as frames:
-        np.testing.assert_array_equal(frames.read(), recorded)
+        np.testing.assert_array_equal(frames.read(0), recorded)
         assert frames.dtype == recorded.dtype
 
 
@@ -318,7 +318,7 @@ def test_a_png_whose_exif_says_that_it_is_turned(orientation: int, tmp_path: Pat
         assert message_of(source).startswith(f"{path}: found orientation {orientation}, so rows or columns are turned")
     else:
         with open_frames(source, LAYOUT) as frames:
-            np.testing.assert_array_equal(frames.read()[0, 0], plane)
+            np.testing.assert_array_equal(frames.read(0)[0, 0], plane)
 
 
 @pytest.mark.parametrize("exif", [b"II*\0", b"MM\0*\xff\xff\xff\xff", b"MM\0*\0\0\0\x08\xff\xff\x01\x12", b"a text"])
@@ -329,7 +329,7 @@ def test_a_png_whose_exif_says_nothing_is_read(exif: bytes, tmp_path: Path) -> N
     path, (plane, *_) = tmp_path / "plane.png", known_frame("u2").reshape(4, 37, 53)
     Image.fromarray(plane).save(path, exif=exif)
     with open_frames(FrameSource("frame", (path,) * 4), LAYOUT) as frames:
-        np.testing.assert_array_equal(frames.read()[0, 0], plane)
+        np.testing.assert_array_equal(frames.read(0)[0, 0], plane)
 
 
 def test_every_byte_of_a_png_is_checked(tmp_path: Path) -> None:

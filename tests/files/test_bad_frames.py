@@ -319,4 +319,4 @@ def test_a_reader_imports_only_the_library_that_it_needs(tmp_path: Path, monkeyp
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setattr(builtins, "__import__", refuse)
     with open_frames(source, LAYOUT) as frames:
-        assert frames.read().dtype == np.uint16
+        assert frames.read(0).dtype == np.uint16

@@ -125,6 +125,9 @@ def test_words_in_an_exr_that_do_not_say_each_plane_once_are_no_frame(names: lis
         ["50 MHz SC1", "50 MHz SC2", "20 MHz SC1", "20 MHz SC2"],
         ["a SC1, SC2 of H1 and H2"] * 4,
         [f"{'a long story of ' * 20} h{harmonic} sc{channel}" for harmonic in (2, 1) for channel in (2, 1)],
+        ["camera SC1"] * 4,
+        ["SC1 A", "SC2 A", "SC1 B", "B"],
+        ["0 ns SC1"] * 2 + ["none"] * 2,
     ],
 )
 def test_words_that_do_not_say_each_plane_leave_the_order(names: list[str]) -> None:
@@ -271,16 +274,3 @@ def test_names_of_a_stack_that_say_channels_alone_must_agree_with_its_order() ->
     assert table.ravel().tolist() == list(range(8))
     with pytest.raises(FrameError, match="found two planes whose names mean the same plane"):
         plane_table("Q", [8], layout, where="file", names=sorted(names))
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        ["camera SC1"] * 4,
-        ["SC1 A", "SC2 A", "SC1 B", "B"],
-        ["0 ns SC1"] * 2 + ["none"] * 2,
-    ],
-)
-def test_words_that_do_not_say_every_channel_as_often_leave_the_order(names: list[str]) -> None:
-    table = plane_table("Q", [4], FrameLayout((1, 2)), where="file", names=names)
-    assert table.ravel().tolist() == list(range(4))

@@ -136,7 +136,7 @@ def test_a_mean_may_exceed_the_modulation_by_less_than_one_recording() -> None:
     metadata = recorded((1, 2), n_av=1e3)
     assert not (resolved(stored, metadata=metadata).status & StatusBit.IMPOSSIBLE).any()
     samples = np.full(stored.shape[2:], 1000.0)
-    mean = resolved(FrameMean(stored, samples, stored.dtype, 1000), metadata=metadata)
+    mean = resolved(FrameMean(stored, samples, stored.dtype), metadata=metadata)
     assert (mean.status == StatusBit.IMPOSSIBLE | StatusBit.POOLED).all()
     assert np.isnan(mean.layer("direct.depth")).all()
 

@@ -5,7 +5,8 @@ from html.parser import HTMLParser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cadtof_cli.report.markup import Markup, element, printable, table, text
+from cadtof_cli.report.markup import Markup, element, table, text
+from cadtof_cli.units import printable
 
 
 class _Reader(HTMLParser):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
 from cadtof_cli.capture.toml import toml_text
 from tests.support.defects import DefectiveCamera, Defects, qvga_metadata
+from tests.support.run_cadtof import cadtof
 
 PIXELS = (60, 80)
 C_M_PER_NS = 0.299792458
@@ -27,6 +28,8 @@ ALL_DEFECTS = Defects(
 )
 
 TARGETS_M = (0.5, 1.0, 1.7, 2.4, 3.0)
+
+CARD_M = 0.75
 
 
 def camera(
@@ -74,14 +77,16 @@ def card(
     seed: int,
     separations_ns: tuple[float, float] = (6.0, 20.0),
     clean: float = 1 / 6,
+    weakest: float = 0.1,
 ) -> list[NDArray[np.uint16]]:
-    """Return frames of the two-path card: direct path at 0.75 m, ASR 2; the first rows have no MPI."""
+    """Return frames of the two-path card: direct path at `CARD_M`, ASR 2, MPI from the ratio `weakest` at the top to 0.6
+    at the bottom; the first rows have no MPI."""
     height, width = camera.pixels
     separation = np.broadcast_to(np.linspace(*separations_ns, width), (height, width))
-    ratio = np.broadcast_to(np.linspace(0.1, 0.6, height)[:, np.newaxis], (height, width)).copy()
+    ratio = np.broadcast_to(np.linspace(weakest, 0.6, height)[:, np.newaxis], (height, width)).copy()
     ratio[: round(clean * height)] = 0.0
     total = 3.0 + ratio
-    ranges = np.stack([np.full((height, width), 0.75), 0.75 + 0.5 * C_M_PER_NS * separation])
+    ranges = np.stack([np.full((height, width), CARD_M), CARD_M + 0.5 * C_M_PER_NS * separation])
     return camera.frames(ranges, np.stack([1.0 / total, ratio / total]), count=count, seed=seed)
 
 
@@ -105,3 +110,10 @@ def record_campaign(folder: Path, camera: DefectiveCamera) -> Campaign:
     near = write(folder / "wall_1m", camera, wall(camera, 1.0, tilt_deg=(3.0, -2.0), count=10, seed=20))
     far = write(folder / "wall_3m", camera, wall(camera, 3.0, tilt_deg=(-2.0, 4.0), count=10, seed=21))
     return Campaign(camera, dark, targets, (near, far))
+
+
+def calibrate(campaign: Campaign, out: Path) -> None:
+    """Measure all parts of a calibration from a campaign."""
+    for step in (("dark", campaign.dark), ("response", *campaign.targets), ("petzval", *campaign.walls)):
+        done = cadtof("calibrate", *step, "-o", out)
+        assert done.status == 0, done.err

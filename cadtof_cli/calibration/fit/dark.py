@@ -11,7 +11,7 @@ from cadtof_cli.calibration.dark import DarkCalibration, Defect
 from cadtof_cli.calibration.fit.robust import centre_and_spread
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.frame_mean import FrameMean, median_variance_ratio
+from cadtof_cli.phasors.frame_mean import MeanVolts, median_variance_ratio
 
 OFFSET_LIMIT = 8.0
 """An offset is an outlier beyond this many robust standard deviations. Gaussian offsets reach 5.5 in a megapixel."""
@@ -34,7 +34,7 @@ NOISE_RATIO = 2.0
 """Least ratio of an outlier's noise to the noise of the other pixels, or of theirs to its."""
 
 
-def fit_dark(mean: FrameMean, /, *, origin: Origin, predicted_noise_v: float) -> DarkCalibration:
+def fit_dark(mean: MeanVolts, /, *, origin: Origin, predicted_noise_v: float) -> DarkCalibration:
     """Return the dark calibration from the mean, in V, of frames of a covered lens.
 
     `predicted_noise_v` is the noise of a channel of one frame. It is used if there is only one frame, which does not
@@ -52,11 +52,11 @@ def fit_dark(mean: FrameMean, /, *, origin: Origin, predicted_noise_v: float) ->
         raise SettingsError(
             "dark frames: found no pixel that is finite and not saturated in all of them, expected most pixels"
         )
-    measured = mean.variance if mean.frames > 1 else None
-    variances = np.full_like(mean.stored, max(predicted_noise_v**2, mean.rounding)) if measured is None else measured
+    predicted = np.full_like(mean.volts, max(predicted_noise_v**2, mean.rounding))
+    variances = mean.variance if mean.frames > 1 else predicted
     defects, dead_are_told = np.zeros(mean.pixels, np.uint32), tells_dead(mean)
     defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)
-    for offset, variance in zip(_planes(mean.stored), _planes(variances), strict=True):
+    for offset, variance in zip(_planes(mean.volts), _planes(variances), strict=True):
         centre, spread = centre_and_spread(offset)
         most = max(OFFSET_LIMIT * spread, ROUNDING * abs(centre), ROUNDING_V)
         defects[np.abs(offset - centre) > most] |= np.uint32(Defect.OFFSET)
@@ -69,18 +69,18 @@ def fit_dark(mean: FrameMean, /, *, origin: Origin, predicted_noise_v: float) ->
                 if dead_are_told:
                     defects[variance < low * typical] |= np.uint32(Defect.DEAD)
     noise = np.sqrt(np.nan_to_num(variances)).astype(np.float32)
-    dark = DarkCalibration(origin, np.nan_to_num(mean.stored).astype(np.float32), noise, defects)
+    dark = DarkCalibration(origin, np.nan_to_num(mean.volts).astype(np.float32), noise, defects)
     return replace(dark, figures=_with_rounding(dark.quality(), mean)) if mean.step and mean.frames > 1 else dark
 
 
-def _with_rounding(figures: Mapping[str, float], mean: FrameMean) -> dict[str, float]:
+def _with_rounding(figures: Mapping[str, float], mean: MeanVolts) -> dict[str, float]:
     """Return the figures of a part from frames of counts: their noise includes rounding, and so do their offsets."""
     noise = max(figures["noise_v"], math.sqrt(mean.rounding))
     longer = float(np.max(mean.mean_noise() / mean.frame_noise()))
     return {**figures, "noise_v": noise, "offset_stderr_v": noise * longer}
 
 
-def tells_dead(mean: FrameMean, /) -> bool:
+def tells_dead(mean: MeanVolts, /) -> bool:
     """Return whether there are enough frames to tell dead pixels: no sound pixel then holds the same value in all of
     them by chance.
 
@@ -95,7 +95,7 @@ def tells_dead(mean: FrameMean, /) -> bool:
     sigma = max(math.sqrt(max(variance, 0.0)) / abs(mean.step), 1e-3)
     level = np.linspace(-1.0, 1.0, 3001) * (0.5 + 6.0 * sigma)
     same = (ndtr((0.5 - level) / sigma) - ndtr((-0.5 - level) / sigma)) ** mean.frames
-    return float(same.sum() * (level[1] - level[0])) * mean.stored.size <= MOST_ALIKE
+    return float(same.sum() * (level[1] - level[0])) * mean.volts.size <= MOST_ALIKE
 
 
 def _planes(values: Float) -> Float:

@@ -17,22 +17,13 @@ from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error
 from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.files.tiff.images import TiffImages
-from cadtof_cli.records import dataclass
-
-
-@dataclass(frozen=True)
-class _Stack:
-    """A stack whose pages are known and whose file is closed; `key` is different after the file has changed."""
-
-    key: object
-    images: TiffImages
-    table: NDArray[np.intp]
 
 
 class _LastRead(threading.local):
-    """The stack that this thread read last."""
+    """The stack that this thread read last: its pages and the table of its planes; `key` is different after the file changed."""
 
-    stack: _Stack | None = None
+    key: object = None
+    opened: tuple[TiffImages, NDArray[np.intp]]
 
 
 _last = _LastRead()
@@ -52,7 +43,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
             envelope = images.envelope(table[0].ravel()) if len(table) == 1 else None
         read_like = partial(envelope.read, shape=shape, dtype=images.dtype) if envelope else None
 
-        def read(index: int = 0, /) -> Stored:
+        def read(index: int) -> Stored:
             return images.planes(table[index].ravel()).reshape(shape)
 
         yield Frames(len(table), shape, images.dtype, read, read_like)
@@ -63,17 +54,17 @@ def _opened(path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.int
     with damage_as_frame_error(path, "TIFF"):
         state = path.stat()
     key = path, layout, state.st_ino, state.st_size, state.st_mtime_ns
-    last = _last.stack
-    if last and last.key == key:
-        last.images.open()
-        return last.images, last.table
+    if _last.key == key:
+        _last.opened[0].open()
+        return _last.opened
     images = TiffImages(path)
     try:
         table = plane_table(images.labels, images.sizes, layout, where=images.found, names=images.names)
     except FrameError:
         images.close()
         raise
-    _last.stack = _Stack(key, images, table) if len(table) > 1 else None
+    if len(table) > 1:
+        _last.key, _last.opened = key, (images, table)
     return images, table
 
 

@@ -22,7 +22,7 @@ from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.phasors.doubts import doubts
-from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
+from cadtof_cli.phasors.frame_mean import MeanVolts, mean_volts
 from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.phasors.plausible import require_plausible, tells_copies
 from cadtof_cli.records import setting
@@ -64,7 +64,7 @@ class Averaged:
         origin: origin of the part.
     """
 
-    captures: Sequence[tuple[Capture, FrameMean]]
+    captures: Sequence[tuple[Capture, MeanVolts]]
     earlier: Calibration | None
     origin: Origin
 
@@ -99,7 +99,7 @@ def averaged_captures(
     captures = _at_distances(captures, settings.distances_m) if settings.distances_m else captures
     _require_same_modulation(captures)
     progress.advance(0, total=sum(len(one.frames) * (one.typical.frames if one.typical else 1) for one in captures))
-    averaged: list[tuple[Capture, FrameMean]] = []
+    averaged: list[tuple[Capture, MeanVolts]] = []
     for capture in captures:
         if taken := capture.source.defaults_in_words():
             progress.say(f"{capture.root}: {taken}")
@@ -159,7 +159,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
         progress.advance()
 
 
-def _too_much_scatter(capture: Capture, mean: FrameMean) -> str | None:
+def _too_much_scatter(capture: Capture, mean: MeanVolts) -> str | None:
     """Return in words that the frames of a capture differ by far more than noise; None: they do not, or it cannot be told."""
     n_av = capture.source.metadata.pixel.integration_length
     if n_av is None or CHANNELS * np.count_nonzero(mean.sound) * (mean.frames - 1) < LEAST_FREEDOM:

@@ -9,7 +9,7 @@ from cadtof_cli.calibration.fit.dark import fit_dark, tells_dead
 from cadtof_cli.calibration.fit.light import light_seen
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CaptureError, SettingsError
-from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.phasors.frame_mean import MeanVolts
 from cadtof_cli.workflows.calibrate.captures import (
     ASSUMED_LENGTH,
     CalibrateReport,
@@ -53,10 +53,10 @@ def calibrate_dark(inputs: Sequence[Path], /, *, settings: CalibrateSettings, pr
     return save_with_report(dark, settings, {**dark.quality(), "bad_pixels": bad, "defects": counts}, findings)
 
 
-def _require_dark(capture: Capture, mean: FrameMean) -> None:
+def _require_dark(capture: Capture, mean: MeanVolts) -> None:
     """Make sure that the frames saw no light. Offsets from lit frames would subtract their scene from every other frame."""
     modulation = capture.source.metadata.modulation
-    seen = light_seen(mean.stored, harmonics=modulation.harmonics, amplitude_v=modulation.amplitude_v)
+    seen = light_seen(mean.volts, harmonics=modulation.harmonics, amplitude_v=modulation.amplitude_v)
     if seen.follows_law:
         raise CaptureError(
             f"{capture.root}: these frames saw light: from pixel to pixel, the values of all harmonics and channels change "

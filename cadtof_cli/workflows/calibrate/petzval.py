@@ -13,7 +13,7 @@ from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
-from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.phasors.frame_mean import MeanVolts
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -55,7 +55,7 @@ def calibrate_petzval(
     return replace(report, written=(*report.written, str(plot)))
 
 
-def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration | None) -> WallRanges:
+def _wall(capture: Capture, mean: MeanVolts, folder: Path, earlier: Calibration | None) -> WallRanges:
     """Resolve the mean of a wall's frames. Its noise is that of one frame, divided by the square root of their number."""
     metadata = capture.source.metadata
     n_av = metadata.pixel.integration_length
@@ -64,7 +64,7 @@ def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration 
     settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"))
     in_volts = replace(metadata, voltage=Voltage(), pixel=pixel)
     plan = FramePlan(metadata=in_volts, settings=settings, calibration=use)
-    maps = resolve_frame(mean.stored, plan=plan, calibration=earlier).maps
+    maps = resolve_frame(mean.volts, plan=plan, calibration=earlier).maps
     single = (maps.status & StatusBit.ONE_PATH) != 0
     ranges, sigma = (
         np.where(single, maps.layer(name), np.nan).astype(np.float64) for name in (DIRECT_DEPTH, DIRECT_SIGMA)

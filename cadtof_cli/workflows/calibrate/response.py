@@ -12,7 +12,7 @@ from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.phasors.frame_mean import MeanVolts
 from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
@@ -46,8 +46,8 @@ def calibrate_response(
     return save_with_report(response, settings, _figures(response), response.quality.findings)
 
 
-def _target(capture: Capture, mean: FrameMean, earlier: Calibration | None) -> TargetMean:
-    volts, noise = mean.stored, np.full(mean.stored.shape[0], predicted_noise_v(capture.source.metadata))
+def _target(capture: Capture, mean: MeanVolts, earlier: Calibration | None) -> TargetMean:
+    volts, noise = mean.volts, np.full(mean.volts.shape[0], predicted_noise_v(capture.source.metadata))
     noise = mean.mean_noise() if mean.frames >= FRAMES_ENOUGH else noise / math.sqrt(mean.frames)
     if earlier and earlier.dark:
         volts = np.where(earlier.dark.hot, np.nan, volts - earlier.dark.offset_v)

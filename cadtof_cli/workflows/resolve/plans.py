@@ -204,7 +204,7 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
     for source in dict.fromkeys((typical, *(capture.frames[place] for place in (0, len(capture.frames) // 2, -1)))):
         try:
             with _of_capture(capture), open_frames(source, capture.layout) as frames:
-                stored = frames.read()
+                stored = frames.read(0)
                 found = implausible(stored, capture.source.metadata)
         except FrameError:
             continue

@@ -11,7 +11,7 @@ from cadtof_cli.calibration.fit.dark import fit_dark, tells_dead
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
+from cadtof_cli.phasors.frame_mean import MeanVolts, mean_volts
 
 SHAPE = (2, 2, 30, 40)
 NOISE_V = 0.0004
@@ -25,11 +25,11 @@ def frames_v(count: int, *, seed: int = 1) -> NDArray[np.float64]:
     return offsets_v() + np.random.default_rng(seed).normal(0.0, NOISE_V, (count, *SHAPE))
 
 
-def mean_of(frames: NDArray[Any], voltage: Voltage | None = None) -> FrameMean:
+def mean_of(frames: NDArray[Any], voltage: Voltage | None = None) -> MeanVolts:
     return mean_volts(frames, voltage=voltage or Voltage())
 
 
-def fitted(mean: FrameMean) -> DarkCalibration:
+def fitted(mean: MeanVolts) -> DarkCalibration:
     origin = Origin(
         captures=("dark",), frames=mean.frames, pixels=mean.pixels, periods_ns=(40.0, 20.0), waveform="sine"
     )
@@ -61,7 +61,7 @@ def test_one_frame_has_the_predicted_noise_and_standard_error() -> None:
 def test_mean_and_variance_are_those_of_numpy_whatever_the_offset() -> None:
     frames = frames_v(7) + 1e3
     mean = mean_of(frames)
-    np.testing.assert_allclose(mean.stored, frames.mean(axis=0), rtol=1e-14)
+    np.testing.assert_allclose(mean.volts, frames.mean(axis=0), rtol=1e-14)
     assert mean.variance is not None
     np.testing.assert_allclose(mean.variance, frames.var(axis=0, ddof=1), rtol=1e-5)
 
@@ -119,7 +119,7 @@ def test_a_variance_from_three_frames_is_an_outlier_only_if_its_probability_is_b
     """
     variance = np.full((2, 2, 6, 8), np.log(2.0) * NOISE_V**2)
     variance[1, 0, 2, 3] = ratio * NOISE_V**2
-    mean = FrameMean(np.zeros(variance.shape), None, np.dtype(np.float64), 3, variance)
+    mean = MeanVolts(np.zeros(variance.shape), variance, 3)
     assert fitted(mean).defects[2, 3] == defect
 
 

@@ -187,7 +187,7 @@ def test_counts_and_means_of_frames_have_the_same_bits() -> None:
     stored = np.clip(np.rint(np.clip(np.nan_to_num(recorded()), -1.0, 1.0) / 6e-5 + 8192.0), 0, 16383).astype(np.uint16)
     assert_same_maps(stored, plan_of(counts))
     samples = np.random.default_rng(3).integers(1, 9, SIZE).astype(np.float64)
-    assert_same_maps(FrameMean(stored.astype(np.float64), samples, stored.dtype, 8), plan_of(counts, average=8))
+    assert_same_maps(FrameMean(stored.astype(np.float64), samples, stored.dtype), plan_of(counts, average=8))
 
 
 @pytest.mark.parametrize("count", [3, MOST_HARMONICS + 1])

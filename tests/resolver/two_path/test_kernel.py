@@ -175,7 +175,7 @@ def test_calibrated_pixels_have_the_same_bits(returns: Return, depth: str, parts
 def test_means_over_frames_and_neighbours_have_the_same_bits(pool: int) -> None:
     stored = counts("f4")
     samples = np.random.default_rng(6).integers(1, 9, stored.shape[2:]).astype(np.float64)
-    mean = FrameMean(stored.astype(np.float64), samples, stored.dtype, 8)
+    mean = FrameMean(stored.astype(np.float64), samples, stored.dtype)
     for order in ORDERS:
         maps = assert_same_bits(mean, plan_of(COUNTS, pool=pool, average=8, order=order))
         assert (maps.status & 1024).any()
