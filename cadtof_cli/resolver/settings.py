@@ -125,8 +125,9 @@ class ResolverSettings:
 
         Raises:
             SettingsError: there are fewer harmonics than paths; or there are as many, but they are neither 1, 2, … nor
-                1, 2, 4, so that several answers fit them; or diffuse MPI is asked for without harmonics 1 and 2; or the response is no pure
-                sine, and the harmonics are not 1 and 2, the solver is `lm` or there are more than two paths.
+                1, 2, 4, so that several answers fit them; or diffuse MPI is asked for without harmonics 1 and 2; or the
+                response is no pure sine, and the harmonics are not 1 and 2, the solver is `lm` or there are more than two
+                paths.
         """
         found = f"found harmonics {', '.join(map(str, harmonics))}"
         if self.max_paths > len(harmonics):
