@@ -80,6 +80,11 @@ class BuildWithFlags(build_ext):
                     old.unlink()
         super().run()
 
+    def get_ext_filename(self, fullname: str) -> str:
+        """Return the path of an extension. Python 3.15 would put the system into its name, and older Pythons not find it."""
+        name = super().get_ext_filename(fullname)
+        return name if ".abi3-" not in name else f"{name.partition('.abi3-')[0]}.abi3.so"
+
     def build_extension(self, ext: Extension) -> None:
         """Build one extension."""
         if self.compiler.compiler_type == "msvc":

@@ -56,7 +56,8 @@ def test_a_wheel_built_with_a_compiler_is_for_this_system_and_any_python(sources
     name, compiled, about = wheel(sources, needed_program("cc"))
     assert "-abi3-" in name
     assert not name.endswith("-any.whl")
-    assert len(compiled) == 2
+    # the only name that every Python looks for
+    assert {Path(one).name for one in compiled} == {"_kernel.abi3.so", "_likelihood.abi3.so"}
     assert "Root-Is-Purelib: false" in about
 
 

@@ -24,7 +24,7 @@ static PyObject *levels(PyObject *module, PyObject *none) {
 #define LEVELS_METHOD {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."}
 
 static PyModuleDef_Slot SLOTS[] = {
-#ifdef Py_mod_gil
+#ifdef Py_MOD_GIL_NOT_USED
     {Py_mod_gil, Py_MOD_GIL_NOT_USED},
 #endif
     {0, NULL}};
