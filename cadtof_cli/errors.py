@@ -1,5 +1,10 @@
 """Errors that a user can mend. Every message says what was found, what was expected, and where."""
 
+import sys
+
+SCIPY_BYTES = 2**27
+"""Size of the memory that the first module of scipy takes when it is imported."""
+
 
 class CadtofError(Exception):
     """Base of all errors that reach a user as one message; `exit_status` is what the process ends with."""
@@ -15,6 +20,17 @@ def require(holds: bool, name: str, found: object, expected: str) -> None:
     """Raise a SettingsError about the setting `name`, unless the condition `holds`."""
     if not holds:
         raise SettingsError(f"{name}: found {found}, expected {expected}")
+
+
+def require_memory_for_scipy() -> None:
+    """Raise MemoryError if memory is too short to import a module of scipy.
+
+    The linear algebra of scipy (OpenBLAS) would ask for its memory again and again without end. Only SIGKILL ends that.
+    """
+    if "scipy" not in sys.modules:
+        import numpy as np
+
+        np.empty(SCIPY_BYTES, np.uint8)
 
 
 class MetadataError(CadtofError):

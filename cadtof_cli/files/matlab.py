@@ -5,9 +5,7 @@ The message says how to save such an array in a file that we read.
 
 from pathlib import Path
 
-import scipy.io
-
-from cadtof_cli.errors import FrameError
+from cadtof_cli.errors import FrameError, require_memory_for_scipy
 from cadtof_cli.files.array_frames import transpositions
 from cadtof_cli.files.reading import damage_as_frame_error
 
@@ -33,6 +31,9 @@ def matlab_refusal(path: Path, head: bytes, /) -> FrameError:
 
 def _saving(path: Path, saved: str) -> str:
     """Return how to save the first array of a file that has enough axes for a frame."""
+    require_memory_for_scipy()
+    import scipy.io
+
     with damage_as_frame_error(path, "MATLAB"):
         arrays = [(name, shape) for name, shape, _ in scipy.io.whosmat(path) if len(shape) >= _LEAST_AXES]
     for name, shape in arrays:

@@ -1,12 +1,15 @@
 """Means of frames: of stored values, and of volts together with their scatter."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.frame_mean import MeanVolts, frame_mean, mean_volts, median_variance_ratio
+from cadtof_cli.phasors.frame_mean import MeanVolts, frame_mean, mean_volts, median_variance_ratio, variance_ratio
 
 SHAPE = (2, 2, 40, 50)
 
@@ -120,3 +123,31 @@ def test_the_noise_of_a_mean_of_counts_includes_rounding_that_is_the_same_in_all
     # counts show little of the noise if it is small, so the error may be thought to be larger than it is
     assert 0.9 * off < float(mean.mean_noise()[0]) < 1.6 * off
     assert float(mean.frame_noise()[0]) >= 0.999 / np.sqrt(12.0)
+
+
+@pytest.mark.parametrize("frames", [2, 3, 8, 100, 5000])
+def test_quantiles_of_the_sample_variance_are_those_of_chi2(frames: int) -> None:
+    shares = (1e-6, 0.5, 1.0 - 1e-6)
+    from_scipy = stats.chi2.ppf(shares, frames - 1) / (frames - 1)
+    assert [variance_ratio(frames, share) for share in shares] == list(from_scipy)
+
+
+SHORT_OF_MEMORY = """
+import resource, sys
+from cadtof_cli.phasors.frame_mean import median_variance_ratio
+used = 1024 * next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmSize"))
+resource.setrlimit(resource.RLIMIT_AS, (used + int(sys.argv[1]),) * 2)
+try:
+    median_variance_ratio(8)
+except MemoryError:
+    print("told")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit the memory of a process")
+@pytest.mark.parametrize("left_mib", [20, 40, 60, 80, 100])
+def test_too_little_memory_for_scipy_is_told_and_not_waited_for(left_mib: int) -> None:
+    """The linear algebra of scipy would ask for memory without end, and no signal but SIGKILL would end it."""
+    command = [sys.executable, "-c", SHORT_OF_MEMORY, str(left_mib * 2**20)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (0, "told\n"), done.stderr

@@ -10,8 +10,8 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.dark import DarkCalibration, Defect
 from cadtof_cli.calibration.fit.robust import centre_and_spread
 from cadtof_cli.calibration.parts import Origin
-from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.frame_mean import MeanVolts, median_variance_ratio
+from cadtof_cli.errors import SettingsError, require_memory_for_scipy
+from cadtof_cli.phasors.frame_mean import MeanVolts, median_variance_ratio, variance_ratio
 
 OFFSET_LIMIT = 8.0
 """An offset is an outlier beyond this many robust standard deviations. Gaussian offsets reach 5.5 in a megapixel."""
@@ -89,6 +89,7 @@ def tells_dead(mean: MeanVolts, /) -> bool:
     """
     if not mean.step:
         return True
+    require_memory_for_scipy()
     from scipy.special import ndtr
 
     variance = float((mean.frame_noise() ** 2).min()) - mean.rounding
@@ -105,8 +106,5 @@ def _planes(values: Float) -> Float:
 def _variance_limits(frames: int) -> tuple[float, float]:
     """Return the least and the largest sample variance that a sound pixel may have in so many frames, over its true
     variance."""
-    from scipy.stats import chi2
-
-    freedom = frames - 1
-    low, high = chi2.ppf([NOISE_FALSE_ALARM, 1.0 - NOISE_FALSE_ALARM], freedom) / freedom
-    return min(float(low), NOISE_RATIO**-2), max(float(high), NOISE_RATIO**2)
+    low, high = (variance_ratio(frames, share) for share in (NOISE_FALSE_ALARM, 1.0 - NOISE_FALSE_ALARM))
+    return min(low, NOISE_RATIO**-2), max(high, NOISE_RATIO**2)

@@ -10,7 +10,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import Modulation
-from cadtof_cli.errors import SettingsError, require
+from cadtof_cli.errors import SettingsError, require, require_memory_for_scipy
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.arrivals import draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging
@@ -169,6 +169,7 @@ def trace_pixel(
     samples = model.modulation.amplitude_v * np.stack(sampled_pair(model.modulation.waveform, phases))
     samples += model.sample_noise_v * generator.standard_normal(samples.shape)
     step = 1.0 / model.averaging.integration_length
+    require_memory_for_scipy()
     from scipy.signal import lfilter
 
     voltages = lfilter([step], [1.0, step - 1.0], samples, axis=1)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Float32, Index
+from cadtof_cli.errors import require_memory_for_scipy
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -60,6 +61,7 @@ def neighbour_weights(lattice: Lattice, rows: range, seen: Faces, places: Index,
     `faces` the faces of the samples. `places`, (samples,), has the number of each sample's place, counted along the rows of
     `lattice.rows(rows)`. The samples are sorted by place and then by surface.
     """
+    require_memory_for_scipy()
     from scipy.sparse import csr_array, diags_array
 
     keys = _keys(places, faces.surface)
@@ -88,6 +90,7 @@ def means_of_cells(faces: Faces, across: int, cell: int, /) -> tuple["csr_array"
 
     `faces` has the faces of whole rows of `across` pixels; the first row begins a cell. A cell has `cell` pixels on each side.
     """
+    require_memory_for_scipy()
     from scipy.sparse import csr_array
 
     number = np.arange(len(faces.surface))
