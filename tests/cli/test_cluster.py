@@ -322,6 +322,7 @@ def test_a_result_that_does_not_arrive_is_requested_again(
         return result(future, timeout)
 
     monkeypatch.setattr(Future, "result", late)
+    monkeypatch.setattr(Future, "_cb_executor", None)
     line = connection.Connection(cluster.address)
     try:
         until = time.monotonic() + 30
@@ -335,6 +336,8 @@ def test_a_result_that_does_not_arrive_is_requested_again(
             found = line.news()
     finally:
         line.close()
+        # later tests fork this process, which must have no threads then
+        Future._cb_executor.shutdown()
     assert ended[0].result in {process.pid for process in cluster.workers}
 
 
