@@ -93,12 +93,11 @@ def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layo
     split = [re.findall(_PIECES, name) for name in names]
     if len({len(pieces) for pieces in split}) != 1:
         return None
-    columns = []
+    columns, framed = [], ["", *split[0], ""]
     for place, pieces in enumerate(zip(*split, strict=True)):
         values = tuple(sorted(set(pieces), key=natural_key))
         if len(values) > 1:
-            near = split[0][max(place - 1, 0) : place] or [""], split[0][place + 1 : place + 2] or [""]
-            columns.append(_Column(place, values, (near[0][0], near[1][0])))
+            columns.append(_Column(place, values, (framed[place], framed[place + 2])))
     pairs = [
         (harmonic, channel)
         for harmonic, channel in itertools.permutations(columns, 2)

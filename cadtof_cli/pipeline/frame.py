@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored, median
+from cadtof_cli.arrays import Float, Stored, even_step, median
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
 from cadtof_cli.maps.layers import AVERAGED, DIRECT_DEPTH, DIRECT_SIGMA, IN_KERNEL
@@ -35,7 +35,6 @@ from cadtof_cli.resolver.settings import CLOSED_FORM
 from cadtof_cli.resolver.status import StatusBit, has_answer
 
 if TYPE_CHECKING:
-    from cadtof_cli.calibration.apply import CalibrationNoise
     from cadtof_cli.calibration.store import Calibration
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 
@@ -49,7 +48,7 @@ for any size of block, so small blocks are slow."""
 
 
 TYPICAL_PIXELS = 256
-"""About how many pixels the typical light of a frame is measured with."""
+"""At least how many pixels the typical light of a frame is measured with."""
 
 FREEING_ROUNDS = 3
 """How many times the tail is predicted again, from phasors that the last prediction has freed of the other terms of a
@@ -113,8 +112,10 @@ def prepare_frame(
     same, correction = is_without_noise(stored, noise), stages.correction
     if samples is not None:
         noise = with_repeated_rounding(noise, recordings)
+    # an estimated noise already contains the noise of the calibration, which differs from pixel to pixel
     if correction.noise is not None and not noise.estimated:
-        noise = _with_noise_of_calibration(noise, stored, recordings, correction.phasor_map, correction.noise)
+        powers = _typical_powers(recorded, correction.phasor_map)
+        noise = correction.noise.added_to(noise, powers=powers, frames=recordings)
     if samples is not None:
         noise = replace(noise, samples=samples)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
@@ -197,23 +198,14 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
     return ResolvedFrame(DepthMaps(parts[0].names, pages, status), pixels.noise, pixels.choice)
 
 
-def _with_noise_of_calibration(
-    noise: NoiseModel,
-    stored: Stored,
-    recordings: float,
-    phasor_map: PhasorMap,
-    calibration_noise: "CalibrationNoise",
-) -> NoiseModel:
-    """Return the noise of a recorded pixel, with the noise of the calibration added for the typical light of this frame.
-
-    An estimated noise needs no such addition: the noise of the calibration differs from pixel to pixel, so the estimate
-    contains it.
-    """
-    typical = slice(None, None, max(1, stored.shape[2] // TYPICAL_PIXELS))
+def _typical_powers(recorded: Stored, phasor_map: PhasorMap) -> Float:
+    """Return the median |p|² of each harmonic over a frame, (H, 2, Y, X) → (H,); pixels that are not finite do not count."""
+    stored = recorded.reshape(*recorded.shape[:2], -1)
+    typical = slice(None, None, even_step(stored.shape[2], recorded.shape[3], count=TYPICAL_PIXELS))
     phasors = phasors_from_stored(stored[:, :, typical], phasor_map[typical])
-    with np.errstate(over="ignore", invalid="ignore"):
-        powers = np.nan_to_num(median(np.abs(phasors) ** 2))
-    return calibration_noise.added_to(noise, powers=powers, frames=recordings)
+    finite = phasors[:, np.isfinite(phasors).all(axis=0)]
+    with np.errstate(over="ignore"):
+        return median(np.abs(finite) ** 2) if finite.size else np.zeros(len(finite))
 
 
 def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels:

@@ -139,8 +139,8 @@ def test_dark_frames_with_another_zero_than_the_capture_are_doubted(tmp_path: Pa
     def doubt(zero: float | None, scale: float | None) -> str | None:
         return kept.doubt(CaptureMetadata(voltage=Voltage(zero_counts=zero, volts_per_count=scale)))
 
-    # the same zero, also in files whose counts are shifted to the left; volts; a zero that a program has subtracted
-    for zero, scale in ((8192.0, 6e-5), (32768.0, 1.5e-5), (None, None), (0.0, 6e-5)):
+    # the same zero, also in files whose counts are shifted to the left, or in volts; volts; a zero that a program has subtracted
+    for zero, scale in ((8192.0, 6e-5), (32768.0, 1.5e-5), (8192 * 6e-5, None), (None, None), (0.0, 6e-5)):
         assert doubt(zero, scale) is None
     message = str(doubt(8230.0, 6e-5))
     assert "was 0.49152 V in the dark frames" in message

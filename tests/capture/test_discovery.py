@@ -60,6 +60,18 @@ def test_a_folder_named_like_a_frame_counts_as_one(tmp_path: Path) -> None:
     assert [_names(capture) for capture in found] == [["frame_0", "frame_2"], ["a"]]
 
 
+def test_a_folder_of_a_tree_whose_files_are_named_otherwise_is_an_error(tmp_path: Path) -> None:
+    """It is not left out without a word, as a folder without any such file is."""
+    _touch(tmp_path / "a", *(f"f_h{h}_sc{channel}.tif" for h in (1, 2) for channel in (1, 2)))
+    _touch(tmp_path / "b", "notes.txt")
+    overrides = {"layout.pattern": PATTERN}
+    (capture,) = find_captures([tmp_path], overrides=overrides, recursive=True)
+    assert _names(capture) == ["f"]
+    _touch(tmp_path / "c", "f_1a.tif", "f_1b.tif")
+    with pytest.raises(CaptureError, match=r"c: no frames: looked for files named .*, found f_1a\.tif, f_1b\.tif"):
+        find_captures([tmp_path], overrides=overrides, recursive=True)
+
+
 def test_no_file_is_opened_to_find_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _touch(tmp_path, *(f"frame_{index}.tif" for index in range(50)))
 

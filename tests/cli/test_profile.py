@@ -94,6 +94,11 @@ def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -
     assert np.abs(found["z first phasor"] - found["truth"])[half].max() < 0.05
     done = cadtof("profile", out, runs[0], "--row", 4)
     assert (done.status, ": resolve both with the same --depth" in done.err) == (2, True)
+    # maps of planar depth are no truth of a depth, but one of any other layer
+    against_z = ("profile", runs[0], "--row", 4, "--truth", out / "frame_0.tif")
+    assert cadtof(*against_z).status == 2
+    found = _table(cadtof(*against_z, "--layer", "confidence").out)
+    np.testing.assert_allclose(found["truth"], layers_of(out / "frame_0.tif")["confidence"][4], rtol=1e-6)
 
 
 def test_planar_truth_of_the_pixels_of_a_roi_alone(runs: tuple[Path, Path], tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
-from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
+from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages
 from cadtof_cli.simulation.scene.scenes import Card
@@ -57,13 +58,13 @@ def dark() -> DarkCalibration:
     return DarkCalibration(ORIGIN, offset.astype(np.float32), noise, np.zeros(ORIGIN.pixels, np.uint32))
 
 
-def response() -> ResponseCalibration:
+def response(origin: Origin = ORIGIN) -> ResponseCalibration:
     """Return the response of a camera whose pixels have no phases; each phase is known to 1.5 mrad."""
-    shape = (len(PERIODS_NS), *ORIGIN.pixels)
+    shape = (len(PERIODS_NS), *origin.pixels)
     phase = np.random.default_rng(61312).normal(0.0, 0.0015, shape).astype(np.float32)
     quality = response_quality(3, phase_stderr_rad=0.0015)
     gain, straight, point = np.ones(shape, np.float32), (0.0, 0.0), (0.0, 0.0)
-    return ResponseCalibration(ORIGIN, ideal_response(METADATA), phase, gain, straight, point, quality)
+    return ResponseCalibration(origin, ideal_response(METADATA), phase, gain, straight, point, quality)
 
 
 def resolved(folder: Path, parts: tuple[Part, ...], frames: int, metadata: CaptureMetadata = METADATA) -> ResolvedFrame:
@@ -94,6 +95,29 @@ def test_an_estimated_noise_already_includes_the_noise_of_the_calibration(
     unknown = replace(METADATA, pixel=Pixel())
     assert unknown.pixel.integration_length is None
     assert_sigma_is_true(resolved(tmp_path, parts, FRAMES, unknown))
+
+
+@pytest.mark.parametrize("dead", [np.s_[..., 0], np.s_[..., 6:]])
+def test_dead_pixels_do_not_change_sigma_of_the_others(tmp_path: Path, dead: tuple[slice, ...]) -> None:
+    """The noise of the response grows with the typical light of a frame, which 256 pixels show. With 256 rows, these were
+    the first column."""
+    size = (256, 24)
+    save_part(tmp_path, response(replace(ORIGIN, pixels=size)))
+    calibration = load_calibration(tmp_path)
+    settings = MapSettings(resolver=ResolverSettings(order="1", mpi_model="discrete"))
+    plan = FramePlan(metadata=METADATA, settings=settings, calibration=CalibrationUse(tmp_path, calibration.digest))
+    whole = np.tile(np.mean(recorded()[0], axis=0)[..., :64, :24], (4, 1))
+    part = whole.copy()
+    part[dead] = np.nan
+    sigmas = [
+        resolve_frame(
+            FrameMean(mean, np.full(size, float(FRAMES)), mean.dtype), plan=plan, calibration=calibration
+        ).maps.layer(DIRECT_SIGMA)
+        for mean in (whole, part)
+    ]
+    alive = np.isfinite(sigmas[1])
+    assert alive.sum() > 1000
+    np.testing.assert_allclose(sigmas[1][alive], sigmas[0][alive], rtol=0.03)
 
 
 def assert_sigma_is_true(found: ResolvedFrame) -> None:

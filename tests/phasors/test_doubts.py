@@ -196,3 +196,19 @@ def test_doubts_lists_all_faults_and_without_light_only_those_that_need_no_light
     dark = hill(60, 80)
     dark[1, 1] = np.random.default_rng(8).normal(ZERO, 7.0, dark.shape[2:])
     assert doubts(dark, metadata) == (wrong_planes(dark, metadata),)
+
+
+def test_faults_are_doubted_in_a_frame_as_large_as_cameras_record() -> None:
+    """Only some of its pixels are looked at; they must be enough to tell."""
+    stored, metadata = hill(480, 640), CaptureMetadata(voltage=COUNTS)
+    assert doubts(stored, metadata) == ()
+    dark = stored.copy()
+    dark[1, 1] = np.random.default_rng(8).normal(ZERO, 7.0, dark.shape[2:])
+    faults = {
+        "are height and width swapped": stored.reshape(2, 2, 640, 480),
+        "H2.SC2: found only noise": dark,
+        "with SC1 and SC2 swapped": stored[:, ::-1],
+        "the largest stored value": np.minimum(stored, np.uint16(np.quantile(stored, 0.9))),
+    }
+    for words, frame in faults.items():
+        assert words in doubts(frame, metadata)[0]

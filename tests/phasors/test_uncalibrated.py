@@ -25,14 +25,15 @@ def frame(
     mpi: float = 0.0,
     seed: int = 1,
     fwhm_ns: float = 1.7,
+    size: tuple[int, int] = SIZE,
 ) -> NDArray[np.float64]:
-    """Return volts, (H, 2, 64, 80), of boxes and a floor at 1 to 5 m before a sky without light.
+    """Return volts, (H, 2, Y, X), of boxes and a floor at 1 to 5 m before a sky without light.
 
     `second` and `third` are factors on these harmonics, of which the latter may be missing; `mpi` is the amplitude of a
     path that is 6 ns later.
     """
     rng = np.random.default_rng(seed)
-    row, column = np.indices(SIZE)
+    row, column = np.indices(size) * np.divide(SIZE, size)[:, np.newaxis, np.newaxis]
     depth_m = np.where(row > 40, 180.0 / (row + 1e-9), 1.0 + column // 20 * 1.3)
     light = np.where(row < 12, 0.0, 1.0)
     phase, late = 2.0 * np.pi / 40.0 * 2.0 * depth_m / 0.299792458, 2.0 * np.pi / 40.0 * 6.0
@@ -40,7 +41,7 @@ def frame(
     for h, factor in enumerate((1.0, second) if third is None else (1.0, second, third), start=1):
         pulse = np.exp(-((h * 2.0 * np.pi * fwhm_ns / 2.3548 / 40.0) ** 2) / 2.0)
         phasor = pulse * light * (np.exp(1j * h * phase) + mpi * np.exp(1j * h * (phase + late))) / (1.0 + mpi + asr)
-        noise = rng.normal(0.0, 0.5 / np.sqrt(n_av), (2, *SIZE))
+        noise = rng.normal(0.0, 0.5 / np.sqrt(n_av), (2, *size))
         volts.append(factor * AMPLITUDE_V * (np.stack([phasor.real, phasor.imag]) + noise))
     return np.array(volts)
 
@@ -173,3 +174,19 @@ def test_resolve_does_not_tell_what_a_calibration_takes_out(tmp_path: Path) -> N
     assert "run calibrate dark" in raw
     calibrated = cadtof("resolve", tmp_path / "lit", "-o", tmp_path / "maps", "--calibration", camera, "-j", 1).err
     assert "warning" not in calibrated
+
+
+def test_errors_are_doubted_in_a_frame_as_large_as_cameras_record() -> None:
+    """Only some of its pixels are looked at; they must be enough to tell."""
+    size = (480, 640)
+    volts, offsets = frame(size=size, asr=2.0), np.random.default_rng(2).normal(0.0, 2e-3, (1, 640))
+    assert camera_doubts(volts, KNOWN) == ()
+    errors = {
+        " times too small": frame(size=size, n_av=1e4),
+        "rows have offsets of their own": volts + offsets[:, :480].T,
+        "columns have offsets of their own": volts + offsets,
+        "harmonic 2 is ": frame(size=size, second=0.8, asr=2.0),
+    }
+    for words, found in errors.items():
+        (doubt,) = camera_doubts(found, KNOWN)
+        assert words in doubt
