@@ -100,8 +100,12 @@ def _fails(evaluation: "Evaluation", max_median: float) -> bool:
     median = evaluation.direct.median_cm
     if median is not None and median <= max_median:
         return False
-    found = "found no pixel with truth and an answer" if median is None else f"found a median error of {median:g} cm"
-    tell(f"failed: {found}, expected at most {max_median:g} cm (--max-median)", err=True)
+    found = "found no pixel with truth and an answer"
+    if median is not None:
+        # the fewest digits that show that it is larger
+        shown = next(text for digits in range(3, 18) if float(text := f"{median:.{digits}g}") > max_median)
+        found = f"found a median error of {shown} cm"
+    tell(f"failed: {found}, expected at most {str(max_median).removesuffix('.0')} cm (--max-median)", err=True)
     return True
 
 
