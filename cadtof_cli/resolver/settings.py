@@ -141,9 +141,10 @@ class ResolverSettings:
             raise SettingsError(
                 f"modulation.periods_ns: {found} of the first period; with {len(harmonics)} periods, {self.max_paths} paths have "
                 f"a unique solution only if these are harmonics {', '.join(map(str, first))}, such as "
-                f"{[round(40.0 / h, 3) for h in first]}: record another period, lower --paths, or use --solver one-path"
+                f"{[round(40.0 / h, 3) for h in first]}: record another period, lower --paths or --order, or use --solver "
+                "one-path"
             )
-        if self.mpi_model == "diffuse" and harmonics[:2] != (1, 2):
+        if self.mpi_model == "diffuse" and self.may_be_diffuse((1, 2)) and not self.may_be_diffuse(harmonics):
             raise SettingsError(
                 f"--mpi-model diffuse: {found} of the first period; diffuse MPI is predicted from harmonics 1 and 2: "
                 "record half of the first period, too, or leave the option out"

@@ -110,6 +110,9 @@ def test_the_room_follows_from_solver_order_and_harmonics(
         ({"paths": 3, "order": "2"}, (1, 2, 5), None),
         ({"mpi_model": "diffuse"}, (1, 3, 4), "--mpi-model diffuse: found harmonics 1, 3, 4 of the first period"),
         ({"mpi_model": "diffuse"}, (1, 2, 4), None),
+        # it has no effect there
+        ({"mpi_model": "diffuse", "order": "1"}, (1, 3, 4), None),
+        ({"mpi_model": "diffuse", "solver": "one-path"}, (1, 3), None),
         ({"paths": 3}, (1, 2, 4, 5), None),
         ({}, (1,), "found 1 period; 2 paths need at least 2 periods"),
         (
