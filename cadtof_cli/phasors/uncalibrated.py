@@ -56,8 +56,8 @@ _UNEQUAL = 0.03
 
 _ALIKE, _ALIKE_SHARE, _ALIKE_TURN = 0.5, 0.9, 0.2
 """The difference belongs to the camera, not to MPI, if 90 % of the brighter pixels have it up to a half, and if the phase
-of the second harmonic differs by a fifth of it at most. In 22 captures without that fault, rooms among them, 75 % at most
-have it, or it comes with phases three tenths of it and more."""
+of that harmonic differs by a fifth of it at most. In 22 captures without that fault, rooms among them, 75 % at most have it
+in the second harmonic, or it comes with phases three tenths of it and more."""
 
 _ONE_DEPTH = 0.95
 """Length of the mean of unit phasors above which the scene has one depth: MPI may then be the same in all pixels."""
