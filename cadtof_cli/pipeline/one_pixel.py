@@ -120,7 +120,7 @@ def pixel_evidence(
 
 def _fit(phasors: Complex, count: int, pixel: FramePixels, here: slice, stages: FrameStages) -> Fit | None:
     """Return the fit of a number of paths to one pixel, by the same solver as in the driver; None if it has no such fit."""
-    settings, response = stages.resolver, stages.response
+    settings, response = replace(stages.resolver, mpi_model="discrete"), stages.response
     try:
         if count > settings.max_paths:
             settings = replace(settings, order="auto", paths=max(count, settings.paths))

@@ -103,6 +103,13 @@ def test_frames_without_harmonic_2_get_separate_paths_and_a_note_or_are_refused(
         assert done.status == status, done.err
         assert told in done.err
         assert (words in done.err) == (model == "auto")
+    # with one path, the option has no effect, so nothing is refused; two paths are shown to compare them
+    of_one = ("--order", "1", "--mpi-model", "diffuse")
+    done = cadtof("resolve", tmp_path / "corner", "-o", tmp_path / "one", "--roi", "0,0,9,9", *of_one)
+    assert done.status == 0
+    assert "--mpi-model: has no effect" in done.err
+    pixel = json.loads(cadtof("inspect", tmp_path / "corner", "--pixel", "20,20", "--json", *of_one).out)
+    assert pixel["two_paths"]["direct"]["depth_m"] < pixel["one_path"]["depth_m"]
 
 
 @pytest.mark.parametrize("options", [("--pool", "3"), ("--average", "2"), ("--depth", "z")])
