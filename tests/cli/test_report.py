@@ -78,6 +78,7 @@ def test_a_page_says_what_the_run_says(tmp_path: Path) -> None:
         "modulation.periods_ns",
         "40.0, 20.0",
         "direct path",
+        "so it has the roundings of both",
     ):
         assert words in page.text
     evaluated = json.loads(cadtof("evaluate", out, "--truth", tmp_path / "truth.exr", "--json").out)
