@@ -137,6 +137,14 @@ def test_noise_of_the_samples_widens_the_scatter_and_the_bound_alike() -> None:
     assert row["phase_std_rad"] == pytest.approx(row["phase_model_std_rad"], rel=0.06)
 
 
+def test_noise_of_the_samples_is_not_taken_for_a_second_path() -> None:
+    """The order test was told the noise of the photons alone, and found a second path in 13 % of the runs."""
+    model = PixelModel(averaging=Averaging(integration_length=1e5), sample_noise_v=0.3)
+    wanted = trials(condition=Condition(asr=3.0, mpi_ratio=0.0), model=model, runs=1000)
+    [block] = wanted.blocks
+    assert np.isfinite(recordings(wanted, block).times_ns[1]).mean() < 0.015
+
+
 def test_phase_error_does_not_depend_on_asr() -> None:
     """10 ns are 90°, and MPI of 0.3 at 17 ns, 153°, turns the sum by 13.24°. Ambient light turns nothing."""
     errors = [
