@@ -58,7 +58,7 @@ class Trials:
     )
     wrapped: bool = setting(
         False,
-        "Report times within ± half the period and do not wrap their errors, as the paper does.",
+        "Wrap times to ± half the period before they are compared with the truth, as the paper does; errors are not wrapped.",
         show_default=False,
     )
     seed: int = setting(0, "Seed of the random numbers; the same seed gives the same bytes.")
