@@ -224,7 +224,8 @@ def test_the_histogram_shows_the_waveform_and_all_paths() -> None:
     assert [line.get_label() for line in axes.lines] == ["direct, 5 ns", "MPI, 25 ns", "MPI, 30 ns"]
     [wave] = [other for other in axes.figure.axes if other is not axes]
     # a triangle falls from 1 at 0 ns to −1 at 20 ns
-    np.testing.assert_allclose(wave.lines[0].get_ydata()[:64], 1.0 - shown.bin_ns[:64] / 10.0, atol=1e-9)
+    drawn = np.asarray(wave.lines[0].get_ydata(), np.float64)
+    np.testing.assert_allclose(drawn[:64], 1.0 - shown.bin_ns[:64] / 10.0, atol=1e-9)
 
 
 def test_arrivals_of_a_trace_lie_in_the_period_of_the_fundamental() -> None:
