@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from cadtof_cli.figures.canvas import Figure, legend_beside
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import Evolution
+from cadtof_cli.simulation.pixel.waveforms import sampled_pair
 
 DIRECT_COLOUR, MPI_COLOUR, MEASURED_COLOUR, AMBIENT_COLOUR = "#1b6ca8", "#d1495b", "#222222", "#b8b8b8"
 
@@ -40,13 +41,15 @@ def plot_histogram(
     width = recording.period_ns / len(recording.bin_ns)
     axes.bar(recording.bin_ns, recording.counts, width=width, color=AMBIENT_COLOUR)
     axes.axvline(condition.direct_ns, color=DIRECT_COLOUR, lw=1.2, label=f"direct, {condition.direct_ns:g} ns")
-    if condition.mpi_ratio > 0:
-        axes.axvline(condition.second_ns, color=MPI_COLOUR, lw=1.2, label=f"MPI, {condition.second_ns:g} ns")
+    for ratio, time_ns in zip(condition.ratios[1:], condition.times_ns[1:], strict=True):
+        if ratio > 0:
+            axes.axvline(time_ns, color=MPI_COLOUR, lw=1.2, label=f"MPI, {time_ns:g} ns")
     axes.set(xlim=(0, recording.period_ns), xlabel="arrival time, ns", ylabel="photons per bin")
     wave = axes.twinx()
     for harmonic, colour in zip(harmonics, (MEASURED_COLOUR, OTHER_COLOUR), strict=False):
         turn = 2.0 * np.pi * harmonic * recording.bin_ns / recording.period_ns
-        for channel, value, style in (("SC1", np.cos(turn), "-"), ("SC2", np.sin(turn), "--")):
+        first, second = sampled_pair(recording.waveform, turn)
+        for channel, value, style in (("SC1", first, "-"), ("SC2", second, "--")):
             label = f"{channel}, {recording.period_ns / harmonic:g} ns"
             wave.plot(recording.bin_ns, value, color=colour, lw=0.8, ls=style, label=label)
     wave.set(ylim=(-3.2, 1.2), yticks=[])

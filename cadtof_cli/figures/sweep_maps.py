@@ -71,7 +71,9 @@ def draw_confidence(table: Table, path: Path, /) -> None:
             asr = [row["asr"] for row in rows]
             axes.plot(asr, [scale * row[column] for row in rows], "o", ms=4, color=f"C{index}", label=f"{ratio:g}")
             if model:
-                axes.plot(asr, [scale * row[model] for row in rows], "-", lw=1, color=f"C{index}")
+                # a line of one point would not be seen
+                line = "-" if len(asr) > 1 else "_"
+                axes.plot(asr, [scale * row[model] for row in rows], line, lw=1, ms=24, color=f"C{index}")
             if column == "phase_bias_rad":
                 errors = [scale * row["phase_std_rad"] for row in rows]
                 axes.errorbar(asr, [scale * row[column] for row in rows], errors, fmt="none", color=f"C{index}", lw=0.8)

@@ -185,6 +185,12 @@ up most of the motion, and the direct path hardly moves.
 **Three harmonics.** They are more precise, so motion matters earlier. The last harmonic has the largest weight, so
 the depth is that at the end of the frame rather than in its middle.
 
+**A false first return.** In the table, the direct light comes after 5 ns, from .75 m. From 8 m/s on (at 30 Hz; from 6.5
+m/s on with three harmonics), a target without MPI that moves away gets a false path 13 ns before it (9 ns with three)
+that is strong enough to be the first return. Where the target is farther than 2 m (1.3 m with three), this path lies in
+front of the camera, and the depth is 2 m (1.3 m) too near, by many sigma and without a status bit. Nearer targets, and
+targets that come nearer, are as in the table. `--return strongest` avoids it: the errors are again those of the table.
+
 A higher frame rate makes the error smaller in proportion. If the speed of the target is known, its motion can be
 subtracted from the phase of each harmonic; cadtof neither measures nor corrects motion.
 """

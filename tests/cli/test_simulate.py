@@ -152,6 +152,8 @@ def test_capacitors_and_switched_stages_are_simulated() -> None:
     switched = (*capacitors, "--stages", "switched", "--f1", "1e8", "--f2", "1e7", "--cycles", "2000")
     report = json.loads(cadtof("simulate", *switched, "--runs", 20, "--json", "--jobs", 1, "--photons").out)
     assert report["settings"]["stages"] == "switched"
+    assert report["settings"]["capacitors_ff"] == [1, 20, 1, 25, 10, 9, 8, 9, 12, 8, 9, 8]
+    assert (report["settings"]["f1_hz"], report["settings"]["f2_hz"]) == (1e8, 1e7)
 
 
 def test_pictures_that_cannot_be_drawn_are_refused_before_the_runs(

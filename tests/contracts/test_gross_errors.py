@@ -11,7 +11,14 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from cadtof_cli import Maps, read_frames, read_maps, resolve
 from cadtof_cli.api.frames import Frame
 from cadtof_cli.api.scenes import simulate_scene
+from cadtof_cli.capture.metadata import Modulation
+from cadtof_cli.resolver.settings import ResolverSettings, Return
 from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.mix import Condition, Motion
+from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.workflows.simulate.simulate import simulate_trials
+from cadtof_cli.workflows.simulate.trials import Trials
 from tests.support.diffuse_frames import F
 from tests.support.forward import AMPLITUDE_V, T1_NS, depth_m
 
@@ -135,6 +142,25 @@ def test_triangle_waves_give_a_few_pixels_without_mpi_two_paths_half_a_metre_too
     truth = wall.truth["direct.depth"]
     found = [is_gross(resolve(frame, mpi_model="discrete"), truth) for frame in wall.frames]
     assert low < np.mean(found) < high
+
+
+@pytest.mark.parametrize(("harmonics", "slow", "fast", "early_ns"), [(2, 7.0, 9.0, 13.2), (3, 5.5, 7.5, 8.7)])
+def test_a_target_that_moves_away_fast_gets_a_false_first_return(
+    harmonics: int, slow: float, fast: float, early_ns: float
+) -> None:
+    def bias_ns(speed_m_s: float, direct_ns: float, returns: Return = "first") -> float:
+        model = PixelModel(
+            modulation=Modulation(periods_ns=tuple(T1_NS / h for h in range(1, harmonics + 1))),
+            averaging=Averaging(integration_length=1e5),
+            motion=Motion(speed_m_s=speed_m_s),
+        )
+        light = Condition(asr=2.0, mpi_ratio=0.0, direct_ns=direct_ns, second_ns=35.0)
+        (found,) = simulate_trials([Trials(condition=light, model=model, resolver=ResolverSettings(returns=returns))])
+        return found.direct.bias_ns
+
+    assert bias_ns(fast, 20.0) == pytest.approx(-early_ns, abs=0.1)
+    others = [bias_ns(slow, 20.0), bias_ns(fast, 5.0), bias_ns(-fast, 20.0), bias_ns(fast, 20.0, "strongest")]
+    assert max(map(abs, others)) < 0.3
 
 
 def test_in_a_room_some_pixels_at_edges_are_far_off_by_many_sigma() -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
-from cadtof_cli.capture.metadata import Modulation
+from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.errors import SettingsError, require, require_memory_for_scipy
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.arrivals import draw_detections, draw_phases
@@ -226,6 +226,7 @@ class Evolution:
         photons: (n,), numbers of photons sampled so far, evenly thinned.
         voltages_v: (2, n), SC1 and SC2 after each of these numbers of photons.
         period_ns: period of the modulation, which is the range of the histogram.
+        waveform: waveform of the modulation.
     """
 
     bin_ns: Float
@@ -233,6 +234,7 @@ class Evolution:
     photons: Float
     voltages_v: Float
     period_ns: float
+    waveform: Waveform
 
     @property
     def phase_deg(self) -> Float:
@@ -256,4 +258,6 @@ def evolution(model: PixelModel, mix: PhotonMix, generator: np.random.Generator,
     middles = np.linspace(0.5, BINS - 0.5, BINS) * (period / BINS)
     count = voltages_v.shape[1]
     kept = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(np.intp))
-    return Evolution(middles, counts.astype(np.float64), (kept + 1).astype(np.float64), voltages_v[:, kept], period)
+    photons = (kept + 1).astype(np.float64)
+    waveform = model.modulation.waveform
+    return Evolution(middles, counts.astype(np.float64), photons, voltages_v[:, kept], period, waveform)

@@ -176,7 +176,9 @@ def time_bounds_ns(
         information += along.T @ (along / np.maximum(variances, least)[:, np.newaxis])
     bounds = np.full(len(mix.photons), np.nan)
     bounds[present] = np.inf
-    if np.linalg.cond(information) < 1e14:
+    # a weak path has little information, but this alone does not make the matrix singular
+    scale = np.sqrt(np.diag(information))
+    if np.linalg.cond(information / np.outer(scale, scale)) < 1e14:
         bounds[present] = np.sqrt(np.diag(np.linalg.inv(information))[len(present) :])
     return bounds
 

@@ -48,6 +48,8 @@ def json_report(outcome: TrialsSummary, /) -> dict[str, Any]:
 def settings(trials: Trials, /) -> dict[str, Any]:
     """Return all settings of the trials in one flat table."""
     model, resolver = trials.model, asdict(trials.resolver)
+    capacitors, stages = model.averaging.capacitors, model.averaging.stages
+    of_capacitors = capacitors and {"capacitors_ff": capacitors.values_ff, "f1_hz": stages.f1_hz, "f2_hz": stages.f2_hz}
     of_modulation = ("periods_ns", "waveform", "amplitude_v")
     of_model = ("dead_time_ns", "jitter_ns", "sample_noise_v", "gain_mismatch", "offsets_v")
     not_of_a_pixel = {"mpi_model", "seed", "min_confidence"}
@@ -58,7 +60,8 @@ def settings(trials: Trials, /) -> dict[str, Any]:
         **{name: getattr(trials, name) for name in ("runs", "seed", "photon_by_photon")},
         "photons_per_cycle": model.photons_per_cycle,
         "cycles": model.photons // model.photons_per_cycle,
-        "stages": model.averaging.stages.drive,
+        "stages": stages.drive,
+        **(of_capacitors or {}),
         **{name: getattr(model, name) for name in of_model},
         **asdict(model.motion),
         **{"return" if name == "returns" else name: resolver[name] for name in resolver if name not in not_of_a_pixel},

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, sealed
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse
+from cadtof_cli.capture.metadata import CaptureMetadata, Pulse
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.maps.depth import beyond_light
 from cadtof_cli.phasors.noise import noise_model
@@ -58,7 +58,7 @@ class Trials:
     )
     wrapped: bool = setting(
         False,
-        "Report times within ± half the period and do not wrap their errors, as the paper does.",
+        "Wrap times to ± half the period before they are compared with the truth, as the paper does; errors are not wrapped.",
         show_default=False,
     )
     seed: int = setting(0, "Seed of the random numbers; the same seed gives the same bytes.")
@@ -175,6 +175,17 @@ def noise_length(model: PixelModel, /) -> float:
     return effective_length(_sample_weights(model))
 
 
+def _seen_length(model: PixelModel) -> float:
+    """Return the integration length at which photons alone have the noise of the pixel, sample noise included.
+
+    `cadtof resolve` estimates this length from frames. A channel's variance is that of ambient light, A²/2, plus that of the
+    sample noise, both over 2·n_av − 1.
+    """
+    length = noise_length(model)
+    added = 2.0 * (model.sample_noise_v / model.modulation.amplitude_v) ** 2
+    return length - (length - 0.5) * (added / (1.0 + added))
+
+
 def recorded_length(trials: Trials, /) -> float:
     """Return the integration length that describes the noise of the recordings relative to their mean.
 
@@ -187,15 +198,13 @@ def recorded_length(trials: Trials, /) -> float:
 def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
     """Resolve the voltages of runs, (runs, H, 2), from number `first` on, as those of a sine, whatever the waveform is."""
     model, settings = trials.model, replace(trials.resolver, seed=trials.seed)
-    length = noise_length(model)
     metadata = CaptureMetadata(
         modulation=replace(model.modulation, waveform="sine"),
-        pixel=Pixel(integration_length=length),
         pulse=Pulse(fwhm_ns=trials.condition.fwhm_ns if trials.pulse_correction else 0.0),
     )
     stored = np.moveaxis(voltages_v, 0, -1)
     phasors = phasors_from_stored(stored, ideal_phasor_map(metadata, stored.dtype))
-    noise = noise_model(metadata, integration_length=length, quantised=False)
+    noise = noise_model(metadata, integration_length=_seen_length(model), quantised=False)
     found = resolve_paths(
         phasors, status=np.zeros(len(voltages_v), np.uint32), settings=settings, noise=noise, first=first
     )

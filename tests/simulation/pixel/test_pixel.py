@@ -8,6 +8,8 @@ import pytest
 
 from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.figures.canvas import Figure
+from cadtof_cli.figures.pixel_evolution import plot_histogram
 from cadtof_cli.simulation.pixel.arrivals import detected, draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
@@ -210,6 +212,20 @@ def test_evolution_is_the_trace_in_bins_and_thinned() -> None:
     assert shown.settled_phase_deg == pytest.approx(math.degrees(math.atan2(later[1], later[0])))
     late = evolution(pixel, mix(direct_ns=30.0, second_ns=35.0), np.random.default_rng(3))
     assert 260.0 < late.settled_phase_deg < 300.0
+
+
+def test_the_histogram_shows_the_waveform_and_all_paths() -> None:
+    """It showed a sine with triangle waves, and only the first path of the MPI."""
+    pixel = model(50.0, cycles=60, modulation=Modulation(waveform="triangle"))
+    condition = Condition(asr=1.0, mpi_ratio=0.0, further=((0.3, 25.0), (0.2, 30.0)))
+    shown = evolution(pixel, condition.mix(40.0), np.random.default_rng(3))
+    axes = Figure().subplots()
+    plot_histogram(axes, shown, condition)
+    assert [line.get_label() for line in axes.lines] == ["direct, 5 ns", "MPI, 25 ns", "MPI, 30 ns"]
+    [wave] = [other for other in axes.figure.axes if other is not axes]
+    # a triangle falls from 1 at 0 ns to −1 at 20 ns
+    drawn = np.asarray(wave.lines[0].get_ydata(), np.float64)
+    np.testing.assert_allclose(drawn[:64], 1.0 - shown.bin_ns[:64] / 10.0, atol=1e-9)
 
 
 def test_arrivals_of_a_trace_lie_in_the_period_of_the_fundamental() -> None:

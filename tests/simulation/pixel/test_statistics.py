@@ -144,6 +144,14 @@ def test_bound_is_infinite_where_paths_coincide_and_absent_without_photons() -> 
     assert np.isnan(alone[1])
 
 
+def test_bound_of_weak_mpi_is_finite_and_grows_as_the_mpi_becomes_weaker() -> None:
+    """With an MPI ratio of 1e-6, both bounds were infinite, as if the paths coincided."""
+    weak, weaker = (
+        time_bounds_ns(paper_mix(1.0, mpi_ratio=ratio), Modulation(), variance_gain=1e-5) for ratio in (1e-4, 1e-6)
+    )
+    np.testing.assert_allclose(weaker, weak * [1.0, 100.0], rtol=1e-3)
+
+
 def test_bound_without_any_noise_is_nothing() -> None:
     """Without ambient light and with a pulse of no length, all photons of one path give the same voltages."""
     mix = replace(paper_mix(0.0, mpi_ratio=0.0), fwhm_ns=0.0)

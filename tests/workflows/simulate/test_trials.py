@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 from cadtof_cli.capture.metadata import Modulation
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.figures.canvas import Figure
+from cadtof_cli.figures.sweep_maps import draw_confidence
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition
@@ -137,6 +140,14 @@ def test_noise_of_the_samples_widens_the_scatter_and_the_bound_alike() -> None:
     assert row["phase_std_rad"] == pytest.approx(row["phase_model_std_rad"], rel=0.06)
 
 
+def test_noise_of_the_samples_is_not_taken_for_a_second_path() -> None:
+    """The order test was told the noise of the photons alone, and found a second path in 13 % of the runs."""
+    model = PixelModel(averaging=Averaging(integration_length=1e5), sample_noise_v=0.3)
+    wanted = trials(condition=Condition(asr=3.0, mpi_ratio=0.0), model=model, runs=1000)
+    [block] = wanted.blocks
+    assert np.isfinite(recordings(wanted, block).times_ns[1]).mean() < 0.015
+
+
 def test_phase_error_does_not_depend_on_asr() -> None:
     """10 ns are 90°, and MPI of 0.3 at 17 ns, 153°, turns the sum by 13.24°. Ambient light turns nothing."""
     errors = [
@@ -220,6 +231,15 @@ def test_figures_of_three_runs_are_those_of_a_sample() -> None:
     assert found.phase_std_rad == pytest.approx(0.1 * 2 * np.pi / 40.0, rel=1e-6)
     assert found.phase_bias_rad == pytest.approx(0.05 * 2 * np.pi / 40.0, rel=1e-5)
     assert found.direct.within_1ns == 1.0
+
+
+def test_the_picture_of_a_single_asr_shows_the_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A line of one point cannot be seen; it has a marker."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr("cadtof_cli.figures.sweep_maps.Figure.savefig", lambda figure, _: drawn.append(figure))
+    draw_confidence(list(rows([outcome(trials(runs=3))])), tmp_path / "first_phasor.png")
+    [figure] = drawn
+    assert [[line.get_marker() for line in axes.lines] for axes in figure.axes[:2]] == [["o", "_"]] * 2
 
 
 THREE = PixelModel(modulation=Modulation(periods_ns=(40.0, 20.0, 13.3333)), averaging=Averaging(integration_length=1e6))
