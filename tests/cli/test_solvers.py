@@ -175,7 +175,7 @@ def test_a_lone_frame_that_cannot_be_read_fails_once(tmp_path: Path, monkeypatch
             "--order: found '3', expected one of auto, 1, 2 with --solver two-path and --paths 2",
         ),
         ((1, 2), ("--order", "many"), "--order: found 'many'"),
-        ((1, 3), (), "record another period, lower --paths, or use --solver one-path"),
+        ((1, 3), (), "record another period, lower --paths or --order, or use --solver one-path"),
         ((1,), (), "2 paths need at least 2 periods"),
     ],
 )
