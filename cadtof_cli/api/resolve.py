@@ -15,13 +15,12 @@ from cadtof_cli.api.values import as_declared
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.errors import FrameError, SettingsError
-from cadtof_cli.files.maps import SOURCE, STATUS
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import require_plausible, tells_copies
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, SolverName
-from cadtof_cli.units import printable
 from cadtof_cli.workflows.resolve.frame_task import answered_maps, content_digest
 
 _log = logging.getLogger("cadtof_cli")
@@ -91,7 +90,7 @@ def resolve(
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
     maps, _ = answered_maps(resolved, plan, source=first)
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
-    return Maps(layers, {**plan.header.facts, SOURCE: printable(str(first))})
+    return Maps(layers, plan.header.of_frame(str(first)).facts)
 
 
 def _frames(given: Frame | Sequence[Frame]) -> list[Frame]:

@@ -17,6 +17,7 @@ from cadtof_cli.files.atomic import PartialFile, not_written
 from cadtof_cli.files.formats import format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
+from cadtof_cli.units import printable
 from cadtof_cli.version import __version__
 
 STATUS = "status"
@@ -105,6 +106,10 @@ class MapHeader:
 
     units: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
+
+    def of_frame(self, source: str, /) -> "MapHeader":
+        """Return this header with one more fact: the name of the recorded frame."""
+        return MapHeader(self.units, {**self.facts, SOURCE: printable(source)})
 
 
 def file_digest(path: Path, /) -> str:

@@ -16,7 +16,7 @@ from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import SOURCE, DepthMaps, Digest, file_digest, stage_maps
+from cadtof_cli.files.maps import DepthMaps, Digest, file_digest, stage_maps
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import require_plausible, tells_copies
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
@@ -24,7 +24,6 @@ from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status
-from cadtof_cli.units import printable
 from cadtof_cli.workflows.resolve.reports import FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:
@@ -173,8 +172,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /) -
     """
     maps, counts = answered_maps(resolved, task.plan, source=task.sources[0])
     remarks = [told for told in (_why_again(task) if task.resume else None, recording.left_out) if told]
-    facts = {**task.plan.header.facts, SOURCE: printable(task.sources[0].file_name)}
-    header = replace(task.plan.header, facts=facts)
+    header = task.plan.header.of_frame(task.sources[0].file_name)
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise.estimated:
