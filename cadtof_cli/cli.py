@@ -204,7 +204,10 @@ def _message_and_status(error: Exception) -> tuple[Sequence[str], int]:
             return (told,), 1
         case OSError(filename=None):
             told = f"standard output: cannot be written: {error.strerror or error}"
-            if isinstance(error, FileNotFoundError):
+            if error.errno is None:
+                # raised by a library, as by matplotlib if no folder at all can be written into
+                told = str(error)
+            elif isinstance(error, FileNotFoundError):
                 told = "the folder in which cadtof was started is gone; change to a folder that exists"
             elif error.errno in {errno.EMFILE, errno.ENFILE}:
                 told = f"{error.strerror}: allow more open files (ulimit -n)"

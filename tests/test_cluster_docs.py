@@ -138,6 +138,12 @@ def test_the_objects_for_kubernetes() -> None:
         "dask.org/cluster-name": name, "dask.org/component": "scheduler",
     }  # fmt: skip
     assert worker["args"][worker["args"].index("--nthreads") + 1] == "1"
+    for part, options in ((scheduler, {"--host"}), (worker, {"--name", "--nthreads", "--no-dashboard"})):
+        program, *more = part["args"][:2]
+        command = [Path(sys.executable).with_name(program), *more, "--help"]
+        done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 0, done.stderr
+        assert all(option in done.stdout for option in options)
 
 
 def _container(pod: dict[str, Any]) -> dict[str, Any]:

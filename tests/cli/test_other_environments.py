@@ -95,6 +95,20 @@ def test_pictures_do_not_follow_the_settings_of_other_plots(capture: Path, tmp_p
         (tmp_path / "elsewhere" / "picture.png").unlink()
 
 
+def test_pictures_say_what_they_need_if_no_folder_can_be_written_into(capture: Path, tmp_path: Path) -> None:
+    """As in a container whose root is read-only: matplotlib then lacks a folder for its list of fonts."""
+    no_folder = "import tempfile\ndef none(*_): raise FileNotFoundError(2, 'No usable temporary directory found')\n"
+    (tmp_path / "sitecustomize.py").write_text(no_folder + "tempfile._get_default_tempdir = none\n")
+    folders = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null", "XDG_CONFIG_HOME": "/dev/null"}
+    paths = {"PYTHONPATH": os.pathsep.join([str(tmp_path), ENVIRONMENT["PYTHONPATH"]])}
+    picture = tmp_path / "picture.png"
+    done = _run("preview", capture / "frame_0.tif", "-o", picture, cwd=tmp_path, environment=folders | paths)
+    assert done.status == 2
+    assert "Error: Matplotlib requires access to a writable cache directory" in done.err
+    assert "set the MPLCONFIGDIR environment variable to a writable directory" in done.err
+    assert not picture.exists()
+
+
 @pytest.mark.parametrize("command", ["resolve", "calibrate"])
 def test_help_without_docstrings_says_what_a_command_does(command: str, tmp_path: Path) -> None:
     done = _run(command, "--help", cwd=tmp_path, environment={"PYTHONOPTIMIZE": "2", "COLUMNS": "200"})

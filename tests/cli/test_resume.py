@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -181,6 +182,30 @@ def test_a_frame_that_was_only_touched_is_kept(tmp_path: Path) -> None:
     assert (done.status, _skipped(done)) == (0, 3)
     assert _resolve(capture.folder, "-o", fresh).status == 0
     require_same_run(out, fresh)
+
+
+def test_a_frame_that_changed_within_the_same_second_is_resolved_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """sshfs and exFAT cut the times of files to whole seconds: a frame that is replaced may keep its size and times."""
+    capture, out, exact, cut_ns = record(tmp_path / "A", frames=2), tmp_path / "out", Path.stat, 10**18
+
+    def cut(path: Path, **more: bool) -> os.stat_result | SimpleNamespace:
+        found = exact(path, **more)
+        times = {"st_mtime_ns": cut_ns, "st_ctime_ns": cut_ns}
+        names = [name for name in dir(found) if name.startswith("st_")]
+        return SimpleNamespace(**{n: getattr(found, n) for n in names} | times) if path in capture.files else found
+
+    monkeypatch.setattr(Path, "stat", cut)
+    assert _resolve(capture.folder, "-o", out).status == 0
+    for place in out.glob("*.tif"):
+        os.utime(place, ns=(cut_ns, cut_ns + 9 * 10**8))
+    pixels = capture.files[0].read_bytes()
+    assert len(pixels) == capture.files[1].stat().st_size
+    capture.files[1].write_bytes(pixels)
+    done = _resolve(capture.folder, "-o", out, "--resume", "--json")
+    assert (done.status, _skipped(done)) == (0, 1)
+    assert "its recorded frame has changed since; made again" in done.err
 
 
 def test_maps_whose_lines_are_lost_are_made_again(tmp_path: Path) -> None:

@@ -34,6 +34,10 @@ Result = TypeVar("Result")
 MOST_READS = 3
 """How many times a frame is read when its files keep changing while they are read."""
 
+WHOLE_S_NS = 10**9
+COARSEST_TIMES_NS = 2 * WHOLE_S_NS
+"""Times of files are cut to whole seconds by SFTP and exFAT, and to two seconds by FAT."""
+
 
 @dataclass(frozen=True)
 class FrameTask:
@@ -255,7 +259,9 @@ def _maps_changed(path: Path, before: FrameReport) -> bool:
 
 def _touched_since(task: FrameTask) -> bool:
     written_ns = task.output.stat().st_mtime_ns
-    return any(path.stat().st_ctime_ns >= written_ns for source in task.sources for path in source.paths)
+    touched = [path.stat().st_ctime_ns for source in task.sources for path in source.paths]
+    # a time in whole seconds may have been cut
+    return any(one + (0 if one % WHOLE_S_NS else COARSEST_TIMES_NS) >= written_ns for one in touched)
 
 
 def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
