@@ -23,7 +23,7 @@ def path(range_m: NDArray[np.float64] | float, h: int) -> C:
 def yard() -> NDArray[np.float64]:
     """Ranges of a floor, a wall and two boxes, 1.2 to 3 m, (Y, X)."""
     row, column = np.indices(SIZE)
-    range_m = np.minimum(2.6 + 0.005 * column, 60.0 / (row + 1.0))
+    range_m: NDArray[np.float64] = np.minimum(2.6 + 0.005 * column, 60.0 / (row + 1.0))
     range_m[20:50, 10:25] = 1.9
     range_m[30:55, 50:70] = 1.2
     return range_m
