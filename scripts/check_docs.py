@@ -27,6 +27,8 @@ OTHERS = frozenset(
         "--against",
         "--cost",
         "--count",
+        "--cpus",
+        "--cpuset-cpus",
         "--even-lamp",
         "--figure",
         "--first",
@@ -35,6 +37,7 @@ OTHERS = frozenset(
         "--kills",
         "--lifetime",
         "--list",
+        "--memory",
         "--named",
         "--place",
         "--quick",
@@ -42,7 +45,9 @@ OTHERS = frozenset(
         "--samples",
         "--scipy-pixels",
         "--seeds",
+        "--shm-size",
         "--shown",
+        "--tmpfs",
     )
 )
 """Options on the pages that belong to scripts or to other programs."""
