@@ -205,7 +205,9 @@ def test_runs_of_any_name_stand_in_the_legend(figures: list[Figure], tmp_path: P
     """Matplotlib hides labels that begin with `_`, and cannot write a byte order mark into a PDF."""
     place, along = np.arange(9), np.arange(9.0)
     curves = tuple(Curve(name, along, None) for name in ("_run", "a\ufeffb\u202ec"))
-    draw_profile(Profile("direct.depth", "m", "row 0", "column", place, place, "range", curves, None), tmp_path / "a.pdf")
+    draw_profile(
+        Profile("direct.depth", "m", "row 0", "column", place, place, "range", curves, None), tmp_path / "a.pdf"
+    )
     legend = figures[0].axes[0].get_legend()
     assert legend is not None
     assert [text.get_text().strip() for text in legend.get_texts()] == ["_run", r"a\ufeffb\u202ec"]
