@@ -215,7 +215,11 @@ def _message_and_status(error: Exception) -> tuple[Sequence[str], int]:
             advice = "Run `cadtof --debug …` and report it."
             if "marshal data" in str(error):
                 advice = f"{_CUT_OFF} Remove the folders __pycache__ where cadtof and its packages are installed"
-            return (f"Error: unexpected {type(error).__name__}: {error}", advice), 1
+            lines: tuple[str, ...] = (f"Error: unexpected {type(error).__name__}: {error}", advice)
+            if isinstance(error, UnicodeEncodeError) and error.encoding != "utf-8":
+                about = f"{error.encoding}, the encoding of the locale, lacks letters; set PYTHONUTF8=1"
+                lines = (f"Error: {error.object!a}: {about}",)
+            return lines, 1
 
 
 def _flush_stderr() -> None:
