@@ -166,15 +166,20 @@ def main() -> NoReturn:
 
 
 def _require_words(arguments: Sequence[str]) -> None:
-    """Make sure that no argument is empty and that no output is called `-`.
+    """Make sure that no argument is empty or unreadable, and that no output is called `-`.
 
     An empty argument comes from a shell variable that is not set; as a path, it would mean the current folder. In other
     programs `-` stands for stdout, so a file of this name would be a surprise.
 
     Raises:
-        click.UsageError: an argument is empty, or an output is called `-`.
+        click.UsageError: an argument is empty or not in the encoding of the locale, or an output is called `-`.
     """
     for before, argument in itertools.pairwise((PROGRAM, *arguments)):
+        try:
+            os.fsencode(argument)
+        except UnicodeEncodeError as error:
+            told = f"{argument!a}: is not in {error.encoding}, the encoding of the locale; set PYTHONUTF8=1"
+            raise click.UsageError(told) from error
         if not argument or (argument.startswith("--") and argument.endswith("=")):
             raise click.UsageError(
                 f"{argument.rstrip('=') or f'after {before}'}: found an empty argument, expected a path or a value; is a"
@@ -215,11 +220,7 @@ def _message_and_status(error: Exception) -> tuple[Sequence[str], int]:
             advice = "Run `cadtof --debug …` and report it."
             if "marshal data" in str(error):
                 advice = f"{_CUT_OFF} Remove the folders __pycache__ where cadtof and its packages are installed"
-            lines: tuple[str, ...] = (f"Error: unexpected {type(error).__name__}: {error}", advice)
-            if isinstance(error, UnicodeEncodeError) and error.encoding != "utf-8":
-                about = f"{error.encoding}, the encoding of the locale, lacks letters; set PYTHONUTF8=1"
-                lines = (f"Error: {error.object!a}: {about}",)
-            return lines, 1
+            return (f"Error: unexpected {type(error).__name__}: {error}", advice), 1
 
 
 def _flush_stderr() -> None:

@@ -154,6 +154,6 @@ def test_exr_files_where_the_locale_reads_names_otherwise(tmp_path: Path) -> Non
 def test_a_name_that_the_locale_cannot_read_is_reported(tmp_path: Path) -> None:
     environment, folder = _locale(tmp_path, "ja_JP", "EUC-JP"), record(tmp_path / "ölçüm ş").folder
     done = _run("info", folder, cwd=tmp_path, environment=environment)
-    assert (done.status, done.out) == (1, "")
-    assert done.err.endswith("euc_jp, the encoding of the locale, lacks letters; set PYTHONUTF8=1\n")
+    assert (done.status, done.out) == (2, "")
+    assert done.err.endswith(" is not in euc_jp, the encoding of the locale; set PYTHONUTF8=1\n")
     assert _run("info", folder, cwd=tmp_path, environment={**environment, "PYTHONUTF8": "1"}).status == 0
