@@ -178,8 +178,9 @@ def _require_words(arguments: Sequence[str]) -> None:
         try:
             os.fsencode(argument)
         except UnicodeEncodeError as error:
-            told = f"{argument!a}: is not in {error.encoding}, the encoding of the locale; set PYTHONUTF8=1"
-            raise click.UsageError(told) from error
+            raise click.UsageError(
+                f"{argument!a}: found a name that is not in {error.encoding}, the encoding of the locale; set PYTHONUTF8=1"
+            ) from error
         if not argument or (argument.startswith("--") and argument.endswith("=")):
             raise click.UsageError(
                 f"{argument.rstrip('=') or f'after {before}'}: found an empty argument, expected a path or a value; is a"

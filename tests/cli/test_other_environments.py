@@ -155,5 +155,5 @@ def test_a_name_that_the_locale_cannot_read_is_reported(tmp_path: Path) -> None:
     environment, folder = _locale(tmp_path, "ja_JP", "EUC-JP"), record(tmp_path / "ölçüm ş").folder
     done = _run("info", folder, cwd=tmp_path, environment=environment)
     assert (done.status, done.out) == (2, "")
-    assert done.err.endswith(" is not in euc_jp, the encoding of the locale; set PYTHONUTF8=1\n")
+    assert done.err.endswith(": found a name that is not in euc_jp, the encoding of the locale; set PYTHONUTF8=1\n")
     assert _run("info", folder, cwd=tmp_path, environment={**environment, "PYTHONUTF8": "1"}).status == 0
