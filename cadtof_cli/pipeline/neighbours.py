@@ -10,8 +10,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.noise import MOST_INTEGRATION, NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.pipeline.pixels import FramePixels
-from cadtof_cli.pipeline.stages import FrameStages
+from cadtof_cli.pipeline.stages import FramePixels, FrameStages
 
 BLOCK_PIXELS = 32768
 """Pixels per block of a search for paths, so that memory stays small for frames of any size."""

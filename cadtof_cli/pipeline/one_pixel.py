@@ -6,13 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.maps.layers import LayerSource
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
-from cadtof_cli.pipeline.pixels import FramePixels
-from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.pipeline.stages import FrameStages, frame_stages
+from cadtof_cli.pipeline.stages import FramePixels, FrameStages
 from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 from cadtof_cli.resolver.order import move_and_limit, with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
@@ -78,15 +75,8 @@ class PixelEvidence:
     in_separate_patch: bool | None
 
 
-def pixel_evidence(
-    pixels: FramePixels, index: int, /, *, plan: FramePlan, calibration: Calibration | None = None
-) -> PixelEvidence:
-    """Return all numbers that lead to the answer of the pixel with a flat index in a prepared frame.
-
-    Raises:
-        SettingsError: the plan does not fit the frame's type.
-    """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
+def pixel_evidence(pixels: FramePixels, index: int, stages: FrameStages, /) -> PixelEvidence:
+    """Return all numbers that lead to the answer of the pixel with a flat index in a prepared frame."""
     here = slice(index, index + 1)
     pixel = pixels[here]
     tail, response, phasors = pixels.tail, stages.response, stages.phasors(pixel)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index, sealed
-from cadtof_cli.pipeline.pixels import FramePixels
-from cadtof_cli.pipeline.stages import FrameStages
+from cadtof_cli.pipeline.stages import FramePixels, FrameStages
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, sampled_pixels
 from cadtof_cli.resolver.diffuse.light import PatchLight, sampled_light

@@ -1,5 +1,7 @@
-"""Everything that all frames of one plan, type and size share: how stored values become phasors, paths and maps."""
+"""The two records that the stages of a frame pass on: its pixels, and what all frames of one plan, type and size share."""
 
+import itertools
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -10,9 +12,9 @@ from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
 from cadtof_cli.optics import LampBeside, planar_per_range
+from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.pipeline.pixels import EVERY, FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -22,10 +24,63 @@ from cadtof_cli.units import metres_per_radian
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
+    from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
     from cadtof_cli.resolver.diffuse.light import FrameTraits
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
     from cadtof_cli.resolver.paths import ResolvedPaths
     from cadtof_cli.resolver.response.table import ResponseBlock
+
+
+EVERY = slice(None)
+
+
+@dataclass(frozen=True, eq=False)
+class FramePixels:
+    """n consecutive pixels of a frame after the stages that couple pixels: from here on each pixel is resolved alone.
+
+    Attributes:
+        stored: values as recorded, or their mean over frames, (H, 2, n).
+        dtype: type in which the values were recorded.
+        size: (Y, X) of the whole frame.
+        first: flat index of the first of the n pixels.
+        noise: noise of a recorded pixel, and the number of recorded pixels that each of the n is a mean of.
+        pooled: phasors that are means over neighbours, (H, n), and replace the phasors that follow from `stored`; None:
+            not pooled.
+        without_noise: whether all pixels of the frame hold the same values, which no camera records.
+        choice: the model of MPI that was chosen for the frame; None if there was no choice.
+        tail: the model that predicts diffuse MPI; None if the frame has none.
+    """
+
+    stored: Stored
+    dtype: np.dtype[np.generic]
+    size: tuple[int, int]
+    first: int
+    noise: NoiseModel
+    pooled: Complex | None = None
+    without_noise: bool = False
+    choice: "DiffuseChoice | None" = None
+    tail: "DiffuseModel | None" = None
+
+    def places(self, chosen: SomePixels, /) -> SomePixels:
+        """Return the flat indices, in the frame, of some of the pixels."""
+        if isinstance(chosen, slice):
+            start, stop, _ = chosen.indices(self.stored.shape[2])
+            return slice(self.first + start, self.first + stop)
+        return self.first + chosen
+
+    def __getitem__(self, pixels: slice, /) -> "FramePixels":
+        return replace(
+            self,
+            stored=self.stored[:, :, pixels],
+            first=self.first + pixels.indices(self.stored.shape[2])[0],
+            noise=self.noise[pixels],
+            pooled=None if self.pooled is None else self.pooled[:, pixels],
+        )
+
+    def parts(self, count: int, /) -> tuple["FramePixels", ...]:
+        """Return the pixels in `count` parts, which differ in size by one pixel at most."""
+        edges = (index * self.stored.shape[2] // count for index in range(count + 1))
+        return tuple(self[begin:end] for begin, end in itertools.pairwise(edges))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +146,16 @@ class FrameStages:
 def _some(planes: Stored, chosen: SomePixels) -> Stored:
     """Return some pixels of planes, (…, n) → (…, m), with the values of each plane side by side in memory."""
     return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
+
+
+def stages_of(frame: Stored | FrameMean, /, plan: FramePlan, calibration: "Calibration | None" = None) -> FrameStages:
+    """Return the stages of a frame of stored values, (H, 2, Y, X), or of the mean of several.
+
+    Raises:
+        SettingsError: the frame does not fit the plan or the calibration.
+    """
+    height, width = (frame.stored if isinstance(frame, FrameMean) else frame).shape[2:]
+    return frame_stages(plan, calibration, frame.dtype, (height, width))
 
 
 @lru_cache(maxsize=4)
