@@ -117,7 +117,7 @@ def prepare_frame(frame: Stored | FrameMean, stages: FrameStages, /) -> FramePix
         from cadtof_cli.pipeline.neighbours import pooled_pixels
 
         pixels = pooled_pixels(pixels, stages)
-    if stages.resolver.may_be_diffuse(noise.harmonics):
+    if stages.plan.resolver.may_be_diffuse(noise.harmonics):
         pixels = _with_predicted_mpi(pixels, stages)
     return pixels
 

@@ -94,7 +94,7 @@ def pixel_evidence(pixels: FramePixels, index: int, stages: FrameStages, /) -> P
         if fit is not None
     }
     metres = float(np.ravel(stages.depth.metres(here))[0])
-    asked = stages.resolver.order == "auto" and stages.resolver.max_paths > 1
+    asked = stages.plan.resolver.order == "auto" and stages.plan.resolver.max_paths > 1
     return PixelEvidence(
         phasors[:, 0],
         _covariance(phasors, resolved.paths, pixel.noise),
@@ -110,7 +110,7 @@ def pixel_evidence(pixels: FramePixels, index: int, stages: FrameStages, /) -> P
 
 def _fit(phasors: Complex, count: int, pixel: FramePixels, here: slice, stages: FrameStages) -> Fit | None:
     """Return the fit of a number of paths to one pixel, by the same solver as in the driver; None if it has no such fit."""
-    settings, response = replace(stages.resolver, mpi_model="discrete"), stages.response
+    settings, response = replace(stages.plan.resolver, mpi_model="discrete"), stages.response
     try:
         if count > settings.max_paths:
             settings = replace(settings, order="auto", paths=max(count, settings.paths))
@@ -159,9 +159,11 @@ def _order_test(one: Fit, two: Fit, stages: FrameStages, noise: NoiseModel, metr
         moved, limit = move_and_limit(two.paths[0], one.paths[0])
         worth = bool(worth_another(two.paths[0], one.paths[0])[0])
         moved_m, needed_m = moved * metres, np.sqrt(limit) * metres
-    threshold = chi_squared_threshold(stages.resolver.false_alarm, pairs=len(noise.harmonics) - 1)
+    threshold = chi_squared_threshold(stages.plan.resolver.false_alarm, pairs=len(noise.harmonics) - 1)
     chi_squared = float(one.chi_squared[0])
-    return OrderTest(chi_squared, threshold, stages.resolver.false_alarm, float(moved_m[0]), float(needed_m[0]), worth)
+    return OrderTest(
+        chi_squared, threshold, stages.plan.resolver.false_alarm, float(moved_m[0]), float(needed_m[0]), worth
+    )
 
 
 def _covariance(phasors: Complex, paths: Paths, noise: NoiseModel) -> Float:

@@ -74,7 +74,7 @@ def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /) 
     places = _sampled(pixels.size, grid.shift)
     chosen = places.ravel()
     phasors, noise, response = stages.phasors(pixels, chosen), pixels.noise[chosen], stages.response
-    settings = replace(stages.resolver, min_confidence=None)
+    settings = replace(stages.plan.resolver, min_confidence=None)
     of_paths = phasors
     with np.errstate(over="ignore", invalid="ignore"):
         # no warnings: the screening finds NaN, and values that no camera stores

@@ -17,7 +17,6 @@ from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_mo
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, FrameKernel, KernelScales, saturation
 from cadtof_cli.units import metres_per_radian
@@ -89,10 +88,8 @@ class FrameStages:
 
     Attributes:
         plan: what decides the maps of the frames.
-        saturated_counts: stored values at or beyond these limits are saturated; None: no value is.
         correction: correction of the stored values.
         depth: how paths become metres and volts.
-        resolver: settings of the resolver, with the least confidence in units of the modulation amplitude.
         response: response with which pixels are resolved; pooled pixels have no phase of their own. None for a sine.
         solver_module: module of the resolver with the solver for these frames.
         layers: layers of the maps, besides the status.
@@ -100,10 +97,8 @@ class FrameStages:
     """
 
     plan: FramePlan
-    saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
-    resolver: ResolverSettings
     response: "ResponseBlock | None"
     solver_module: str
     layers: tuple[Layer, ...]
@@ -122,7 +117,7 @@ class FrameStages:
         hot = self.correction.hot
         bits = np.uint32(0) if hot is None else hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
         if saturated:
-            beyond = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
+            beyond = saturated_pixels(_some(pixels.stored, chosen), self.plan.metadata.voltage.saturated_counts)
             bits = bits | beyond * np.uint32(StatusBit.SATURATED)
         return np.asarray(bits, np.uint32)
 
@@ -135,7 +130,7 @@ class FrameStages:
         return resolve_paths(
             self.phasors(pixels),
             status=self.status(pixels),
-            settings=self.resolver,
+            settings=self.plan.resolver,
             noise=pixels.noise,
             response=response.block(here) if response else None,
             tail=tail,
@@ -178,15 +173,14 @@ def frame_stages(
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
         LampBeside.of(metadata.optics, size),
     )
-    resolver, n_av, noise = plan.resolver, metadata.pixel.integration_length, None
+    n_av, noise = metadata.pixel.integration_length, None
     response = correction.response
     if response is not None and plan.settings.pool > 1:
         response = response.without_phases
-    solver = resolver.solver_module(metadata.modulation.harmonics, sine=response is None)
+    solver = plan.resolver.solver_module(metadata.modulation.harmonics, sine=response is None)
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
-    saturated = metadata.voltage.saturated_counts
-    return sealed(FrameStages(plan, saturated, correction, depth, resolver, response, solver, plan.layers, noise))
+    return sealed(FrameStages(plan, correction, depth, response, solver, plan.layers, noise))
 
 
 def kernel_of_frame(
@@ -210,7 +204,7 @@ def kernel_of_frame(
         buffers = tail_buffers(tail, first)
     scales = KernelScales(
         phasor_map=stages.correction.phasor_map[block] if source_type.kind != "c" else None,
-        saturated_counts=stages.saturated_counts,
+        saturated_counts=stages.plan.metadata.voltage.saturated_counts,
         metres=stages.depth.metres(block),
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
@@ -218,7 +212,7 @@ def kernel_of_frame(
         most_volts=most_v,
         noise_volts=noise_v,
     )
-    return FrameKernel(scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type)
+    return FrameKernel(scales, settings=stages.plan.resolver, noise=noise, count=count, source_type=source_type)
 
 
 kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
@@ -234,7 +228,8 @@ def frame_traits(
     from cadtof_cli.resolver.diffuse.light import FrameTraits, Look
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
-    modulation, optics = stages.plan.metadata.modulation, stages.plan.metadata.optics
+    metadata, resolver = stages.plan.metadata, stages.plan.resolver
+    modulation, optics = metadata.modulation, metadata.optics
     correction, curvature_m, window = stages.correction, stages.depth.range_offset_m, stages.plan.settings.pool
     focal, terms = optics.focal_length_px, None
     grid = patch_grid(*size, View(focal, optics.principal_point(size)) if focal else assumed_view(*size))
@@ -246,12 +241,13 @@ def frame_traits(
     recorded = tuple(one.dark_variance for one in noise.each)
     look = None
     if correction.response is None and window == 1 and stored in STORED_TYPES[:-1]:
-        power = chi_squared_threshold(stages.resolver.false_alarm, pairs=len(noise.each))
-        look = Look(correction.phasor_map, saturation(stages.saturated_counts, stored), power, noise, correction.hot)
+        power = chi_squared_threshold(resolver.false_alarm, pairs=len(noise.each))
+        saturated = saturation(metadata.voltage.saturated_counts, stored)
+        look = Look(correction.phasor_map, saturated, power, noise, correction.hot)
     return FrameTraits(
         grid,
         DiffuseSettings(
-            model=stages.resolver.mpi_model,
+            model=resolver.mpi_model,
             period_ns=modulation.periods_ns[0],
             harmonics=modulation.harmonics,
             terms=terms,
