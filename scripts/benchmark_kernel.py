@@ -15,9 +15,8 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.execution.memory import keep_freed_memory
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.pipeline.stages import stages_of
 from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from tests.support.kernels import by_kernel

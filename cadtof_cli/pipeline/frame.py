@@ -23,10 +23,10 @@ from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import (
     FramePixels,
     FrameStages,
+    frame_stages,
     frame_traits,
     kernel_of_frame,
     kernel_of_frames,
-    stages_of,
     traits_of_frames,
 )
 from cadtof_cli.records import dataclass
@@ -90,9 +90,19 @@ def resolve_frame(
     return ResolvedFrame(replace(maps, pages=pages, status=status), pixels.noise, pixels.choice)
 
 
+def stages_of(frame: Stored | FrameMean, /, plan: FramePlan, calibration: "Calibration | None" = None) -> FrameStages:
+    """Return the stages of a frame of stored values, (H, 2, Y, X), or of the mean of several.
+
+    Raises:
+        SettingsError: the frame does not fit the plan or the calibration.
+    """
+    height, width = (frame.stored if isinstance(frame, FrameMean) else frame).shape[2:]
+    return frame_stages(plan, calibration, frame.dtype, (height, width))
+
+
 def prepare_frame(frame: Stored | FrameMean, stages: FrameStages, /) -> FramePixels:
     """Do all that couples the pixels of a frame: estimate its noise if that is unknown, pool neighbours, predict
-    diffuse MPI."""
+    diffuse MPI. The `stages` are those of the frame."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
     height, width = recorded.shape[2:]
     stored = recorded.reshape(*recorded.shape[:2], -1)

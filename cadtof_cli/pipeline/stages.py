@@ -12,7 +12,6 @@ from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
 from cadtof_cli.optics import LampBeside, planar_per_range
-from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.pipeline.plan import FramePlan
@@ -141,16 +140,6 @@ class FrameStages:
 def _some(planes: Stored, chosen: SomePixels) -> Stored:
     """Return some pixels of planes, (…, n) → (…, m), with the values of each plane side by side in memory."""
     return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
-
-
-def stages_of(frame: Stored | FrameMean, /, plan: FramePlan, calibration: "Calibration | None" = None) -> FrameStages:
-    """Return the stages of a frame of stored values, (H, 2, Y, X), or of the mean of several.
-
-    Raises:
-        SettingsError: the frame does not fit the plan or the calibration.
-    """
-    height, width = (frame.stored if isinstance(frame, FrameMean) else frame).shape[2:]
-    return frame_stages(plan, calibration, frame.dtype, (height, width))
 
 
 @lru_cache(maxsize=4)

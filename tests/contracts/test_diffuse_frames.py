@@ -12,9 +12,9 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.capture.metadata import Voltage
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.pipeline.stages import FramePixels, stages_of
+from cadtof_cli.pipeline.stages import FramePixels
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.blocks import blocks_of

@@ -9,9 +9,15 @@ import pytest
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline.frame import ResolvedFrame, joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import (
+    ResolvedFrame,
+    joined_parts,
+    prepare_frame,
+    resolve_frame,
+    resolve_pixels,
+    stages_of,
+)
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.pipeline.stages import stages_of
 from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain

@@ -9,10 +9,10 @@ from cadtof_cli import resolve, simulate_scene
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Pulse
 from cadtof_cli.maps.layers import IN_KERNEL, Layer
 from cadtof_cli.phasors.frame_mean import frame_mean
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.one_pixel import pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.pipeline.stages import frame_stages, stages_of
+from cadtof_cli.pipeline.stages import frame_stages
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
 from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.settings import ResolverSettings

@@ -4,10 +4,9 @@ import numpy as np
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, stages_of
 from cadtof_cli.pipeline.one_pixel import pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.pipeline.stages import stages_of
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.units import metres_per_radian
 

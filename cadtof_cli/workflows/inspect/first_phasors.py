@@ -22,9 +22,8 @@ from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.maps.layers import without_offset
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline.frame import prepare_frame
+from cadtof_cli.pipeline.frame import prepare_frame, stages_of
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.pipeline.stages import stages_of
 from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame

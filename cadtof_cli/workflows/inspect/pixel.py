@@ -15,10 +15,9 @@ from cadtof_cli.files.maps import STATUS, DepthMaps
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.voltages import volts_per_count
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.one_pixel import OrderTest, PixelEvidence, pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.pipeline.stages import stages_of
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.status import ANSWERED, StatusBit, describe_status
 from cadtof_cli.units import counted

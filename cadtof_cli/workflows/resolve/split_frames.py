@@ -9,8 +9,8 @@ from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Outcome, WorkerDied
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels
-from cadtof_cli.pipeline.stages import FramePixels, frame_stages, stages_of
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels, stages_of
+from cadtof_cli.pipeline.stages import FramePixels, frame_stages
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, kept_maps, read_frame, reported, written
 from cadtof_cli.workflows.resolve.reports import FrameReport

@@ -8,9 +8,9 @@ import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Voltage
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.pipeline.stages import FramePixels, frame_stages, stages_of
+from cadtof_cli.pipeline.stages import FramePixels, frame_stages
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY, available_kernels

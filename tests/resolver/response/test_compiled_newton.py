@@ -18,9 +18,8 @@ from cadtof_cli.arrays import Float32
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import ideal_response
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
-from cadtof_cli.pipeline.stages import stages_of
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.response.newton import Equations, searched
 from cadtof_cli.resolver.response.table import ENTRIES, STAGES, ResponseBlock, response_block

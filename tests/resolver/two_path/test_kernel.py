@@ -21,9 +21,8 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.voltages import PhasorMap
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
-from cadtof_cli.pipeline.stages import stages_of
 from cadtof_cli.resolver import two_path
 from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen_kernel, extension, numpy_note
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
