@@ -9,7 +9,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pix
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.optics import LampBeside
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.one_pixel import pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.units import unambiguous_range_m
@@ -126,7 +126,8 @@ def test_sigma_is_that_of_the_depth_from_the_camera(depth: str, kernel: str | No
     )
     assert growth.min() > 1.1
     np.testing.assert_allclose(found, of_half_way * growth, rtol=0.05)
-    evidence = pixel_evidence(prepare_frame(stored, plan=plan), 5, plan=plan)
+    stages = stages_of(stored, plan)
+    evidence = pixel_evidence(prepare_frame(stored, stages), 5, stages)
     assert evidence.one is not None
     assert evidence.one[0].sigma_m == pytest.approx(found[0, 5], rel=1e-5)
 
@@ -134,9 +135,11 @@ def test_sigma_is_that_of_the_depth_from_the_camera(depth: str, kernel: str | No
 def test_a_frame_with_a_lamp_is_resolved_in_parts_with_the_same_maps() -> None:
     offset = (0.1, 0.02, 0.0)
     plan = FramePlan(metadata=metadata(offset))
-    pixels = prepare_frame(volts(half_way(np.full(SIZE, 0.8), offset)), plan=plan)
-    split = joined_parts(pixels, [resolve_pixels(part, plan=plan) for part in pixels.parts(5)])
-    whole = joined_parts(pixels, [resolve_pixels(pixels, plan=plan)])
+    frame = volts(half_way(np.full(SIZE, 0.8), offset))
+    stages = stages_of(frame, plan)
+    pixels = prepare_frame(frame, stages)
+    split = joined_parts(pixels, [resolve_pixels(part, stages) for part in pixels.parts(5)])
+    whole = joined_parts(pixels, [resolve_pixels(pixels, stages)])
     np.testing.assert_array_equal(split.maps.values, whole.maps.values)
 
 
@@ -165,7 +168,8 @@ def test_the_first_phasor_and_one_pixel_are_measured_from_the_camera_too(depth: 
     found = first_phasor_depth(stored, plan=plan)
     for part in (slice(0, 16), slice(48, 64)):
         assert abs(np.median((found - truth)[:, part])) < 1e-3
-    evidence = pixel_evidence(prepare_frame(stored, plan=plan), 5, plan=plan)
+    stages = stages_of(stored, plan)
+    evidence = pixel_evidence(prepare_frame(stored, stages), 5, stages)
     assert evidence.one is not None
     resolved = resolve_frame(stored, plan=plan).maps.layer(DIRECT_DEPTH)
     assert evidence.one[0].depth_m == pytest.approx(resolved[0, 5], abs=1e-6)
