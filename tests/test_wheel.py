@@ -100,6 +100,16 @@ def test_the_kernel_is_not_built_with_arithmetic_that_is_not_as_written(flag: st
     assert "the same bits only without -ffast-math" in _preprocessed([compiler, "-std=c11", flag], header)
 
 
+@pytest.mark.parametrize("lines", ["", "#define Py_GIL_DISABLED 1\n"], ids=["gil", "free-threaded"])
+@pytest.mark.parametrize("name", ["two_path/_kernel.c", "likelihood/_likelihood.c"])
+def test_extensions_keep_to_the_stable_abi_only_where_python_has_one(name: str, lines: str, tmp_path: Path) -> None:
+    """Python's own pyconfig.h says whether it is free-threaded; `Python.h` then refuses the limited API."""
+    (tmp_path / "pyconfig.h").write_text(lines)
+    (tmp_path / "Python.h").write_text("#ifndef Py_LIMITED_API\n#error full API\n#endif\n")
+    words = [needed_program("cc"), "-std=c11", "-I", str(tmp_path)]
+    assert ("full API" in _preprocessed(words, ROOT / "cadtof_cli" / "resolver" / name)) == bool(lines)
+
+
 def _preprocessed(compiler: list[str], header: Path) -> str:
     """Return what the compiler says of a header on stderr."""
     command = [*compiler, "-E", "-x", "c", str(header), "-o", os.devnull]
