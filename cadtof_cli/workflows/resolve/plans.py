@@ -21,6 +21,7 @@ from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.uncalibrated import camera_doubts
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
+from cadtof_cli.pipeline.stages import calibrated_doubts
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.status import StatusBit
@@ -176,8 +177,8 @@ def plan_captures(
         # a calibration shows that the planes are in order
         doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
         # what `read_frames` reads, for one path, may be calibrated later
-        if stored is not None and not doubtful and use is None and plan.resolver.max_paths > 1:
-            doubtful = camera_doubts(stored, plan.metadata)
+        if stored is not None and not doubtful and plan.resolver.max_paths > 1:
+            doubtful = camera_doubts(stored, plan.metadata) if use is None else calibrated_doubts(stored, plan)
         if of_unit := plan.metadata.mistaken_unit(typical.pixels):
             doubtful += (of_unit,)
         plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))
@@ -221,8 +222,12 @@ def run_document(
     settings: ResolveSettings,
     plans: Sequence[CapturePlan],
     calibration: AppliedCalibration | None,
+    shared_folder: Path,
 ) -> dict[str, Any]:
-    """Return the content of `run.json` when a run begins. The arguments in it have the names of the options."""
+    """Return the content of `run.json` when a run begins. The arguments in it have the names of the options.
+
+    `shared_folder` is the folder whose tree the run's folder mirrors.
+    """
     maps, applied = settings.maps, None
     if calibration is not None:
         folder = calibration.use.folder
@@ -256,6 +261,7 @@ def run_document(
             "frames": settings.frames and [settings.frames.start, settings.frames.stop],
             "overrides": dict(settings.overrides),
         },
+        "shared_folder": str(shared_folder),
         "captures": list[dict[str, Any]](),
         "calibration": applied,
         "layers": {name: unit for one in plans for name, unit in one.plan.header.units.items()},
