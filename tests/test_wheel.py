@@ -31,10 +31,10 @@ def sources(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def wheel(sources: Path, compiler: str) -> tuple[str, list[str], str]:
+def wheel(sources: Path, compiler: str, build: str = BUILD) -> tuple[str, list[str], str]:
     """Return the name of the wheel that is built, the extensions in it, and what it says of itself."""
     given = {"CC": compiler, "LDSHARED": f"{compiler} -shared"}
-    words = [sys.executable, "-c", BUILD]
+    words = [sys.executable, "-c", build]
     done = subprocess.run(words, cwd=sources, env={**ENVIRONMENT, **given}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     (file,) = (sources / "wheels").iterdir()
@@ -68,6 +68,16 @@ def test_a_wheel_holds_the_extensions_that_could_be_built(sources: Path) -> None
     assert [Path(one).name.partition(".")[0] for one in compiled] == ["_kernel"]
 
 
+@pytest.mark.parametrize("disabled", [0, 1])
+def test_extensions_know_before_python_h_whether_there_is_a_stable_abi(sources: Path, disabled: int) -> None:
+    """`Python.h` of a free-threaded Python refuses the limited API, and the C files ask for it otherwise."""
+    for file in sources.rglob("*.c"):
+        file.write_text(f"#if {'!' * disabled}defined Py_GIL_DISABLED\n#error\n#endif\nint nothing;\n")
+    build = f"import sysconfig; sysconfig.get_config_vars()['Py_GIL_DISABLED'] = {disabled}; {BUILD}"
+    _, compiled, _ = wheel(sources, needed_program("cc"), build)
+    assert [".abi3." in name for name in compiled] == 2 * [not disabled]
+
+
 @pytest.mark.parametrize(("words", "left"), [(["build_ext", "--inplace"], 1), (["build_ext"], 2)])
 def test_a_checkout_keeps_no_extension_of_older_sources_if_a_build_fails(
     sources: Path, words: list[str], left: int
@@ -98,16 +108,6 @@ def test_the_kernel_is_not_built_with_arithmetic_that_is_not_as_written(flag: st
     compiler = needed_program("gcc")
     assert _preprocessed([compiler, "-std=c11"], header) == ""
     assert "the same bits only without -ffast-math" in _preprocessed([compiler, "-std=c11", flag], header)
-
-
-@pytest.mark.parametrize("lines", ["", "#define Py_GIL_DISABLED 1\n"], ids=["gil", "free-threaded"])
-@pytest.mark.parametrize("name", ["two_path/_kernel.c", "likelihood/_likelihood.c"])
-def test_extensions_keep_to_the_stable_abi_only_where_python_has_one(name: str, lines: str, tmp_path: Path) -> None:
-    """Python's own pyconfig.h says whether it is free-threaded; `Python.h` then refuses the limited API."""
-    (tmp_path / "pyconfig.h").write_text(lines)
-    (tmp_path / "Python.h").write_text("#ifndef Py_LIMITED_API\n#error full API\n#endif\n")
-    words = [needed_program("cc"), "-std=c11", "-I", str(tmp_path)]
-    assert ("full API" in _preprocessed(words, ROOT / "cadtof_cli" / "resolver" / name)) == bool(lines)
 
 
 def _preprocessed(compiler: list[str], header: Path) -> str:

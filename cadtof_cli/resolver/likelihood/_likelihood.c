@@ -5,7 +5,6 @@
  * These modules and mixture.py are its Python fronts. The buffers are checked here again: a buffer of the wrong type,
  * size, alignment or layout raises ValueError or TypeError and never crashes.
  */
-#include <pyconfig.h> /* defines Py_GIL_DISABLED */
 #ifndef Py_GIL_DISABLED
 #define Py_LIMITED_API 0x030b0000 /* one build for every Python from 3.11 on */
 #endif

@@ -6,7 +6,6 @@
  * or TypeError and never crashes. The equations are in the other headers. They are compiled once for every instruction
  * set in LEVELS. find_level and levels() ask which of the sets this processor has.
  */
-#include <pyconfig.h> /* defines Py_GIL_DISABLED */
 #ifndef Py_GIL_DISABLED
 #define Py_LIMITED_API 0x030b0000 /* one build for every Python from 3.11 on */
 #endif
