@@ -136,6 +136,8 @@ def extension(path: str, headers: tuple[str, ...]) -> Extension:
         [f"cadtof_cli/{path}.c"],
         depends=[f"{folder}/{header}" for header in headers],
         py_limited_api=not FREE_THREADED,
+        # the C files ask for it before Python.h defines it
+        define_macros=[("Py_GIL_DISABLED", "1")] if FREE_THREADED else [],
         optional=True,
     )
 

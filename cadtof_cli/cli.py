@@ -202,9 +202,10 @@ def _message_and_status(error: Exception) -> tuple[Sequence[str], int]:
             return text.getvalue().rstrip().split("\n"), error.exit_code
         case CadtofError():
             return (f"Error: {error}",), error.exit_status
-        case _ if isinstance(error, MemoryError) or _NO_ROOM in str(error):
+        # an older numpy names the reason only in the cause
+        case _ if isinstance(error, MemoryError) or _NO_ROOM in f"{error}\n{error.__cause__}":
             told = "Error: not enough memory; try fewer --jobs, or smaller inputs"
-            for line in str(error).split("\n"):
+            for line in f"{error}\n{error.__cause__}".split("\n"):
                 if _NO_ROOM in line:
                     told = f"Error: {line}: not enough memory (ulimit -v), or the disk is mounted noexec"
             return (told,), 1

@@ -31,10 +31,10 @@ def sources(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def wheel(sources: Path, compiler: str) -> tuple[str, list[str], str]:
+def wheel(sources: Path, compiler: str, build: str = BUILD) -> tuple[str, list[str], str]:
     """Return the name of the wheel that is built, the extensions in it, and what it says of itself."""
     given = {"CC": compiler, "LDSHARED": f"{compiler} -shared"}
-    words = [sys.executable, "-c", BUILD]
+    words = [sys.executable, "-c", build]
     done = subprocess.run(words, cwd=sources, env={**ENVIRONMENT, **given}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     (file,) = (sources / "wheels").iterdir()
@@ -66,6 +66,16 @@ def test_a_wheel_holds_the_extensions_that_could_be_built(sources: Path) -> None
     name, compiled, _ = wheel(sources, needed_program("cc"))
     assert "-abi3-" in name
     assert [Path(one).name.partition(".")[0] for one in compiled] == ["_kernel"]
+
+
+@pytest.mark.parametrize("disabled", [0, 1])
+def test_extensions_know_before_python_h_whether_there_is_a_stable_abi(sources: Path, disabled: int) -> None:
+    """`Python.h` of a free-threaded Python refuses the limited API, and the C files ask for it otherwise."""
+    for file in sources.rglob("*.c"):
+        file.write_text(f"#if {'!' * disabled}defined Py_GIL_DISABLED\n#error\n#endif\nint nothing;\n")
+    build = f"import sysconfig; sysconfig.get_config_vars()['Py_GIL_DISABLED'] = {disabled}; {BUILD}"
+    _, compiled, _ = wheel(sources, needed_program("cc"), build)
+    assert [".abi3." in name for name in compiled] == 2 * [not disabled]
 
 
 @pytest.mark.parametrize(("words", "left"), [(["build_ext", "--inplace"], 1), (["build_ext"], 2)])
