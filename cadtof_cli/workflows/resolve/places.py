@@ -1,7 +1,6 @@
 """Where the captures of a run lie, and in which folders their maps are: found out from the record of the run."""
 
 import json
-import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -10,6 +9,7 @@ from typing import Any
 
 from cadtof_cli.capture.discovery import absolute
 from cadtof_cli.files.atomic import atomic_write, writing
+from cadtof_cli.files.system import common_folder
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE
 from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 
@@ -47,7 +47,7 @@ def shared_folder(out: Path, record: Mapping[str, Any], /) -> Path:
                 return Path(*root.parts[: len(root.parts) - len(place)])
     inputs = [absolute(Path(path)) for path in arguments.get("absolute_inputs", arguments["inputs"])]
     folders = [path if any(root.is_relative_to(path) for root in roots) else path.parent for path in inputs]
-    return Path(os.path.commonpath([*folders, *roots]))
+    return common_folder([*folders, *roots])
 
 
 def _start_folder(arguments: Mapping[str, Any]) -> Path:
@@ -95,7 +95,7 @@ def rename_lines(out: Path, earlier: Mapping[str, Any], /) -> None:
             if report := report_of(line):
                 output = report.output and Path(report.output)
                 if output and output.is_relative_to(called):
-                    report = replace(report, output=str(out / output.relative_to(called)))
+                    report = replace(report, output=(out / output.relative_to(called)).as_posix())
                 if not is_here:
                     report = replace(report, source=str(start / report.source))
                 line = json.dumps(report.as_json()).encode() + b"\n"

@@ -236,7 +236,7 @@ class RunRecorder:
 def place_in(out: Path, output: Path, /) -> str:
     """Return the path of a map file from the run's folder `out`; if it does not lie below `out`, only its name."""
     try:
-        return str(output.relative_to(out))
+        return output.relative_to(out).as_posix()
     except ValueError:
         return output.name
 
