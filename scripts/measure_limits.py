@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from limits.false_alarm import false_alarm
+from limits.light import light
 from limits.motion import motion
 from limits.separation import separation
 from limits.stages import RIPPLES_HZ, stages
@@ -19,6 +20,7 @@ def main() -> None:
         "separation": lambda out, quick: separation(out, pixels=25 if quick else 200),
         "false_alarm": lambda out, quick: false_alarm(out, pixels=500 if quick else 20_000),
         "stages": lambda out, quick: stages(out, frequencies=RIPPLES_HZ[::5] if quick else RIPPLES_HZ),
+        "light": lambda out, quick: light(out, rows=60 if quick else 120),
         "motion": lambda out, quick: motion(out, runs=20 if quick else 400),
     }
     parser = argparse.ArgumentParser(description=__doc__)

@@ -1,5 +1,5 @@
 """What a frame shows of its camera's own errors, if no calibration takes them out: noise that the settings do not explain,
-offsets of rows or columns, and harmonics of unequal amplitude.
+offsets of rows or columns, harmonics of unequal amplitude, and light or offsets that all pixels share.
 
 Nothing of this shows in a pixel alone. Offsets and amplitudes look like a second path, with a sigma that is far too small.
 """
@@ -12,6 +12,7 @@ from cadtof_cli.arrays import Stored, median, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT
+from cadtof_cli.phasors.shared_light import shared_light_in_words
 from cadtof_cli.phasors.voltages import (
     ideal_phasor_map,
     phasors_from_stored,
@@ -77,6 +78,10 @@ def camera_doubts(stored: Stored, metadata: CaptureMetadata, /) -> tuple[str, ..
         striped(stored, metadata, "rows"),
         striped(stored, metadata, "columns"),
         unequal_harmonics(stored, metadata),
+        # the further terms of a triangle differ from pixel to pixel
+        shared_light_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype))
+        if metadata.modulation.waveform == "sine"
+        else None,
     )
     return tuple(doubt for doubt in found if doubt)
 

@@ -21,6 +21,7 @@ REASONS = frozenset(
         "other_noise",
         "striped",
         "unequal_harmonics",
+        "shared_light_in_words",
         "doubt",
         "mistaken_unit",
         "all_saturated",

@@ -31,7 +31,14 @@ CHAPTERS = {
         "shells",
     ),
     "Understand": ("accuracy", "physics", "simulation", "paper/README", "diffuse_study", "speed", "architecture"),
-    "Limits": ("limits/README", "limits/separation", "limits/false_alarm", "limits/motion", "limits/stages"),
+    "Limits": (
+        "limits/README",
+        "limits/separation",
+        "limits/false_alarm",
+        "limits/motion",
+        "limits/light",
+        "limits/stages",
+    ),
 }
 """Chapters of the site with their pages. Pages of docs that no chapter names stand under “More”."""
 
@@ -52,6 +59,7 @@ SHORT = {
     "limits/separation": "Close paths",
     "limits/false_alarm": "False alarms",
     "limits/motion": "Motion",
+    "limits/light": "Fog, wax, lamps",
     "limits/stages": "Switched stages",
     "simulation": "Simulation",
     "paper/README": "The paper, reproduced",

@@ -41,6 +41,10 @@ LEAST_IN_COMMON = 0.5
 """Least length of the mean of all pixels' rotors at the fundamental. Pixels of a camera differ by tenths of a radian, so
 it is near 1. Offsets of frames without light have random phases, so it is near 0."""
 
+LARGEST_OFFSET = 0.005
+"""Largest offset that light of the laser is thought to bring with it, relative to k = 1. An offset of its own that is three times
+smaller, at 2 m, looks as large."""
+
 LARGEST_LEAN_M = 0.1
 """Targets are refused if one side of the array sees them nearer than the other side by more than this."""
 
@@ -103,6 +107,13 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
         findings.append(
             f"warning: the residual is {terms.residual:.1f} times the noise: is the dark calibration in the folder, are the "
             "distances right, and is the target flat, still and without multi-path interference?"
+        )
+    offset = max(abs(one.get(0, 0.0)) for one in terms.terms)
+    if offset > LARGEST_OFFSET:
+        findings.append(
+            f"warning: k = 0 is {offset:.2g} of k = 1, an offset in proportion to the laser's light: offsets that drifted since "
+            "calibrate dark, a dirty window or stray light look like that, and this response then makes depths of other scenes "
+            "wrong by decimetres. Repeat calibrate dark and this step at one temperature, with a clean window"
         )
     quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
     responses, phases, gains = _terms_and_maps(phase, log_gain, seen, terms.terms, ideal)

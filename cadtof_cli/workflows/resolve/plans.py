@@ -21,6 +21,7 @@ from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.uncalibrated import camera_doubts
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
+from cadtof_cli.pipeline.stages import calibrated_doubts
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.status import StatusBit
@@ -176,8 +177,8 @@ def plan_captures(
         # a calibration shows that the planes are in order
         doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
         # what `read_frames` reads, for one path, may be calibrated later
-        if stored is not None and not doubtful and use is None and plan.resolver.max_paths > 1:
-            doubtful = camera_doubts(stored, plan.metadata)
+        if stored is not None and not doubtful and plan.resolver.max_paths > 1:
+            doubtful = camera_doubts(stored, plan.metadata) if use is None else calibrated_doubts(stored, plan)
         if of_unit := plan.metadata.mistaken_unit(typical.pixels):
             doubtful += (of_unit,)
         plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))

@@ -177,6 +177,17 @@ def test_offsets_that_were_not_removed_are_warned_of(offset_v: float, warned: bo
     assert any(text.startswith("warning: the residual is ") for text in found.quality.findings) == warned
 
 
+@pytest.mark.parametrize(("drift_v", "warned"), [(0.0, False), (0.0001, False), (0.002, True)])
+def test_offsets_of_all_pixels_that_drifted_are_warned_of(drift_v: float, warned: bool) -> None:
+    """They become terms of the response, with a residual of 1."""
+    sensor = camera(Defects())
+    targets = [target(sensor, distance, seed=5) for distance in (0.5, 1.0, 1.7, 2.4, 3.0)]
+    drifted = [replace(one, volts=one.volts + (1.0 + 1.0j) * drift_v) for one in targets]
+    found = fit_response(drifted, metadata=sensor.metadata, origin=origin_of(targets))
+    assert any(text.startswith("warning: k = 0 is ") for text in found.quality.findings) == warned
+    assert found.quality.residual < 1.1
+
+
 def test_offsets_that_move_ranges_by_centimetres_are_refused() -> None:
     with pytest.raises(SettingsError, match="or the dark calibration is missing in the folder"):
         response_of(Defects(offset_v=0.02), (0.5, 1.0, 1.7, 2.4, 3.0))

@@ -1,0 +1,103 @@
+"""Light or an offset that all pixels of a frame share: fog, a dirty window, stray light of the lens, offsets that drifted."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.phasors.shared_light import shared_light
+from cadtof_cli.units import C_M_PER_NS
+from tests.support.run_cadtof import cadtof
+
+AMPLITUDE_V, N_AV, SIZE = 0.2746, 1e5, (60, 80)
+HARMONICS = [(1, 2), (1, 2, 3)]
+C = NDArray[np.complex128]
+
+
+def path(range_m: NDArray[np.float64] | float, h: int) -> C:
+    """The phasor of light that comes back from a range, 40 ns."""
+    return np.asarray(np.exp(4j * np.pi * h * np.asarray(range_m) / C_M_PER_NS / 40.0))
+
+
+def yard() -> NDArray[np.float64]:
+    """Ranges of a floor, a wall and two boxes, 1.2 to 3 m, (Y, X)."""
+    row, column = np.indices(SIZE)
+    range_m: NDArray[np.float64] = np.minimum(2.6 + 0.005 * column, 60.0 / (row + 1.0))
+    range_m[20:50, 10:25] = 1.9
+    range_m[30:55, 50:70] = 1.2
+    return range_m
+
+
+def phasors(
+    harmonics: tuple[int, ...], shared: tuple[complex, ...], *, range_m: NDArray[np.float64], seed: int = 3
+) -> C:
+    """Phasors, (H, n), of surfaces with an ASR of 2 and of what all pixels share, in units of the surfaces' light."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for h, part in zip(harmonics, shared, strict=True):
+        light = (path(range_m, h) * np.clip(2.0 / range_m, 0.5, 1.5) + part) / 3.0
+        found.append(light + 0.5 / np.sqrt(N_AV) * (rng.normal(size=SIZE) + 1j * rng.normal(size=SIZE)))
+    return np.array(found).reshape(len(harmonics), -1)
+
+
+@pytest.mark.parametrize("harmonics", HARMONICS)
+@pytest.mark.parametrize("share", [0.03, 0.1, 0.5])
+@pytest.mark.parametrize("at_m", [0.02, 1.0])
+def test_light_that_all_pixels_share_is_found(harmonics: tuple[int, ...], share: float, at_m: float) -> None:
+    """As of a fogged window at 2 cm, or of a reflector whose light the lens scatters."""
+    shared = tuple(complex(share * path(at_m, h)) for h in harmonics)
+    found = shared_light(phasors(harmonics, shared, range_m=yard()), harmonics)
+    assert found is not None
+    np.testing.assert_allclose(found / found[0], np.array(shared) / shared[0], atol=0.25)
+    assert 0.7 * share < abs(found[0]) < 1.4 * share
+
+
+@pytest.mark.parametrize("harmonics", HARMONICS)
+def test_an_offset_of_all_pixels_is_found(harmonics: tuple[int, ...]) -> None:
+    assert shared_light(phasors(harmonics, (0.05 - 0.05j,) * len(harmonics), range_m=yard()), harmonics) is not None
+
+
+@pytest.mark.parametrize("harmonics", HARMONICS)
+def test_a_sound_frame_shares_nothing(harmonics: tuple[int, ...]) -> None:
+    """Not even one with a second path 1 m behind every surface, or a flat wall with a pane."""
+    nothing = (0.0,) * len(harmonics)
+    assert shared_light(phasors(harmonics, nothing, range_m=yard()), harmonics) is None
+    behind = phasors(harmonics, nothing, range_m=yard()) + 0.3 * phasors(
+        harmonics, nothing, range_m=yard() + 1.0, seed=4
+    )
+    assert shared_light(behind, harmonics) is None
+    pane = tuple(complex(0.3 * path(1.0, h)) for h in harmonics)
+    wall = 2.0 + 0.001 * np.indices(SIZE)[1]
+    assert shared_light(phasors(harmonics, pane, range_m=wall), harmonics) is None
+
+
+def test_the_light_of_a_small_room_is_left_to_its_model() -> None:
+    """It is nearly the same everywhere, later than the surfaces, and shorter at harmonic 2."""
+    room = (0.3 * np.exp(3.6j), 0.2 * np.exp(7.2j))
+    assert shared_light(phasors((1, 2), room, range_m=yard()), (1, 2)) is None
+
+
+def test_resolve_tells_of_offsets_that_drift_after_the_calibration(tmp_path: Path) -> None:
+    rng, noise = np.random.default_rng(5), 0.5 / np.sqrt(N_AV) * AMPLITUDE_V
+    offsets = rng.normal(0.0, 2e-3, (2, 2, *SIZE))
+    lit = phasors((1, 2), (0.0, 0.0), range_m=yard()).reshape(2, *SIZE)
+    lit *= np.exp(-((2.0 * np.pi * np.array([1.0, 2.0]) * 1.7 / 2.3548 / 40.0) ** 2) / 2.0)[:, np.newaxis, np.newaxis]
+    volts = AMPLITUDE_V * np.stack([lit.real, lit.imag], axis=1) + offsets
+    frames = {
+        "dark": [rng.normal(0.0, noise, offsets.shape) + offsets for _ in range(4)],
+        "steady": [volts],
+        "drifted": [volts + np.array([3e-3, -3e-3])[:, np.newaxis, np.newaxis]],
+    }
+    for name, stack in frames.items():
+        (tmp_path / name).mkdir()
+        np.save(tmp_path / name / "frames.npy", np.array(stack))
+        (tmp_path / name / "capture.toml").write_text("[pixel]\nintegration_length = 1e5\n")
+    camera = tmp_path / "camera"
+    assert cadtof("calibrate", "dark", tmp_path / "dark", "-o", camera).status == 0
+    told = {
+        name: cadtof("resolve", tmp_path / name, "-o", tmp_path / f"{name}_maps", "--calibration", camera, "-j", 1).err
+        for name in ("steady", "drifted")
+    }
+    assert "warning" not in told["steady"]
+    assert f"warning: {tmp_path / 'drifted'}: all pixels share light or an offset (0.0" in told["drifted"]
