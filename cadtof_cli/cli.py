@@ -166,15 +166,21 @@ def main() -> NoReturn:
 
 
 def _require_words(arguments: Sequence[str]) -> None:
-    """Make sure that no argument is empty and that no output is called `-`.
+    """Make sure that no argument is empty or unreadable, and that no output is called `-`.
 
     An empty argument comes from a shell variable that is not set; as a path, it would mean the current folder. In other
     programs `-` stands for stdout, so a file of this name would be a surprise.
 
     Raises:
-        click.UsageError: an argument is empty, or an output is called `-`.
+        click.UsageError: an argument is empty or not in the encoding of the locale, or an output is called `-`.
     """
     for before, argument in itertools.pairwise((PROGRAM, *arguments)):
+        try:
+            os.fsencode(argument)
+        except UnicodeEncodeError as error:
+            raise click.UsageError(
+                f"{argument!a}: found a name that is not in {error.encoding}, the encoding of the locale; set PYTHONUTF8=1"
+            ) from error
         if not argument or (argument.startswith("--") and argument.endswith("=")):
             raise click.UsageError(
                 f"{argument.rstrip('=') or f'after {before}'}: found an empty argument, expected a path or a value; is a"

@@ -108,19 +108,15 @@ class LampBeside:
         return cls(0.5 * along.ravel(), 0.5 * float(np.linalg.norm(offset)))
 
     def range_m(self, half_way_m: Float, pixels: slice, /) -> Float:
-        """Return the ranges of consecutive pixels, (n,), from half the ways of their light; 0 if the way is too short."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ranges = (half_way_m * half_way_m - self.distance_m**2) / (half_way_m - self.along_m[pixels])
-        return np.where(half_way_m <= self.distance_m, 0.0, ranges)
+        """Return the ranges of consecutive pixels, (n,), from half the ways of their light, which exceed `distance_m`."""
+        return (half_way_m * half_way_m - self.distance_m**2) / (half_way_m - self.along_m[pixels])
 
     def range_per_half_way(self, half_way_m: Float, pixels: slice, /) -> Float:
         """Return by how much the ranges of consecutive pixels, (n,), grow per metre of half the way of their light.
 
-        It is more than 1 where the lamp is to one side of the pixel's ray. 1 if the way is too short.
+        It is more than 1 where the lamp is to one side of the pixel's ray. Half the ways must exceed `distance_m`.
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
-            growth = (2.0 * half_way_m - self.range_m(half_way_m, pixels)) / (half_way_m - self.along_m[pixels])
-        return np.where(half_way_m <= self.distance_m, 1.0, growth)
+        return (2.0 * half_way_m - self.range_m(half_way_m, pixels)) / (half_way_m - self.along_m[pixels])
 
     def half_way_m(self, range_m: Float, /) -> Float:
         """Return half the ways of the light, (N, n), from the ranges from the camera, (N, n), of all n pixels."""

@@ -15,7 +15,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.execution.memory import keep_freed_memory
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
@@ -57,9 +57,10 @@ def diffuse_rows(repeats: int) -> Iterator[Row]:
     """Measure frames with diffuse MPI by every kernel and numpy: the whole frame, and its pixel-by-pixel part alone."""
     for name in ROOMS:
         stored, plan = recorded(SAMPLES / name, mpi_model="auto")
-        prepared, kernels = prepare_frame(stored, plan=plan), available_kernels()
+        stages, kernels = stages_of(stored, plan), available_kernels()
+        prepared = prepare_frame(stored, stages)
         works: dict[str, Callable[[], object]] = {
-            f"pixels {kernel}": partial(by_kernel, kernel, resolve_pixels, prepared, plan=plan) for kernel in kernels
+            f"pixels {kernel}": partial(by_kernel, kernel, resolve_pixels, prepared, stages) for kernel in kernels
         }
         works |= {f"frame {kernel}": partial(by_kernel, kernel, resolve_frame, stored, plan=plan) for kernel in kernels}
         times = least_seconds(works, repeats)

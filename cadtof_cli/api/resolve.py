@@ -15,13 +15,13 @@ from cadtof_cli.api.values import as_declared
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.errors import FrameError, SettingsError
-from cadtof_cli.files.maps import STATUS
+from cadtof_cli.files.maps import STATUS, content_digest
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.phasors.plausible import require_plausible, tells_copies
+from cadtof_cli.phasors.plausible import Copies, require_plausible
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, SolverName
-from cadtof_cli.workflows.resolve.frame_task import answered_maps, content_digest
+from cadtof_cli.workflows.resolve.frame_task import answered_maps
 
 _log = logging.getLogger("cadtof_cli")
 
@@ -132,15 +132,13 @@ def _recorded(frames: Sequence[Frame]) -> Stored | FrameMean:
 
 
 def _without_copies(frames: Sequence[Frame]) -> Iterator[Stored]:
-    """Yield the values of frames, but not those that an earlier frame holds too: a copy makes no noise smaller."""
-    digests = set[str]()
+    """Yield the values of frames, but not those that an earlier frame holds too."""
+    copies = Copies()
     for one in frames:
-        digest = content_digest(one.stored)
-        if digest in digests and tells_copies(one.stored):
+        if copies.original_of(one.stored, content_digest(one.stored), one):
             _log.warning(f"warning: {one}: holds the same values as another of these frames, so the mean is without it")
         else:
             yield one.stored
-        digests.add(digest)
 
 
 def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:

@@ -19,7 +19,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.commands.values import PATH
+from cadtof_cli.commands.values import INPUT, PATH
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.calibrate.captures import CalibrateReport, CalibrateSettings
 from cadtof_cli.workflows.calibrate.dark import calibrate_dark
@@ -106,7 +106,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
     return RecordOptions(
         "step",
         _Step,
-        click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
+        click.argument("captures", nargs=-1, type=INPUT, required=True, metavar="CAPTURE..."),
         RecordOptions(
             "settings",
             CalibrateSettings,

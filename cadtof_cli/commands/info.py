@@ -21,7 +21,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.commands.values import PATH
+from cadtof_cli.commands.values import INPUT, PATH
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.units import size_text
 
@@ -30,7 +30,7 @@ _NAMED_PER_REASON = 5
 
 
 @click.command(cls=SectionedCommand, headings=CAPTURE_HEADING, epilog=example("cadtof info sample_data/corner"))
-@click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
+@click.argument("inputs", nargs=-1, type=INPUT, required=True, metavar="INPUT...")
 @RecordOptions("workers", Workers, jobs_option("Processes that read frames"))
 @click.option("-r", "--recursive", is_flag=True, help="Also search all folders below each INPUT.")
 @settings_option()

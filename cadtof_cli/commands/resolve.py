@@ -22,6 +22,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import INPUT
 from cadtof_cli.execution.workers import LOCAL, Workers
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
         "cadtof resolve --recursive sample_data -o all --depth z --json",
     ),
 )
-@click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
+@click.argument("inputs", nargs=-1, type=INPUT, required=True, metavar="INPUT...")
 @RecordOptions(
     "settings",
     ResolveSettings,

@@ -176,8 +176,8 @@ class _Terminal:
             forget(self._stream)
 
 
-_WITHOUT_CURSOR = ("dumb", "unknown")
-"""Values of TERM for terminals that cannot move their cursor back, so that a bar cannot be redrawn."""
+_WITHOUT_CURSOR = ("dumb", "unknown", *([""] if os.name == "posix" else []))
+"""Values of TERM for terminals that cannot move their cursor back, or may not, so that a bar cannot be redrawn."""
 
 
 @contextmanager
@@ -193,7 +193,7 @@ def progress_bar(description: str, unit: str, *, quiet: bool = False, log: Path 
         raise OutputError(f"{log}: cannot be written: {error.strerror}; choose another file with --log") from error
     with opened as file:
         try:
-            seen = not quiet and sys.stderr.isatty() and os.environ.get("TERM") not in _WITHOUT_CURSOR
+            seen = not quiet and sys.stderr.isatty() and os.environ.get("TERM", "") not in _WITHOUT_CURSOR
             with _drawn(description, unit) if seen else nullcontext() as drawn:
                 if file:
                     import shlex
@@ -253,8 +253,13 @@ def _drawn(description: str, unit: str) -> Iterator["RichProgress"]:
             bar.bar_width = min(room, _WIDEST_BAR)
             return tuple(shown)
 
+    class CursorStays(Console):
+        def show_cursor(self, show: bool = True) -> bool:
+            """Never hide the cursor: a process that is killed or stopped could not show it again."""
+            return False
+
     # Without a refresh thread: a process that has threads must not fork workers.
-    console = Console(file=cast("TextIO", _Terminal(sys.stderr)))
+    console = CursorStays(file=cast("TextIO", _Terminal(sys.stderr)))
     with OneLine(*columns, console=console, auto_refresh=False) as progress:
         progress.add_task(description, total=None)
         try:

@@ -26,6 +26,9 @@ _FORMS = "1,2,5 or start:stop:n or log:start:stop:n"
 PATH = click.Path(path_type=Path)
 """A file or folder that need not exist."""
 
+INPUT = click.Path(readable=False)
+"""A path as it was typed, so that `-` may stand for stdin; whether it can be read is seen when its turn comes."""
+
 
 class Typed(ParamType):
     """The type of an option whose typed text `parse` turns into a value. A value that is no text, such as a default, stays.

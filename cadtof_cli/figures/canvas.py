@@ -27,11 +27,12 @@ def _drawn_characters() -> frozenset[int]:
 
 
 def drawable(text: str, /) -> str:
-    """Return a text with the characters escaped that the font lacks. Draw it with `parse_math=False`: names may hold `$`."""
+    """Return a text with the characters escaped that the font lacks, and those that cannot be seen.
+
+    Draw it with `parse_math=False`: names may hold `$`.
+    """
     return "".join(
-        sign
-        if ord(sign) in _drawn_characters()
-        else (f"\\u{{{ord(sign):x}}}" if sign.isprintable() else printable(sign))
+        f"\\u{{{ord(sign):x}}}" if sign.isprintable() and ord(sign) not in _drawn_characters() else printable(sign)
         for sign in text
     )
 

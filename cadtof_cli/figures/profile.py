@@ -90,7 +90,9 @@ _FEW = 40
 def _named(profile: Profile) -> Iterator[tuple[Curve, str, str]]:
     """Yield each curve with its name, as a legend can show it, and its colour."""
     for number, curve in enumerate(profile.curves):
-        yield curve, shortened(drawable(curve.name), 34).replace("$", r"\$"), COLOURS[number % len(COLOURS)]
+        name = shortened(drawable(curve.name), 34).replace("$", r"\$")
+        # legends leave out a label that begins with `_`
+        yield curve, name if name[:1] != "_" else f" {name}", COLOURS[number % len(COLOURS)]
 
 
 def _first_phasors(profile: Profile) -> Iterator[tuple[str, Float, str]]:

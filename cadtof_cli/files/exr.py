@@ -5,6 +5,7 @@ of a calibration.
 """
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -141,14 +142,12 @@ def _opened(path: Path, *, header_only: bool) -> Any:
 
 @contextmanager
 def _as_the_library_takes_it(path: Path, mode: Literal["rb", "wb"]) -> Iterator[str | BinaryIO]:
-    """Yield a file's path or, if that is not UTF-8, the open file: the library takes no other paths."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
+    """Yield a file's path or, if the disk does not have it as UTF-8, the open file: the library takes no other paths."""
+    if str(path).encode(errors="replace") == os.fsencode(path):
+        yield str(path)
+    else:
         with path.open(mode) as file:
             yield file
-    else:
-        yield str(path)
 
 
 def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compression: Compression, **header: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from xxhash import xxh3_128
 
-from cadtof_cli.arrays import Float32, Status
+from cadtof_cli.arrays import Float32, Status, Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.atomic import PartialFile, not_written
 from cadtof_cli.files.formats import format_by_suffix
@@ -119,6 +119,13 @@ def file_digest(path: Path, /) -> str:
         # a map may be large, so it is read in pieces
         while piece := file.read(_CHUNK_BYTES):
             digest.update(piece)
+    return digest.hexdigest()
+
+
+def content_digest(values: Stored, /) -> str:
+    """Return a digest of an array's type, shape and values, 32 hexadecimal digits."""
+    digest = Digest(np.ascontiguousarray(values).data)
+    digest.update(f"{values.dtype.str}{values.shape}".encode())
     return digest.hexdigest()
 
 

@@ -66,8 +66,7 @@ class DepthScale:
         """
         if self.lamp is None:
             return depth.astype(np.float64)
-        planar = self._planar(block)
-        return np.asarray(self.lamp.range_m(depth.astype(np.float64) / planar, block) * planar)
+        return np.asarray(self.lamp.range_m(self._half_way_m(depth, self.lamp, block), block) * self._planar(block))
 
     def sigma_from_camera(self, sigma: Float | Float32, depth: Float | Float32, block: slice, /) -> Float:
         """Return standard deviations of depths from the camera, (n,), from those of `depth`.
@@ -76,7 +75,17 @@ class DepthScale:
         """
         if self.lamp is None:
             return sigma.astype(np.float64)
-        return sigma * self.lamp.range_per_half_way(depth.astype(np.float64) / self._planar(block), block)
+        return sigma * self.lamp.range_per_half_way(self._half_way_m(depth, self.lamp, block), block)
+
+    def _half_way_m(self, depth: Float | Float32, lamp: "LampBeside", block: slice) -> Float:
+        """Return half the ways of the light, (n,), for which depths stand.
+
+        No light goes a shorter way than from the lamp straight to the camera. What seems to do so comes from beyond the
+        unambiguous range.
+        """
+        half_way, span = depth.astype(np.float64) / self._planar(block), 2.0 * np.pi * self.metres_per_radian
+        turns = np.floor((lamp.distance_m - half_way) / span) + 1.0
+        return np.where(half_way <= lamp.distance_m, half_way + turns * span, half_way)
 
     def _planar(self, block: slice) -> Float | float:
         return 1.0 if self.planar_per_range is None else self.planar_per_range[block]

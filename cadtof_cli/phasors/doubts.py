@@ -2,8 +2,8 @@
 the same plane twice, values that are cut off.
 
 Order of planes: light of one path with the phase x has the phases x, 2x, … at the harmonics 1, 2, …, and the same
-amplitude at all of them. Several paths shift phases and amplitudes, but hardly ever in nearly all pixels of a frame.
-Planes in another order shift them in nearly all pixels.
+amplitude at all of them, except that the pulse weakens higher harmonics more. Several paths shift phases and amplitudes,
+but hardly ever in nearly all pixels of a frame. Planes in another order shift them in nearly all pixels.
 
 No light: a scene makes every plane differ more over the frame than between neighbours. A channel that is not connected,
 or a harmonic that is not modulated, holds noise alone.
@@ -29,6 +29,7 @@ from cadtof_cli.arrays import Bool, Float, Stored, median
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
+from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
 
 _NEAR_RAD = 0.45
@@ -36,7 +37,7 @@ _NEAR_RAD = 0.45
 for a pixel with most of its light on one path."""
 
 _NEAR_RATIO = 1.6
-"""Largest ratio of the amplitudes of the two harmonics, either way round, for such a pixel."""
+"""Largest ratio of the amplitudes of the two harmonics without the pulse, either way round, for such a pixel."""
 
 _LEAST_SHARE = 0.3
 """Another order of the planes is likely only if more than this share of the pixels looks like one path in that order.
@@ -311,7 +312,10 @@ def _share_of_one_path(stored: Stored, metadata: CaptureMetadata, *, sign: float
         return 0.0
     volts = sign * volts_from_stored(sound, metadata.voltage)
     first, second = volts[:, 0] + 1j * volts[:, 1]
-    length, other = np.abs(first), np.abs(second)
+    modulation, fwhm_ns = metadata.modulation, metadata.pulse.fwhm_ns
+    pulse = [pulse_response(h, fwhm_ns=fwhm_ns, period_ns=modulation.periods_ns[0]) for h in modulation.harmonics[:2]]
+    # over the pulse's share of each: it may be so small that a division would overflow
+    length, other = np.abs(first) * pulse[1], np.abs(second) * pulse[0]
     alike = (length < _NEAR_RATIO * other) & (other < _NEAR_RATIO * length)
-    alike &= np.abs(np.angle(second * np.conj(first) ** metadata.modulation.harmonics[1])) < _NEAR_RAD
+    alike &= np.abs(np.angle(second * np.conj(first) ** modulation.harmonics[1])) < _NEAR_RAD
     return float(alike.mean())

@@ -85,10 +85,22 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
 
 
-def tells_copies(stored: Stored, /) -> bool:
-    """Return whether frames of this size that hold the same values are copies. Those of one pixel, or of a few, may
-    agree by chance."""
-    return stored.size >= FEWEST
+class Copies:
+    """Finds copies among the frames of a capture: a copy adds nothing to a mean, which would seem to have less noise than
+    it has."""
+
+    def __init__(self) -> None:
+        self._originals: dict[str, str] = {}
+
+    def original_of(self, stored: Stored, digest: str, name: object, /) -> str | None:
+        """Return the name of the earlier frame with the same values, by their digest; None: there is none.
+
+        Frames of one pixel, or of a few, may agree by chance: they are never taken for copies.
+        """
+        original = self._originals.get(digest)
+        if original is None:
+            self._originals[digest] = str(name)
+        return original if stored.size >= FEWEST else None
 
 
 def require_plausible(stored: Stored, metadata: CaptureMetadata, /, *, of: object) -> None:

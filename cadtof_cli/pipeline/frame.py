@@ -19,9 +19,9 @@ from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, with_repeated_rounding
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored
-from cadtof_cli.pipeline.pixels import FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import (
+    FramePixels,
     FrameStages,
     frame_stages,
     frame_traits,
@@ -83,24 +83,28 @@ def resolve_frame(
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
         SettingsError: the plan does not fit the frame's type, or lacks the optics that it needs.
     """
-    pixels = prepare_frame(frame, plan=plan, calibration=calibration)
-    maps = resolve_pixels(pixels, plan=plan, calibration=calibration)
+    stages = stages_of(frame, plan, calibration)
+    pixels = prepare_frame(frame, stages)
+    maps = resolve_pixels(pixels, stages)
     pages, status = maps.pages.reshape(-1, *pixels.size), maps.status.reshape(pixels.size)
     return ResolvedFrame(replace(maps, pages=pages, status=status), pixels.noise, pixels.choice)
 
 
-def prepare_frame(
-    frame: Stored | FrameMean,
-    /,
-    *,
-    plan: FramePlan,
-    calibration: "Calibration | None" = None,
-) -> FramePixels:
+def stages_of(frame: Stored | FrameMean, /, plan: FramePlan, calibration: "Calibration | None" = None) -> FrameStages:
+    """Return the stages of a frame of stored values, (H, 2, Y, X), or of the mean of several.
+
+    Raises:
+        SettingsError: the frame does not fit the plan or the calibration.
+    """
+    height, width = (frame.stored if isinstance(frame, FrameMean) else frame).shape[2:]
+    return frame_stages(plan, calibration, frame.dtype, (height, width))
+
+
+def prepare_frame(frame: Stored | FrameMean, stages: FrameStages, /) -> FramePixels:
     """Do all that couples the pixels of a frame: estimate its noise if that is unknown, pool neighbours, predict
-    diffuse MPI."""
+    diffuse MPI. The `stages` are those of the frame."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
     height, width = recorded.shape[2:]
-    stages = frame_stages(plan, calibration, frame.dtype, (height, width))
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
     recordings = 1.0 if samples is None else float(median(samples))
@@ -119,22 +123,21 @@ def prepare_frame(
     if samples is not None:
         noise = replace(noise, samples=samples)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
-    if plan.settings.pool > 1:
+    if stages.plan.settings.pool > 1:
         from cadtof_cli.pipeline.neighbours import pooled_pixels
 
         pixels = pooled_pixels(pixels, stages)
-    if stages.resolver.may_be_diffuse(noise.harmonics):
+    if stages.plan.resolver.may_be_diffuse(noise.harmonics):
         pixels = _with_predicted_mpi(pixels, stages)
     return pixels
 
 
-def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: "Calibration | None" = None) -> DepthMaps:
+def resolve_pixels(pixels: FramePixels, stages: FrameStages, /) -> DepthMaps:
     """Return the maps, (1, n), of a prepared frame's pixels, or of a part of them, resolved block by block.
 
     The answer of a pixel does not depend on the pixels that are resolved with it, so neither the size of the blocks nor
     the size of the part changes a bit of it.
     """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
     in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(IN_KERNEL) :] in ((), (AVERAGED,))
     if chosen_kernel() != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):

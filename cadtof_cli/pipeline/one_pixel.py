@@ -6,13 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.maps.layers import LayerSource
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
-from cadtof_cli.pipeline.pixels import FramePixels
-from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.pipeline.stages import FrameStages, frame_stages
+from cadtof_cli.pipeline.stages import FramePixels, FrameStages
 from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 from cadtof_cli.resolver.order import move_and_limit, with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
@@ -78,15 +75,8 @@ class PixelEvidence:
     in_separate_patch: bool | None
 
 
-def pixel_evidence(
-    pixels: FramePixels, index: int, /, *, plan: FramePlan, calibration: Calibration | None = None
-) -> PixelEvidence:
-    """Return all numbers that lead to the answer of the pixel with a flat index in a prepared frame.
-
-    Raises:
-        SettingsError: the plan does not fit the frame's type.
-    """
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
+def pixel_evidence(pixels: FramePixels, index: int, stages: FrameStages, /) -> PixelEvidence:
+    """Return all numbers that lead to the answer of the pixel with a flat index in a prepared frame."""
     here = slice(index, index + 1)
     pixel = pixels[here]
     tail, response, phasors = pixels.tail, stages.response, stages.phasors(pixel)
@@ -104,7 +94,7 @@ def pixel_evidence(
         if fit is not None
     }
     metres = float(np.ravel(stages.depth.metres(here))[0])
-    asked = stages.resolver.order == "auto" and stages.resolver.max_paths > 1
+    asked = stages.plan.resolver.order == "auto" and stages.plan.resolver.max_paths > 1
     return PixelEvidence(
         phasors[:, 0],
         _covariance(phasors, resolved.paths, pixel.noise),
@@ -120,7 +110,7 @@ def pixel_evidence(
 
 def _fit(phasors: Complex, count: int, pixel: FramePixels, here: slice, stages: FrameStages) -> Fit | None:
     """Return the fit of a number of paths to one pixel, by the same solver as in the driver; None if it has no such fit."""
-    settings, response = replace(stages.resolver, mpi_model="discrete"), stages.response
+    settings, response = replace(stages.plan.resolver, mpi_model="discrete"), stages.response
     try:
         if count > settings.max_paths:
             settings = replace(settings, order="auto", paths=max(count, settings.paths))
@@ -169,9 +159,11 @@ def _order_test(one: Fit, two: Fit, stages: FrameStages, noise: NoiseModel, metr
         moved, limit = move_and_limit(two.paths[0], one.paths[0])
         worth = bool(worth_another(two.paths[0], one.paths[0])[0])
         moved_m, needed_m = moved * metres, np.sqrt(limit) * metres
-    threshold = chi_squared_threshold(stages.resolver.false_alarm, pairs=len(noise.harmonics) - 1)
+    threshold = chi_squared_threshold(stages.plan.resolver.false_alarm, pairs=len(noise.harmonics) - 1)
     chi_squared = float(one.chi_squared[0])
-    return OrderTest(chi_squared, threshold, stages.resolver.false_alarm, float(moved_m[0]), float(needed_m[0]), worth)
+    return OrderTest(
+        chi_squared, threshold, stages.plan.resolver.false_alarm, float(moved_m[0]), float(needed_m[0]), worth
+    )
 
 
 def _covariance(phasors: Complex, paths: Paths, noise: NoiseModel) -> Float:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index, sealed
-from cadtof_cli.pipeline.pixels import FramePixels
-from cadtof_cli.pipeline.stages import FrameStages
+from cadtof_cli.pipeline.stages import FramePixels, FrameStages
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, sampled_pixels
 from cadtof_cli.resolver.diffuse.light import PatchLight, sampled_light
@@ -75,7 +74,7 @@ def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /) 
     places = _sampled(pixels.size, grid.shift)
     chosen = places.ravel()
     phasors, noise, response = stages.phasors(pixels, chosen), pixels.noise[chosen], stages.response
-    settings = replace(stages.resolver, min_confidence=None)
+    settings = replace(stages.plan.resolver, min_confidence=None)
     of_paths = phasors
     with np.errstate(over="ignore", invalid="ignore"):
         # no warnings: the screening finds NaN, and values that no camera stores

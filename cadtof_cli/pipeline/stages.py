@@ -1,5 +1,7 @@
-"""Everything that all frames of one plan, type and size share: how stored values become phasors, paths and maps."""
+"""The two records that the stages of a frame pass on: its pixels, and what all frames of one plan, type and size share."""
 
+import itertools
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -13,20 +15,71 @@ from cadtof_cli.optics import LampBeside, planar_per_range
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
 from cadtof_cli.phasors.shared_light import shared_light_in_words
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.pipeline.pixels import EVERY, FramePixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, FrameKernel, KernelScales, saturation
 from cadtof_cli.units import metres_per_radian
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
+    from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
     from cadtof_cli.resolver.diffuse.light import FrameTraits
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
     from cadtof_cli.resolver.paths import ResolvedPaths
     from cadtof_cli.resolver.response.table import ResponseBlock
+
+
+EVERY = slice(None)
+
+
+@dataclass(frozen=True, eq=False)
+class FramePixels:
+    """n consecutive pixels of a frame after the stages that couple pixels: from here on each pixel is resolved alone.
+
+    Attributes:
+        stored: values as recorded, or their mean over frames, (H, 2, n).
+        dtype: type in which the values were recorded.
+        size: (Y, X) of the whole frame.
+        first: flat index of the first of the n pixels.
+        noise: noise of a recorded pixel, and the number of recorded pixels that each of the n is a mean of.
+        pooled: phasors that are means over neighbours, (H, n), and replace the phasors that follow from `stored`; None:
+            not pooled.
+        without_noise: whether all pixels of the frame hold the same values, which no camera records.
+        choice: the model of MPI that was chosen for the frame; None if there was no choice.
+        tail: the model that predicts diffuse MPI; None if the frame has none.
+    """
+
+    stored: Stored
+    dtype: np.dtype[np.generic]
+    size: tuple[int, int]
+    first: int
+    noise: NoiseModel
+    pooled: Complex | None = None
+    without_noise: bool = False
+    choice: "DiffuseChoice | None" = None
+    tail: "DiffuseModel | None" = None
+
+    def places(self, chosen: SomePixels, /) -> SomePixels:
+        """Return the flat indices, in the frame, of some of the pixels."""
+        if isinstance(chosen, slice):
+            start, stop, _ = chosen.indices(self.stored.shape[2])
+            return slice(self.first + start, self.first + stop)
+        return self.first + chosen
+
+    def __getitem__(self, pixels: slice, /) -> "FramePixels":
+        return replace(
+            self,
+            stored=self.stored[:, :, pixels],
+            first=self.first + pixels.indices(self.stored.shape[2])[0],
+            noise=self.noise[pixels],
+            pooled=None if self.pooled is None else self.pooled[:, pixels],
+        )
+
+    def parts(self, count: int, /) -> tuple["FramePixels", ...]:
+        """Return the pixels in `count` parts, which differ in size by one pixel at most."""
+        edges = (index * self.stored.shape[2] // count for index in range(count + 1))
+        return tuple(self[begin:end] for begin, end in itertools.pairwise(edges))
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +88,8 @@ class FrameStages:
 
     Attributes:
         plan: what decides the maps of the frames.
-        saturated_counts: stored values at or beyond these limits are saturated; None: no value is.
         correction: correction of the stored values.
         depth: how paths become metres and volts.
-        resolver: settings of the resolver, with the least confidence in units of the modulation amplitude.
         response: response with which pixels are resolved; pooled pixels have no phase of their own. None for a sine.
         solver_module: module of the resolver with the solver for these frames.
         layers: layers of the maps, besides the status.
@@ -46,10 +97,8 @@ class FrameStages:
     """
 
     plan: FramePlan
-    saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
-    resolver: ResolverSettings
     response: "ResponseBlock | None"
     solver_module: str
     layers: tuple[Layer, ...]
@@ -68,7 +117,7 @@ class FrameStages:
         hot = self.correction.hot
         bits = np.uint32(0) if hot is None else hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
         if saturated:
-            beyond = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
+            beyond = saturated_pixels(_some(pixels.stored, chosen), self.plan.metadata.voltage.saturated_counts)
             bits = bits | beyond * np.uint32(StatusBit.SATURATED)
         return np.asarray(bits, np.uint32)
 
@@ -81,7 +130,7 @@ class FrameStages:
         return resolve_paths(
             self.phasors(pixels),
             status=self.status(pixels),
-            settings=self.resolver,
+            settings=self.plan.resolver,
             noise=pixels.noise,
             response=response.block(here) if response else None,
             tail=tail,
@@ -114,15 +163,14 @@ def frame_stages(
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
         LampBeside.of(metadata.optics, size),
     )
-    resolver, n_av, noise = plan.resolver, metadata.pixel.integration_length, None
+    n_av, noise = metadata.pixel.integration_length, None
     response = correction.response
     if response is not None and plan.settings.pool > 1:
         response = response.without_phases
-    solver = resolver.solver_module(metadata.modulation.harmonics, sine=response is None)
+    solver = plan.resolver.solver_module(metadata.modulation.harmonics, sine=response is None)
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
-    saturated = metadata.voltage.saturated_counts
-    return sealed(FrameStages(plan, saturated, correction, depth, resolver, response, solver, plan.layers, noise))
+    return sealed(FrameStages(plan, correction, depth, response, solver, plan.layers, noise))
 
 
 def calibrated_doubts(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
@@ -158,7 +206,7 @@ def kernel_of_frame(
         buffers = tail_buffers(tail, first)
     scales = KernelScales(
         phasor_map=stages.correction.phasor_map[block] if source_type.kind != "c" else None,
-        saturated_counts=stages.saturated_counts,
+        saturated_counts=stages.plan.metadata.voltage.saturated_counts,
         metres=stages.depth.metres(block),
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
@@ -166,7 +214,7 @@ def kernel_of_frame(
         most_volts=most_v,
         noise_volts=noise_v,
     )
-    return FrameKernel(scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type)
+    return FrameKernel(scales, settings=stages.plan.resolver, noise=noise, count=count, source_type=source_type)
 
 
 kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
@@ -182,7 +230,8 @@ def frame_traits(
     from cadtof_cli.resolver.diffuse.light import FrameTraits, Look
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
-    modulation, optics = stages.plan.metadata.modulation, stages.plan.metadata.optics
+    metadata, resolver = stages.plan.metadata, stages.plan.resolver
+    modulation, optics = metadata.modulation, metadata.optics
     correction, curvature_m, window = stages.correction, stages.depth.range_offset_m, stages.plan.settings.pool
     focal, terms = optics.focal_length_px, None
     grid = patch_grid(*size, View(focal, optics.principal_point(size)) if focal else assumed_view(*size))
@@ -194,12 +243,13 @@ def frame_traits(
     recorded = tuple(one.dark_variance for one in noise.each)
     look = None
     if correction.response is None and window == 1 and stored in STORED_TYPES[:-1]:
-        power = chi_squared_threshold(stages.resolver.false_alarm, pairs=len(noise.each))
-        look = Look(correction.phasor_map, saturation(stages.saturated_counts, stored), power, noise, correction.hot)
+        power = chi_squared_threshold(resolver.false_alarm, pairs=len(noise.each))
+        saturated = saturation(metadata.voltage.saturated_counts, stored)
+        look = Look(correction.phasor_map, saturated, power, noise, correction.hot)
     return FrameTraits(
         grid,
         DiffuseSettings(
-            model=stages.resolver.mpi_model,
+            model=resolver.mpi_model,
             period_ns=modulation.periods_ns[0],
             harmonics=modulation.harmonics,
             terms=terms,

@@ -151,7 +151,7 @@ class Run:
         """For each capture of the record: its absolute folder, and the folders of its maps in the run's folder."""
         if self.record is None or not self.record.get("captures"):
             return []
-        shared = shared_folder(self.folder, self.record)
+        shared = shared_folder(self.record)
         return [(root, steps_below(root, shared)) for root in capture_folders(self.record)]
 
     def reports(self) -> Iterator[FrameReport]:
@@ -232,7 +232,7 @@ class Run:
             settings = arguments.get("settings")
             # inputs that were moved with the run lie below another folder
             is_moved = list(map(str, inputs)) != arguments.get("absolute_inputs")
-            base = None if is_moved else shared_folder(self.folder, self.record)
+            base = None if is_moved else shared_folder(self.record)
             found = find_captures(
                 inputs,
                 overrides=arguments["overrides"],

@@ -282,7 +282,7 @@ behind, as long as the surface is brighter than the fog. Not noticed are
 
 - less than a hundredth of the light of the surfaces;
 - a view of one depth, such as a flat wall;
-- what comes up to 13 ns after the surfaces: the MPI of small rooms is like that. (An offset may look so, too.)
+- what comes up to 16 ns after the surfaces: the MPI of small rooms is like that. (An offset may look so, too.)
 - fog so thick that hardly any surface is seen through it;
 - anything if one path is asked for (`--order 1`, `--solver one-path`).
 

@@ -8,7 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
+from click.shell_completion import ShellComplete
 
+from cadtof_cli.cli import COMMANDS, COMPLETE, PROGRAM, cli
 from tests.support.needed import needed_program
 from tests.support.run_cadtof import ENVIRONMENT, ROOT
 
@@ -30,6 +32,13 @@ def _line(shell: str) -> str:
     """Return the line that docs/shells.md gives for a shell."""
     rows = (ROOT / "docs" / "shells.md").read_text(encoding="utf-8").splitlines()
     return next(row.split("|")[2].strip(" `") for row in rows if row.startswith(f"| {shell}"))
+
+
+@pytest.mark.parametrize("command", sorted({*COMMANDS, "calibrate dark"} - {"calibrate", "simulate", "sweep"}))
+def test_files_are_completed_where_a_command_takes_files(command: str) -> None:
+    """A shell that completes `cadtof` asks nobody else: without this, the Tab key does nothing."""
+    (found,) = ShellComplete(cli, {}, PROGRAM, COMPLETE).get_completions(command.split(), "sam")
+    assert (found.type, found.value) == ("file", "sam")
 
 
 @pytest.mark.parametrize(

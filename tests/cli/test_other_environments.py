@@ -11,6 +11,7 @@ import pytest
 from cadtof_cli.cli import COMMANDS
 from cadtof_cli.execution.workers import START_METHODS
 from tests.support.captures import record
+from tests.support.needed import needed_program
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, Finished
 
 TRAPS = ("click", "json", "numpy", "pathlib", "random", "runpy", "tempfile", "tifffile", "types")
@@ -131,3 +132,28 @@ def test_files_named_like_modules_are_not_imported(
     done = _run(*arguments, cwd=trapped, program=(sys.executable, str(script)))
     assert done == Finished(0, "", "")
     assert _maps(tmp_path / "out") == maps
+
+
+def _locale(folder: Path, language: str, encoding: str) -> Mapping[str, str]:
+    """Make a locale, and return the environment in which it counts."""
+    name = f"{language}.{encoding}"
+    made = [needed_program("localedef"), "-c", "-i", language, "-f", encoding, str(folder / name)]
+    if subprocess.run(made, capture_output=True, timeout=60, check=False).returncode:
+        pytest.skip(f"the files of which the locale {name} is made are not installed")
+    return {"LOCPATH": str(folder), "LC_ALL": name, "PYTHONIOENCODING": "utf-8"}
+
+
+def test_exr_files_where_the_locale_reads_names_otherwise(tmp_path: Path) -> None:
+    """Names are UTF-8 on the disk, but not in the locale: frames were called damaged, and maps could not be written."""
+    environment, folder = _locale(tmp_path, "tr_TR", "ISO-8859-9"), record(tmp_path / "ölçüm ı", form="exr").folder
+    done = _run("resolve", folder, "-o", "çıktı", "-j", 1, "-q", cwd=tmp_path, environment=environment)
+    assert done == Finished(0, "", "")
+    assert (tmp_path / "çıktı" / "frame_0.exr").exists()
+
+
+def test_a_name_that_the_locale_cannot_read_is_reported(tmp_path: Path) -> None:
+    environment, folder = _locale(tmp_path, "ja_JP", "EUC-JP"), record(tmp_path / "ölçüm ş").folder
+    done = _run("info", folder, cwd=tmp_path, environment=environment)
+    assert (done.status, done.out) == (2, "")
+    assert done.err.endswith(": found a name that is not in euc_jp, the encoding of the locale; set PYTHONUTF8=1\n")
+    assert _run("info", folder, cwd=tmp_path, environment={**environment, "PYTHONUTF8": "1"}).status == 0

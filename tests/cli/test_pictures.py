@@ -201,6 +201,18 @@ def test_the_legend_of_many_runs_is_whole(truth: bool, figures: list[Figure], tm
     assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 18
 
 
+def test_runs_of_any_name_stand_in_the_legend(figures: list[Figure], tmp_path: Path) -> None:
+    """Matplotlib hides labels that begin with `_`, and cannot write a byte order mark into a PDF."""
+    place, along = np.arange(9), np.arange(9.0)
+    curves = tuple(Curve(name, along, None) for name in ("_run", "a\ufeffb\u202ec"))
+    draw_profile(
+        Profile("direct.depth", "m", "row 0", "column", place, place, "range", curves, None), tmp_path / "a.pdf"
+    )
+    legend = figures[0].axes[0].get_legend()
+    assert legend is not None
+    assert [text.get_text().strip() for text in legend.get_texts()] == ["_run", r"a\ufeffb\u202ec"]
+
+
 @pytest.mark.parametrize(
     ("mpi", "asr", "lengths"),
     [("0", "0,1", "1e5"), ("0.3", "1:60:60", "log:1e2:1e7:24"), ("0,0.1,0.3", "1:6:6", "log:1e3:1e5:5")],

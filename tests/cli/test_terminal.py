@@ -29,6 +29,7 @@ def test_a_terminal_shows_a_bar(jobs: int, tmp_path: Path) -> None:
     assert "4/4" in after
     assert " frames/s" in after.partition("resolved 4 of 4 frames")[0]
     assert "resolved 4 of 4 frames" in after
+    assert "\x1b[?25l" not in shown, "if the process is killed, the cursor stays hidden"
 
 
 @pytest.mark.parametrize(("columns", "parts"), [(50, 5), (40, 4), (28, 3), (20, 2)])
@@ -56,9 +57,10 @@ def test_lines_are_broken_between_words(tmp_path: Path) -> None:
     assert "add --overwrite to replace, --resume to go on" in " ".join(shown.split())
 
 
-def test_a_terminal_that_cannot_move_its_cursor_gets_lines(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["dumb", ""])
+def test_a_terminal_that_cannot_move_its_cursor_gets_lines(kind: str, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=4)
-    _, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", TERM="dumb")
+    _, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", TERM=kind)
     assert "\x1b" not in shown
     assert "resolved 4 of 4" in shown
 

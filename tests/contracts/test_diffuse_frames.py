@@ -12,9 +12,9 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.capture.metadata import Voltage
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
-from cadtof_cli.pipeline.pixels import FramePixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import FramePlan
+from cadtof_cli.pipeline.stages import FramePixels
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.blocks import blocks_of
@@ -35,10 +35,11 @@ def corner() -> tuple[Stored, FramePlan]:
 def test_a_frame_in_parts_has_the_same_bits(corner: tuple[Stored, FramePlan], count: int) -> None:
     """The model of the tail goes with every part to another process, so it is pickled here."""
     stored, plan = corner
-    pixels = prepare_frame(stored, plan=plan)
+    stages = stages_of(stored, plan)
+    pixels = prepare_frame(stored, stages)
     assert pixels.tail is not None
     sent: list[FramePixels] = pickle.loads(pickle.dumps(pixels.parts(count)))
-    split = joined_parts(pixels, [resolve_pixels(part, plan=plan) for part in sent])
+    split = joined_parts(pixels, [resolve_pixels(part, stages) for part in sent])
     whole = resolve_frame(stored, plan=plan)
     np.testing.assert_array_equal(split.maps.values, whole.maps.values)
     np.testing.assert_array_equal(split.maps.status, whole.maps.status)

@@ -9,7 +9,14 @@ import pytest
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline.frame import ResolvedFrame, joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import (
+    ResolvedFrame,
+    joined_parts,
+    prepare_frame,
+    resolve_frame,
+    resolve_pixels,
+    stages_of,
+)
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
@@ -332,8 +339,9 @@ def test_tails_with_triangle_modulation_have_the_same_bits_in_all_kernels_blocks
     with blocks_of(997):
         cut = resolve_frame(volts, plan=FramePlan(metadata=metadata))
     np.testing.assert_array_equal(cut.maps.values, whole.maps.values)
-    pixels = prepare_frame(volts, plan=FramePlan(metadata=metadata))
-    parts = [resolve_pixels(part, plan=FramePlan(metadata=metadata)) for part in pixels.parts(5)]
+    stages = stages_of(volts, FramePlan(metadata=metadata))
+    pixels = prepare_frame(volts, stages)
+    parts = [resolve_pixels(part, stages) for part in pixels.parts(5)]
     np.testing.assert_array_equal(joined_parts(pixels, parts).maps.values, whole.maps.values)
 
 

@@ -78,6 +78,18 @@ def test_three_harmonics_in_any_other_order_are_doubted(stored: list[int], words
     assert f"; {words}, they would in " in str(doubt_of_order(light(THREE, mpi=mpi)[stored], THREE))
 
 
+@pytest.mark.parametrize("periods_ns", [(8.0, 4.0), (5.0, 2.5)])
+def test_a_pulse_that_is_long_for_the_periods_raises_no_doubt(periods_ns: tuple[float, float]) -> None:
+    """A pulse of 1.7 ns shortens the second harmonic at 8 and 4 ns by .62 relative to the first. Surfaces are near."""
+    rng = np.random.default_rng(5)
+    delays_ns = rng.uniform(0.12, 0.25, 2000) * 2.0 / 0.299792458
+    waves = 2.0 * np.pi / np.array(periods_ns)[:, np.newaxis]
+    phasors = 0.3 * np.exp(1j * waves * delays_ns - 0.5 * (waves * 1.7 / 2.3548) ** 2)
+    volts = AMPLITUDE_V * np.stack([phasors.real, phasors.imag], axis=1) + rng.normal(0.0, 4e-4, (2, 2, 2000))
+    assert doubt_of_order(volts, periods_ns) is None
+    assert doubt_of_order(volts[:, ::-1], periods_ns) is not None
+
+
 def test_two_equal_paths_a_third_of_a_period_apart_in_every_pixel_are_doubted_wrongly() -> None:
     assert "with the opposite sign" in str(doubt_of_order(light(mpi=1.0, delay_ns=40.0 / 3.0)))
 

@@ -9,7 +9,7 @@ from cadtof_cli import resolve, simulate_scene
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Pulse
 from cadtof_cli.maps.layers import IN_KERNEL, Layer
 from cadtof_cli.phasors.frame_mean import frame_mean
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.one_pixel import pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.pipeline.stages import frame_stages
@@ -40,10 +40,11 @@ def test_parts_that_were_pickled_and_resolved_join_to_the_whole_frame(settings: 
     assert whole.noise.estimated is not known
     assert np.isfinite(whole.maps.layer("direct.depth")).any()
     for count in (2, 5):
-        prepared = prepare_frame(mean, plan=plan)
+        stages = stages_of(mean, plan)
+        prepared = prepare_frame(mean, stages)
         parts = [pickle.loads(pickle.dumps(part)) for part in prepared.parts(count)]
         assert sum(part.stored.shape[2] for part in parts) == SIZE[0] * SIZE[1]
-        joined = joined_parts(parts[0], [resolve_pixels(part, plan=plan) for part in parts])
+        joined = joined_parts(parts[0], [resolve_pixels(part, stages) for part in parts])
         assert joined.noise.integration_length == whole.noise.integration_length
         np.testing.assert_array_equal(joined.maps.values, whole.maps.values)
         np.testing.assert_array_equal(joined.maps.status, whole.maps.status)
@@ -130,8 +131,9 @@ def test_random_starts_of_one_pixel_are_those_of_the_frame() -> None:
     plan = FramePlan(metadata=CaptureMetadata(pixel=Pixel(integration_length=1e5)), settings=settings)
     frame = frames(1)[0]
     maps = resolve_frame(frame, plan=plan).maps
-    pixels, volts = prepare_frame(frame, plan=plan), plan.metadata.modulation.amplitude_v
+    stages = stages_of(frame, plan)
+    pixels, volts = prepare_frame(frame, stages), plan.metadata.modulation.amplitude_v
     for index in range(0, SIZE[0] * SIZE[1], 5):
-        paths = pixel_evidence(pixels, index, plan=plan).resolved.paths
+        paths = pixel_evidence(pixels, index, stages).resolved.paths
         map_v = maps.layer("direct.amplitude").reshape(-1)[index]
         assert map_v == pytest.approx(paths.amplitude[0, 0] * volts, rel=1e-6, nan_ok=True)

@@ -4,7 +4,7 @@ import numpy as np
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, stages_of
 from cadtof_cli.pipeline.one_pixel import pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -20,6 +20,7 @@ def test_a_random_search_starts_where_it_starts_in_the_whole_frame() -> None:
     plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=resolver))
     stored = 0.05 * np.random.default_rng(1).normal(size=(3, 2, 8, 8))
     depth_m = resolve_frame(stored, plan=plan).maps.layer(DIRECT_DEPTH).ravel()
-    pixels = prepare_frame(stored, plan=plan)
-    phases = [pixel_evidence(pixels, index, plan=plan).resolved.paths.phase_rad[0, 0] for index in range(64)]
+    stages = stages_of(stored, plan)
+    pixels = prepare_frame(stored, stages)
+    phases = [pixel_evidence(pixels, index, stages).resolved.paths.phase_rad[0, 0] for index in range(64)]
     np.testing.assert_allclose(np.array(phases) * metres_per_radian(40.0), depth_m, rtol=1e-5)

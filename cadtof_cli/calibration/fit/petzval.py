@@ -13,6 +13,7 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.optics import LampBeside
 from cadtof_cli.units import counted, unambiguous_range_m
 
 LEAST_PIXELS = 50
@@ -68,6 +69,8 @@ class WallRanges:
 class _Problem:
     """The problem of the fit: range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴.
 
+    With a `lamp` beside the camera, half the way of the light takes the place of the range: the lens lengthens the way.
+
     Its parameters are k2, k4 and q, then distance D and tilt α, β of every wall; `free` marks the parameters that are
     fitted, and `start` holds their first values. u and v are the pixel's distances from the principal `point`, over
     `half_diagonal`, and q = (half diagonal / f)². `wall` is the index of the wall of each of the n ranges.
@@ -83,6 +86,7 @@ class _Problem:
     unambiguous_m: float
     free: Bool
     start: Float
+    lamp: LampBeside | None
 
     def residuals(self, parameters: Float) -> tuple[Float, Float]:
         """Return the residuals of the ranges, (n,), and the model's derivatives by the free parameters, (n, p), both
@@ -98,6 +102,9 @@ class _Problem:
         slopes[:, 2] = 0.5 * ranges * rho2 / (1.0 + q * rho2)
         of_own_wall = np.stack([stretch / leaning, -ranges / leaning * self.u, -ranges / leaning * self.v], axis=1)
         slopes[:, 3:].reshape(rho2.size, -1, 3)[np.arange(rho2.size), self.wall] = of_own_wall
+        if self.lamp is not None:
+            ranges = self.lamp.half_way_m(ranges)
+            slopes[:, 2:] /= self.lamp.range_per_half_way(ranges, slice(None))[:, np.newaxis]
         # ranges wrap at the unambiguous range, so the difference nearest to 0 counts
         half = 0.5 * self.unambiguous_m
         left = (self.range_m - (ranges + curvature) + half) % self.unambiguous_m - half
@@ -221,7 +228,10 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
     u = np.concatenate([(column - point[0]) / half_diagonal for _, column in pixels])
     v = np.concatenate([(row - point[1]) / half_diagonal for row, _ in pixels])
     whose = np.repeat(np.arange(len(walls)), [good.sum() for good in usable])
-    ranges = np.concatenate([wall.range_m[good] for wall, good in zip(walls, usable, strict=True)])
+    ranges, sigma_m = (
+        np.concatenate([values[good] for values, good in zip(planes, usable, strict=True)])
+        for planes in ([wall.range_m for wall in walls], [wall.sigma_m for wall in walls])
+    )
     start, free = np.zeros(3 + 3 * len(walls)), np.ones(3 + 3 * len(walls), np.bool_)
     start[2], free[2] = (0.5, True) if focal is None else ((half_diagonal / focal) ** 2, False)
     unambiguous = unambiguous_range_m(origin.periods_ns[0])
@@ -231,17 +241,23 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
         start[3 + 3 * index] = shown if wall.distance_m is None else wall.distance_m
         # a wall on one row or one column of pixels shows no tilt across it
         free[3 + 3 * index :][:3] = wall.distance_m is None, np.ptp(u) > 0.0, np.ptp(v) > 0.0
+    lamp = LampBeside.of(optics, origin.pixels)
+    if lamp is not None:
+        lamp = replace(lamp, along_m=np.concatenate([lamp.along_m[good.ravel()] for good in usable]))
+        ranges = lamp.half_way_m(ranges)
+        sigma_m = sigma_m / lamp.range_per_half_way(ranges, slice(None))
     return _Problem(
         u=u,
         v=v,
         wall=whose,
         range_m=ranges,
-        sigma_m=np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)]),
+        sigma_m=sigma_m,
         point=point,
         half_diagonal=half_diagonal,
         unambiguous_m=unambiguous,
         free=free,
         start=start,
+        lamp=lamp,
     )
 
 

@@ -55,13 +55,19 @@ class LitPatches:
         return cls(valid, means, surfaces, surfaces[valid], ratios, amplitude, data, noise, model_error(ratios))
 
 
-def first_planes(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> PatchPlanes:
-    """Return the surfaces from a first depth: that of two paths, from the mean light of every patch."""
+def first_planes(
+    light: PatchLight, means: PatchMeans, frame: FrameTraits, /, *, over_steps: bool = False
+) -> PatchPlanes:
+    """Return the surfaces from a first depth: that of two paths, from the mean light of every patch.
+
+    `over_steps` as in `patch_planes`.
+    """
     lag, offset = two_path_lag(means.ratios[0]), frame.range_offset_m
     range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings)
     if offset is not None:
         range_m += frame.grid.samples(offset).astype(np.float32)
-    return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
+    range_m = np.maximum(range_m, np.float32(NEAREST_M))
+    return patch_planes(range_m, light.seen, frame.grid, over_steps=over_steps)
 
 
 def _noise(ratios: Complex, amplitude: Float, pixels: Float, frame: FrameTraits) -> Float:

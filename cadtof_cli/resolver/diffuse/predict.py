@@ -23,7 +23,7 @@ from cadtof_cli.resolver.diffuse.model_error import mpi_share
 from cadtof_cli.resolver.diffuse.nets import find_nets
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.patches import LitPatches, first_planes
-from cadtof_cli.resolver.diffuse.planes import Surfaces
+from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, Nets, TermTails
@@ -62,6 +62,27 @@ class _Fitted:
     uncovered: Bool
 
 
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """The patches with light of a frame, the models of their tail (`_tail_models`), and the fit of these models."""
+
+    patches: LitPatches
+    tail: TailModel
+    term_tail: TailModel | None
+    fitted: _Fitted
+
+    @classmethod
+    def of(cls, light: PatchLight, planes: PatchPlanes, valid: Bool, frame: FrameTraits) -> "_Room":
+        """Return the room that the patches `valid`, (rows, columns), show with these planes."""
+        patches = LitPatches.of(light, planes, valid, frame)
+        tail, term_tail = _tail_models(patches, frame)
+        return cls(patches, tail, term_tail, _fitted(patches, tail, frame))
+
+    def has_tail(self, frame: FrameTraits) -> bool:
+        """Return whether the room explains the frame."""
+        return _is_tail(self.patches, self.fitted, self.tail, frame, of_sine=self.term_tail is None)
+
+
 def diffuse_model(
     light: PatchLight, means: PatchMeans, kinds: PatchKinds, frame: FrameTraits, /
 ) -> DiffuseModel | Reason:
@@ -79,11 +100,16 @@ def diffuse_model(
     valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
         return "few patches with light"
-    patches = LitPatches.of(light, planes, valid, frame)
-    tail, term_tail = _tail_models(patches, frame)
-    fitted = _fitted(patches, tail, frame)
-    if settings.model == "auto" and not _is_tail(patches, fitted, tail, frame, of_sine=term_tail is None):
-        return "no tail fits"
+    room = _Room.of(light, planes, valid, frame)
+    if settings.model == "auto" and not room.has_tail(frame):
+        # shelves and clutter tilt planes, so that light is foretold where there is none
+        tilted, planes = planes, first_planes(light, means, frame, over_steps=True)
+        if np.array_equal(planes.surfaces.normal, tilted.surfaces.normal):
+            return "no tail fits"
+        room = _Room.of(light, planes, valid, frame)
+        if not room.has_tail(frame):
+            return "no tail fits"
+    patches, tail, term_tail, fitted = room.patches, room.tail, room.term_tail, room.fitted
     two_path_rad = two_path_lag(patches.ratios[0])
     coarse = _coarse(patches, fitted, tail, two_path_rad, frame).weighted_by(kinds.mpi_probability)
     terms = None if term_tail is None else _term_tails(term_tail, patches, fitted.fit, coarse, frame)

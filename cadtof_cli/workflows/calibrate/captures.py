@@ -15,16 +15,17 @@ from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, save_part
 from cadtof_cli.capture.checks import shown
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, FrameSource, read_stored, single_frames
+from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target
 from cadtof_cli.errors import FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.frames import CHANNELS
+from cadtof_cli.files.maps import content_digest
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import MeanVolts, mean_volts
 from cadtof_cli.phasors.noise import ambient_noise_v
-from cadtof_cli.phasors.plausible import require_plausible, tells_copies
+from cadtof_cli.phasors.plausible import Copies, require_plausible
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
@@ -141,17 +142,15 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
             noise that is measured too small.
     """
     size = capture.typical.pixels if capture.typical else None
-    metadata, known = capture.source.metadata, dict[int, FrameSource]()
+    metadata, copies = capture.source.metadata, Copies()
     for number, source in enumerate(single_frames(capture)):
         stored = read_stored(source, capture.layout, size=size)
         require_plausible(stored, metadata, of=source)
-        content = hash(stored.tobytes())
-        if content in known and tells_copies(stored):
+        if original := copies.original_of(stored, content_digest(stored), source):
             raise FrameError(
-                f"{source}: holds the same values as {known[content]} in every pixel, but noise makes two recordings differ: "
+                f"{source}: holds the same values as {original} in every pixel, but noise makes two recordings differ: "
                 "remove the copy, or record again"
             )
-        known[content] = source
         if number == 0:
             for doubt in doubts(stored, metadata, has_light=has_light):
                 progress.say(f"warning: {capture.root}: {doubt}")

@@ -22,9 +22,8 @@ from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.maps.layers import without_offset
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline.frame import prepare_frame
+from cadtof_cli.pipeline.frame import prepare_frame, stages_of
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.pipeline.stages import frame_stages
 from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
@@ -46,8 +45,8 @@ def first_phasor_depth(
         SettingsError: the plan does not fit the frame's type.
     """
     settings = replace(plan.settings, resolver=replace(plan.settings.resolver, mpi_model="discrete"))
-    pixels = prepare_frame(frame, plan=replace(plan, settings=settings), calibration=calibration)
-    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
+    pixels = prepare_frame(frame, stages_of(frame, replace(plan, settings=settings), calibration))
+    stages = stages_of(frame, plan, calibration)
     everywhere = slice(0, math.prod(pixels.size))
     response = stages.response
     phase = first_phase(stages.phasors(pixels)[0], response=response.block(everywhere) if response else None)

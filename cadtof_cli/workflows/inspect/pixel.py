@@ -15,7 +15,7 @@ from cadtof_cli.files.maps import STATUS, DepthMaps
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.voltages import volts_per_count
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.one_pixel import OrderTest, PixelEvidence, pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
@@ -57,14 +57,14 @@ def inspect_pixel(
         progress.say(note)
     if recording.left_out:
         progress.say(recording.left_out)
-    calibration, plan = task.calibration(), task.plan
-    pixels = prepare_frame(stored, plan=plan, calibration=calibration)
+    plan, stages = task.plan, stages_of(stored, task.plan, task.calibration())
+    pixels = prepare_frame(stored, stages)
     height, width = pixels.size
     x, y = pixel
     expected = f"a column 0 … {width - 1} and a row 0 … {height - 1} of {source}"
     require(0 <= x < width and 0 <= y < height, "--pixel", f"{x},{y}", expected)
-    resolved = joined_parts(pixels, [resolve_pixels(pixels, plan=plan, calibration=calibration)])
-    evidence = pixel_evidence(pixels, y * width + x, plan=plan, calibration=calibration)
+    resolved = joined_parts(pixels, [resolve_pixels(pixels, stages)])
+    evidence = pixel_evidence(pixels, y * width + x, stages)
     recorded = stored.stored if isinstance(stored, FrameMean) else stored
     voltage = plan.metadata.voltage
     volts = (recorded[:, :, y, x].astype(np.float64) - voltage.zero) * volts_per_count(voltage, pixels.dtype)

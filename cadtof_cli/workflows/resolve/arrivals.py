@@ -54,11 +54,13 @@ class Arrivals:
     known: dict[Path, CapturePlan] = field(default_factory=dict)
     sources: dict[str, Path] = field(default_factory=dict)
 
-    def first_captures(self, inputs: Sequence[Path], /) -> tuple[Capture, ...]:
-        """Return the captures of the inputs that are there when the run begins."""
+    def first_captures(self, inputs: Sequence[Path], /) -> tuple[tuple[Capture, ...], Path]:
+        """Return the captures of the inputs that are there when the run begins, and the folder whose tree OUT mirrors."""
         there = self._existing(inputs)
         self.base = _earlier_shared_folder(self.settings.out) if self.settings.resume else None
-        return self._captures(there or inputs)
+        captures = self._captures(there or inputs)
+        assert self.base is not None
+        return captures, self.base
 
     def keep_earlier(self, document: Mapping[str, Any], plans: Iterable[CapturePlan], /) -> None:
         """Add what is recorded of the run that is continued to the `document` of this run.
@@ -202,8 +204,7 @@ def _earlier_shared_folder(out: Path) -> Path | None:
     A run that continues it may begin with other frames, whose own shared folder would put maps into other places.
     """
     try:
-        record = read_record(out)
-        return shared_folder(out, record) if record["captures"] else None
+        return shared_folder(read_record(out))
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return None
 

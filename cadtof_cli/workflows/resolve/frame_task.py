@@ -7,8 +7,6 @@ from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError, SettingsError, UnreadableError, no_memory_for
@@ -16,9 +14,9 @@ from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import DepthMaps, Digest, file_digest, stage_maps
+from cadtof_cli.files.maps import DepthMaps, Digest, content_digest, file_digest, stage_maps
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.phasors.plausible import require_plausible, tells_copies
+from cadtof_cli.phasors.plausible import Copies, require_plausible
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
@@ -105,13 +103,6 @@ class Recording:
     digest: str
     files: tuple[SourceFile, ...] | None
     left_out: str | None
-
-
-def content_digest(values: Stored, /) -> str:
-    """Return a digest of an array's type, shape and values, 32 hexadecimal digits."""
-    digest = Digest(np.ascontiguousarray(values).data)
-    digest.update(f"{values.dtype.str}{values.shape}".encode())
-    return digest.hexdigest()
 
 
 def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameReport]:
@@ -287,7 +278,7 @@ def _read_mean(task: FrameTask) -> tuple[FrameMean, str, str | None]:
     """Return the mean of a task's frames that can be read and are no copies of others; its digest, and which frames were
     left out (see `Recording`)."""
     metadata = task.plan.metadata
-    digests, errors = list[str](), list[FrameError]()
+    digests, errors, copies = list[str](), list[FrameError](), Copies()
 
     def readable() -> Iterator[Stored]:
         for source in task.sources:
@@ -299,8 +290,7 @@ def _read_mean(task: FrameTask) -> tuple[FrameMean, str, str | None]:
                 digests.append("")
                 continue
             digest = content_digest(stored)
-            if digest in digests and tells_copies(stored):
-                # a copy adds nothing to the mean, which would seem to have less noise than it has
+            if copies.original_of(stored, digest, source):
                 errors.append(FrameError(f"{source}: holds the same values as another of these frames"))
             else:
                 yield stored

@@ -2,16 +2,14 @@
 
 import json
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.discovery import absolute
 from cadtof_cli.files.atomic import atomic_write, writing
-from cadtof_cli.files.system import common_folder
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE
-from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
+from cadtof_cli.workflows.resolve.reports import report_of
 
 
 def capture_folders(record: Mapping[str, Any], /) -> list[Path]:
@@ -24,30 +22,15 @@ def capture_folders(record: Mapping[str, Any], /) -> list[Path]:
     return [absolute(start / capture["root"]) for capture in record["captures"]]
 
 
-def shared_folder(out: Path, record: Mapping[str, Any], /) -> Path:
+def shared_folder(record: Mapping[str, Any], /) -> Path:
     """Return the folder whose tree a run's folder mirrors, as `placed_captures` chose it.
 
-    Inputs that arrived later did not change this folder. So it follows from the first frame that has maps, if its line is there.
-
-    Args:
-        out: folder of the run.
-        record: content of its `run.json`; it names at least one capture.
+    Runs of 0.1.0 do not record it. They wrote all maps into their folder itself, so it is the folder of a capture.
 
     Raises:
         LookupError, TypeError: it is not the record of a run.
     """
-    arguments, roots = record["arguments"], capture_folders(record)
-    called = Path(arguments.get("out", ""))
-    if first := _first_with_maps(out, called):
-        place = Path(str(first.output)).relative_to(called).parent.parts
-        source = absolute(_start_folder(arguments) / first.source)
-        # a frame belongs to the deepest capture above it
-        for root in sorted(roots, key=lambda one: len(one.parts), reverse=True):
-            if source.is_relative_to(root) and root.parts[len(root.parts) - len(place) :] == place:
-                return Path(*root.parts[: len(root.parts) - len(place)])
-    inputs = [absolute(Path(path)) for path in arguments.get("absolute_inputs", arguments["inputs"])]
-    folders = [path if any(root.is_relative_to(path) for root in roots) else path.parent for path in inputs]
-    return common_folder([*folders, *roots])
+    return Path(record["shared_folder"]) if "shared_folder" in record else capture_folders(record)[0]
 
 
 def _start_folder(arguments: Mapping[str, Any]) -> Path:
@@ -57,18 +40,6 @@ def _start_folder(arguments: Mapping[str, Any]) -> Path:
         if typed != whole:
             return Path(*Path(whole).parts[: -len(Path(typed).parts) or None])
     return Path()
-
-
-def _first_with_maps(out: Path, called: Path) -> FrameReport | None:
-    """Return the first line of `frames.jsonl` with maps in the folder that its run `called` so; None: there is no such line."""
-    path = out / FRAMES_FILE
-    if not path.is_file():
-        # opening a FIFO would wait for ever
-        return None
-    with suppress(OSError), path.open("rb") as lines:
-        reports = (one for one in map(report_of, lines) if one and one.output)
-        return next((one for one in reports if Path(str(one.output)).is_relative_to(called)), None)
-    return None
 
 
 def rename_lines(out: Path, earlier: Mapping[str, Any], /) -> None:
@@ -90,7 +61,7 @@ def rename_lines(out: Path, earlier: Mapping[str, Any], /) -> None:
     path = out / FRAMES_FILE
     if (called == out and is_here) or not path.is_file():
         return
-    with writing(path), path.open("rb") as lines, atomic_write(path) as temporary, temporary.open("wb") as renamed:
+    with writing(path), atomic_write(path) as temporary, path.open("rb") as lines, temporary.open("wb") as renamed:
         for line in lines:
             if report := report_of(line):
                 output = report.output and Path(report.output)

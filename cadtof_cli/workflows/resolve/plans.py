@@ -222,8 +222,12 @@ def run_document(
     settings: ResolveSettings,
     plans: Sequence[CapturePlan],
     calibration: AppliedCalibration | None,
+    shared_folder: Path,
 ) -> dict[str, Any]:
-    """Return the content of `run.json` when a run begins. The arguments in it have the names of the options."""
+    """Return the content of `run.json` when a run begins. The arguments in it have the names of the options.
+
+    `shared_folder` is the folder whose tree the run's folder mirrors.
+    """
     maps, applied = settings.maps, None
     if calibration is not None:
         folder = calibration.use.folder
@@ -257,6 +261,7 @@ def run_document(
             "frames": settings.frames and [settings.frames.start, settings.frames.stop],
             "overrides": dict(settings.overrides),
         },
+        "shared_folder": str(shared_folder),
         "captures": list[dict[str, Any]](),
         "calibration": applied,
         "layers": {name: unit for one in plans for name, unit in one.plan.header.units.items()},

@@ -80,11 +80,11 @@ def resolve_captures(
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
-    captures, arrivals, failed = _first_captures(inputs, settings, arriving)
+    captures, base, arrivals, failed = _first_captures(inputs, settings, arriving)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
     require_own_places(captures, settings.out)
-    document = run_document(inputs, settings, plans, calibration)
+    document = run_document(inputs, settings, plans, calibration, base)
     is_arriving = arrivals is not None
     resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=is_arriving)
     if settings.dry_run:
@@ -124,14 +124,15 @@ def resolve_captures(
 
 def _first_captures(
     inputs: Sequence[Path], settings: ResolveSettings, arriving: Iterable[tuple[Path, ...]] | None
-) -> tuple[Sequence[Capture], "Arrivals | None", Sequence[FrameReport]]:
-    """Return the captures that are there, what meets those that arrive during the run, and reports on inputs that failed."""
+) -> tuple[Sequence[Capture], Path, "Arrivals | None", Sequence[FrameReport]]:
+    """Return the captures that are there, and the folder whose tree OUT mirrors; what meets the captures that arrive during
+    the run; and reports on inputs that failed."""
     if arriving is not None:
         # imported only when it is needed: each module takes a third of a millisecond
         from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
         arrivals = Arrivals(settings, arriving)
-        return arrivals.first_captures(inputs), arrivals, arrivals.failed
+        return *arrivals.first_captures(inputs), arrivals, arrivals.failed
     failed = list[FrameReport]()
     found = find_captures(
         inputs,
@@ -140,8 +141,7 @@ def _first_captures(
         recursive=settings.recursive,
         on_unlisted=lambda folder, error: failed.append(failed_input(folder, error)),
     )
-    captures, _ = placed_captures(found, inputs)
-    return captures, None, failed
+    return *placed_captures(found, inputs), None, failed
 
 
 def _notes(

@@ -9,8 +9,8 @@ from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Outcome, WorkerDied
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels
-from cadtof_cli.pipeline.pixels import FramePixels
+from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels, stages_of
+from cadtof_cli.pipeline.stages import FramePixels, frame_stages
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, kept_maps, read_frame, reported, written
 from cadtof_cli.workflows.resolve.reports import FrameReport
@@ -33,7 +33,7 @@ def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:
 
 @reported
 def _resolved(task: FrameTask, pixels: FramePixels) -> DepthMaps:
-    return resolve_pixels(pixels, plan=task.plan, calibration=task.calibration())
+    return resolve_pixels(pixels, frame_stages(task.plan, task.calibration(), pixels.dtype, pixels.size))
 
 
 def resolve_split(
@@ -60,7 +60,7 @@ def _prepared(task: FrameTask, count: int) -> FrameReport | list[FramePart]:
     if task.resume and (kept := kept_maps(task)):
         return kept
     frame, recording = read_frame(task)
-    pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
+    pixels = prepare_frame(frame, stages_of(frame, task.plan, task.calibration()))
     return [FramePart(task, part, recording) for part in pixels.parts(count)]
 
 

@@ -68,6 +68,30 @@ def test_curvature_is_found_from_two_tilted_walls_at_unknown_distances() -> None
     assert found.quality.walls[1].distance_m == pytest.approx(3.0, abs=1e-3)
 
 
+def test_the_curvature_lengthens_the_way_of_the_light_of_a_lamp_beside_the_camera() -> None:
+    """Close to the camera, the range grows faster than half that way: by a tenth at 10 cm, with this lamp."""
+    offset, optics = np.array([0.07, 0.0, 0.0]), replace(OPTICS, lamp_offset_m=(0.07, 0.0, 0.0))
+    y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
+    rays = np.stack([(x - 39.5) / 70.0, (y - 29.5) / 70.0, np.ones(PIXELS)])
+    rays /= np.linalg.norm(rays, axis=0)
+    added = measured_wall(1.0, seed=0, sigma_m=0.0).range_m - 1.0 / np.tensordot([0.05, -0.03, 1.0], rays, axes=1)
+    walls, sigma_m = [], 1e-4
+    for seed, distance_m in enumerate((0.1, 0.2)):
+        surface = rays * (distance_m / np.tensordot([0.05, -0.03, 1.0], rays, axes=1))
+        to_lamp = np.linalg.norm(surface - offset[:, np.newaxis, np.newaxis], axis=0)
+        half_way = 0.5 * (np.linalg.norm(surface, axis=0) + to_lamp) + added
+        half_way += np.random.default_rng(seed).normal(0.0, sigma_m, PIXELS)
+        along = 0.5 * np.tensordot(offset, rays, axes=1)
+        ranges = (half_way**2 - 0.035**2) / (half_way - along)
+        walls.append(WallRanges(ranges, sigma_m * (2.0 * half_way - ranges) / (half_way - along), None))
+    found = fitted(*walls, optics=optics)
+    assert max(deviations(found)) < 3.0
+    assert found.quality.rms_after_m == pytest.approx(sigma_m, rel=0.03)
+    for wall, distance_m in zip(found.quality.walls, (0.1, 0.2), strict=True):
+        assert abs(wall.distance_m - distance_m) < 3.0 * wall.distance_stderr_m
+        assert wall.slopes == pytest.approx((0.05, -0.03), abs=5e-4)
+
+
 def test_the_standard_error_is_the_scatter_of_repetitions() -> None:
     runs = [fitted(measured_wall(1.0, seed=2 * s), measured_wall(3.0, seed=2 * s + 1)) for s in range(25)]
     scatter = np.std([run.k2_m for run in runs])

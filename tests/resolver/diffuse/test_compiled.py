@@ -8,9 +8,9 @@ import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Voltage
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels
-from cadtof_cli.pipeline.pixels import FramePixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.pipeline.stages import FramePixels, frame_stages
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY, available_kernels
@@ -143,11 +143,12 @@ def plan_of(metadata: CaptureMetadata = METADATA, **options: Any) -> FramePlan:
 
 
 def resolved_bits(pixels: FramePixels, plan: FramePlan, kernel: str) -> Any:
-    return bits_of(by_kernel(kernel, resolve_pixels, pixels, plan=plan))
+    stages = frame_stages(plan, None, pixels.dtype, pixels.size)
+    return bits_of(by_kernel(kernel, resolve_pixels, pixels, stages))
 
 
 def assert_same_maps(stored: Any, plan: FramePlan) -> Any:
-    pixels = prepare_frame(stored, plan=plan)
+    pixels = prepare_frame(stored, stages_of(stored, plan))
     assert pixels.tail is not None
     expected = resolved_bits(pixels, plan, NUMPY)
     for kernel in compiled_kernels():
@@ -158,7 +159,7 @@ def assert_same_maps(stored: Any, plan: FramePlan) -> Any:
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("returns", RETURNS)
 def test_maps_of_a_room_have_the_same_bits(order: str, returns: Return) -> None:
-    pixels = prepare_frame(recorded(), plan=plan_of())
+    pixels = prepare_frame(recorded(), stages_of(recorded(), plan_of()))
     assert pixels.tail is not None
     # a frame that is forced to have a tail has no separate patches, so some are set here
     separate = np.zeros_like(pixels.tail.separate)
@@ -200,7 +201,7 @@ def test_more_harmonics_have_the_same_bits(count: int) -> None:
 @pytest.mark.parametrize("cut", [1, 7, 31, 33, 97, 1000])
 def test_parts_of_a_frame_have_the_same_bits(cut: int) -> None:
     plan = plan_of()
-    pixels = prepare_frame(recorded(), plan=plan)
+    pixels = prepare_frame(recorded(), stages_of(recorded(), plan))
     for kernel in available_kernels():
         whole = resolved_bits(pixels, plan, kernel)
         joined = [

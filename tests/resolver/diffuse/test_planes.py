@@ -214,6 +214,39 @@ def test_samples_within_a_tenth_of_the_median_inverse_depth_are_on_the_plane() -
     assert planes.on_plane[:6, 3, 4].tolist() == [True, False, True, False, True, True]
 
 
+@pytest.mark.parametrize("upright", [False, True])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_step_tilts_a_plane_unless_it_is_to_be_fitted_over_steps(upright: bool, noise: float) -> None:
+    """Two boards that face the camera, one 6 % nearer: each patch sees both, and no surface that is tilted."""
+    frame_grid = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    assert (frame_grid.side, frame_grid.stride) == (8, 1)
+    place = np.mgrid[:120, :160][int(upright)] % 8
+    depth = np.where(place < 5, 2.0, 1.88) * (1 + noise * np.random.default_rng(0).normal(size=(120, 160)))
+    range_m = frame_grid.samples(depth) / frame_grid.cosine
+    seen = np.ones(range_m.shape, bool)
+    forward = [-patch_planes(range_m, seen, frame_grid, over_steps=over).surfaces.normal[2] for over in (False, True)]
+    assert forward[0].max() < 0.85
+    assert forward[1].min() > 0.99
+
+
+def test_planes_without_steps_are_the_same_over_steps() -> None:
+    rng = np.random.default_rng(1)
+    noisy = grid().samples(tilted() * (1 + 0.004 * rng.normal(size=(HEIGHT, WIDTH))))
+    seen = noisy > 0
+    plain, over = (patch_planes(np.where(seen, noisy, 1.0), seen, grid(), over_steps=steps) for steps in (False, True))
+    np.testing.assert_array_equal(over.surfaces.normal, plain.surfaces.normal)
+
+
+def test_few_pairs_of_samples_tell_no_step() -> None:
+    frame_grid = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    seen = np.zeros((64, frame_grid.rows, frame_grid.columns), bool)
+    seen[::3] = True
+    depth = np.where(np.arange(64) < 40, 2.0, 1.88)[:, None, None]
+    range_m = depth / frame_grid.cosine
+    plain, over = (patch_planes(range_m, seen, frame_grid, over_steps=steps) for steps in (False, True))
+    np.testing.assert_array_equal(over.surfaces.normal, plain.surfaces.normal)
+
+
 def test_the_cosine_of_grazing_surfaces_has_a_lower_limit() -> None:
     """The cosine of incidence is at least .08, so that areas and albedos have bounds."""
     frame_grid = patch_grid(120, 160, View(400.0, (79.5, 59.5)))

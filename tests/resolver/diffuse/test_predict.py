@@ -1,5 +1,7 @@
 """Predictions for frames of known light: walls, tails, two paths, and all kinds of bad pixels."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,9 @@ from cadtof_cli import resolve, simulate_scene
 from cadtof_cli.arrays import Float32
 from cadtof_cli.resolver.diffuse import choice, predict
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, RoomNumbers
+from cadtof_cli.resolver.diffuse.patches import first_planes
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+from cadtof_cli.resolver.diffuse.planes import PatchPlanes
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.diffuse.second_paths import two_path_lag
 from cadtof_cli.resolver.status import StatusBit
@@ -208,6 +212,28 @@ def test_a_tail_that_two_paths_do_not_explain_may_vary_in_any_way(
     found = model_of(p, focal_px=180.0, harmonics=harmonics)
     assert isinstance(found, DiffuseModel) is taken
     assert isinstance(found, DiffuseModel) or found.reason == "no tail fits"
+
+
+def test_the_boxes_on_a_shelf_are_no_sign_of_two_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Boxes that face the camera, up to .35 m before a wall, in light that reaches all of them alike. The planes of the
+    patches are tilted by the steps between boxes, and alone foretell much MPI where there is little."""
+    height, width, focal_px, side = 96, 128, 300.0, 7
+    x, y = slopes(height, width, focal_px)
+    row, column = np.mgrid[:height, :width] // side
+    before_m = 0.35 * np.random.default_rng(0).random((row.max() + 1, column.max() + 1))
+    ray = np.sqrt(1 + x * x + y * y)
+    range_m = (2.5 - before_m[row, column]) * ray
+    share = 0.12 * range_m**2 * ray
+    p = phasors_of(range_m, {h: np.asarray(share * Tail(1.0, 4.4, 12.0).phasor(h)) for h in (1, 2)})
+    assert isinstance(model_of(p, focal_px=focal_px), DiffuseModel)
+
+    def never_over_steps(*given: Any, over_steps: bool = False) -> PatchPlanes:
+        return first_planes(*given)
+
+    monkeypatch.setattr(predict, "first_planes", never_over_steps)
+    found = model_of(p, focal_px=focal_px)
+    assert isinstance(found, DiffuseChoice)
+    assert found.reason == "no tail fits"
 
 
 @pytest.fixture

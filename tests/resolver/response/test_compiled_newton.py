@@ -18,7 +18,7 @@ from cadtof_cli.arrays import Float32
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import ideal_response
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.response.newton import Equations, searched
@@ -129,12 +129,13 @@ def test_maps_of_a_triangle_have_the_same_bits(name: str, calibrated: bool) -> N
     calibration = made_up_calibration(TRIANGLE, size, ("response",)) if calibrated else None
     if calibration is not None:
         plan = replace(plan, calibration=CalibrationUse(Path("made up"), calibration.digest))
-    pixels = prepare_frame(volts(name, size), plan=plan, calibration=calibration)
-    expected = by_kernel(NUMPY, resolve_pixels, pixels, plan=plan, calibration=calibration)
+    stages = stages_of(volts(name, size), plan, calibration)
+    pixels = prepare_frame(volts(name, size), stages)
+    expected = by_kernel(NUMPY, resolve_pixels, pixels, stages)
     for kernel in compiled_kernels():
         for cut in (0, 33):
             parts = [pixels[:cut], pixels[cut:]] if cut else [pixels]
-            found = [by_kernel(kernel, resolve_pixels, part, plan=plan, calibration=calibration) for part in parts]
+            found = [by_kernel(kernel, resolve_pixels, part, stages) for part in parts]
             values = np.concatenate([maps.values for maps in found], axis=-1)
             np.testing.assert_array_equal(values.view(np.uint32), expected.values.view(np.uint32), err_msg=kernel)
             np.testing.assert_array_equal(np.concatenate([maps.status for maps in found], axis=-1), expected.status)

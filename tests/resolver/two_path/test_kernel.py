@@ -21,7 +21,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.voltages import PhasorMap
-from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver import two_path
 from cadtof_cli.resolver.kernels import CHOICE, NUMPY, available_kernels, chosen_kernel, extension, numpy_note
@@ -191,11 +191,13 @@ def test_a_frame_with_estimated_noise_has_the_same_bits() -> None:
 @pytest.mark.parametrize("name", ["close_paths", "special_values"])
 def test_a_pixel_has_the_same_bits_wherever_a_part_begins_and_ends(cut: int, name: str) -> None:
     plan = plan_of()
-    pixels = prepare_frame(frame(hard_voltages(name, 12 * WIDTH)), plan=plan)
+    stored = frame(hard_voltages(name, 12 * WIDTH))
+    stages = stages_of(stored, plan)
+    pixels = prepare_frame(stored, stages)
     for kernel in available_kernels():
-        whole = bits_of(by_kernel(kernel, resolve_pixels, pixels, plan=plan))
+        whole = bits_of(by_kernel(kernel, resolve_pixels, pixels, stages))
         parts = [pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :]]
-        joined = [bits_of(by_kernel(kernel, resolve_pixels, part, plan=plan)) for part in parts]
+        joined = [bits_of(by_kernel(kernel, resolve_pixels, part, stages)) for part in parts]
         np.testing.assert_array_equal(np.concatenate(joined, axis=-1), whole)
 
 
@@ -231,7 +233,8 @@ def test_the_stored_values_are_not_changed() -> None:
 def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, Any]]:
     """Return 40 stored pixels, the scales, and the other arguments of `fill`; those named in `other` are replaced."""
     plan = plan_of()
-    noise = prepare_frame(frame(np.zeros((4, 40)), 40), plan=plan).noise
+    stored = frame(np.zeros((4, 40)), 40)
+    noise = prepare_frame(stored, stages_of(stored, plan)).noise
     parts: dict[str, Any] = {"phasor_map": None}
     parts |= {"saturated_counts": None, "metres": 1.0, "volts": 1.0, "phase_offset_rad": None}
     parts |= {"tail": None, "most_volts": np.inf, "noise_volts": 0.0}
