@@ -303,3 +303,11 @@ def test_paths_on_different_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(os.path, "commonpath", other_drive)
     with pytest.raises(CadtofError, match=r"no folder holds both .*A and .*out; expected inputs on one drive"):
         common_folder([out, capture.folder])
+
+
+def test_an_empty_folder_becomes_a_capture_without_posix(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    done = program_without_posix("simulate", "--scene", "wall", "--width", 4, "--height", 3, "-o", out)
+    assert done.status == 0, done.err
+    assert (out / "capture.toml").is_file()

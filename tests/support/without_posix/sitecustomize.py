@@ -9,6 +9,7 @@ import importlib
 import os
 import signal
 import sys
+from pathlib import Path
 from types import ModuleType
 from typing import cast
 
@@ -126,8 +127,8 @@ _replace = os.replace
 
 def replace(source: "str | os.PathLike[str]", target: "str | os.PathLike[str]") -> None:
     """Replace a file as Windows does: raise PermissionError if `target` is a folder, or a file that this process has open."""
-    opened = {os.path.realpath(f"/proc/self/fd/{one}") for one in os.listdir("/proc/self/fd")}
-    if os.path.isdir(target) or not opened.isdisjoint(map(os.path.realpath, (source, target))):
+    opened = {os.path.realpath(one) for one in Path("/proc/self/fd").iterdir()}
+    if Path(target).is_dir() or not opened.isdisjoint(map(os.path.realpath, (source, target))):
         raise PermissionError(errno.EACCES, "Access denied", os.fspath(source))
     _replace(source, target)
 
