@@ -76,8 +76,9 @@ class BuildWithFlags(build_ext):
         """Build all extensions. In a checkout, none of older sources stays if that fails: its maps could have other bits."""
         if self.inplace or self.editable_mode:
             for path in COMPILED:
-                for old in (ROOT / "cadtof_cli" / path).parent.glob(f"{Path(path).name}.*.so"):
-                    old.unlink()
+                for old in (ROOT / "cadtof_cli" / path).parent.glob(f"{Path(path).name}.*"):
+                    if old.suffix in {".so", ".pyd"}:
+                        old.unlink()
         super().run()
 
     def get_ext_filename(self, fullname: str) -> str:

@@ -15,8 +15,9 @@ Tool = Callable[..., str]
 
 def pytest_configure() -> None:
     """Let programs that tests start be stopped: in the background, shells and `nohup` make programs ignore signals."""
-    for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
-        if signal.getsignal(number) == signal.SIG_IGN:
+    for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, handler)
     # no deadline: the time of an example depends on how busy the machine is
     hypothesis.settings.register_profile("any machine", deadline=None)

@@ -22,6 +22,7 @@ from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError, UnlistedError
 from cadtof_cli.files.formats import FORMATS, FRAME_SUFFIXES, RAW, frame_suffixes
 from cadtof_cli.files.reading import entries_of
+from cadtof_cli.files.system import common_folder, path_from
 from cadtof_cli.units import first_of
 
 OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
@@ -133,7 +134,7 @@ def placed_captures(
     """
     if base is None:
         folders = [path if path.is_dir() else path.parent for path in inputs] + [one.root for one in captures]
-        base = Path(os.path.commonpath(map(os.path.abspath, folders)))
+        base = common_folder(folders)
     placed = []
     for one in captures:
         below, frames = "".join(f"{step}/" for step in steps_below(one.root, base)), one.frames
@@ -147,7 +148,8 @@ def placed_captures(
 
 def steps_below(root: Path, base: Path, /) -> tuple[str, ...]:
     """Return the folders from `base` to the folder of a capture, without the steps `..` of a capture that lies outside."""
-    return tuple(step for step in Path(os.path.relpath(root, base)).parts if step != os.pardir)
+    path = Path(path_from(base, root))
+    return tuple(step for step in path.relative_to(path.anchor).parts if step != os.pardir)
 
 
 def absolute(path: Path, /) -> Path:

@@ -196,6 +196,9 @@ def new_folder(path: Path, /) -> Iterator[Path]:
         raise OutputError(f"{path}: cannot be created: {error.strerror}; choose another name") from error
     try:
         yield partial
+        with suppress(FileNotFoundError):
+            # some systems cannot replace an empty folder
+            path.rmdir()
         partial.replace(path)
     except OutputError as error:
         # the message is to name the folder that the user asked for, not the temporary one

@@ -6,11 +6,13 @@ at a position. Child processes do not inherit our open files; Python sees to tha
 
 import errno
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+
+from cadtof_cli.errors import CadtofError
 
 _BINARY = getattr(os, "O_BINARY", 0)
 
@@ -36,6 +38,27 @@ _LOCKED_BYTE = 2**30
 
 It lies beyond the end of the lock file, because locked bytes cannot be read.
 """
+
+
+def path_from(folder: Path, path: Path, /) -> str:
+    """Return the path of a place from a folder, with `/` between steps; on another drive of Windows, it is absolute."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return path.absolute().as_posix()
+
+
+def common_folder(paths: Iterable[Path], /) -> Path:
+    """Return the deepest folder that contains all of the paths, as an absolute path.
+
+    Raises:
+        CadtofError: they lie on different drives of Windows.
+    """
+    whole = sorted(set(map(os.path.abspath, paths)))
+    try:
+        return Path(os.path.commonpath(whole))
+    except ValueError:
+        raise CadtofError(f"no folder holds both {whole[0]} and {whole[-1]}; expected inputs on one drive") from None
 
 
 def flush_c_streams() -> None:

@@ -20,13 +20,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.errors import PlaceError
+from cadtof_cli.capture.discovery import steps_below
+from cadtof_cli.errors import CadtofError, PlaceError
 from cadtof_cli.files import system
 from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.files.system import (
     BLOCK_BYTES,
     OPEN_OR_CREATE_FLAGS,
+    common_folder,
+    path_from,
     read_at,
     read_parts,
     remove_and_close,
@@ -284,3 +287,27 @@ def test_commands_work_without_posix(tmp_path: Path) -> None:
         done = program_without_posix(*arguments)
         assert done.status == 0, done.err
     assert len(list(maps.glob("*.tif"))) == 2
+
+
+def test_paths_on_different_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture, out = record(tmp_path / "A", frames=1), tmp_path / "out"
+    assert path_from(out, capture.folder) == "../A"
+    assert common_folder([capture.folder, out / "B"]) == tmp_path
+
+    def other_drive(*_paths: object) -> str:
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    monkeypatch.setattr(os.path, "relpath", other_drive)
+    assert path_from(out, capture.folder) == str(capture.folder)
+    assert steps_below(capture.folder, out) == capture.folder.parts[1:]
+    monkeypatch.setattr(os.path, "commonpath", other_drive)
+    with pytest.raises(CadtofError, match=r"no folder holds both .*A and .*out; expected inputs on one drive"):
+        common_folder([out, capture.folder])
+
+
+def test_an_empty_folder_becomes_a_capture_without_posix(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    done = program_without_posix("simulate", "--scene", "wall", "--width", 4, "--height", 3, "-o", out)
+    assert done.status == 0, done.err
+    assert (out / "capture.toml").is_file()

@@ -33,9 +33,9 @@ INLINE void look_at_group(const Sampled *restrict all, int64_t start, int m, int
     EACH_PIXEL at[i] = at[i] < 0 ? 0 : at[i];
     if (all->hot) EACH_PIXEL seen[i] = all->hot[at[i]] ? 0.0 : seen[i];
     for (int c = 0; c < 2 * harmonics; c++) switch (all->type) {
-        case UINT16: GATHER(uint16_t) break;
-        case INT16: GATHER(int16_t) break;
-        case FLOAT32: GATHER(float) break;
+        case TYPE_UINT16: GATHER(uint16_t) break;
+        case TYPE_INT16: GATHER(int16_t) break;
+        case TYPE_FLOAT32: GATHER(float) break;
         default: GATHER(double) break;
         }
     EACH_PIXEL {

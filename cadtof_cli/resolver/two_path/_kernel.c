@@ -101,11 +101,11 @@ static int fit_frame(const Py_buffer *view, int64_t pixels) {
 
 static enum type type_of(const Py_buffer *view) {
     switch (view->format[0]) {
-    case 'H': return UINT16;
-    case 'h': return INT16;
-    case 'f': return FLOAT32;
-    case 'd': return FLOAT64;
-    default: return PHASORS;
+    case 'H': return TYPE_UINT16;
+    case 'h': return TYPE_INT16;
+    case 'f': return TYPE_FLOAT32;
+    case 'd': return TYPE_FLOAT64;
+    default: return TYPE_PHASORS;
     }
 }
 

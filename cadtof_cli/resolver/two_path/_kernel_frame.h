@@ -29,7 +29,7 @@ enum { SATURATED = 1, NOT_FINITE = 2, LOW_CONFIDENCE = 4, ONE_PATH = 8, TWO_PATH
 enum { CALIBRATED = 64, MORE_PATHS = 512, POOLED = 1024, DIFFUSE_MPI = 2048, IMPOSSIBLE = 4096 };
 enum order { ORDER_AUTO, ORDER_ONE, ORDER_TWO };
 enum returns { RETURN_FIRST, RETURN_STRONGEST, RETURN_LAST };
-enum type { UINT16, INT16, FLOAT32, FLOAT64, PHASORS };
+enum type { TYPE_UINT16, TYPE_INT16, TYPE_FLOAT32, TYPE_FLOAT64, TYPE_PHASORS };
 
 /* Constants that all pixels of a frame share, by the names that kernel.py gives them. */
 #define CONSTANTS(X) \
@@ -94,7 +94,7 @@ typedef struct {
 /* Prefetch the memory of a full group that comes soon: a frame has too many planes for a processor to predict the
  * access. */
 INLINE void fetch(const Frame *restrict frame, int64_t start) {
-    static const int BYTES[] = {[UINT16] = 2, [INT16] = 2, [FLOAT32] = 4, [FLOAT64] = 8, [PHASORS] = 8};
+    static const int BYTES[] = {[TYPE_UINT16] = 2, [TYPE_INT16] = 2, [TYPE_FLOAT32] = 4, [TYPE_FLOAT64] = 8, [TYPE_PHASORS] = 8};
     const int64_t n = frame->pixels;
     if (n - start < GROUP) return;
     for (int c = 0; c < 4; c++) FETCH((const char *)frame->stored + (c * n + start) * BYTES[frame->type]);
@@ -139,9 +139,9 @@ INLINE int is_sound(const Frame *restrict frame, int64_t start) {
     if (frame->bits >= 0) known = (uint32_t)frame->bits;
     else EACH_PIXEL known |= frame->status[start + i];
     if (known & (SATURATED | NOT_FINITE | HOT_PIXEL)) return 0;
-    if (frame->type == UINT16) RETURN_IS_WITHIN(uint16_t, 0, UINT16_MAX, below, above)
-    if (frame->type == INT16) RETURN_IS_WITHIN(int16_t, INT16_MIN, INT16_MAX, below, above)
-    if (frame->type != FLOAT32) return 0;
+    if (frame->type == TYPE_UINT16) RETURN_IS_WITHIN(uint16_t, 0, UINT16_MAX, below, above)
+    if (frame->type == TYPE_INT16) RETURN_IS_WITHIN(int16_t, INT16_MIN, INT16_MAX, below, above)
+    if (frame->type != TYPE_FLOAT32) return 0;
     const float *stored = (const float *)frame->stored + start;
     int32_t beyond = 0;
     EACH_PIXEL {
@@ -170,8 +170,8 @@ INLINE void load_sound(Group *restrict g, const Frame *restrict frame, int64_t s
     double *phasor[4] = {g->re1, g->im1, g->re2, g->im2};
     const double gain[4] = {k->gain1, k->gain2, k->gain3, k->gain4};
     const double offset[4] = {k->offset1, k->offset2, k->offset3, k->offset4};
-    if (frame->type == UINT16) LOAD_SOUND(uint16_t)
-    else if (frame->type == INT16) LOAD_SOUND(int16_t)
+    if (frame->type == TYPE_UINT16) LOAD_SOUND(uint16_t)
+    else if (frame->type == TYPE_INT16) LOAD_SOUND(int16_t)
     else LOAD_SOUND(float)
 }
 
@@ -192,11 +192,11 @@ INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, 
     Row value[4];
     for (int c = 0; c < 4; c++) {
         switch (frame->type) {
-        case UINT16: LOAD(uint16_t, VOLTAGE) break;
-        case INT16: LOAD(int16_t, VOLTAGE) break;
-        case FLOAT32: LOAD(float, VOLTAGE) break;
-        case FLOAT64: LOAD(double, VOLTAGE) break;
-        case PHASORS: LOAD(double, PART) break;
+        case TYPE_UINT16: LOAD(uint16_t, VOLTAGE) break;
+        case TYPE_INT16: LOAD(int16_t, VOLTAGE) break;
+        case TYPE_FLOAT32: LOAD(float, VOLTAGE) break;
+        case TYPE_FLOAT64: LOAD(double, VOLTAGE) break;
+        case TYPE_PHASORS: LOAD(double, PART) break;
         }
     }
     const uint32_t none = SATURATED | NOT_FINITE | HOT_PIXEL;
@@ -217,7 +217,7 @@ INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, 
     const double offset[4] = {k->offset1, k->offset2, k->offset3, k->offset4};
     for (int c = 0; c < 4; c++) {
         double *restrict p = phasor[c];
-        if (frame->type == PHASORS) EACH_PIXEL p[i] = value[c][i];
+        if (frame->type == TYPE_PHASORS) EACH_PIXEL p[i] = value[c][i];
         else if (frame->own) {
             const double *restrict own = frame->own + c * n + start, *restrict other = frame->other + c * n + start;
             const double *restrict constant = frame->constant + c * n + start;

@@ -1,6 +1,5 @@
 """What `cadtof preview` can draw: maps, truth, other files of named layers, and recorded frames, as layers by name."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +17,7 @@ from cadtof_cli.figures.layers import Shown
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import is_map_layer
 from cadtof_cli.files.named_planes import says_a_channel
+from cadtof_cli.files.system import common_folder, path_from
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
@@ -50,12 +50,12 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
     """
     # frames of several inputs often have the same names, so their names begin below the folder that holds all inputs
     folders = (path if path.is_dir() else path.parent for path in inputs)
-    base = Path(os.path.commonpath(map(os.path.abspath, folders))) if len(inputs) > 1 else None
+    base = common_folder(folders) if len(inputs) > 1 else None
     for path in inputs:
         if _holds_maps(path):
             run = read_run(path)
             for file in run.require_maps():
-                name = run.name(file) if base is None else Path(os.path.relpath(file, base)).with_suffix("").as_posix()
+                name = run.name(file) if base is None else Path(path_from(base, file)).with_suffix("").as_posix()
                 yield Pictured(name, partial(_read_map, run, file), DIRECT_DEPTH, run, file)
             continue
         for capture in placed_captures(find_captures([path], recursive=path.is_dir()), [path], base=base)[0]:

@@ -1,6 +1,5 @@
 """Frames whose paths arrive during a run, such as from a program that watches the folder of a camera."""
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from cadtof_cli.capture.discovery import absolute, find_captures, is_existing_fo
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
+from cadtof_cli.files.system import path_from
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines, shared_folder
 from cadtof_cli.workflows.resolve.plans import (
@@ -194,7 +194,7 @@ def _record_arrivals(paths: Iterable[Path], known: set[str], arguments: Mapping[
             known.add(real)
             arguments["inputs"].append(str(path))
             arguments["absolute_inputs"].append(str(path.absolute()))
-            arguments["inputs_from_out"].append(os.path.relpath(path, out))
+            arguments["inputs_from_out"].append(path_from(out, path))
             arguments["resolved_inputs"].append(real)
 
 

@@ -69,7 +69,7 @@ class FrameTask:
 
     def report(self, status: FrameStatus, reason: str | None, seconds: float, /, **more: Any) -> FrameReport:
         """Return the report on the frame."""
-        output = str(self.output) if status == "ok" else None
+        output = self.output.as_posix() if status == "ok" else None
         return FrameReport(str(self.sources[0]), output, status, reason, round(seconds, 6), **more)
 
     def kept(self, line: FrameReport, seconds: float, /) -> FrameReport:
@@ -80,7 +80,7 @@ class FrameTask:
         """Return the line of an earlier run about the maps, with the paths of this run; None if the maps are not as recorded."""
         if self.before is None or _maps_changed(self.output, self.before):
             return None
-        return replace(self.before, source=str(self.sources[0]), output=str(self.output))
+        return replace(self.before, source=str(self.sources[0]), output=self.output.as_posix())
 
     def files(self) -> tuple[SourceFile, ...] | None:
         """Return the files that the frame lies in, as they are now; None: a file is missing."""

@@ -61,12 +61,12 @@ def rename_lines(out: Path, earlier: Mapping[str, Any], /) -> None:
     path = out / FRAMES_FILE
     if (called == out and is_here) or not path.is_file():
         return
-    with writing(path), path.open("rb") as lines, atomic_write(path) as temporary, temporary.open("wb") as renamed:
+    with writing(path), atomic_write(path) as temporary, path.open("rb") as lines, temporary.open("wb") as renamed:
         for line in lines:
             if report := report_of(line):
                 output = report.output and Path(report.output)
                 if output and output.is_relative_to(called):
-                    report = replace(report, output=str(out / output.relative_to(called)))
+                    report = replace(report, output=(out / output.relative_to(called)).as_posix())
                 if not is_here:
                     report = replace(report, source=str(start / report.source))
                 line = json.dumps(report.as_json()).encode() + b"\n"

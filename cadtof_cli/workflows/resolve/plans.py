@@ -2,7 +2,6 @@
 `run.json` says about both."""
 
 import itertools
-import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -16,6 +15,7 @@ from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_com
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.files.reading import real_path
+from cadtof_cli.files.system import path_from
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
@@ -236,7 +236,7 @@ def run_document(
             "digest": calibration.use.digest,
             "applied": dict(calibration.parts),
             "absolute_folder": str(folder.absolute()),
-            "folder_from_out": os.path.relpath(folder, settings.out),
+            "folder_from_out": path_from(settings.out, folder),
         }
     document = {
         "cadtof": __version__,
@@ -246,9 +246,9 @@ def run_document(
         "arguments": {
             "inputs": [str(path) for path in inputs],
             "absolute_inputs": [str(path.absolute()) for path in inputs],
-            "inputs_from_out": [os.path.relpath(path, settings.out) for path in inputs],
+            "inputs_from_out": [path_from(settings.out, path) for path in inputs],
             "resolved_inputs": [real_path(path) for path in inputs],
-            "out": str(settings.out),
+            "out": settings.out.as_posix(),
             **asdict(maps.resolver),
             "min_confidence": maps.min_confidence_v,
             # every setting must be here, because --resume compares them

@@ -134,6 +134,8 @@ class RunRecorder:
         if self.resumed or len(places) < len(self._places):
             with atomic_write(self.path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, places))
+                # some systems cannot replace an open file
+                self.lines.close()
         counts = asdict(replace(totals, seconds=seconds))
         del counts["already_there"]  # always 0: kept maps count by the line of the run that made them
         write_json(self.path.with_name(RUN_FILE), {**self.document, "finished": True, "totals": counts})
@@ -236,7 +238,7 @@ class RunRecorder:
 def place_in(out: Path, output: Path, /) -> str:
     """Return the path of a map file from the run's folder `out`; if it does not lie below `out`, only its name."""
     try:
-        return str(output.relative_to(out))
+        return output.relative_to(out).as_posix()
     except ValueError:
         return output.name
 

@@ -1,12 +1,15 @@
 """Takes from a Python process what only POSIX has. Python imports this file on its start if its folder is in PYTHONPATH.
 
-A stand-in for `msvcrt` gives the locks that Windows has instead of `fcntl`: locks of bytes at the position of the file.
+A stand-in for `msvcrt` gives the locks that Windows has instead of `fcntl`: locks of bytes at the position of the file. Open
+files and folders cannot be replaced.
 """
 
+import errno
 import importlib
 import os
 import signal
 import sys
+from pathlib import Path
 from types import ModuleType
 from typing import cast
 
@@ -118,6 +121,19 @@ def locking(descriptor: int, mode: int, count: int) -> None:
     assert mode == 1
     fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, count, os.lseek(descriptor, 0, os.SEEK_CUR))
 
+
+_replace = os.replace
+
+
+def replace(source: "str | os.PathLike[str]", target: "str | os.PathLike[str]") -> None:
+    """Replace a file as Windows does: raise PermissionError if `target` is a folder, or a file that this process has open."""
+    opened = {os.path.realpath(one) for one in Path("/proc/self/fd").iterdir()}
+    if Path(target).is_dir() or not opened.isdisjoint(map(os.path.realpath, (source, target))):
+        raise PermissionError(errno.EACCES, "Access denied", os.fspath(source))
+    _replace(source, target)
+
+
+os.replace = replace
 
 for module, names in LACKING.items():
     for name in names:
