@@ -19,7 +19,7 @@ _BRIGHT, _LONGEST = 0.3, 4.0
 """Pixels that are darker than this share of the median say too little, and those with a longer phasor hold no light."""
 
 _STEPS, _HOPELESS = 12, 4
-"""Steps, and after how many of them the misfit must have become smaller."""
+"""Steps, and after how many of them the misfit must have become smaller and the frame must tell something."""
 
 _EXPLAINED = 10.0
 """How many times smaller the median squared misfit of one path becomes if what all pixels share is taken out."""
@@ -81,7 +81,7 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
         turned, back = _turned_by_phase(phasors - shared, h)
         change, misfit, condition = _least_squares(turned, back, h)
         misfits.append(misfit)
-        if len(misfits) == _HOPELESS and misfits[0] < 2.0 * misfit:
+        if len(misfits) == _HOPELESS and (misfits[0] < 2.0 * misfit or condition > 5.0 * _TOLD):
             return None
         shared = shared + change
     surfaces = (phasors - shared)[0]
@@ -120,10 +120,10 @@ def _least_squares(turned: Complex, back: Complex, h: Float) -> tuple[Complex, f
     weight = 1.0 / (1.0 + squares / max(misfit, 1e-30))
     # of the real and of the imaginary parts of what is shared
     parts = np.stack([back.real, -back.imag], axis=1), np.stack([back.imag, back.real], axis=1)
-    matrix, right = np.zeros((count, 2, count, 2)), np.zeros((count, 2))
+    square, right = np.zeros((2 * count, 2 * count)), np.zeros((count, 2))
     for part, projection, left in zip(parts, kept, rest, strict=True):
-        matrix += np.einsum("jun,jk,kvn->jukv", part * weight, projection, part, optimize=True)
-        right += np.einsum("jun,jn->ju", part * weight, left)
-    square = matrix.reshape(2 * count, 2 * count)
+        rows = part.reshape(2 * count, -1)
+        square += (rows * weight) @ rows.T * np.kron(projection, np.ones((2, 2)))
+        right += (part * (weight * left)[:, np.newaxis]).sum(axis=2)
     change = np.linalg.lstsq(square, right.ravel(), rcond=1e-9)[0].reshape(count, 2)
     return (change[:, 0] + 1j * change[:, 1])[:, np.newaxis], misfit, float(np.linalg.cond(square))
