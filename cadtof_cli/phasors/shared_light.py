@@ -12,7 +12,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.plausible import FEWEST
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored, sound_pixels
 
-_LOOKED_AT = 1024
+_LOOKED_AT = 512
 """Pixels that are looked at, at least."""
 
 _BRIGHT, _LONGEST = 0.3, 4.0
