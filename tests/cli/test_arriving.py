@@ -198,14 +198,14 @@ def test_a_record_that_does_not_say_which_tree_its_run_mirrors(tmp_path: Path) -
         record(tmp_path / "cam" / place, seed=index)
     both = "printf 'cam/left/frame_0.tif\\ncam/right/frame_0.tif\\n'"
     assert shell(f"{both} | {WATCH}", tmp_path).status == 0
-    place = tmp_path / "live" / "run.json"
-    run = json.loads(place.read_text())
+    record_file = tmp_path / "live" / "run.json"
+    run = json.loads(record_file.read_text())
     del run["shared_folder"]
-    place.write_text(json.dumps(run))
+    record_file.write_text(json.dumps(run))
     done = shell(f"{both} | {WATCH} --resume", tmp_path)
     assert done.status == 0, done.err
     assert sorted(path.parent.name for path in (tmp_path / "live").rglob("*.tif")) == ["left", "right"]
-    assert json.loads(place.read_text())["shared_folder"] == str(tmp_path / "cam")
+    assert json.loads(record_file.read_text())["shared_folder"] == str(tmp_path / "cam")
 
 
 def test_frames_that_wait_for_their_mean_keep_their_order_and_names(tmp_path: Path) -> None:
