@@ -88,7 +88,7 @@ def test_the_light_of_a_small_room_is_left_to_its_model() -> None:
     assert shared_light(phasors((1, 2), room, range_m=yard()), (1, 2)) is None
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.005, False), (0.02, True)])
+@pytest.mark.parametrize(("share", "told"), [(0.005, False), (0.02, True), (0.9, True)])
 def test_what_moves_depths_by_millimetres_is_not_doubted(share: float, told: bool) -> None:
     shared = tuple(complex(share * path(0.02, h)) for h in (1, 2))
     found = shared_light(phasors((1, 2), shared, range_m=yard(), scatter=1e-5), (1, 2))
