@@ -284,6 +284,8 @@ behind, as long as the surface is brighter than the fog. Not noticed are
 - a view of one depth, such as a flat wall;
 - what comes up to 16 ns after the surfaces: the MPI of small rooms is like that. (An offset may look so, too.)
 - fog so thick that hardly any surface is seen through it;
+- a view of which most is sky or foliage. There the sky itself shows the fog, or an offset (noticed at 5 mV, not at 2 mV),
+  and all pixels without a surface get nearly the same small depth;
 - anything if one path is asked for (`--order 1`, `--solver one-path`).
 
 **Light that leaves a surface later** (wax, skin, milk, leaves). Nothing tells: light that is late by much less than a
