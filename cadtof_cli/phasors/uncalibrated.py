@@ -105,7 +105,8 @@ def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         return (
             f"neighbouring pixels scatter as with integration_length = {seen:.2g} instead of {n_av:g}: standard deviations "
             f"are about {math.sqrt(n_av / seen):.2g} times too small, and noise is taken for light and for second paths. "
-            "Correct integration_length or leave it out; or, if the pixels have offsets of their own, run calibrate dark"
+            "Correct integration_length or leave it out; or, if the pixels have offsets of their own, run calibrate dark. Only a "
+            "view of fine mesh, such as a fence, looks like that, too: integration_length may then be right"
         )
     step_v = abs(volts_per_count(metadata.voltage, stored.dtype)) if whole else 0.0
     fine = ambient_noise_v(metadata, integration_length=n_av) > _COARSE_STEPS * step_v

@@ -285,6 +285,8 @@ behind, as long as the surface is brighter than the fog. Not noticed are
 - what comes up to 16 ns after the surfaces: the MPI of small rooms is like that. (An offset may look so, too.)
 - fog so thick that hardly any surface is seen through it;
 - anything with triangle waves, or with a calibration that found further terms of the response;
+- a view of which most is sky or foliage. There the sky itself shows the fog or the offset, and all pixels without a surface
+  get nearly the same small depth;
 - anything if one path is asked for (`--order 1`, `--solver one-path`).
 
 **Light that leaves a surface later** (wax, skin, milk, leaves). Nothing tells: light that is late by much less than a

@@ -62,6 +62,17 @@ def test_another_integration_length_is_doubted(seen: float, words: str) -> None:
     assert words in doubt
 
 
+def test_a_chain_link_fence_is_named_as_what_may_look_like_noise() -> None:
+    """Wires of one pixel, six pixels apart along both diagonals, a third nearer than what is behind."""
+    row, column = np.indices(SIZE)
+    wire = ((row + column) % 6 == 0) | ((row - column) % 6 == 0)
+    phase = np.where(wire, 0.6, 1.8)
+    phasors = np.exp(1j * np.array([1, 2])[:, None, None] * phase) / 6.0
+    noise = np.random.default_rng(1).normal(0.0, 0.5 / np.sqrt(N_AV), (2, 2, *SIZE))
+    (doubt,) = camera_doubts(AMPLITUDE_V * (np.stack([phasors.real, phasors.imag], axis=1) + noise), KNOWN)
+    assert "a view of fine mesh, such as a fence, looks like that, too" in doubt
+
+
 def test_pixels_without_a_first_harmonic_do_not_hide_the_noise_of_the_others() -> None:
     volts = frame(n_av=1e4)
     volts[0, :, :, 30:] = np.nan

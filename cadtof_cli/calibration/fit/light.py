@@ -35,6 +35,13 @@ LAW_SHARE_OF_ROWS = 6.0
 """The same share times the number of rows or columns, whichever is smaller; the larger of both shares counts. Offsets
 that are alike in whole rows give only as many independent values as there are rows."""
 
+LAW_SHARE_OF_OUTLIERS = 0.5
+"""The same share, for pixels that are outliers: groups of hot pixels have few independent values, and light is far above
+the noise there."""
+
+_ROUNDING = 1e-20
+"""Share of the squares that rounding errors may leave."""
+
 LIGHT_LEVEL = 0.1
 """Largest length of the phasor that all pixels may have in common at every harmonic, over the modulation amplitude."""
 
@@ -45,7 +52,7 @@ class LightSeen:
 
     Attributes:
         law: share of a harmonic's residuals from a linear map of the fundamental that the law of light predicts, with
-            the multiple found in the other half of the array; divided by the share that chance reaches.
+            the multiple found in the other half of the pixels; divided by the share that chance reaches.
         level: length of the phasor that the pixels have in common, over the modulation amplitude, at the harmonic at
             which it is shortest.
     """
@@ -70,9 +77,13 @@ def light_seen(volts: Float, /, *, harmonics: tuple[int, ...], amplitude_v: floa
     usual = _usual(phasors)
     if usual.sum() < LEAST_PIXELS:
         return LightSeen(0.0, 0.0)
-    phasors = np.where(usual, phasors, complex(np.nan, np.nan))
+    nowhere = complex(np.nan, np.nan)
+    # of a scene before the sky, all that gives light is outliers
+    outliers = np.where(usual, nowhere, phasors)
+    phasors = np.where(usual, phasors, nowhere)
     common = [complex(np.nanmedian(one.real), np.nanmedian(one.imag)) for one in phasors]
     law = max(_law_share(one, harmonics) for one in (phasors, _block_medians(phasors)))
+    law = max(law, _law_share(outliers, harmonics, least=LAW_SHARE_OF_OUTLIERS))
     return LightSeen(law, float(min(map(abs, common))) / amplitude_v)
 
 
@@ -101,11 +112,11 @@ def _block_medians(phasors: Complex) -> Complex:
     return medians
 
 
-def _law_share(phasors: Complex, harmonics: tuple[int, ...]) -> float:
-    """Return the share of the residuals of an affine map that the law of light predicts, over the share of chance; the
-    largest of all harmonics.
+def _law_share(phasors: Complex, harmonics: tuple[int, ...], *, least: float = LAW_SHARE) -> float:
+    """Return the share of the residuals of an affine map that the law of light predicts, over the share of chance (`least`
+    or more); the largest of all harmonics.
 
-    The multiple found in one half of the array predicts the other half, and vice versa. This is done for left and
+    The multiple found in one half of the pixels predicts the other half, and vice versa. This is done for left and
     right, and for top and bottom, and the smaller share counts: offsets that rows or columns have in common by chance
     fail in one of the two.
     """
@@ -113,14 +124,15 @@ def _law_share(phasors: Complex, harmonics: tuple[int, ...]) -> float:
     rows, columns = np.nonzero(known)
     if rows.size < LEAST_KNOWN:
         return 0.0
-    halves = (columns < phasors.shape[2] / 2, rows < phasors.shape[1] / 2)
+    halves = (columns <= np.median(columns), rows <= np.median(rows))
     first = phasors[0, known]
     length = np.maximum(np.abs(first), np.finfo(np.float64).tiny)
+    independent = min(np.unique(rows).size, np.unique(columns).size)
     shares = [0.0]
     for other, harmonic in zip(phasors[1:, known], harmonics[1:], strict=True):
         law = length * (first / length) ** harmonic
         shares.append(min(_foretold(first, other, law, half) for half in halves))
-    return float(max(shares) / max(LAW_SHARE, LAW_SHARE_OF_ROWS / min(known.shape)))
+    return float(max(shares) / max(least, LAW_SHARE_OF_ROWS / independent))
 
 
 def _foretold(first: Complex, other: Complex, law: Complex, half: Bool) -> float:
@@ -129,7 +141,8 @@ def _foretold(first: Complex, other: Complex, law: Complex, half: Bool) -> float
     left, bent = ([_without_affine(first[part], one[part]) for part in (half, ~half)] for one in (other, law))
     power = [float(np.vdot(one, one).real) for one in bent]
     total = sum(float(np.vdot(one, one).real) for one in left)
-    if min(power) <= 0.0 or total <= 0.0:
+    # pixels that all hold the same values leave rounding errors, which are alike
+    if min(power) <= 0.0 or total <= _ROUNDING * float(np.vdot(other, other).real):
         return 0.0
     multiples = [complex(np.vdot(b, one)) / p for b, one, p in zip(bent, left, power, strict=True)]
     missed = [one - multiple * b for one, b, multiple in zip(left, bent, reversed(multiples), strict=True)]

@@ -74,6 +74,19 @@ def test_hot_and_unsound_pixels_do_not_count() -> None:
     assert _seen(volts) == LightSeen(0.0, 0.0)
 
 
+def test_a_scene_before_a_sky_without_light_is_found_among_the_outliers() -> None:
+    """A fifth of the pixels is lit; hot, dead and equal pixels in their place are no light."""
+    rng = np.random.default_rng(4)
+    dark = rng.normal(0.0, 4e-4, (2, 2, HEIGHT, WIDTH))
+    ground = np.arange(HEIGHT)[:, np.newaxis] >= 0.8 * HEIGHT
+    seen = _seen(dark + np.where(ground, _light(0.05, _phases()), 0.0))
+    assert seen.follows_law
+    assert not _seen(np.where(ground, rng.normal(0.0, 0.05, dark.shape), dark)).is_lit
+    # 0.1 and 0.2 V are no binary fractions: what rounding leaves is the same in every pixel
+    assert not _seen(np.where(ground, -0.2, dark)).is_lit
+    assert not _seen(np.where(rng.random((HEIGHT, WIDTH)) < 0.05, rng.choice([-0.2, 0.1], (2, 2, 1, 1)), dark)).is_lit
+
+
 def test_with_one_harmonic_only_the_level_decides() -> None:
     assert _seen(_light(0.09, np.full((HEIGHT, WIDTH), 2.0), (1,)), (1,)).is_lit
     assert not _seen(_light(0.01, _phases(), (1,)), (1,)).is_lit
