@@ -8,6 +8,7 @@ from setuptools import Extension, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
 from setuptools.dist import Distribution
+from setuptools.modified import newer_group
 
 ROOT = Path(__file__).resolve().parent
 
@@ -73,12 +74,13 @@ class BuildWithFlags(build_ext):
     """Build extensions with the flags that their compiler understands."""
 
     def run(self) -> None:
-        """Build all extensions. In a checkout, none of older sources stays if that fails: its maps could have other bits."""
-        if self.inplace or self.editable_mode:
-            for path in COMPILED:
-                for old in (ROOT / "cadtof_cli" / path).parent.glob(f"{Path(path).name}.*"):
-                    if old.suffix in {".so", ".pyd"}:
-                        old.unlink()
+        """Build all extensions. None of older sources stays if that fails: its maps could have other bits."""
+        in_checkout = self.inplace or self.editable_mode
+        for ext in self.extensions:
+            for folder in (Path(self.build_lib), *([ROOT] if in_checkout else [])):
+                for built in folder.glob(f"{ext.name.replace('.', '/')}.*"):
+                    if built.suffix in {".so", ".pyd"} and newer_group(ext.sources + ext.depends, built, "newer"):
+                        built.unlink()
         super().run()
 
     def get_ext_filename(self, fullname: str) -> str:
@@ -100,6 +102,11 @@ class WheelOfWhatWasBuilt(bdist_wheel):
 
     def run(self) -> None:
         """Build the extensions before the wheel gets its name, because the name depends on whether one was built."""
+        build = Path(self.get_finalized_command("build").build_lib)
+        for module in build.glob("cadtof_cli/**/*.py"):
+            # a package of an older commit would hide a module of this one
+            if not (ROOT / module.relative_to(build)).exists():
+                module.unlink()
         self.run_command("build")
         built = self.get_finalized_command("build_ext")
         if not any(Path(built.get_ext_fullpath(ext.name)).exists() for ext in self.distribution.ext_modules):
@@ -135,7 +142,7 @@ def extension(path: str, headers: tuple[str, ...]) -> Extension:
     return Extension(
         f"cadtof_cli.{path.replace('/', '.')}",
         [f"cadtof_cli/{path}.c"],
-        depends=[f"{folder}/{header}" for header in headers],
+        depends=["setup.py", *(f"{folder}/{header}" for header in headers)],
         py_limited_api=not FREE_THREADED,
         # the C files ask for it before Python.h defines it
         define_macros=[("Py_GIL_DISABLED", "1")] if FREE_THREADED else [],

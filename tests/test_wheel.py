@@ -78,17 +78,55 @@ def test_extensions_know_before_python_h_whether_there_is_a_stable_abi(sources: 
     assert [".abi3." in name for name in compiled] == 2 * [not disabled]
 
 
-@pytest.mark.parametrize(("words", "left"), [(["build_ext", "--inplace"], 1), (["build_ext"], 2)])
-def test_a_checkout_keeps_no_extension_of_older_sources_if_a_build_fails(
-    sources: Path, words: list[str], left: int
-) -> None:
-    """The maps of such a kernel could have other bits. A build elsewhere, as of a wheel, leaves the checkout alone."""
+def build_in_checkout(sources: Path, compiler: str) -> list[str]:
+    """Build in place, and return the extensions that the checkout then has."""
+    given = {"CC": compiler, "LDSHARED": f"{compiler} -shared"}
+    words = [sys.executable, "setup.py", "-q", "build_ext", "--inplace"]
+    subprocess.run(words, cwd=sources, env={**ENVIRONMENT, **given}, check=True)
+    return sorted(file.name for file in (sources / "cadtof_cli").rglob("*.so"))
+
+
+def edit(file: Path) -> None:
+    """Make a source newer than all that was built."""
+    later = max(one.stat().st_mtime for one in (file.parents[3]).rglob("*.*")) + 2
+    os.utime(file, (later, later))
+
+
+def test_a_build_that_fails_leaves_the_extensions_of_these_sources(sources: Path) -> None:
+    """Another Python, which has no compiler, must not take the kernel away from those that share the checkout."""
+    folder = sources / "cadtof_cli" / "resolver" / "two_path"
+    built = ["_kernel.abi3.so", "_likelihood.abi3.so"]
+    assert build_in_checkout(sources, needed_program("cc")) == built
+    (folder / "_kernel.cpython-313t-x86_64-linux-gnu.so").touch()
+    shutil.rmtree(sources / "build")
+    assert build_in_checkout(sources, NO_COMPILER) == [built[0], "_kernel.cpython-313t-x86_64-linux-gnu.so", built[1]]
+
+
+def test_a_build_that_fails_leaves_no_extension_of_older_sources(sources: Path) -> None:
+    """The maps of such a kernel could have other bits. `build` keeps copies, which must get into neither checkout nor wheel."""
     folder = sources / "cadtof_cli" / "resolver" / "likelihood"
-    (folder / "_likelihood.abi3.so").touch()
+    assert len(build_in_checkout(sources, needed_program("cc"))) == 2
     (folder / "_likelihood_of_others.so").touch()
-    given = {"CC": NO_COMPILER, "LDSHARED": NO_COMPILER}
-    subprocess.run([sys.executable, "setup.py", "-q", *words], cwd=sources, env={**ENVIRONMENT, **given}, check=True)
-    assert len(list(folder.glob("*.so"))) == left
+    edit(folder / "_starts.h")
+    assert build_in_checkout(sources, NO_COMPILER) == ["_kernel.abi3.so", "_likelihood_of_others.so"]
+    edit(folder.parent / "_buffers.h")
+    _, compiled, _ = wheel(sources, NO_COMPILER)
+    assert not compiled
+
+
+def test_a_wheel_holds_no_module_of_an_older_commit(sources: Path) -> None:
+    """The package `optics` would hide `optics.py`."""
+    old = sources / "cadtof_cli" / "optics" / "__init__.py"
+    old.parent.mkdir()
+    old.touch()
+    wheel(sources, NO_COMPILER)
+    shutil.rmtree(old.parent)
+    shutil.rmtree(sources / "wheels")
+    wheel(sources, NO_COMPILER)
+    (file,) = (sources / "wheels").iterdir()
+    with ZipFile(file) as archive:
+        names = {name for name in archive.namelist() if "optics" in name}
+    assert names == {"cadtof_cli/optics.py"}
 
 
 @pytest.mark.parametrize("flags", ["-Ofast", "-ffast-math", "-funsafe-math-optimizations"])
