@@ -9,6 +9,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from cadtof_cli.files.system import path_of
+
 PAUSE_S = 0.5
 """Seconds without a new path after which the paths that have arrived count as all paths that there are at present."""
 
@@ -31,7 +33,7 @@ def paths_as_they_arrive(descriptor: int, /, *, separator: bytes) -> Iterator[tu
         if ended and rest:
             whole.append(rest)
         names = [name.removesuffix(b"\r") for name in whole if name.strip()] if as_lines else filter(None, whole)
-        if paths := tuple(Path(os.fsdecode(name)) for name in names):
+        if paths := tuple(map(path_of, names)):
             first = False
             yield paths
         if ended:

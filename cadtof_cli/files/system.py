@@ -28,6 +28,9 @@ OPEN_OR_CREATE_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | _
 REMOVES_OPEN_FILES = os.name != "nt"
 """Whether an open file can be removed."""
 
+SHELL_LEAVES_PATTERNS = os.name == "nt"
+"""Whether the shell leaves it to programs to replace patterns of names, such as `rec/*`, by the names."""
+
 BLOCK_BYTES = 4096
 """Size of a disk block. Data aligned to blocks, in the file and in memory, can be written without a copy."""
 
@@ -59,6 +62,35 @@ def common_folder(paths: Iterable[Path], /) -> Path:
         return Path(os.path.commonpath(whole))
     except ValueError:
         raise CadtofError(f"no folder holds both {whole[0]} and {whole[-1]}; expected inputs on one drive") from None
+
+
+def path_of(name: bytes, /) -> Path:
+    """Return the path whose name another program wrote.
+
+    On Windows, a name that is not UTF-8 is in the code page of the console, as `dir /b` writes it.
+    """
+    try:
+        return Path(os.fsdecode(name))
+    except UnicodeDecodeError:
+        return Path(name.decode("oem", errors="replace"))
+
+
+def expanded(arguments: Iterable[str], /) -> list[str]:
+    """Return arguments with each pattern, such as `rec/*`, replaced by the names that it matches, as shells of POSIX do.
+
+    The shells of Windows leave that to programs. A pattern that matches nothing stays as it is. A bracket stands for
+    itself, because names on Windows may hold brackets, but neither `*` nor `?`.
+    """
+    found = list[str]()
+    for argument in arguments:
+        matches = list[str]()
+        # a drive such as `\\?\C:` is no pattern
+        if SHELL_LEAVES_PATTERNS and argument[:1] != "-" and set("*?") & set(os.path.splitdrive(argument)[1]):
+            from glob import glob
+
+            matches = sorted(glob(argument.replace("[", "[[]")))  # noqa: PTH207, paths stay as they were typed
+        found += matches or [argument]
+    return found
 
 
 def flush_c_streams() -> None:

@@ -1,12 +1,13 @@
 """On systems that lack functions of POSIX, the program works and writes the same maps and records.
 
-The tests do not run on Windows. `tests/support/without_posix` takes away from every process what Windows lacks, and has a
+These tests do not run on Windows. `tests/support/without_posix` takes away from every process what Windows lacks, and has a
 stand-in for its locks.
 """
 
+import codecs
 import errno
-import fcntl
 import json
+import ntpath
 import os
 import re
 import subprocess
@@ -21,15 +22,19 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import steps_below
-from cadtof_cli.errors import CadtofError, PlaceError
+from cadtof_cli.capture.frames import FrameSource, open_frames
+from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.files import system
 from cadtof_cli.files.atomic import PartialFile
+from cadtof_cli.files.frames import FrameLayout, RawLayout
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.files.system import (
     BLOCK_BYTES,
     OPEN_OR_CREATE_FLAGS,
     common_folder,
+    expanded,
     path_from,
+    path_of,
     read_at,
     read_parts,
     remove_and_close,
@@ -39,6 +44,8 @@ from cadtof_cli.workflows.resolve.output import locked
 from tests.support.captures import record
 from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
 from tests.support.runs import require_same_run
+
+fcntl = pytest.importorskip("fcntl")
 
 WITHOUT_POSIX = {
     **os.environ,
@@ -311,3 +318,51 @@ def test_an_empty_folder_becomes_a_capture_without_posix(tmp_path: Path) -> None
     done = program_without_posix("simulate", "--scene", "wall", "--width", 4, "--height", 3, "-o", out)
     assert done.status == 0, done.err
     assert (out / "capture.toml").is_file()
+
+
+@pytest.mark.parametrize("name", ["frame.npy", "frame.raw"])
+def test_no_file_stays_mapped_while_an_error_is_kept(name: str, tmp_path: Path) -> None:
+    """Python shells keep the last error and all that its traceback holds. Windows cannot replace a mapped file."""
+    path, layout = tmp_path / name, FrameLayout((1, 2, 3), raw=RawLayout("uint16", (4, 24, 32)))
+    planes = np.zeros((4, 24, 32), np.uint16)
+    path.write_bytes(planes.tobytes())
+    if name.endswith(".npy"):
+        np.save(path, planes)
+    with pytest.raises(FrameError) as kept, open_frames(FrameSource("frame", (path,)), layout):
+        pass
+    assert "found 4 planes" in str(kept.value)
+    assert name not in Path("/proc/self/maps").read_text()
+    assert path not in [one.resolve() for one in Path("/proc/self/fd").iterdir()]
+
+
+def test_patterns_that_the_shell_leaves_to_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("b", "a", "[c]", ".hidden"):
+        (tmp_path / name).mkdir()
+    every, typed = str(tmp_path / "*"), ["resolve", "-o", "*", str(tmp_path / "?x"), "[a]", "--log=*", r"\\?\C:\a"]
+    assert expanded(["resolve", every]) == ["resolve", every]
+    monkeypatch.setattr(system, "SHELL_LEAVES_PATTERNS", True)
+    monkeypatch.setattr(os.path, "splitdrive", ntpath.splitdrive)
+    monkeypatch.chdir(tmp_path / "a")
+    assert expanded(typed) == typed
+    assert expanded(["resolve", every, "-r"]) == [
+        "resolve",
+        *(str(tmp_path / name) for name in ("[c]", "a", "b")),
+        "-r",
+    ]
+    assert expanded([str(tmp_path / "[*")]) == [str(tmp_path / "[c]")]
+
+
+def test_names_in_the_code_page_of_the_console(monkeypatch: pytest.MonkeyPatch) -> None:
+    def as_on_windows(name: bytes) -> str:
+        return name.decode()
+
+    def find(encoding: str) -> codecs.CodecInfo | None:
+        return codecs.lookup("cp850") if encoding == "oem" else None
+
+    monkeypatch.setattr(os, "fsdecode", as_on_windows)
+    codecs.register(find)
+    try:
+        assert path_of("größe/深度.tif".encode()) == Path("größe/深度.tif")
+        assert path_of("größe.tif".encode("cp850")) == Path("größe.tif")
+    finally:
+        codecs.unregister(find)
