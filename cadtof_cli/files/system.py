@@ -6,6 +6,7 @@ at a position. Child processes do not inherit our open files; Python sees to tha
 
 import errno
 import os
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -33,6 +34,9 @@ SHELL_LEAVES_PATTERNS = os.name == "nt"
 
 BLOCK_BYTES = 4096
 """Size of a disk block. Data aligned to blocks, in the file and in memory, can be written without a copy."""
+
+_ASKED_AGAIN_S = 0.02
+"""Pause before a pipe of Windows is asked again whether it holds something."""
 
 _LEAST_DIRECT_BYTES = 2**18
 
@@ -91,6 +95,32 @@ def expanded(arguments: Iterable[str], /) -> list[str]:
             matches = sorted(glob(argument.replace("[", "[[]")))  # noqa: PTH207, paths stay as they were typed
         found += matches or [argument]
     return found
+
+
+def has_more(descriptor: int, /, *, pause_s: float) -> bool:
+    """Return whether there is more to read, or the writer ends, before the pause is over.
+
+    On Windows, `select` cannot wait for a pipe, so the pipe is asked again and again. A file that is no pipe can be read
+    at once there, and a terminal counts as a pause.
+    """
+    import select
+
+    try:
+        return bool(select.select([descriptor], [], [], pause_s)[0])
+    except OSError:
+        if os.isatty(descriptor):
+            return False
+    until = time.monotonic() + pause_s
+    try:
+        pipe = import_module("msvcrt").get_osfhandle(descriptor)
+        while not import_module("_winapi").PeekNamedPipe(pipe, 0)[0]:
+            if time.monotonic() >= until:
+                return False
+            time.sleep(_ASKED_AGAIN_S)
+    except OSError:
+        # the pipe has ended, or this is no pipe: reading does not wait
+        return True
+    return True
 
 
 def flush_c_streams() -> None:

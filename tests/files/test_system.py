@@ -12,10 +12,13 @@ import os
 import re
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from io import FileIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +26,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import steps_below
 from cadtof_cli.capture.frames import FrameSource, open_frames
+from cadtof_cli.commands.arrival import paths_as_they_arrive
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.files import system
 from cadtof_cli.files.atomic import PartialFile
@@ -45,7 +49,7 @@ from tests.support.captures import record
 from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
 from tests.support.runs import require_same_run
 
-fcntl = pytest.importorskip("fcntl")
+fcntl, termios = pytest.importorskip("fcntl"), pytest.importorskip("termios")
 
 WITHOUT_POSIX = {
     **os.environ,
@@ -366,3 +370,37 @@ def test_names_in_the_code_page_of_the_console(monkeypatch: pytest.MonkeyPatch) 
         assert path_of("größe.tif".encode("cp850")) == Path("größe.tif")
     finally:
         codecs.unregister(find)
+
+
+def test_a_pipe_that_select_cannot_wait_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first batch of paths on stdin decides where maps lie, so it must not be just what the first read found."""
+    reader, writer = os.pipe()
+    (tmp_path / "list").write_text("a\nb\n")
+
+    def no_pipes(*_: object) -> None:
+        raise OSError(errno.ENOTSOCK, "not a socket")
+
+    def peek(pipe: int, _size: int) -> tuple[int, int]:
+        if pipe != reader:
+            raise OSError(errno.EINVAL, "Incorrect function")
+        waiting = int.from_bytes(fcntl.ioctl(reader, termios.FIONREAD, bytes(4)), sys.byteorder)
+        if not waiting and written.is_set():
+            raise BrokenPipeError(errno.EPIPE, "The pipe has been ended")
+        return waiting, 0
+
+    def write() -> None:
+        for line in (b"a\n", b"b\n", b"c\n"):
+            time.sleep(0.05)
+            os.write(writer, line)
+        os.close(writer)
+        written.set()
+
+    written = threading.Event()
+    monkeypatch.setattr("select.select", no_pipes)
+    monkeypatch.setitem(sys.modules, "_winapi", SimpleNamespace(PeekNamedPipe=peek))
+    monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(get_osfhandle=int))
+    threading.Thread(target=write).start()
+    with os.fdopen(reader, "rb"):
+        assert list(paths_as_they_arrive(reader, separator=b"\n")) == [(Path("a"), Path("b"), Path("c"))]
+    with (tmp_path / "list").open("rb") as file:
+        assert list(paths_as_they_arrive(file.fileno(), separator=b"\n")) == [(Path("a"), Path("b"))]
