@@ -17,6 +17,7 @@ MPI_DEPTH = "mpi.depth"
 DIRECT_AMPLITUDE = "direct.amplitude"
 DIRECT_SIGMA = "direct.sigma"
 CONFIDENCE = "confidence"
+MISFIT = "chi_squared"
 EFFECTIVE_PIXELS = "effective_pixels"
 
 Factors = tuple[Float | float, Float | float]
@@ -91,7 +92,7 @@ IN_KERNEL = (
 )
 """The first layers of every map: those that the compiled kernel fills (`_kernel_frame.h: LAYERS`)."""
 
-_SEARCHED = Layer("chi_squared", "", lambda source: (source.resolved.chi_squared, 1.0))
+_SEARCHED = Layer(MISFIT, "", lambda source: (source.resolved.chi_squared, 1.0))
 """The layer of the misfit, χ²."""
 
 AVERAGED = Layer(EFFECTIVE_PIXELS, "", lambda source: (source.samples, 1.0))

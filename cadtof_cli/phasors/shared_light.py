@@ -28,8 +28,9 @@ _TOLD = 40.0
 """Largest condition of the least squares at which the frame tells anything. Views of several depths have 20 at most, flat walls
 and corners 500 and more."""
 
-_MATTERS = 0.01
-"""Least share of the light that is doubted: it moves depths by a centimetre."""
+_MATTERS, _MOST = 0.01, 1.0
+"""Least share of the light that is doubted: it moves depths by a centimetre. More than the light of the surfaces is found in
+noise, too."""
 
 _TAIL_RAD = 2.5
 """What comes up to this phase after the surfaces is not doubted: in small rooms, most MPI is the same in all pixels. In 15 of 90
@@ -86,7 +87,7 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
         shared = shared + change
     surfaces = (phasors - shared)[0]
     share = shared[:, 0] / median(np.abs(surfaces))
-    if not (misfits[0] > _EXPLAINED * misfits[-1] and condition < _TOLD and np.abs(share).max() > _MATTERS):
+    if not (misfits[0] > _EXPLAINED * misfits[-1] and condition < _TOLD and _MATTERS < np.abs(share).max() < _MOST):
         return None
     late = float(np.angle(share[0] * np.conj(np.sum(surfaces / np.abs(surfaces)))))
     return None if 0.0 < late < _TAIL_RAD else share

@@ -22,6 +22,7 @@ REASONS = frozenset(
         "striped",
         "unequal_harmonics",
         "shared_light_in_words",
+        "_misfit_in_words",
         "doubt",
         "mistaken_unit",
         "all_saturated",

@@ -299,6 +299,7 @@ same periods, or with beats slower than the average forgets, is taken for paths 
 depths of a still scene that differ from frame to frame by more than sigma show it. With other periods it averages out.
 
 **The camera itself.** Gains, phases and further harmonics that `calibrate response` was not asked to measure make errors of
-millimetres to centimetres that sigma does not hold, and no warning tells. With three periods, `chi_squared` is above 5 in
-most of these cases: look at it with `cadtof preview MAPS -o chi.png --layer chi_squared`.
+millimetres to centimetres that sigma does not hold, and with two periods no warning tells. With three, `chi_squared` is above
+5 in most of these cases: look at it with `cadtof preview MAPS -o chi.png --layer chi_squared`. If its median is above 10,
+`resolve` says that the paths of the frame do not explain the light, and `frames.jsonl` has the words, too.
 """

@@ -26,6 +26,17 @@ def resolve(capture: Path, out: Path, *options: object) -> Finished:
     return cadtof("resolve", capture, "-o", out, "--format", "exr", "--quiet", "--jobs", 1, *options)
 
 
+def test_light_that_two_paths_do_not_explain_is_told(tmp_path: Path) -> None:
+    told = "its paths do not explain the light (median chi_squared above 10), so errors are larger than sigma"
+    capture = write_capture(tmp_path / "three", THREE, harmonics=(1, 2, 3), n_av=1e6)
+    done = cadtof("resolve", capture, "-o", tmp_path / "out", "--jobs", 1)
+    assert f"frame_0000.tif: {told}" in done.err
+    assert told in json.loads((tmp_path / "out" / "frames.jsonl").read_text())["reason"]
+    assert told not in cadtof("resolve", capture, "-o", tmp_path / "one", "--jobs", 1, "--order", 1).err
+    sound = write_capture(tmp_path / "two", TWO, harmonics=(1, 2, 3, 4, 5, 6), n_av=1e6)
+    assert told[:20] not in cadtof("resolve", sound, "-o", tmp_path / "sound", "--jobs", 1).err
+
+
 def depth_std_m(light: Mixture, harmonics: tuple[int, ...], n_av: float = 1e5) -> float:
     return float(depth_m(light.bound_ns(harmonics, n_av)[0]))
 

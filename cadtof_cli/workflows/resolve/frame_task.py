@@ -7,7 +7,9 @@ from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cadtof_cli.arrays import Stored
+import numpy as np
+
+from cadtof_cli.arrays import Stored, median
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError, SettingsError, UnreadableError, no_memory_for
 from cadtof_cli.execution.memory import keep_freed_memory
@@ -15,8 +17,9 @@ from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import DepthMaps, Digest, content_digest, file_digest, stage_maps
+from cadtof_cli.maps.layers import MISFIT
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.phasors.plausible import Copies, require_plausible
+from cadtof_cli.phasors.plausible import FEWEST, Copies, require_plausible
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
@@ -35,6 +38,10 @@ MOST_READS = 3
 WHOLE_S_NS = 10**9
 COARSEST_TIMES_NS = 2 * WHOLE_S_NS
 """Times of files are cut to whole seconds by SFTP and exFAT, and to two seconds by FAT."""
+
+UNEXPLAINED = 8.0
+"""How far the median χ² of a frame may exceed the number of values that two paths leave over. Where paths explain the light,
+it is about this number."""
 
 
 @dataclass(frozen=True)
@@ -166,10 +173,11 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /) -
         OutputError: see `stage_maps`.
     """
     maps, counts = answered_maps(resolved, task.plan, source=task.sources[0])
-    remarks = [told for told in (_why_again(task) if task.resume else None, recording.left_out) if told]
+    doubts = [told for told in (recording.left_out, _misfit_in_words(maps, task.plan)) if told]
+    remarks = [told for told in (_why_again(task) if task.resume else None, *doubts) if told]
     header = task.plan.header.of_frame(task.sources[0].file_name)
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
-    reasons = [recording.left_out] if recording.left_out else []
+    reasons = doubts
     if resolved.noise.estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.noise.integration_length:.4g}")
     report = task.report(
@@ -206,6 +214,17 @@ def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object
     if counts.invalid == maps.status.size:
         raise FrameError(f"{source}: {why_no_answer(maps.status)}")
     return maps, counts
+
+
+def _misfit_in_words(maps: DepthMaps, plan: FramePlan) -> str | None:
+    """Return in words that the paths of a frame do not explain its light; None: they do, or one path was asked for."""
+    if MISFIT not in maps.names or plan.resolver.max_paths < 2:
+        return None
+    layer, most = maps.layer(MISFIT), UNEXPLAINED + 2 * (len(plan.metadata.modulation.harmonics) - 2)
+    misfit = layer[np.isfinite(layer)].astype(np.float64)
+    if misfit.size < FEWEST or median(misfit) <= most:
+        return None
+    return f"its paths do not explain the light (median chi_squared above {most:.0f}), so errors are larger than sigma"
 
 
 def kept_maps(task: FrameTask, /) -> FrameReport | None:

@@ -133,7 +133,7 @@ def replace(source: "str | os.PathLike[str]", target: "str | os.PathLike[str]") 
     _replace(source, target)
 
 
-os.replace = replace  # type: ignore[assignment]
+vars(os)["replace"] = replace
 
 for module, names in LACKING.items():
     for name in names:
