@@ -19,14 +19,15 @@ _BRIGHT, _LONGEST = 0.3, 4.0
 """Pixels that are darker than this share of the median say too little, and those with a longer phasor hold no light."""
 
 _STEPS, _HOPELESS = 12, 4
-"""Steps, and after how many of them the misfit must have become smaller and the frame must tell something."""
+"""Steps, and from which of them on the frame must tell something. The misfit must then be as many times smaller as there were
+steps."""
 
 _EXPLAINED = 10.0
 """How many times smaller the median squared misfit of one path becomes if what all pixels share is taken out."""
 
-_TOLD = 40.0
-"""Largest condition of the least squares at which the frame tells anything. Views of several depths have 20 at most, flat walls
-and corners 500 and more."""
+_TOLD, _FLAT = 40.0, 200.0
+"""Largest condition of the least squares at which the frame tells anything, and that from which it is hopeless. Views of several
+depths have 20 at most, flat walls and corners 500 and more."""
 
 _MATTERS, _MOST = 0.01, 1.0
 """Least share of the light that is doubted: it moves depths by a centimetre. More than the light of the surfaces is found in
@@ -40,8 +41,11 @@ rooms it is, by `_EXPLAINED`, and comes .6 to 2.2 rad late. `resolve` predicts i
 def shared_light_in_words(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap, /) -> str | None:
     """Return a message if all pixels of a frame, (H, 2, Y, X), share light or an offset; else None.
 
-    `phasor_map` makes phasors of the stored values. NaN and saturated pixels are left out.
+    `phasor_map` makes phasors of the stored values. NaN and saturated pixels are left out. Triangle waves tell nothing.
     """
+    if metadata.modulation.waveform != "sine":
+        # the further terms of a triangle differ from pixel to pixel
+        return None
     planes = stored.reshape(*stored.shape[:2], -1)
     every = slice(None, None, even_step(planes.shape[2], stored.shape[3], count=_LOOKED_AT))
     some = planes[:, :, every]
@@ -82,7 +86,7 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
         turned, back = _turned_by_phase(phasors - shared, h)
         change, misfit, condition = _least_squares(turned, back, h)
         misfits.append(misfit)
-        if len(misfits) == _HOPELESS and (misfits[0] < 2.0 * misfit or condition > 5.0 * _TOLD):
+        if len(misfits) >= _HOPELESS and (condition > _FLAT or misfits[0] < min(len(misfits), _EXPLAINED) * misfit):
             return None
         shared = shared + change
     surfaces = (phasors - shared)[0]
@@ -96,7 +100,7 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
 def _turned_by_phase(phasors: Complex, h: Float) -> tuple[Complex, Complex]:
     """Return phasors, (H, n), turned back by the phase x of the one path that fits each pixel, and exp(−ihx)."""
     phase = np.angle(phasors[0])
-    for _ in range(4):
+    for _ in range(2):
         turned = phasors * np.exp(-1j * h * phase)
         slope, bend = (h * turned.imag).sum(axis=0), (h * h * turned.real).sum(axis=0)
         phase = phase + np.clip(
@@ -126,5 +130,6 @@ def _least_squares(turned: Complex, back: Complex, h: Float) -> tuple[Complex, f
         rows = part.reshape(2 * count, -1)
         square += (rows * weight) @ rows.T * np.kron(projection, np.ones((2, 2)))
         right += (part * (weight * left)[:, np.newaxis]).sum(axis=2)
-    change = np.linalg.lstsq(square, right.ravel(), rcond=1e-9)[0].reshape(count, 2)
-    return (change[:, 0] + 1j * change[:, 1])[:, np.newaxis], misfit, float(np.linalg.cond(square))
+    found, _, _, singular = np.linalg.lstsq(square, right.ravel(), rcond=1e-9)
+    change = found.reshape(count, 2)
+    return change[:, :1] + 1j * change[:, 1:], misfit, float(singular[0] / max(singular[-1], 1e-30))

@@ -78,10 +78,7 @@ def camera_doubts(stored: Stored, metadata: CaptureMetadata, /) -> tuple[str, ..
         striped(stored, metadata, "rows"),
         striped(stored, metadata, "columns"),
         unequal_harmonics(stored, metadata),
-        # the further terms of a triangle differ from pixel to pixel
-        shared_light_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype))
-        if metadata.modulation.waveform == "sine"
-        else None,
+        shared_light_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)),
     )
     return tuple(doubt for doubt in found if doubt)
 

@@ -13,7 +13,6 @@ from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
 from cadtof_cli.optics import LampBeside, planar_per_range
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
-from cadtof_cli.phasors.shared_light import shared_light_in_words
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
@@ -171,18 +170,6 @@ def frame_stages(
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
     return sealed(FrameStages(plan, correction, depth, response, solver, plan.layers, noise))
-
-
-def calibrated_doubts(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
-    """Return in words what is likely wrong with a frame, (H, 2, Y, X), although its plan has a calibration."""
-    from cadtof_cli.calibration.store import cached_calibration
-
-    use, height, width = plan.calibration, *stored.shape[2:]
-    if use is None or not use.sine or plan.metadata.modulation.waveform != "sine":
-        return ()
-    stages = frame_stages(plan, cached_calibration(use.folder, use.digest), stored.dtype, (height, width))
-    found = shared_light_in_words(stored, plan.metadata, stages.correction.phasor_map)
-    return (found,) if found else ()
 
 
 def kernel_of_frame(

@@ -284,6 +284,7 @@ behind, as long as the surface is brighter than the fog. Not noticed are
 - a view of one depth, such as a flat wall;
 - what comes up to 16 ns after the surfaces: the MPI of small rooms is like that. (An offset may look so, too.)
 - fog so thick that hardly any surface is seen through it;
+- anything with triangle waves, or with a calibration that found further terms of the response;
 - anything if one path is asked for (`--order 1`, `--solver one-path`).
 
 **Light that leaves a surface later** (wax, skin, milk, leaves). Nothing tells: light that is late by much less than a

@@ -192,6 +192,22 @@ def test_folders_stay_the_same_wherever_a_watcher_is_started_again(tmp_path: Pat
     assert (done.status, len(done.out.splitlines())) == (0, 5), done.err
 
 
+def test_a_record_that_does_not_say_which_tree_its_run_mirrors(tmp_path: Path) -> None:
+    """As of a version under development: the inputs of the second run say it."""
+    for index, place in enumerate(("left", "right")):
+        record(tmp_path / "cam" / place, seed=index)
+    both = "printf 'cam/left/frame_0.tif\\ncam/right/frame_0.tif\\n'"
+    assert shell(f"{both} | {WATCH}", tmp_path).status == 0
+    record_file = tmp_path / "live" / "run.json"
+    run = json.loads(record_file.read_text())
+    del run["shared_folder"]
+    record_file.write_text(json.dumps(run))
+    done = shell(f"{both} | {WATCH} --resume", tmp_path)
+    assert done.status == 0, done.err
+    assert sorted(path.parent.name for path in (tmp_path / "live").rglob("*.tif")) == ["left", "right"]
+    assert json.loads(record_file.read_text())["shared_folder"] == str(tmp_path / "cam")
+
+
 def test_frames_that_wait_for_their_mean_keep_their_order_and_names(tmp_path: Path) -> None:
     """Frames 9 and 10 wait for frame 11. Their mean is named after frame 9, as in a run that knows all three at once."""
     rng = np.random.default_rng(5)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
 from cadtof_cli.phasors.causes import range_of
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.plausible import implausible, is_without_noise
+from cadtof_cli.phasors.plausible import FEWEST, Copies, implausible, is_without_noise
 
 AMPLITUDE_V = 0.2746
 ZERO, STEP = 8192.0, 6e-5
@@ -265,3 +265,13 @@ def test_a_frame_of_one_value_is_refused_unless_whole_numbers_may_hide_its_noise
     # saturated pixels do hold one value
     saturated = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 8192.0))
     assert refused(stored, saturated, n_av).startswith("every pixel is saturated")
+
+
+def test_frames_with_the_same_values_are_copies_of_the_first_unless_they_may_agree_by_chance() -> None:
+    copies, large, small = Copies(), np.zeros((2, 2, 4, 4)), np.zeros((2, 2, 1, 3))
+    assert large.size == FEWEST
+    found = [
+        copies.original_of(large, digest, name) for digest, name in (("x", "a"), ("y", "b"), ("x", "c"), ("x", "d"))
+    ]
+    assert found == [None, None, "a", "a"]
+    assert [copies.original_of(small, "z", name) for name in ("e", "f")] == [None, None]

@@ -1,12 +1,17 @@
 """Light or an offset that all pixels of a frame share: fog, a dirty window, stray light of the lens, offsets that drifted."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.phasors.shared_light import shared_light
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pulse, Voltage
+from cadtof_cli.phasors.shared_light import shared_light, shared_light_in_words
+from cadtof_cli.phasors.voltages import ideal_phasor_map
+from cadtof_cli.pipeline.frame import calibrated_doubts
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.units import C_M_PER_NS
 from tests.support.run_cadtof import cadtof
 
@@ -30,14 +35,19 @@ def yard() -> NDArray[np.float64]:
 
 
 def phasors(
-    harmonics: tuple[int, ...], shared: tuple[complex, ...], *, range_m: NDArray[np.float64], seed: int = 3
+    harmonics: tuple[int, ...],
+    shared: tuple[complex, ...],
+    *,
+    range_m: NDArray[np.float64],
+    seed: int = 3,
+    scatter: float = 0.5 / np.sqrt(N_AV),
 ) -> C:
     """Phasors, (H, n), of surfaces with an ASR of 2 and of what all pixels share, in units of the surfaces' light."""
     rng = np.random.default_rng(seed)
     found = []
     for h, part in zip(harmonics, shared, strict=True):
         light = (path(range_m, h) * np.clip(2.0 / range_m, 0.5, 1.5) + part) / 3.0
-        found.append(light + 0.5 / np.sqrt(N_AV) * (rng.normal(size=SIZE) + 1j * rng.normal(size=SIZE)))
+        found.append(light + scatter * (rng.normal(size=SIZE) + 1j * rng.normal(size=SIZE)))
     return np.array(found).reshape(len(harmonics), -1)
 
 
@@ -76,6 +86,56 @@ def test_the_light_of_a_small_room_is_left_to_its_model() -> None:
     """It is nearly the same everywhere, later than the surfaces, and shorter at harmonic 2."""
     room = (0.3 * np.exp(3.6j), 0.2 * np.exp(7.2j))
     assert shared_light(phasors((1, 2), room, range_m=yard()), (1, 2)) is None
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.005, False), (0.02, True), (0.9, True)])
+def test_what_moves_depths_by_millimetres_is_not_doubted(share: float, told: bool) -> None:
+    shared = tuple(complex(share * path(0.02, h)) for h in (1, 2))
+    found = shared_light(phasors((1, 2), shared, range_m=yard(), scatter=1e-5), (1, 2))
+    assert (found is not None) == told
+
+
+def test_pixels_without_sound_light_do_not_count() -> None:
+    """A quarter of the pixels is black or holds no numbers, and another quarter has two paths."""
+    shared = tuple(complex(0.1 * path(0.02, h)) for h in (1, 2))
+    lit = phasors((1, 2), shared, range_m=yard(), scatter=1e-4)
+    rng = np.random.default_rng(8)
+    black = 0.05 * (rng.normal(size=(2, 800)) + 1j * rng.normal(size=(2, 800)))
+    void = np.array([[np.nan, np.inf, 1e200, 30.0]] * 2).repeat(100, axis=1)
+    others = 0.2 * np.array([path(rng.uniform(1.0, 5.0, 1200), h) for h in (1, 2)])
+    mixed = np.concatenate([lit, black, void], axis=1)
+    mixed[:, :1200] += others
+    found, alone = shared_light(mixed, (1, 2)), shared_light(lit, (1, 2))
+    assert found is not None
+    assert alone is not None
+    assert np.abs(found - alone).max() < 0.01
+
+
+def _volts(shared: tuple[complex, ...]) -> NDArray[np.float64]:
+    """Voltages, (2, 2, Y, X), of a pulse without a width."""
+    lit = phasors((1, 2), shared, range_m=yard()).reshape(2, *SIZE)
+    return AMPLITUDE_V * np.stack([lit.real, lit.imag], axis=1)
+
+
+def _told(stored: NDArray[np.float64], metadata: CaptureMetadata) -> bool:
+    return shared_light_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)) is not None
+
+
+def test_saturated_pixels_do_not_count() -> None:
+    metadata = CaptureMetadata(pulse=Pulse(fwhm_ns=0.0))
+    volts = _volts((0.1, 0.1))
+    volts[:, :, ::2] = 0.25
+    assert not _told(volts, metadata)
+    assert _told(volts, replace(metadata, voltage=Voltage(saturated_counts=(-0.25, 0.25))))
+
+
+def test_triangle_waves_tell_nothing_and_no_response_with_further_terms() -> None:
+    metadata = CaptureMetadata(pulse=Pulse(fwhm_ns=0.0))
+    volts = _volts((0.1, 0.1))
+    assert _told(volts, metadata)
+    assert not _told(volts, replace(metadata, modulation=Modulation(waveform="triangle")))
+    use = CalibrationUse(Path("is not read"), "", sine=False)
+    assert calibrated_doubts(volts, FramePlan(metadata=metadata, calibration=use), use) == ()
 
 
 def test_resolve_tells_of_offsets_that_drift_after_the_calibration(tmp_path: Path) -> None:

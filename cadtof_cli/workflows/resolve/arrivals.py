@@ -11,7 +11,7 @@ from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.files.system import path_from
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines, shared_folder
+from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines
 from cadtof_cli.workflows.resolve.plans import (
     AppliedCalibration,
     CapturePlan,
@@ -199,12 +199,12 @@ def _record_arrivals(paths: Iterable[Path], known: set[str], arguments: Mapping[
 
 
 def _earlier_shared_folder(out: Path) -> Path | None:
-    """Return the folder whose tree the run in `out` mirrors; None: there is no run in it whose record can be read.
+    """Return the folder whose tree the run in `out` mirrors; None: there is no run in it whose record says so.
 
     A run that continues it may begin with other frames, whose own shared folder would put maps into other places.
     """
     try:
-        return shared_folder(read_record(out))
+        return Path(read_record(out)["shared_folder"])
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return None
 

@@ -20,8 +20,8 @@ from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.uncalibrated import camera_doubts
+from cadtof_cli.pipeline.frame import calibrated_doubts
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
-from cadtof_cli.pipeline.stages import calibrated_doubts
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.status import StatusBit
@@ -178,7 +178,7 @@ def plan_captures(
         doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
         # what `read_frames` reads, for one path, may be calibrated later
         if stored is not None and not doubtful and plan.resolver.max_paths > 1:
-            doubtful = camera_doubts(stored, plan.metadata) if use is None else calibrated_doubts(stored, plan)
+            doubtful = calibrated_doubts(stored, plan, use) if use else camera_doubts(stored, plan.metadata)
         if of_unit := plan.metadata.mistaken_unit(typical.pixels):
             doubtful += (of_unit,)
         plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))

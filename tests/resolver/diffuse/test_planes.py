@@ -238,10 +238,12 @@ def test_planes_without_steps_are_the_same_over_steps() -> None:
 
 
 def test_few_pairs_of_samples_tell_no_step() -> None:
+    """Of 6 × 2 samples, the last row is nearer."""
     frame_grid = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    row, column = np.divmod(np.arange(64), 8)
     seen = np.zeros((64, frame_grid.rows, frame_grid.columns), bool)
-    seen[::3] = True
-    depth = np.where(np.arange(64) < 40, 2.0, 1.88)[:, None, None]
+    seen[(row > 1) & (column < 2)] = True
+    depth = np.where(row < 7, 2.0, 1.88)[:, None, None]
     range_m = depth / frame_grid.cosine
     plain, over = (patch_planes(range_m, seen, frame_grid, over_steps=steps) for steps in (False, True))
     np.testing.assert_array_equal(over.surfaces.normal, plain.surfaces.normal)

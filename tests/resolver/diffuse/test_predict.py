@@ -226,6 +226,10 @@ def test_the_boxes_on_a_shelf_are_no_sign_of_two_paths(monkeypatch: pytest.Monke
     share = 0.12 * range_m**2 * ray
     p = phasors_of(range_m, {h: np.asarray(share * Tail(1.0, 4.4, 12.0).phasor(h)) for h in (1, 2)})
     assert isinstance(model_of(p, focal_px=focal_px), DiffuseModel)
+    # the second look is no excuse for light that changes from box to box as no room's does
+    patchy = 0.1 * range_m**2 * ray * (1.0 + 0.8 * np.sin(column))
+    p_patchy = phasors_of(range_m, {h: np.asarray(patchy * np.exp(1j * h)) for h in (1, 2)})
+    assert getattr(model_of(p_patchy, focal_px=focal_px), "reason", None) == "no tail fits"
 
     def never_over_steps(*given: Any, over_steps: bool = False) -> PatchPlanes:
         return first_planes(*given)
