@@ -44,6 +44,10 @@ hardly changes the ratios of the fitted harmonics, but at those multiples it is 
 COVERED_ERROR = 1e6
 """Factor on the error of patches with two surfaces, so that they say nothing of the room."""
 
+LEAST_STEPPED = 0.1
+"""Least share of the patches with a step for a second look. A view full of shelves has a third and more, and noise makes one of a
+hundred."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
@@ -104,7 +108,8 @@ def diffuse_model(
     if settings.model == "auto" and not room.has_tail(frame):
         # shelves and clutter tilt planes, so that light is foretold where there is none
         tilted, planes = planes, first_planes(light, means, frame, over_steps=True)
-        if np.array_equal(planes.surfaces.normal, tilted.surfaces.normal):
+        stepped = (planes.surfaces.normal != tilted.surfaces.normal).any(axis=0)
+        if stepped.sum() < LEAST_STEPPED * planes.found.sum():
             return "no tail fits"
         room = _Room.of(light, planes, valid, frame)
         if not room.has_tail(frame):
