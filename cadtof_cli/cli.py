@@ -19,6 +19,7 @@ import click
 from cadtof_cli.commands.help import HelpContext, example
 from cadtof_cli.commands.terminal import forget, prepare_streams, tell
 from cadtof_cli.errors import CadtofError, OutputError
+from cadtof_cli.files.system import expanded
 from cadtof_cli.version import __version__
 
 COMMANDS = {
@@ -143,9 +144,10 @@ def main() -> NoReturn:
         sys.exit(shell_complete(cli, {}, PROGRAM, COMPLETE, instruction))
     status = 0
     try:
-        _require_words(sys.argv[1:])
+        arguments = expanded(sys.argv[1:])
+        _require_words(arguments)
         # as `cli.main` does, but with our own exit status if the reader of stdout is gone; --help ends by raising Exit
-        with contextlib.suppress(click.exceptions.Exit), cli.make_context(PROGRAM, sys.argv[1:]) as context:
+        with contextlib.suppress(click.exceptions.Exit), cli.make_context(PROGRAM, arguments) as context:
             status = cli.invoke(context) or 0
         sys.stdout.flush()
         sys.exit(status)

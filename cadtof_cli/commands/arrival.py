@@ -4,10 +4,11 @@ They come from `find`, which writes many paths and ends, or from a program that 
 """
 
 import os
-import select
 import time
 from collections.abc import Iterator
 from pathlib import Path
+
+from cadtof_cli.files.system import has_more, path_of
 
 PAUSE_S = 0.5
 """Seconds without a new path after which the paths that have arrived count as all paths that there are at present."""
@@ -31,7 +32,7 @@ def paths_as_they_arrive(descriptor: int, /, *, separator: bytes) -> Iterator[tu
         if ended and rest:
             whole.append(rest)
         names = [name.removesuffix(b"\r") for name in whole if name.strip()] if as_lines else filter(None, whole)
-        if paths := tuple(Path(os.fsdecode(name)) for name in names):
+        if paths := tuple(map(path_of, names)):
             first = False
             yield paths
         if ended:
@@ -42,20 +43,8 @@ def _read_batch(descriptor: int, *, pause_s: float) -> tuple[bytes, bool]:
     """Wait for something to read; return everything up to the next pause, and whether the input has ended."""
     content, until = os.read(descriptor, _READ_BYTES), time.monotonic() + SETTLED_S
     ended = not content
-    while not ended and time.monotonic() < until and _has_more(descriptor, pause_s):
+    while not ended and time.monotonic() < until and has_more(descriptor, pause_s=pause_s):
         piece = os.read(descriptor, _READ_BYTES)
         ended = not piece
         content += piece
     return content, ended
-
-
-def _has_more(descriptor: int, pause_s: float) -> bool:
-    """Return whether there is more to read before the pause is over.
-
-    On Windows, `select` cannot wait for a pipe. The answer is then False, and each piece that was read is a batch of
-    its own.
-    """
-    try:
-        return bool(select.select([descriptor], [], [], pause_s)[0])
-    except OSError:
-        return False

@@ -1,9 +1,11 @@
-"""Frames in one array that is mapped into memory from a file, and numpy calls that bring axes into the right order."""
+"""Frames in the one array of a file, and numpy calls that bring axes into the right order."""
 
 import itertools
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,6 @@ from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES, FrameLayout, Frames,
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error, open_regular
 from cadtof_cli.files.system import read_parts
-
-Mapped = np.memmap[Any, np.dtype[Any]]
 
 _OURS = {3: ("PYX",), 4: ("HCYX", "TPYX"), 5: ("THCYX",)}
 """Orders of axes that we read, by the number of axes.
@@ -32,22 +32,43 @@ With two harmonics, H and C have the same length, so two orders are possible.
 """
 
 
+@dataclass(frozen=True)
+class ArrayInFile:
+    """Where the array of a file begins, in bytes, and what it holds; it is C-contiguous, or in Fortran order.
+
+    It holds no open file and maps none into memory: Windows could not replace such a file, even after an error whose
+    traceback is kept.
+    """
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    offset: int
+    c_contiguous: bool = True
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return math.prod(self.shape)
+
+
 @contextmanager
-def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: tuple[str, str]) -> Iterator[Frames]:
+def open_array(
+    path: Path, array: ArrayInFile, layout: FrameLayout, /, *, mended_by: tuple[str, str]
+) -> Iterator[Frames]:
     """Yield the frames of an array that a file holds. Each frame is read from the file when it is asked for.
 
     Args:
-        path: the file that the array is mapped from.
-        array: shape (…, Y, X). The axes before Y and X are [frame,] harmonic, channel in this order; harmonic and
+        path: the file that holds the array.
+        array: of shape (…, Y, X). The axes before Y and X are [frame,] harmonic, channel in this order; harmonic and
             channel may be a single axis.
         layout: harmonics of the capture, and the number of frames in a stack if the metadata gives it.
         mended_by: the Python call that saves the array in our order of axes: the parts before and after the place of
             the transposition. Messages show it.
     """
     require_planes(path, array)
-    where = f"{path}: found {array[..., 0, 0].size} planes of {shape_text(array.shape, array.dtype)}"
+    where = f"{path}: found {math.prod(array.shape[:-2])} planes of {shape_text(array.shape, array.dtype)}"
     try:
-        table = plane_table("Q" * (array.ndim - 2), array.shape[:-2], layout, where=where)
+        table = plane_table("Q" * (len(array.shape) - 2), array.shape[:-2], layout, where=where)
     except FrameError:
         ways = transpositions(mended_by, array.shape, len(layout.harmonics))
         if not ways:
@@ -63,7 +84,7 @@ def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: 
     yield Frames(len(table), shape, array.dtype.newbyteorder("="), read)
 
 
-def single_plane(path: Path, array: Mapped, /) -> Stored:
+def single_plane(path: Path, array: ArrayInFile, /) -> Stored:
     """Return the one plane of an array, shape (Y, X), native byte order."""
     require_planes(path, array)
     if array.size != array.shape[-2] * array.shape[-1]:
@@ -72,19 +93,19 @@ def single_plane(path: Path, array: Mapped, /) -> Stored:
     return plane
 
 
-def _planes(path: Path, array: Mapped, indices: NDArray[np.intp]) -> Stored:
+def _planes(path: Path, array: ArrayInFile, indices: NDArray[np.intp]) -> Stored:
     """Return planes by their index in the file, native byte order, shape (n, Y, X), C-contiguous.
 
-    The pixels are read from the file, not taken from the mapped memory. If the file was cut off after it was mapped, or
-    the disk fails, access to mapped memory would make the system end the process.
+    The pixels are read from the file, not taken from mapped memory. If the file is cut off meanwhile, or the disk fails,
+    access to mapped memory would make the system end the process.
     """
-    in_order = array.flags.c_contiguous
+    in_order = array.c_contiguous
     size = array.shape[-2] * array.shape[-1]
     found = np.empty((indices.size, size) if in_order else (1, array.size), array.dtype)
     begins = indices * size if in_order else (0,)
     with damage_as_frame_error(path, "array"), os.fdopen(open_regular(path), "rb", buffering=0) as file:
         for begin, part in zip(begins, found, strict=True):
-            file.seek(array.offset + int(begin) * array.itemsize)
+            file.seek(array.offset + int(begin) * array.dtype.itemsize)
             if not read_parts(file.fileno(), [part.view(np.uint8).data]):
                 raise FrameError(f"{path}: was cut off or replaced while it was read; expected a complete file")
     if not in_order:
@@ -93,11 +114,11 @@ def _planes(path: Path, array: Mapped, indices: NDArray[np.intp]) -> Stored:
     return np.ascontiguousarray(found.reshape(-1, *array.shape[-2:]), array.dtype.newbyteorder("="))
 
 
-def require_planes(path: Path, array: Stored, /) -> None:
+def require_planes(path: Path, array: ArrayInFile, /) -> None:
     """Raise FrameError unless an array holds planes, of one of the `SAMPLE_TYPES`."""
     if array.dtype.name not in SAMPLE_TYPES:
         raise FrameError(f"{path}: found values of type {array.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
-    if array.ndim < 2 or not array.size:
+    if len(array.shape) < 2 or not array.size:
         raise FrameError(f"{path}: found an array of {lengths_text(array.shape)}, expected planes (…, Y, X)")
 
 

@@ -8,14 +8,14 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.array_frames import Mapped, lengths_text, open_array, single_plane
+from cadtof_cli.files.array_frames import ArrayInFile, lengths_text, open_array, single_plane
 from cadtof_cli.files.frames import FrameLayout, Frames
 from cadtof_cli.files.reading import damage_as_frame_error, require_regular
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
     """Open a dump that holds one array of shape `layout.raw.shape`, or several one after the other: a stack."""
-    array = _mapped(path, layout)
+    array = _array(path, layout)
     assert layout.raw is not None
     read = f"numpy.fromfile(PATH, {layout.raw.dtype!r}, offset={layout.raw.offset_bytes})"
     # in what MATLAB writes, the first axis varies fastest
@@ -25,10 +25,10 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
 
 def read_plane(path: Path, layout: FrameLayout, /) -> Stored:
     """Return the one plane of a dump, shape (Y, X)."""
-    return single_plane(path, _mapped(path, layout))
+    return single_plane(path, _array(path, layout))
 
 
-def _mapped(path: Path, layout: FrameLayout) -> Mapped:
+def _array(path: Path, layout: FrameLayout) -> ArrayInFile:
     raw = layout.raw
     # without it, no file counts as a dump: see `detect_format`
     assert raw is not None
@@ -42,5 +42,4 @@ def _mapped(path: Path, layout: FrameLayout) -> Mapped:
                 f" {raw.dtype} after {raw.offset_bytes:,} bytes (layout.raw), or a whole multiple for a stack"
             )
         shape = raw.shape if times == 1 else (times, *raw.shape)
-        mapped: Mapped = np.memmap(path, dtype, "r", raw.offset_bytes, shape)
-        return mapped
+        return ArrayInFile(shape, dtype, raw.offset_bytes)

@@ -6,6 +6,7 @@ at a position. Child processes do not inherit our open files; Python sees to tha
 
 import errno
 import os
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -28,8 +29,14 @@ OPEN_OR_CREATE_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | _
 REMOVES_OPEN_FILES = os.name != "nt"
 """Whether an open file can be removed."""
 
+SHELL_LEAVES_PATTERNS = os.name == "nt"
+"""Whether the shell leaves it to programs to replace patterns of names, such as `rec/*`, by the names."""
+
 BLOCK_BYTES = 4096
 """Size of a disk block. Data aligned to blocks, in the file and in memory, can be written without a copy."""
+
+_ASKED_AGAIN_S = 0.02
+"""Pause before a pipe of Windows is asked again whether it holds something."""
 
 _LEAST_DIRECT_BYTES = 2**18
 
@@ -59,6 +66,61 @@ def common_folder(paths: Iterable[Path], /) -> Path:
         return Path(os.path.commonpath(whole))
     except ValueError:
         raise CadtofError(f"no folder holds both {whole[0]} and {whole[-1]}; expected inputs on one drive") from None
+
+
+def path_of(name: bytes, /) -> Path:
+    """Return the path whose name another program wrote.
+
+    On Windows, a name that is not UTF-8 is in the code page of the console, as `dir /b` writes it.
+    """
+    try:
+        return Path(os.fsdecode(name))
+    except UnicodeDecodeError:
+        return Path(name.decode("oem", errors="replace"))
+
+
+def expanded(arguments: Iterable[str], /) -> list[str]:
+    """Return arguments with each pattern, such as `rec/*`, replaced by the names that it matches, as shells of POSIX do.
+
+    The shells of Windows leave that to programs. A pattern that matches nothing stays as it is. A bracket stands for
+    itself, because names on Windows may hold brackets, but neither `*` nor `?`.
+    """
+    found = list[str]()
+    for argument in arguments:
+        matches = list[str]()
+        # a drive such as `\\?\C:` is no pattern
+        if SHELL_LEAVES_PATTERNS and argument[:1] != "-" and set("*?") & set(os.path.splitdrive(argument)[1]):
+            from glob import glob
+
+            matches = sorted(glob(argument.replace("[", "[[]")))  # noqa: PTH207, paths stay as they were typed
+        found += matches or [argument]
+    return found
+
+
+def has_more(descriptor: int, /, *, pause_s: float) -> bool:
+    """Return whether there is more to read, or the writer ends, before the pause is over.
+
+    On Windows, `select` cannot wait for a pipe, so the pipe is asked again and again. A file that is no pipe can be read
+    at once there, and a terminal counts as a pause.
+    """
+    import select
+
+    try:
+        return bool(select.select([descriptor], [], [], pause_s)[0])
+    except OSError:
+        if os.isatty(descriptor):
+            return False
+    until = time.monotonic() + pause_s
+    try:
+        pipe = import_module("msvcrt").get_osfhandle(descriptor)
+        while not import_module("_winapi").PeekNamedPipe(pipe, 0)[0]:
+            if time.monotonic() >= until:
+                return False
+            time.sleep(_ASKED_AGAIN_S)
+    except OSError:
+        # the pipe has ended, or this is no pipe: reading does not wait
+        return True
+    return True
 
 
 def flush_c_streams() -> None:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 
 from cadtof_cli.maps.evaluation import ERROR_TITLES, DepthErrors
 from cadtof_cli.report.frames import EmbeddedFrame, EmbeddedLayer
@@ -143,8 +143,8 @@ def _title(page: PageText, listed: Sequence[FrameLine]) -> str:
 def _thumbnail(frame: FrameLine) -> Markup:
     if frame.number is None or frame.thumbnail is None:
         # the name that its maps would have: if this is a file's name, it loses its ending
-        path = PurePosixPath(frame.name)
-        short = path.stem if path.suffix[1:].isalnum() else path.name
+        named = Path(frame.name)
+        short = named.stem if named.suffix[1:].isalnum() else named.name
         mark = element("span", frame.status or "no maps", class_="mark")
         label = element("span", element("bdi", short))
         return element("li", element("div", mark, label, class_="lost", title=frame.reason))

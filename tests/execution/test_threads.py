@@ -1,7 +1,6 @@
 """Threads that cannot begin: results are finished without them, and nothing waits for them."""
 
 import _thread
-import resource
 import subprocess
 import sys
 import time
@@ -13,6 +12,8 @@ from cadtof_cli.execution import outcome
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Later, Work, finishing
 from cadtof_cli.execution.workers import Workers
+
+resource = pytest.importorskip("resource")
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded, use of fork:DeprecationWarning")
 

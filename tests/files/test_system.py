@@ -1,35 +1,44 @@
 """On systems that lack functions of POSIX, the program works and writes the same maps and records.
 
-The tests do not run on Windows. `tests/support/without_posix` takes away from every process what Windows lacks, and has a
+These tests do not run on Windows. `tests/support/without_posix` takes away from every process what Windows lacks, and has a
 stand-in for its locks.
 """
 
+import codecs
 import errno
-import fcntl
 import json
+import ntpath
 import os
 import re
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from io import FileIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import steps_below
-from cadtof_cli.errors import CadtofError, PlaceError
+from cadtof_cli.capture.frames import FrameSource, open_frames
+from cadtof_cli.commands.arrival import paths_as_they_arrive
+from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.files import system
 from cadtof_cli.files.atomic import PartialFile
+from cadtof_cli.files.frames import FrameLayout, RawLayout
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.files.system import (
     BLOCK_BYTES,
     OPEN_OR_CREATE_FLAGS,
     common_folder,
+    expanded,
     path_from,
+    path_of,
     read_at,
     read_parts,
     remove_and_close,
@@ -39,6 +48,8 @@ from cadtof_cli.workflows.resolve.output import locked
 from tests.support.captures import record
 from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
 from tests.support.runs import require_same_run
+
+fcntl, termios = pytest.importorskip("fcntl"), pytest.importorskip("termios")
 
 WITHOUT_POSIX = {
     **os.environ,
@@ -311,3 +322,85 @@ def test_an_empty_folder_becomes_a_capture_without_posix(tmp_path: Path) -> None
     done = program_without_posix("simulate", "--scene", "wall", "--width", 4, "--height", 3, "-o", out)
     assert done.status == 0, done.err
     assert (out / "capture.toml").is_file()
+
+
+@pytest.mark.parametrize("name", ["frame.npy", "frame.raw"])
+def test_no_file_stays_mapped_while_an_error_is_kept(name: str, tmp_path: Path) -> None:
+    """Python shells keep the last error and all that its traceback holds. Windows cannot replace a mapped file."""
+    path, layout = tmp_path / name, FrameLayout((1, 2, 3), raw=RawLayout("uint16", (4, 24, 32)))
+    planes = np.zeros((4, 24, 32), np.uint16)
+    path.write_bytes(planes.tobytes())
+    if name.endswith(".npy"):
+        np.save(path, planes)
+    with pytest.raises(FrameError) as kept, open_frames(FrameSource("frame", (path,)), layout):
+        pass
+    assert "found 4 planes" in str(kept.value)
+    assert name not in Path("/proc/self/maps").read_text()
+    assert path not in [one.resolve() for one in Path("/proc/self/fd").iterdir()]
+
+
+def test_patterns_that_the_shell_leaves_to_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("b", "a", "[c]", ".hidden"):
+        (tmp_path / name).mkdir()
+    every, typed = str(tmp_path / "*"), ["resolve", "-o", "*", str(tmp_path / "?x"), "[a]", "--log=*", r"\\?\C:\a"]
+    assert expanded(["resolve", every]) == ["resolve", every]
+    monkeypatch.setattr(system, "SHELL_LEAVES_PATTERNS", True)
+    monkeypatch.setattr(os.path, "splitdrive", ntpath.splitdrive)
+    monkeypatch.chdir(tmp_path / "a")
+    assert expanded(typed) == typed
+    assert expanded(["resolve", every, "-r"]) == [
+        "resolve",
+        *(str(tmp_path / name) for name in ("[c]", "a", "b")),
+        "-r",
+    ]
+    assert expanded([str(tmp_path / "[*")]) == [str(tmp_path / "[c]")]
+
+
+def test_names_in_the_code_page_of_the_console(monkeypatch: pytest.MonkeyPatch) -> None:
+    def as_on_windows(name: bytes) -> str:
+        return name.decode()
+
+    def find(encoding: str) -> codecs.CodecInfo | None:
+        return codecs.lookup("cp850") if encoding == "oem" else None
+
+    monkeypatch.setattr(os, "fsdecode", as_on_windows)
+    codecs.register(find)
+    try:
+        assert path_of("größe/深度.tif".encode()) == Path("größe/深度.tif")
+        assert path_of("größe.tif".encode("cp850")) == Path("größe.tif")
+    finally:
+        codecs.unregister(find)
+
+
+def test_a_pipe_that_select_cannot_wait_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first batch of paths on stdin decides where maps lie, so it must not be just what the first read found."""
+    reader, writer = os.pipe()
+    (tmp_path / "list").write_text("a\nb\n")
+
+    def no_pipes(*_: object) -> None:
+        raise OSError(errno.ENOTSOCK, "not a socket")
+
+    def peek(pipe: int, _size: int) -> tuple[int, int]:
+        if pipe != reader:
+            raise OSError(errno.EINVAL, "Incorrect function")
+        waiting = int.from_bytes(fcntl.ioctl(reader, termios.FIONREAD, bytes(4)), sys.byteorder)
+        if not waiting and written.is_set():
+            raise BrokenPipeError(errno.EPIPE, "The pipe has been ended")
+        return waiting, 0
+
+    def write() -> None:
+        for line in (b"a\n", b"b\n", b"c\n"):
+            time.sleep(0.05)
+            os.write(writer, line)
+        os.close(writer)
+        written.set()
+
+    written = threading.Event()
+    monkeypatch.setattr("select.select", no_pipes)
+    monkeypatch.setitem(sys.modules, "_winapi", SimpleNamespace(PeekNamedPipe=peek))
+    monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(get_osfhandle=int))
+    threading.Thread(target=write).start()
+    with os.fdopen(reader, "rb"):
+        assert list(paths_as_they_arrive(reader, separator=b"\n")) == [(Path("a"), Path("b"), Path("c"))]
+    with (tmp_path / "list").open("rb") as file:
+        assert list(paths_as_they_arrive(file.fileno(), separator=b"\n")) == [(Path("a"), Path("b"))]
