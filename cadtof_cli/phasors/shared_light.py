@@ -30,8 +30,8 @@ _TOLD, _FLAT = 40.0, 200.0
 depths have 20 at most, flat walls and corners 500 and more."""
 
 _MATTERS, _MOST = 0.01, 1.0
-"""Least share of the light that is doubted: it moves depths by a centimetre. More than the light of the surfaces is found in
-noise, too."""
+"""Least share of the light that is doubted: it moves depths by a centimetre. More than the light of the surfaces is also found in
+sound views of one depth, such as `simulate --scene card` with three periods."""
 
 _TAIL_RAD = 2.5
 """What comes up to this phase after the surfaces is not doubted: in small rooms, most MPI is the same in all pixels. In 15 of 90

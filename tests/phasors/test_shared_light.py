@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cadtof_cli import simulate_scene
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pulse, Voltage
 from cadtof_cli.phasors.shared_light import shared_light, shared_light_in_words
 from cadtof_cli.phasors.voltages import ideal_phasor_map
@@ -161,3 +162,12 @@ def test_resolve_tells_of_offsets_that_drift_after_the_calibration(tmp_path: Pat
     }
     assert "warning" not in told["steady"]
     assert f"warning: {tmp_path / 'drifted'}: all pixels share light or an offset (0.0" in told["drifted"]
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_in_a_view_of_one_depth_nothing_is_told(seed: int) -> None:
+    modulation, size = {"periods_ns": (40.0, 20.0, 40.0 / 3.0)}, {"width": 160, "height": 120}
+    card = simulate_scene("card", seed=seed, integration_length=10.0 ** (seed + 2), modulation=modulation, camera=size)
+    frame = card.frames[0]
+    phasor_map = ideal_phasor_map(frame.metadata, frame.stored.dtype)
+    assert shared_light_in_words(frame.stored, frame.metadata, phasor_map) is None
