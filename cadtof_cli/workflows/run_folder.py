@@ -151,8 +151,12 @@ class Run:
         """For each capture of the record: its absolute folder, and the folders of its maps in the run's folder."""
         if self.record is None or not self.record.get("captures"):
             return []
+        roots = capture_folders(self.record)
+        if "shared_folder" not in self.record:
+            # runs of 0.1.0 have all maps in their folder itself
+            return [(root, ()) for root in roots]
         shared = shared_folder(self.record)
-        return [(root, steps_below(root, shared)) for root in capture_folders(self.record)]
+        return [(root, steps_below(root, shared)) for root in roots]
 
     def reports(self) -> Iterator[FrameReport]:
         """Yield the valid lines of `frames.jsonl`, none if there is no such file; raises CaptureError if it cannot be read."""

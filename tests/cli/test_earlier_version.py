@@ -25,6 +25,7 @@ def _as_of_0_1_0(out: Path) -> None:
             line.pop(key)
     (out / "frames.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     run = json.loads((out / "run.json").read_text()) | {"cadtof": "0.1.0"}
+    run.pop("shared_folder")
     for key in ("absolute_inputs", "inputs_from_out"):
         run["arguments"].pop(key)
     if run["calibration"]:
@@ -61,6 +62,25 @@ def test_the_calibration_of_a_run_is_found(capture: Recorded, tmp_path: Path, mo
     done = cadtof("evaluate", "out", "--truth", "out/frame_0.tif", "--json")
     assert (done.out, done.err) == (expected.out, "")
     assert json.loads(done.out)["first_phasor"] is not None
+
+
+@pytest.mark.parametrize("focal_px", [28.0, 35.0])
+def test_maps_of_several_captures_have_the_optics_that_all_of_them_have(focal_px: float, tmp_path: Path) -> None:
+    """0.1.0 put the maps of all captures into OUT itself. A point cloud of the second had the optics of the first."""
+    first, out = record(tmp_path / "a"), tmp_path / "out"
+    text = (first.folder / "capture.toml").read_text()
+    second = record(tmp_path / "b", seed=1, toml=text.replace("= 28.0", f"= {focal_px}"))
+    second.files[0].rename(second.folder / "later.tif")
+    assert cadtof("resolve", first.folder, second.folder, "-o", out, "-j", 1, "-q").status == 0
+    _as_of_0_1_0(out)
+    lines = out / "frames.jsonl"
+    lines.write_text(lines.read_text().replace("out/a/", "out/").replace("out/b/", "out/"))
+    for file in [*out.glob("*/*.tif")]:
+        file.rename(out / file.name)
+        file.parent.rmdir()
+    done = cadtof("export", out / "later.tif", "-o", tmp_path / "later.ply")
+    assert (done.status == 0) == (focal_px == 28.0)
+    assert ("focal" in done.err) == (focal_px != 28.0)
 
 
 def test_a_dark_part_without_noise_is_named(capture: Recorded, tmp_path: Path) -> None:

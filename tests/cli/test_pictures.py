@@ -202,15 +202,19 @@ def test_the_legend_of_many_runs_is_whole(truth: bool, figures: list[Figure], tm
 
 
 def test_runs_of_any_name_stand_in_the_legend(figures: list[Figure], tmp_path: Path) -> None:
-    """Matplotlib hides labels that begin with `_`, and cannot write a byte order mark into a PDF."""
+    """Matplotlib hides labels that begin with `_`, and cannot write a byte order mark into a PDF. Long names are cut."""
     place, along = np.arange(9), np.arange(9.0)
-    curves = tuple(Curve(name, along, None) for name in ("_run", "a\ufeffb\u202ec"))
+    curves = tuple(Curve(name, along, None) for name in ("_run", "a\ufeffb\u202ec", "a/folder/" * 12 + "end"))
     draw_profile(
         Profile("direct.depth", "m", "row 0", "column", place, place, "range", curves, None), tmp_path / "a.pdf"
     )
     legend = figures[0].axes[0].get_legend()
     assert legend is not None
-    assert [text.get_text().strip() for text in legend.get_texts()] == ["_run", r"a\ufeffb\u202ec"]
+    *names, cut = [text.get_text().strip() for text in legend.get_texts()]
+    assert names == ["_run", r"a\ufeffb\u202ec"]
+    assert len(cut) == 34
+    assert cut.endswith("end")
+    _require_whole(figures[0])
 
 
 @pytest.mark.parametrize(

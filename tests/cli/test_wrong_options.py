@@ -256,3 +256,12 @@ def test_different_parts_of_the_pixels_are_not_compared(capture: Path, tmp_path:
     assert refused.status == 2
     assert "shows pixels 0,0,6,5 and " in refused.err
     assert refused.err.endswith(" 2,1,8,6: resolve both with the same --roi\n")
+
+
+@pytest.mark.parametrize("command", ["calibrate dark", "calibrate response", "calibrate petzval", "resolve", "info"])
+def test_commands_without_their_inputs_name_what_is_missing(command: str, tmp_path: Path) -> None:
+    options = () if command == "info" else ("-o", tmp_path / "out")
+    done = cadtof(*command.split(), *options)
+    assert done.status == 2
+    assert "Error: Missing argument '" in done.err
+    assert not (tmp_path / "out").exists()

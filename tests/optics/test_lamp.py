@@ -58,18 +58,18 @@ def test_the_range_is_that_from_the_camera(offset: tuple[float, float, float]) -
     np.testing.assert_allclose(lamp.half_way_m(range_m.ravel()), half_way(range_m, offset).ravel(), atol=1e-12)
 
 
+@pytest.mark.parametrize("offset", [(0.1, 0.02, 0.0), (0.5, 0.0, 0.0)])
 @pytest.mark.parametrize("depth", ["range", "z"])
 @pytest.mark.parametrize("kernel", [None, "numpy"])
 def test_light_that_went_less_far_than_the_lamp_is_away_comes_from_beyond_the_range(
-    depth: str, kernel: str | None
+    depth: str, kernel: str | None, offset: tuple[float, float, float]
 ) -> None:
     """Half a way of 2 cm cannot be, with a lamp 10 cm beside the camera; 6.016 m can. Without a message, the depth was 0."""
-    offset = (0.1, 0.02, 0.0)
     lamp = LampBeside.of(Optics(focal_length_px=60.0, lamp_offset_m=offset), SIZE)
     assert lamp is not None
     half = np.full(SIZE, 0.02 + unambiguous_range_m(40.0))
     truth = lamp.range_m(half.ravel(), slice(None)).reshape(SIZE)
-    assert truth.min() > 5.9
+    assert truth.min() > 5.8
     plan = FramePlan(metadata=metadata(offset), settings=MapSettings(depth="z" if depth == "z" else "range"))
     maps = by_kernel(kernel, resolve_frame, volts(half), plan=plan).maps
     error = maps.layer(DIRECT_DEPTH) - (truth * rays()[2] if depth == "z" else truth)

@@ -73,6 +73,14 @@ def test_a_chain_link_fence_is_named_as_what_may_look_like_noise() -> None:
     assert "a view of fine mesh, such as a fence, looks like that, too" in doubt
 
 
+def test_an_offset_that_all_pixels_share_is_doubted_of_a_sine() -> None:
+    """The further terms of a triangle look the same, so nothing is said of it."""
+    offset = 0.01 * AMPLITUDE_V * np.ones((2, 2, 1, 1))
+    (doubt,) = camera_doubts(frame() + offset, KNOWN)
+    assert doubt.startswith("all pixels share light or an offset (0.08")
+    assert camera_doubts(frame() + offset, replace(KNOWN, modulation=Modulation(waveform="triangle"))) == ()
+
+
 def test_pixels_without_a_first_harmonic_do_not_hide_the_noise_of_the_others() -> None:
     volts = frame(n_av=1e4)
     volts[0, :, :, 30:] = np.nan

@@ -1,23 +1,27 @@
 """A frame prepared once and resolved in parts has the bits of a frame resolved whole."""
 
 import pickle
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cadtof_cli import resolve, simulate_scene
+from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Pulse
 from cadtof_cli.maps.layers import IN_KERNEL, Layer
 from cadtof_cli.phasors.frame_mean import frame_mean
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.one_pixel import pixel_evidence
-from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.pipeline.stages import frame_stages
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
 from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.blocks import blocks_of
+from tests.support.calibrations import made_up_calibration
 from tests.support.diffuse_frames import Tail, phasors_of, wall_range
 from tests.support.forward import step_frame
 from tests.support.kernels import by_kernel
@@ -112,6 +116,32 @@ def test_a_pattern_of_pixels_without_light_leaves_a_room_its_tail(pattern: str, 
     volts[:, :, odd == 1] = np.nan
     status = by_kernel(kernel, resolve_frame, volts, plan=plan).maps.status
     np.testing.assert_array_equal(status, np.where(odd == 1, StatusBit.NOT_FINITE, StatusBit.DIFFUSE_MPI))
+
+
+@pytest.mark.parametrize("kernel", available_kernels())
+def test_a_room_is_predicted_from_the_calibrated_values_of_its_pixels(kernel: str) -> None:
+    """With the offsets and hot pixels of a camera, which the calibration knows, a room has the depths that it has without."""
+    size, focal_px = (96, 120), 105.0
+    p = phasors_of(wall_range(*size, focal_px, 2.0), {h: Tail(0.3, 3.0, 10.0).phasor(h) for h in (1, 2)})
+    metadata = CaptureMetadata(
+        pixel=Pixel(integration_length=1e5), optics=Optics(focal_length_px=focal_px), pulse=Pulse(fwhm_ns=0.0)
+    )
+    volts = np.stack([p.real, p.imag], axis=1) * metadata.modulation.amplitude_v
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="diffuse")))
+    dark = made_up_calibration(metadata, size, ("dark",)).dark
+    assert dark is not None
+    calibration = Calibration(dark=replace(dark, noise_v=np.zeros_like(dark.noise_v)))
+    use = CalibrationUse(Path("made up"), calibration.digest)
+    found = by_kernel(
+        kernel, resolve_frame, volts + dark.offset_v, plan=replace(plan, calibration=use), calibration=calibration
+    ).maps
+    volts[:, :, dark.hot] = np.nan
+    expected = by_kernel(kernel, resolve_frame, volts, plan=plan).maps
+    np.testing.assert_array_equal(
+        found.status, np.where(dark.hot, StatusBit.HOT_PIXEL, StatusBit.DIFFUSE_MPI) | StatusBit.CALIBRATED
+    )
+    for name in ("direct.depth", "direct.sigma", "mpi.amplitude"):
+        np.testing.assert_allclose(found.layer(name), expected.layer(name), rtol=1e-5)
 
 
 def test_a_layer_that_the_compiled_kernel_does_not_know_has_its_own_values(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -92,6 +92,36 @@ def test_the_curvature_lengthens_the_way_of_the_light_of_a_lamp_beside_the_camer
         assert wall.slopes == pytest.approx((0.05, -0.03), abs=5e-4)
 
 
+def test_standard_errors_with_a_lamp_beside_the_camera_follow_from_finite_differences() -> None:
+    """As of walls 10 and 20 cm before the camera, where the range grows by up to a tenth more than half the way of the light."""
+    offset, optics = np.array([0.07, 0.0, 0.0]), replace(OPTICS, lamp_offset_m=(0.07, 0.0, 0.0))
+    y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
+    rays = np.stack([(x - 39.5) / 70.0, (y - 29.5) / 70.0, np.ones(PIXELS)])
+    rays /= np.linalg.norm(rays, axis=0)
+    rho2 = ((x - 39.5) ** 2 + (y - 29.5) ** 2) / (40.0**2 + 30.0**2)
+
+    def half_ways(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        k2, k4, *planes = parameters
+        ways = []
+        for distance, *slopes in (planes[:3], planes[3:]):
+            surface = rays * (distance / np.tensordot([*slopes, 1.0], rays, axes=1))
+            to_lamp = np.linalg.norm(surface - offset[:, np.newaxis, np.newaxis], axis=0)
+            ways.append(0.5 * (np.linalg.norm(surface, axis=0) + to_lamp) + k2 * rho2 + k4 * rho2**2)
+        return np.stack(ways)
+
+    truth, sigma_m = np.array([K2_M, K4_M, 0.1, 0.05, -0.03, 0.2, -0.04, 0.07]), 1e-5
+    along, walls = 0.5 * np.tensordot(offset, rays, axes=1), []
+    for seed, way in enumerate(half_ways(truth)):
+        half_way = way + np.random.default_rng(seed).normal(0.0, sigma_m, PIXELS)
+        ranges = (half_way**2 - 0.035**2) / (half_way - along)
+        walls.append(WallRanges(ranges, sigma_m * (2.0 * half_way - ranges) / (half_way - along), None))
+    quality = fitted(*walls, optics=optics).quality
+    slopes = least_squares(lambda p: half_ways(p).ravel(), truth, jac="3-point", max_nfev=1).jac
+    errors = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))[[0, 1, 2, 5]]
+    found = np.array([quality.k2_stderr_m, quality.k4_stderr_m, *(wall.distance_stderr_m for wall in quality.walls)])
+    np.testing.assert_allclose(found / found[0], errors / errors[0], rtol=1e-3)
+
+
 def test_the_standard_error_is_the_scatter_of_repetitions() -> None:
     runs = [fitted(measured_wall(1.0, seed=2 * s), measured_wall(3.0, seed=2 * s + 1)) for s in range(25)]
     scatter = np.std([run.k2_m for run in runs])

@@ -249,6 +249,19 @@ def test_few_pairs_of_samples_tell_no_step() -> None:
     np.testing.assert_array_equal(over.surfaces.normal, plain.surfaces.normal)
 
 
+@pytest.mark.parametrize(("missing", "told"), [(0, True), (1, False)])
+def test_twelve_pairs_of_samples_tell_a_step(missing: int, told: bool) -> None:
+    """Three columns of six samples have 12 pairs across; without a corner they have 11."""
+    frame_grid = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    row, column = np.divmod(np.arange(64), 8)
+    seen = np.zeros((64, frame_grid.rows, frame_grid.columns), bool)
+    seen[(row < 6) & (column < 3) & (row + column >= missing)] = True
+    range_m = np.where(row < 4, 2.0, 1.88)[:, None, None] / frame_grid.cosine
+    forward = -patch_planes(range_m, seen, frame_grid, over_steps=True).surfaces.normal[2]
+    assert (forward.min() > 0.99) == told
+    assert (forward.max() < 0.85) != told
+
+
 def test_the_cosine_of_grazing_surfaces_has_a_lower_limit() -> None:
     """The cosine of incidence is at least .08, so that areas and albedos have bounds."""
     frame_grid = patch_grid(120, 160, View(400.0, (79.5, 59.5)))
