@@ -105,6 +105,18 @@ def test_the_noise_of_the_phase_is_as_predicted(responses: Responses) -> None:
     assert variance_factor.max() / variance_factor.min() > 1.5
 
 
+@RESPONSES
+def test_the_noise_of_each_phase_follows_from_finite_differences(responses: Responses) -> None:
+    pixel_phases, tail, turn = random_phases(), Tail(), 0.005
+    seen, _ = recorded(responses, pixel_phases, tail)
+    block = response_block(responses, pixel_phases)
+    tails = predicted(block, tail)
+    noiseless, variance_factor = freed_of(seen, tails, block)
+    more, less = (freed_of(seen * np.exp(1j * angle), tails, block)[0] for angle in (turn, -turn))
+    moved = np.angle(more[0] / less[0]) / (2.0 * turn)
+    np.testing.assert_allclose(np.abs(noiseless[0] / seen[0] * moved) ** 2, variance_factor, rtol=0.03)
+
+
 @pytest.mark.filterwarnings("ignore:invalid value")
 def test_a_pixel_of_nan_stays_nan_and_does_not_change_the_others() -> None:
     pixel_phases, tail = random_phases(), Tail()
