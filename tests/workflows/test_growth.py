@@ -123,6 +123,7 @@ def test_the_optics_of_a_map_are_found_without_a_search(tmp_path: Path, monkeypa
     known = {
         "arguments": {"inputs": ["/rec"], "absolute_inputs": ["/rec"], "overrides": {}, "out": "out"},
         "captures": captures,
+        "shared_folder": "/rec",
     }
     files = tuple(tmp_path / str(number) / "cam" / "frame.tif" for number in range(MANY))
     run = Run(tmp_path, files, tmp_path, known)
