@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cadtof_cli import resolve, simulate_scene
 from cadtof_cli.calibration.store import Calibration
@@ -99,18 +100,23 @@ def test_min_confidence_hides_pixels_of_a_room_and_changes_no_other_pixel(wavefo
         np.testing.assert_array_equal(part[name], np.where(low, np.nan, whole[name]))
 
 
-@pytest.mark.parametrize("kernel", available_kernels())
-@pytest.mark.parametrize("pattern", ["rows", "columns", "chequerboard", "grid"])
-@pytest.mark.parametrize("first", [0, 1])
-def test_a_pattern_of_pixels_without_light_leaves_a_room_its_tail(pattern: str, first: int, kernel: str) -> None:
-    """Before, a room got separate paths if just the pixels that are sampled had no light, and a tail if others had none."""
-    size, focal_px = (192, 240), 210.0
+def room(size: tuple[int, int], focal_px: float) -> tuple[NDArray[np.float64], FramePlan]:
+    """Return the voltages of a wall with a tail at every pixel, (2, 2, Y, X), and a plan that takes it for diffuse MPI."""
     p = phasors_of(wall_range(*size, focal_px, 2.0), {h: Tail(0.3, 3.0, 10.0).phasor(h) for h in (1, 2)})
     metadata = CaptureMetadata(
         pixel=Pixel(integration_length=1e5), optics=Optics(focal_length_px=focal_px), pulse=Pulse(fwhm_ns=0.0)
     )
     volts = np.stack([p.real, p.imag], axis=1) * metadata.modulation.amplitude_v
-    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="diffuse")))
+    return volts, FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="diffuse")))
+
+
+@pytest.mark.parametrize("kernel", available_kernels())
+@pytest.mark.parametrize("pattern", ["rows", "columns", "chequerboard", "grid"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_pattern_of_pixels_without_light_leaves_a_room_its_tail(pattern: str, first: int, kernel: str) -> None:
+    """Before, a room got separate paths if just the pixels that are sampled had no light, and a tail if others had none."""
+    size = 192, 240
+    volts, plan = room(size, 210.0)
     y, x = np.mgrid[: size[0], : size[1]] + first
     odd = {"rows": y % 2, "columns": x % 2, "chequerboard": (x + y + first) % 2, "grid": (x % 2) | (y % 2)}[pattern]
     volts[:, :, odd == 1] = np.nan
@@ -121,14 +127,9 @@ def test_a_pattern_of_pixels_without_light_leaves_a_room_its_tail(pattern: str, 
 @pytest.mark.parametrize("kernel", available_kernels())
 def test_a_room_is_predicted_from_the_calibrated_values_of_its_pixels(kernel: str) -> None:
     """With the offsets and hot pixels of a camera, which the calibration knows, a room has the depths that it has without."""
-    size, focal_px = (96, 120), 105.0
-    p = phasors_of(wall_range(*size, focal_px, 2.0), {h: Tail(0.3, 3.0, 10.0).phasor(h) for h in (1, 2)})
-    metadata = CaptureMetadata(
-        pixel=Pixel(integration_length=1e5), optics=Optics(focal_length_px=focal_px), pulse=Pulse(fwhm_ns=0.0)
-    )
-    volts = np.stack([p.real, p.imag], axis=1) * metadata.modulation.amplitude_v
-    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="diffuse")))
-    dark = made_up_calibration(metadata, size, ("dark",)).dark
+    size = 96, 120
+    volts, plan = room(size, 105.0)
+    dark = made_up_calibration(plan.metadata, size, ("dark",)).dark
     assert dark is not None
     calibration = Calibration(dark=replace(dark, noise_v=np.zeros_like(dark.noise_v)))
     use = CalibrationUse(Path("made up"), calibration.digest)
