@@ -25,7 +25,7 @@ from cadtof_cli.files.reading import is_folder, read_bytes
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.map_files import map_files
-from cadtof_cli.workflows.resolve.places import capture_folders, shared_folder
+from cadtof_cli.workflows.resolve.places import capture_folders
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, place_in, read_record
 from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 
@@ -152,11 +152,9 @@ class Run:
         if self.record is None or not self.record.get("captures"):
             return []
         roots = capture_folders(self.record)
-        if "shared_folder" not in self.record:
-            # runs of 0.1.0 have all maps in their folder itself
-            return [(root, ()) for root in roots]
-        shared = shared_folder(self.record)
-        return [(root, steps_below(root, shared)) for root in roots]
+        shared = self.record.get("shared_folder")
+        # runs of 0.1.0 do not record it, and have all maps in their folder itself
+        return [(root, steps_below(root, Path(shared)) if shared else ()) for root in roots]
 
     def reports(self) -> Iterator[FrameReport]:
         """Yield the valid lines of `frames.jsonl`, none if there is no such file; raises CaptureError if it cannot be read."""
@@ -236,7 +234,7 @@ class Run:
             settings = arguments.get("settings")
             # inputs that were moved with the run lie below another folder
             is_moved = list(map(str, inputs)) != arguments.get("absolute_inputs")
-            base = None if is_moved else shared_folder(self.record)
+            shared = None if is_moved else self.record.get("shared_folder")
             found = find_captures(
                 inputs,
                 overrides=arguments["overrides"],
@@ -244,7 +242,7 @@ class Run:
                 recursive=bool(arguments.get("recursive")),
                 on_unlisted=lambda *_: None,
             )
-            captures, _ = placed_captures(found, inputs, base=base)
+            captures, _ = placed_captures(found, inputs, base=Path(shared) if shared else None)
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
             say(f"the recorded frames are no longer where they were, {NOT_EVALUATED}: {error}")

@@ -22,17 +22,6 @@ def capture_folders(record: Mapping[str, Any], /) -> list[Path]:
     return [absolute(start / capture["root"]) for capture in record["captures"]]
 
 
-def shared_folder(record: Mapping[str, Any], /) -> Path:
-    """Return the folder whose tree a run's folder mirrors, as `placed_captures` chose it.
-
-    Runs of 0.1.0 do not record it. They wrote all maps into their folder itself, so it is the folder of a capture.
-
-    Raises:
-        LookupError, TypeError: it is not the record of a run.
-    """
-    return Path(record["shared_folder"]) if "shared_folder" in record else capture_folders(record)[0]
-
-
 def _start_folder(arguments: Mapping[str, Any]) -> Path:
     """Return the folder in which a run was started. If all inputs were typed as absolute paths, this does not matter."""
     for typed, whole in zip(arguments["inputs"], arguments.get("absolute_inputs", ()), strict=False):
