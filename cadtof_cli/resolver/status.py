@@ -20,6 +20,10 @@ class Bit(IntFlag):
         bit._value_, bit.meaning = value, meaning
         return bit
 
+    def __invert__(self) -> Self:
+        """Return all other bits; Python 3.11.2 itself would leave out those above."""
+        return type(self)(sum(type(self)) & ~int(self))
+
 
 class StatusBit(Bit):
     """How a pixel was resolved, or why it has no answer.
