@@ -9,7 +9,6 @@ from cadtof_cli.capture.discovery import absolute, find_captures, is_existing_fo
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
-from cadtof_cli.files.system import path_from
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines
 from cadtof_cli.workflows.resolve.plans import (
@@ -19,7 +18,7 @@ from cadtof_cli.workflows.resolve.plans import (
     plan_captures,
     record_captures,
 )
-from cadtof_cli.workflows.resolve.record import RUN_FILE, read_record
+from cadtof_cli.workflows.resolve.record import RUN_FILE, input_arguments, read_record
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -192,10 +191,8 @@ def _record_arrivals(paths: Iterable[Path], known: set[str], arguments: Mapping[
     for path in paths:
         if (real := real_path(path)) not in known:
             known.add(real)
-            arguments["inputs"].append(str(path))
-            arguments["absolute_inputs"].append(str(path.absolute()))
-            arguments["inputs_from_out"].append(path_from(out, path))
-            arguments["resolved_inputs"].append(real)
+            for name, values in input_arguments([path], out).items():
+                arguments[name].extend(values)
 
 
 def _earlier_shared_folder(out: Path) -> Path | None:
@@ -220,7 +217,7 @@ def _keep_earlier_inputs(
     known = frozenset[str](then["resolved_inputs"])
     is_here = [str(Path(typed).absolute()) for typed in then["inputs"]] == then["absolute_inputs"]
     new = [place for place, real in enumerate(now["resolved_inputs"]) if real not in known]
-    for name in ("inputs", "absolute_inputs", "inputs_from_out", "resolved_inputs"):
+    for name in input_arguments((), Path()):
         before = then["absolute_inputs"] if name == "inputs" and not is_here else then[name]
         now[name] = [*before, *(now[name][place] for place in new)]
     captures = {one["resolved_root"]: one for one in earlier["captures"]}

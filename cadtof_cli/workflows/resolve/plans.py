@@ -28,6 +28,7 @@ from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import counted
 from cadtof_cli.version import __version__
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
+from cadtof_cli.workflows.resolve.record import input_arguments
 from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -244,10 +245,7 @@ def run_document(
         "finished": False,
         "kernel": chosen_kernel(),
         "arguments": {
-            "inputs": [str(path) for path in inputs],
-            "absolute_inputs": [str(path.absolute()) for path in inputs],
-            "inputs_from_out": [path_from(settings.out, path) for path in inputs],
-            "resolved_inputs": [real_path(path) for path in inputs],
+            **input_arguments(inputs, settings.out),
             "out": settings.out.as_posix(),
             **asdict(maps.resolver),
             "min_confidence": maps.min_confidence_v,
