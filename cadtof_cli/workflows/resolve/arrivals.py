@@ -30,11 +30,10 @@ class Arrivals:
     Attributes:
         settings: settings of the run.
         batches: the paths that arrive during the run.
+        on_failure: called with a report on inputs that cannot be resolved; the run continues.
         base: folder whose tree OUT mirrors; None: it is not known yet.
-        failed: reports on those of the first inputs that cannot be resolved.
         waiting: files of frames that wait for more files.
         calibration: the calibration that is applied; None: none.
-        on_failure: called with a report on inputs that cannot be resolved, once the run has begun; the run continues.
         same_name: gives names of the same file in OUT the same value.
         counted: inputs of an earlier run that is continued, with links resolved.
         known: plans of the captures that have come so far, by the folder of the capture.
@@ -43,11 +42,10 @@ class Arrivals:
 
     settings: ResolveSettings
     batches: Iterable[tuple[Path, ...]]
+    on_failure: Callable[[FrameReport], None]
     base: Path | None = None
-    failed: list[FrameReport] = field(default_factory=list)
     waiting: list[Path] = field(default_factory=list)
     calibration: AppliedCalibration | None = None
-    on_failure: Callable[[FrameReport], None] | None = None
     same_name: Callable[[str], str] = str
     counted: frozenset[str] = frozenset()
     known: dict[Path, CapturePlan] = field(default_factory=dict)
@@ -86,12 +84,9 @@ class Arrivals:
         same_name: Callable[[str], str],
         /,
     ) -> None:
-        """Remember the plans of the first captures; from now on, inputs that cannot be resolved are reported at once."""
+        """Remember the plans of the first captures; from now on, reports go to this `on_failure`."""
         self.calibration, self.on_failure, self.same_name = calibration, on_failure, same_name
         self._meet(plans)
-
-    def _fail(self, report: FrameReport) -> None:
-        (self.on_failure or self.failed.append)(report)
 
     def _existing(self, paths: Iterable[Path]) -> list[Path]:
         """Return the paths that exist; each of the others is a frame that failed.
@@ -104,7 +99,7 @@ class Arrivals:
                 is_existing_folder(path)
                 there.append(path)
             except CaptureError as error:
-                self._fail(failed_input(path, error))
+                self.on_failure(failed_input(path, error))
         return there
 
     def _meet(self, plans: Iterable[CapturePlan]) -> None:
@@ -136,7 +131,7 @@ class Arrivals:
             try:
                 found += self._known(self._captures(named, last=last))
             except CadtofError as error:
-                self._fail(failed_input(folder if len(named) > 1 else named[0], error))
+                self.on_failure(failed_input(folder if len(named) > 1 else named[0], error))
         record_captures(document, found, self.counted)
         return found
 
@@ -148,7 +143,7 @@ class Arrivals:
             overrides=settings.overrides,
             settings_file=settings.settings_file,
             recursive=settings.recursive,
-            on_unlisted=lambda folder, error: self._fail(failed_input(folder, error)),
+            on_unlisted=lambda folder, error: self.on_failure(failed_input(folder, error)),
         )
         captures, self.base = placed_captures(found, paths, base=self.base)
         if not last:
@@ -180,7 +175,7 @@ class Arrivals:
                 own.append(frame)
                 continue
             error = OutputError(f"{first} would be written as {self.settings.out}/{frame.name}, as {other} was")
-            self._fail(FrameReport(str(frame), None, "failed", str(error), 0.0))
+            self.on_failure(failed_input(frame, error))
         if len(own) == len(plan.capture.frames):
             return plan
         return replace(plan, capture=replace(plan.capture, frames=tuple(own)))

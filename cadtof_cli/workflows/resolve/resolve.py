@@ -127,13 +127,13 @@ def _first_captures(
 ) -> tuple[Sequence[Capture], Path, "Arrivals | None", Sequence[FrameReport]]:
     """Return the captures that are there, and the folder whose tree OUT mirrors; what meets the captures that arrive during
     the run; and reports on inputs that failed."""
+    failed = list[FrameReport]()
     if arriving is not None:
         # imported only when it is needed: each module takes a third of a millisecond
         from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
-        arrivals = Arrivals(settings, arriving)
-        return *arrivals.first_captures(inputs), arrivals, arrivals.failed
-    failed = list[FrameReport]()
+        arrivals = Arrivals(settings, arriving, failed.append)
+        return *arrivals.first_captures(inputs), arrivals, failed
     found = find_captures(
         inputs,
         overrides=settings.overrides,
