@@ -304,7 +304,7 @@ def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) ->
     for one in plans:
         noise = noise_model(one.plan.metadata, integration_length=1e5, quantised=False)
         seconds += one.expected_maps * pooling_seconds(one.pixels or (0, 0), noise, window=settings.maps.pool)
-    seconds /= max(min(settings.workers.jobs, maps), 1)
+    seconds /= settings.workers.at_most(maps).jobs
     if seconds > _SLOW_RUN_S:
         told = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
         yield f"--pool {settings.maps.pool}: {counted(maps, 'frame')} will take about {told}"

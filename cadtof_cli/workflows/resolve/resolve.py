@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import field, replace
+from dataclasses import field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -205,8 +205,7 @@ class _Run:
             from cadtof_cli.workflows.resolve.split_frames import resolve_split
 
             return resolve_split(tasks, workers=workers)
-        # no process is started that would have no frame
-        workers = replace(workers, jobs=min(workers.jobs, max(expected, 1)))
+        workers = workers.at_most(expected)
         if workers.jobs > 1:
             # a forked process has the modules already
             for one in plans:
