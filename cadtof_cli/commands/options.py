@@ -163,7 +163,7 @@ def _as_typed(default: Any) -> Any:
         return ",".join(f"{item:g}" for item in default)
     if isinstance(default, float):
         return f"{default:.15g}"
-    return None if default is MISSING else default
+    return default
 
 
 class RecordOptions:
