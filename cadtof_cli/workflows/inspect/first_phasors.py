@@ -57,13 +57,9 @@ def first_phasor_depth(
 
 @dataclass(frozen=True)
 class FirstPhasors:
-    """The recorded frames of a run.
+    """The recorded frames of a run: how `cadtof resolve` read them, by the names of their maps.
 
-    Attributes:
-        run: the run.
-        tasks: how `cadtof resolve` read the frames, by the names of their maps.
-        say: called with notes for the user.
-        digests: digests of the values that the run read, by the names of the maps, if `frames.jsonl` has them.
+    `say` is called with notes for the user. `digests` are of the values that the run read, if `frames.jsonl` has them.
     """
 
     run: Run
