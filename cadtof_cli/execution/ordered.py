@@ -3,13 +3,9 @@
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
 from pathlib import Path
-from typing import TypeVar
 
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Outcome, Work, finishing
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Outcome, Result, Task, Work, finishing
 from cadtof_cli.execution.workers import LOCAL, Workers
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 
 def run_ordered(

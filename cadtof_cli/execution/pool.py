@@ -11,11 +11,11 @@ from dataclasses import field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Generic, cast
 
 from cadtof_cli.errors import WorkersError
 from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_of
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Work, WorkerDied
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Result, Task, Work, WorkerDied
 from cadtof_cli.execution.serve import serve
 from cadtof_cli.execution.starting import cores_for, current_folder_left_out, signals_held_back
 from cadtof_cli.execution.workers import Workers
@@ -23,9 +23,6 @@ from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnContext
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 SHORT_S = 0.01
 """Mean time per task, in s, below which tasks count as short. Then each worker has more tasks ahead, and this process serves them

@@ -8,15 +8,12 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic
 
 from cadtof_cli.errors import ClusterError
 from cadtof_cli.execution.cluster.connection import Connection, Finished, WorkerJoined, WorkerLost
 from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
-from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
+from cadtof_cli.execution.outcome import Outcome, Result, Task, Work, WorkerDied
 
 SHORT_S = 0.05
 """Tasks that take less time than this are sent in batches."""

@@ -10,13 +10,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic
 
-from cadtof_cli.execution.outcome import Later, Work, finishing
+from cadtof_cli.execution.outcome import Later, Result, Task, Work, finishing
 from cadtof_cli.version import __version__
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 LONGEST_BATCH_S = 1.0
 """After this time a worker begins no further task of a batch. Tasks can become slow, for example when a disk stalls, and a run
