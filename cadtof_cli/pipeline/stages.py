@@ -66,7 +66,7 @@ class FramePixels:
     @property
     def count(self) -> int:
         """The number n of pixels."""
-        return self.stored.shape[2]
+        return int(self.stored.shape[2])
 
     @property
     def here(self) -> slice:
