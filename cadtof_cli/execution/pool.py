@@ -3,6 +3,7 @@
 import errno
 import itertools
 import math
+import pickle
 import time
 from collections import deque
 from collections.abc import Generator, Iterable, Sequence
@@ -11,11 +12,11 @@ from dataclasses import field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Generic, cast
+from typing import TYPE_CHECKING, Any, Generic, cast
 
 from cadtof_cli.errors import WorkersError
-from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_of
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Result, Task, Work, WorkerDied
+from cadtof_cli.execution.messages import COMPUTED, NO_MORE, Incoming, TaskMessages
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Result, Task, Unreported, Work, WorkerDied
 from cadtof_cli.execution.serve import serve
 from cadtof_cli.execution.starting import cores_for, current_folder_left_out, signals_held_back
 from cadtof_cli.execution.workers import Workers
@@ -53,17 +54,10 @@ JOIN_S = 2.0
 
 
 @dataclass(eq=False)
-class _Job(Generic[Task, Result]):
-    """A task, the number of times that its worker was lost, and its outcome, or the exception that its function raised."""
+class _Job(Unreported[Task, Result]):
+    """A task, and the number of times that its worker was lost."""
 
-    task: Task
     losses: int = 0
-    outcome: Outcome[Task, Result] | None = None
-    error: BaseException | None = None
-
-    @property
-    def done(self) -> bool:
-        return self.outcome is not None or self.error is not None
 
 
 @dataclass(eq=False)
@@ -143,7 +137,7 @@ class _Pool(Generic[Task, Result]):
         """Tell the workers to end, because nothing is left to do, and wait for their end."""
         for worker in self._workers:
             with suppress(OSError):
-                worker.connection.send_bytes(b"")
+                worker.connection.send_bytes(NO_MORE)
         for worker in self._workers:
             worker.process.join(JOIN_S)
 
@@ -235,22 +229,19 @@ class _Pool(Generic[Task, Result]):
 
     def _receive(self, worker: _Worker[Task, Result]) -> None:
         try:
-            said, answer = answer_of(worker.connection.recv_bytes())
+            message = worker.connection.recv_bytes()
+            answer: Any = None if message == COMPUTED else pickle.loads(message)
         except (EOFError, OSError):
             self._lose(worker)
             return
         worker.since = time.monotonic()
-        if said == Said.COMPUTED:
+        if message == COMPUTED:
             worker.computed += 1
             return
         self._task_s += (worker.since - worker.answered - self._task_s) / TASKS_IN_MEAN
         worker.answered = worker.since
-        job = worker.jobs.popleft()
+        worker.jobs.popleft().end(answer)
         worker.computed = max(worker.computed - 1, 0)
-        if said == Said.RESULT:
-            job.outcome = Outcome(job.task, answer)
-        else:
-            job.error = answer
 
     def _lose(self, worker: _Worker[Task, Result], *, after_s: float | None = None) -> None:
         """Go on without a worker: one of its jobs counts a loss, the others wait again; `after_s`: the limit that it exceeded."""
@@ -261,8 +252,8 @@ class _Pool(Generic[Task, Result]):
         lost = worker.current_job() if after_s is None else worker.jobs[0]
         lost.losses += 1
         if lost.losses == ATTEMPTS:
-            lost.outcome = Outcome(lost.task, WorkerDied(after_s))
-        self._waiting.extendleft(job for job in reversed(worker.jobs) if not job.done)
+            lost.end(WorkerDied(after_s))
+        self._waiting.extendleft(job for job in reversed(worker.jobs) if not job.ended)
 
 
 def run_in_pool(
@@ -280,12 +271,8 @@ def run_in_pool(
             if not in_order:
                 pool.dismiss()
                 return
-            while not in_order[0].done:
+            while not in_order[0].ended:
                 pool.attend()
-            job = in_order.popleft()
-            if job.error is not None:
-                raise job.error
-            assert job.outcome is not None
-            yield job.outcome
+            yield in_order.popleft().outcome()
     finally:
         pool.close()

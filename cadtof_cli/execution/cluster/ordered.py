@@ -12,8 +12,8 @@ from typing import Generic
 
 from cadtof_cli.errors import ClusterError
 from cadtof_cli.execution.cluster.connection import Connection, Finished, WorkerJoined, WorkerLost
-from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
-from cadtof_cli.execution.outcome import Outcome, Result, Task, Work, WorkerDied
+from cadtof_cli.execution.cluster.worker import BatchResult, Surroundings, run_batch, surroundings
+from cadtof_cli.execution.outcome import Outcome, Raised, Result, Task, Unreported, Work, WorkerDied
 
 SHORT_S = 0.05
 """Tasks that take less time than this are sent in batches."""
@@ -35,19 +35,11 @@ ANSWER_S = 10
 of its memory, is there but does not answer."""
 
 
-@dataclass(eq=False)
-class Entry(Generic[Task, Result]):
-    """A task that is not reported yet. `ended` is its outcome or exception, None until it has ended."""
-
-    task: Task
-    ended: Outcome[Task, Result] | Raised | None = None
-
-
 @dataclass
 class Batch(Generic[Task, Result]):
     """Tasks that go to a worker together. `alone` is True if the batch is a single task that may have killed a worker before."""
 
-    entries: list[Entry[Task, Result]]
+    entries: list[Unreported[Task, Result]]
     alone: bool = False
 
 
@@ -102,9 +94,9 @@ class ClusterRun(Generic[Task, Result]):
         self._expected, self._probe, self._folder = expected, probe, Path.cwd()
         self._numbers = itertools.count()
         self._task_times_s: deque[float] = deque(maxlen=15)
-        self._unreported: deque[Entry[Task, Result]] = deque()
-        self._queued: deque[Entry[Task, Result]] = deque()
-        self._suspects: deque[Entry[Task, Result]] = deque()
+        self._unreported: deque[Unreported[Task, Result]] = deque()
+        self._queued: deque[Unreported[Task, Result]] = deque()
+        self._suspects: deque[Unreported[Task, Result]] = deque()
         self._asked: dict[int, str] = {}
         self._unfit: list[str] = []
         self._workers: dict[str, Worker[Task, Result]] = {}
@@ -141,16 +133,13 @@ class ClusterRun(Generic[Task, Result]):
 
     def _in_order(self) -> Iterator[Outcome[Task, Result]]:
         """Yield the outcomes of the first tasks, up to the first task that has not ended."""
-        while self._unreported and (ended := self._unreported[0].ended) is not None:
-            self._unreported.popleft()
-            if isinstance(ended, Raised):
-                raise ended.error
-            yield ended
+        while self._unreported and self._unreported[0].ended:
+            yield self._unreported.popleft().outcome()
 
     def _draw(self) -> bool:
         """Draw one more task if there is one, and return whether there was."""
         for task in itertools.islice(self._tasks, 1):
-            entry: Entry[Task, Result] = Entry(task)
+            entry: Unreported[Task, Result] = Unreported(task)
             self._unreported.append(entry)
             self._queued.append(entry)
             return True
@@ -218,11 +207,11 @@ class ClusterRun(Generic[Task, Result]):
         batch = worker.batches.pop(work)
         if news.error is not None:
             for entry in batch.entries:
-                entry.ended = Raised(news.error)
+                entry.end(Raised(news.error))
         else:
             done: BatchResult[Result] = news.result
             for entry, result in zip(batch.entries, done.results, strict=False):
-                entry.ended = result if isinstance(result, Raised) else Outcome(entry.task, result)
+                entry.end(result)
             self._queued.extendleft(reversed(batch.entries[len(done.results) :]))
             self._task_times_s.append(done.seconds / len(done.results))
         self._with_room[worker.name] = worker
@@ -239,7 +228,7 @@ class ClusterRun(Generic[Task, Result]):
             del self._worker_of[work]
             if batch.alone and not expected:
                 (entry,) = batch.entries
-                entry.ended = Outcome(entry.task, WorkerDied())
+                entry.end(WorkerDied())
             elif batch.alone or not expected:
                 self._suspects += batch.entries
             else:

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Generic
 
-from cadtof_cli.execution.outcome import Later, Result, Task, Work, finishing
+from cadtof_cli.execution.outcome import Later, Raised, Result, Task, Work, finishing
 from cadtof_cli.version import __version__
 
 LONGEST_BATCH_S = 1.0
@@ -21,13 +21,6 @@ that is stopped waits until its workers are idle."""
 
 _ONE_AT_A_TIME = threading.Lock()
 """Lets one batch run at a time: the current folder belongs to the whole process, so tasks of two runs must not run together."""
-
-
-@dataclass(frozen=True)
-class Raised:
-    """Stands in for the result of a task whose function raised an exception."""
-
-    error: BaseException
 
 
 @dataclass(frozen=True)
@@ -92,8 +85,7 @@ def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path,
                 if begun and time.monotonic() - began > LONGEST_BATCH_S:
                     break
                 begun.append(finisher.attempt(function, task))
-        results = [Raised(one.error) if one.error else one.result() for one in begun]
-        return BatchResult(tuple(results), time.monotonic() - began)
+        return BatchResult(tuple(one.answer() for one in begun), time.monotonic() - began)
 
 
 @contextmanager
