@@ -15,8 +15,6 @@ from cadtof_cli.files.tiff.ndtiff import index_names
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-_SEVERAL = 2
-
 _FIRST_PAGES = 2
 """How many pages are asked for a name. If they have none, no page has one, so files without names are opened quickly.
 
@@ -64,13 +62,13 @@ def channel_names(xml: str, /) -> tuple[str, ...]:
     """
     root = parsed(xml)
     images = elements(root, "Image")
-    if len(images) < _SEVERAL:
-        return tuple(channel.get("Name", "") for channel in elements(root, "Channel"))
-    return tuple(
-        _name_in_image(image.get("Name", ""), channel.get("Name", ""))
-        for image in images
-        for channel in elements(image, "Channel")
-    )
+    if len(images) > 1:
+        return tuple(
+            _name_in_image(image.get("Name", ""), channel.get("Name", ""))
+            for image in images
+            for channel in elements(image, "Channel")
+        )
+    return tuple(channel.get("Name", "") for channel in elements(root, "Channel"))
 
 
 def parsed(xml: str) -> "Element":
