@@ -186,34 +186,33 @@ class ClusterRun(Generic[Task, Result]):
                     self._cluster.submit(work, worker, surroundings, self._folder, self._probe)
                 case WorkerLost(worker, expected):
                     self._worker_lost(worker, expected=expected)
-                case Finished(work) if work in self._asked:
-                    self._answered(self._asked.pop(work), news)
-                case Finished(work) if work in self._worker_of:
-                    self._batch_finished(work, news)
+                case Finished(work, answer) if work in self._asked:
+                    self._answered(self._asked.pop(work), answer)
+                case Finished(work, answer) if work in self._worker_of:
+                    self._batch_finished(work, answer)
 
-    def _answered(self, worker: str, news: Finished) -> None:
+    def _answered(self, worker: str, answer: Surroundings | Raised) -> None:
         """Admit a worker if it fits; else note why it does not."""
-        if news.error is not None:
-            differences = [f"cannot run cadtof: {type(news.error).__name__}: {news.error}"]
+        if isinstance(answer, Raised):
+            differences = [f"cannot run cadtof: {type(answer.error).__name__}: {answer.error}"]
         else:
-            differences = news.result.differences(self._expected)
+            differences = answer.differences(self._expected)
         if differences:
             self._unfit.append(f"worker {worker} {' and '.join(differences)}")
         else:
             self._workers[worker] = self._with_room[worker] = Worker(worker)
 
-    def _batch_finished(self, work: int, news: Finished) -> None:
+    def _batch_finished(self, work: int, answer: BatchResult[Result] | Raised) -> None:
         worker = self._worker_of.pop(work)
         batch = worker.batches.pop(work)
-        if news.error is not None:
+        if isinstance(answer, Raised):
             for entry in batch.entries:
-                entry.end(Raised(news.error))
+                entry.end(answer)
         else:
-            done: BatchResult[Result] = news.result
-            for entry, result in zip(batch.entries, done.results, strict=False):
+            for entry, result in zip(batch.entries, answer.results, strict=False):
                 entry.end(result)
-            self._queued.extendleft(reversed(batch.entries[len(done.results) :]))
-            self._task_times_s.append(done.seconds / len(done.results))
+            self._queued.extendleft(reversed(batch.entries[len(answer.results) :]))
+            self._task_times_s.append(answer.seconds / len(answer.results))
         self._with_room[worker.name] = worker
 
     def _worker_lost(self, name: str, *, expected: bool) -> None:
