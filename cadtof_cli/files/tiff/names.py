@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tifffile
 
-from cadtof_cli.files.named_planes import is_of_a_plane, plane_label, says_a_channel, says_a_harmonic
+from cadtof_cli.files.named_planes import channel_in_words, is_of_a_plane, plane_label, says_a_harmonic
 from cadtof_cli.files.tiff.ndtiff import index_names
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def _name_in_image(image: str, channel: str) -> str:
     has one that says nothing of planes.
     """
     if is_of_a_plane(channel):
-        joins = says_a_harmonic(image) and not says_a_channel(image) and not says_a_harmonic(channel)
+        joins = says_a_harmonic(image) and not channel_in_words(image) and not says_a_harmonic(channel)
         return f"{image}.{channel}" if joins else channel
     return image if not channel or is_of_a_plane(image) else channel
 
@@ -126,4 +126,4 @@ def _page_name(page: object) -> str:
         return ""
     values = (page.tags.valueof(code) for code in (PAGE_NAME, _DESCRIPTION))
     texts = [text for text in values if isinstance(text, str)]
-    return next(filter(plane_label, texts), None) or next(filter(says_a_channel, texts), "")
+    return next(filter(plane_label, texts), None) or next(filter(channel_in_words, texts), "")
