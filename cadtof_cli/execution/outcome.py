@@ -40,11 +40,20 @@ class Outcome(Generic[Task, Result]):
     result: Result | WorkerDied
 
 
+ATTEMPTS = 2
+"""How many times a task is tried if its worker is lost each time."""
+
+
 @dataclass(eq=False)
-class Unreported(Generic[Task, Result]):
-    """A task whose outcome is not reported yet. When it has `ended`, `answer` is its result or what stands in for it."""
+class Job(Generic[Task, Result]):
+    """A task until its outcome is reported.
+
+    `losses` is how many times its worker was lost, perhaps because of this task. When the task has `ended`, `answer` is its
+    result, or what stands in for it.
+    """
 
     task: Task
+    losses: int = 0
     answer: Result | Raised | WorkerDied | None = None
     ended: bool = False
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Generic, cast
 
 from cadtof_cli.errors import WorkersError
 from cadtof_cli.execution.messages import COMPUTED, NO_MORE, Incoming, TaskMessages
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Result, Task, Unreported, Work, WorkerDied
+from cadtof_cli.execution.outcome import ATTEMPTS, LATER_AT_ONCE, Job, Outcome, Result, Task, Work, WorkerDied
 from cadtof_cli.execution.serve import serve
 from cadtof_cli.execution.starting import cores_for, current_folder_left_out, signals_held_back
 from cadtof_cli.execution.workers import Workers
@@ -42,22 +42,12 @@ AHEAD, SHORT_AHEAD = 2, 8
 TASKS_PER_WORKER = 1 + SHORT_AHEAD + LATER_AT_ONCE
 """Most tasks in flight per worker: some to be computed, some on their way to the disk, and one finished but not yet reported."""
 
-ATTEMPTS = 2
-"""How many times a task is tried if its worker is lost each time."""
-
 AHEAD_BYTES = 16 * 2**10
 """Largest message with which a task goes to a busy worker ahead of time. The connection buffers a message of this size, so
 sending it makes no process wait."""
 
 JOIN_S = 2.0
 """Longest wait for the end of a worker process that has nothing left to do, or was killed."""
-
-
-@dataclass(eq=False)
-class _Job(Unreported[Task, Result]):
-    """A task, and the number of times that its worker was lost."""
-
-    losses: int = 0
 
 
 @dataclass(eq=False)
@@ -77,12 +67,12 @@ class _Worker(Generic[Task, Result]):
     process: BaseProcess
     connection: Connection
     core: int | None
-    jobs: deque[_Job[Task, Result]] = field(default_factory=deque)
+    jobs: deque[Job[Task, Result]] = field(default_factory=deque)
     computed: int = 0
     since: float = 0.0
     answered: float = field(default_factory=time.monotonic)
 
-    def current_job(self) -> _Job[Task, Result]:
+    def current_job(self) -> Job[Task, Result]:
         """Return the job that the process is computing; if all jobs are computed, the first one, which is waited for."""
         return self.jobs[self.computed if self.uncomputed() else 0]
 
@@ -104,10 +94,10 @@ class _Pool(Generic[Task, Result]):
         self._listening, self._held = self._context.Pipe(duplex=False)
         self._workers: list[_Worker[Task, Result]] = []
         self._incoming = Incoming[_Worker[Task, Result]]()
-        self._waiting: deque[_Job[Task, Result]] = deque()
+        self._waiting: deque[Job[Task, Result]] = deque()
         self._fits_ahead, self._task_s = False, SHORT_S
 
-    def add(self, job: _Job[Task, Result]) -> None:
+    def add(self, job: Job[Task, Result]) -> None:
         """Take one more job."""
         self._waiting.append(job)
         self._hand_out()
@@ -216,7 +206,7 @@ class _Pool(Generic[Task, Result]):
         self._incoming.add(ours, worker)
         return worker
 
-    def _give(self, worker: _Worker[Task, Result], job: _Job[Task, Result]) -> None:
+    def _give(self, worker: _Worker[Task, Result], job: Job[Task, Result]) -> None:
         message = self._messages.message(job.task)
         self._fits_ahead = len(message) <= AHEAD_BYTES
         if not worker.jobs:
@@ -261,12 +251,12 @@ def run_in_pool(
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield the outcome of function(task) for every task, in order; raise what the function raised in a worker process."""
     waiting, most = iter(tasks), workers.jobs * TASKS_PER_WORKER
-    in_order: deque[_Job[Task, Result]] = deque()
+    in_order: deque[Job[Task, Result]] = deque()
     pool = _Pool(function, workers, shared)
     try:
         while True:
             for task in itertools.islice(waiting, most - len(in_order)):
-                in_order.append(_Job(task))
+                in_order.append(Job(task))
                 pool.add(in_order[-1])
             if not in_order:
                 pool.dismiss()
