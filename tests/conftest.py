@@ -15,11 +15,11 @@ Tool = Callable[..., str]
 
 
 def pytest_configure() -> None:
-    """Undo what a user has set for a terminal, and let programs that tests start be stopped.
+    """Undo what a user has set for a terminal and for warnings of other packages, and let programs that tests start be stopped.
 
     In the background, shells and `nohup` make programs ignore signals.
     """
-    for name in ("COLUMNS", "LINES"):
+    for name in ("COLUMNS", "LINES", "PYTHONWARNINGS"):
         os.environ.pop(name, None)
     for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
         number = getattr(signal, name, None)
