@@ -51,3 +51,17 @@ static PyObject *with_buffers(PyObject *arguments, const Wanted *wanted, int cou
     release_buffers(view, count);
     return result;
 }
+
+/* Define the function that Python calls with a level and buffers, without options. */
+#define CALL_OF_BUFFERS(name, wanted, count, checked) \
+    static PyObject *name(PyObject *module, PyObject *arguments) { \
+        (void)module; \
+        return with_buffers(arguments, wanted, count, checked, NULL, ""); \
+    }
+
+/* Compute without Python's lock, then return None. */
+#define RETURN_AFTER(computation) \
+    Py_BEGIN_ALLOW_THREADS \
+    computation; \
+    Py_END_ALLOW_THREADS \
+    Py_RETURN_NONE

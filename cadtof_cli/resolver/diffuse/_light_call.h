@@ -12,11 +12,10 @@ static const Wanted LOOK_BUFFER[LOOK_BUFFERS] = {
 
 /* Return 1 if every sample is a pixel of the frame or -1, and the numbers of the harmonics ascend from 1; else set an error. */
 static int look_is_sound(const int64_t *number, int64_t harmonics, const int64_t *place, int64_t count, int64_t pixels) {
-    int64_t last = 0, sound = 1;
-    for (int64_t h = 0; h < harmonics; last = number[h++]) sound &= number[h] > last && number[h] <= LARGEST_NUMBER;
+    int sound = ascend(number, harmonics);
     for (int64_t s = 0; s < count; s++) sound &= place[s] >= -1 && place[s] < pixels;
-    if (!sound || number[0] != 1) PyErr_SetString(PyExc_ValueError, "found numbers or places that do not fit, expected those of a frame");
-    return sound && number[0] == 1;
+    if (!sound) PyErr_SetString(PyExc_ValueError, "found numbers or places that do not fit, expected those of a frame");
+    return sound;
 }
 
 static PyObject *look_checked(const Level *level, const void *none, const Py_buffer *view) {
@@ -53,16 +52,10 @@ static PyObject *look_checked(const Level *level, const void *none, const Py_buf
         .type = type_of(&view[LOOK_STORED]),
         .own_pixels = own != planes,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->look(&sampled);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->look(&sampled));
 }
 
-static PyObject *look_at(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, LOOK_BUFFER, LOOK_BUFFERS, look_checked, NULL, "");
-}
+CALL_OF_BUFFERS(look_at, LOOK_BUFFER, LOOK_BUFFERS, look_checked)
 
 enum { SUMMED, COUNTED, SUMS_OUT, SUM_BUFFERS };
 static const Wanted SUM_BUFFER[SUM_BUFFERS] = {{"weighted", "f ", 0, 0, 0}, {"counted", "? ", 1, 0, 0}, {"sums", "d ", 0, 0, 1}};
@@ -75,13 +68,7 @@ static PyObject *sums_checked(const Level *level, const void *none, const Py_buf
     if (planes > MOST_SUMS) return PyErr_Format(PyExc_ValueError, "weighted: found %lld planes, expected fewer", (long long)planes);
     if (!fit_call(SUM_BUFFER, view, SUM_BUFFERS, expected)) return NULL;
     const Sums sums = {view[SUMMED].buf, view[COUNTED].buf, view[SUMS_OUT].buf, planes, samples, patches};
-    Py_BEGIN_ALLOW_THREADS
-    level->sum(&sums);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->sum(&sums));
 }
 
-static PyObject *sum_over(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, SUM_BUFFER, SUM_BUFFERS, sums_checked, NULL, "");
-}
+CALL_OF_BUFFERS(sum_over, SUM_BUFFER, SUM_BUFFERS, sums_checked)

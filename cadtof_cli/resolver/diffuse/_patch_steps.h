@@ -96,7 +96,7 @@ INLINE void slopes_of_group(const Slopes *restrict all, int64_t start, int m) {
 
 INLINE void slopes_of_patches(const Slopes *restrict all) {
     for (int64_t start = 0; start < all->patches; start += GROUP)
-        slopes_of_group(all, start, all->patches - start < GROUP ? (int)(all->patches - start) : GROUP);
+        slopes_of_group(all, start, in_group(all->patches - start));
 }
 
 /* --- patch_steps.py ------------------------------------------------------------------------------------------------------- */
@@ -248,7 +248,7 @@ INLINE void posterior(PatchGroup *restrict g, const Steps *restrict all, int64_t
 INLINE void step_with(const Steps *restrict all, int data) {
     PatchGroup group, *g = &group;
     for (int64_t start = 0; start < all->patches; start += GROUP) {
-        const int m = all->patches - start < GROUP ? (int)(all->patches - start) : GROUP;
+        const int m = in_group(all->patches - start);
         take(g->state, all->state + start, STATES, all->patches, m);
         take(g->pattern, all->pattern + start, STATES, all->patches, m);
         for (int j = 0; j < STATES; j++)

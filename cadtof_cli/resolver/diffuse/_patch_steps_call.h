@@ -38,16 +38,10 @@ static PyObject *slopes_checked(const Level *level, const void *none, const Py_b
         .harmonics = harmonics,
         .patches = patches,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->slopes(&slopes);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->slopes(&slopes));
 }
 
-static PyObject *tail_slopes(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, SLOPE_BUFFER, SLOPE_BUFFERS, slopes_checked, NULL, "");
-}
+CALL_OF_BUFFERS(tail_slopes, SLOPE_BUFFER, SLOPE_BUFFERS, slopes_checked)
 
 enum { PATCH_DATA, PATCH_ERROR, WITHIN, PATTERN, PATCH_VALUES, JACOBIAN, STATE, LINEAR, ROOM, SPREAD, STEP_OUT, SECOND_OUT, LAST_OUT, STEP_BUFFERS };
 static const Wanted STEP_BUFFER[STEP_BUFFERS] = {
@@ -102,10 +96,7 @@ static PyObject *step_checked(const Level *level, const void *options, const Py_
         .harmonics = data / 2 + 1,
         .patches = patches,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->step(&steps);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->step(&steps));
 }
 
 static PyObject *step_patches(PyObject *module, PyObject *arguments) {

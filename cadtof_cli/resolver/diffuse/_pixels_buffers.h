@@ -19,6 +19,13 @@ static int fails(const char *what) {
     return 0;
 }
 
+/* Return 1 if these are numbers of harmonics: they ascend from 1. */
+static int ascend(const int64_t *number, int64_t harmonics) {
+    for (int64_t h = 1; h < harmonics; h++)
+        if (number[h] <= number[h - 1] || number[h] > LARGEST_NUMBER) return 0;
+    return number[0] == 1;
+}
+
 /* Return 1 if the pixels lie in the frame and the planes over the patches cover the frame; else set an error. */
 static int sizes_fit(const TailSizes *sizes, int64_t pixels) {
     const int64_t side[] = {sizes->height, sizes->width, sizes->side, sizes->rows, sizes->columns};
@@ -56,9 +63,7 @@ static int expect_tail(const Py_buffer *view, int64_t pixels, int64_t *expected)
 static int make_tail(Tail *tail, const Py_buffer *view) {
     const TailSizes *sizes = view[SIZES].buf;
     const int64_t *number = view[NUMBERS].buf, *above = view[ABOVE].buf;
-    if (number[0] != 1) return fails("harmonics");
-    for (int64_t h = 1; h < sizes->harmonics; h++)
-        if (number[h] <= number[h - 1] || number[h] > LARGEST_NUMBER) return fails("harmonics");
+    if (!ascend(number, sizes->harmonics)) return fails("harmonics");
     for (int64_t y = 0; y < sizes->height; y++)
         if (above[y] < 0 || above[y] > sizes->rows - 2) return fails("rows of patches");
     *tail = (Tail){

@@ -22,13 +22,7 @@ static PyObject *answer_checked(const Level *level, const void *none, const Py_b
         .rows = view[ANSWER_ROWS].buf,
         .pixels = pixels,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->answer(&answers);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->answer(&answers));
 }
 
-static PyObject *answer_tail(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, ANSWER_BUFFER, ANSWER_BUFFERS, answer_checked, NULL, "");
-}
+CALL_OF_BUFFERS(answer_tail, ANSWER_BUFFER, ANSWER_BUFFERS, answer_checked)

@@ -12,10 +12,7 @@ static PyObject *light_matrix_checked(const Level *level, const void *options, c
     if (!fit_call(PAIR_BUFFER, view, PAIR_BUFFERS, expected)) return NULL;
     const Pairs all = {view[FACING].buf, view[PAIR_SQUARE].buf, view[PAIR_AREA].buf, view[ALBEDO].buf, view[OVER].buf,
                        view[MATRIX_OUT].buf, view[TURN_OUT].buf, rad_per_m, onto, sources};
-    Py_BEGIN_ALLOW_THREADS
-    level->matrix(&all);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->matrix(&all));
 }
 
 static PyObject *light_matrix(PyObject *module, PyObject *arguments) {

@@ -39,11 +39,11 @@ static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 
 /* --- the search ---------------------------------------------------------------------------------------------------------- */
 
-enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, STEPS, BUFFERS };
+enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, BUFFERS };
 static const Wanted WANTED[BUFFERS] = {
     {"harmonics", "q l ", 8, 0, 0}, {"re", "d ", 8, 0, 0},     {"im", "d ", 8, 0, 0},   {"weights", "d ", 8, 0, 0},
     {"starts", "d ", 8, 0, 0},      {"worth", "d ", 8, 0, 0},  {"points", "d ", 8, 0, 1}, {"cost", "d ", 8, 0, 1},
-    {"matrix", "d ", 8, 0, 1},      {"converged", "? ", 1, 0, 1}, {"steps", "q l ", 8, 0, 1},
+    {"matrix", "d ", 8, 0, 1},      {"converged", "? ", 1, 0, 1},
 };
 
 /* Return 1 if kind, paths, steps and harmonics are within the limits; otherwise set an error and return 0. */
@@ -77,7 +77,7 @@ static PyObject *solve_checked(const Level *level, const void *options, const Py
     const int64_t points = 3 * search.paths * count;
     const int64_t expected[BUFFERS] = {
         rows,  rows * count, rows * count, search.kind == WHITE ? rows : 3 * rows * count, points, count, points,
-        count, ENTRY(2 * search.paths, 0) * count, count, count};
+        count, ENTRY(2 * search.paths, 0) * count, count};
     if (!fit_call(WANTED, view, BUFFERS, expected)) return NULL;
     search.rows = (int)rows;
     search.count = count;
@@ -91,11 +91,7 @@ static PyObject *solve_checked(const Level *level, const void *options, const Py
     search.cost = view[COST].buf;
     search.matrix = view[MATRIX].buf;
     search.converged = view[CONVERGED].buf;
-    search.steps = view[STEPS].buf;
-    Py_BEGIN_ALLOW_THREADS
-    level->search(&search);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->search(&search));
 }
 
 static PyObject *solve_problems(PyObject *module, PyObject *arguments) {
@@ -119,10 +115,7 @@ static PyObject *weigh_checked(const Level *level, const void *options, const Py
     if (!are_few(count) || !fit_call(WEIGH_WANTED, view, WEIGH_BUFFERS, expected)) return NULL;
     const Weigh weigh = {paths, (int)rows, count, view[WEIGH_HARMONICS].buf, view[NOISE].buf, view[WEIGH_POINTS].buf,
                          view[WEIGH_WEIGHTS].buf};
-    Py_BEGIN_ALLOW_THREADS
-    level->weigh(&weigh);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->weigh(&weigh));
 }
 
 static PyObject *weigh_pixels(PyObject *module, PyObject *arguments) {
@@ -155,10 +148,7 @@ static PyObject *scan_checked(const Level *level, const void *options, const Py_
     scan.lag = view[LAG].buf;
     scan.peak = view[PEAK].buf;
     scan.other = view[OTHER].buf;
-    Py_BEGIN_ALLOW_THREADS
-    level->scan(&scan);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->scan(&scan));
 }
 
 static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
@@ -176,7 +166,7 @@ static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
 static PyMethodDef METHODS[] = {
     {"solve", solve_problems, METH_VARARGS,
      "solve(level, kind, paths, most_steps, relative, first_damping, harmonics, re, im, weights, starts, worth, points, cost, "
-     "matrix, converged, steps)\n\n"
+     "matrix, converged)\n\n"
      "Minimise every problem from its start. Everybody but the tests calls it through levenberg_marquardt.py."},
     {"scan", scan_pixels, METH_VARARGS,
      "scan(level, rows, places, pairs, factors, lags, re, im, first, lag, peak, other)\n\n"

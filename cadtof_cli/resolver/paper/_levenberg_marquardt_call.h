@@ -23,10 +23,7 @@ static PyObject *shares_checked(const Level *level, const void *options, const P
     search.cost = view[SHARE_COST].buf;
     search.converged = view[SHARE_CONVERGED].buf;
     search.steps = view[SHARE_STEPS].buf;
-    Py_BEGIN_ALLOW_THREADS
-    level->shares(&search);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->shares(&search));
 }
 
 static PyObject *search_shares(PyObject *module, PyObject *arguments) {

@@ -34,7 +34,7 @@ class PaperWay:
         chosen = np.flatnonzero(pixels)
         measured = self._likelihood.measured[chosen]
         two = two_shares(
-            measured.re + 1j * measured.im,
+            measured.phasors(),
             harmonics=measured.harmonics,
             places=chosen + self._first,
             starts=RandomStarts(self._settings.starts, self._settings.seed),

@@ -28,10 +28,7 @@ static PyObject *search_checked(const Level *level, const void *options, const P
         .pixels = pixels,
         .steps = steps,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->search(&search);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->search(&search));
 }
 
 static PyObject *search(PyObject *module, PyObject *arguments) {

@@ -10,13 +10,7 @@ static PyObject *decompose_checked(const Level *level, const void *none, const P
     if (!are_pixels(pixels)) return NULL;
     const int64_t expected[DECOMPOSED_BUFFERS] = {pixels, pixels, DECOMPOSED_PLANES * (int64_t)pixels};
     if (!fit_call(DECOMPOSED_BUFFER, view, DECOMPOSED_BUFFERS, expected)) return NULL;
-    Py_BEGIN_ALLOW_THREADS
-    level->decompose(view[FIRST_PHASOR].buf, view[SECOND_PHASOR].buf, view[DECOMPOSITION].buf, pixels);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->decompose(view[FIRST_PHASOR].buf, view[SECOND_PHASOR].buf, view[DECOMPOSITION].buf, pixels));
 }
 
-static PyObject *decompose(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, DECOMPOSED_BUFFER, DECOMPOSED_BUFFERS, decompose_checked, NULL, "");
-}
+CALL_OF_BUFFERS(decompose, DECOMPOSED_BUFFER, DECOMPOSED_BUFFERS, decompose_checked)

@@ -144,10 +144,7 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
         .order = (enum order)asked->order,
         .returns = (enum returns)asked->returns,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->resolve(&frame);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->resolve(&frame));
 }
 
 static PyObject *resolve(PyObject *module, PyObject *arguments) {

@@ -183,7 +183,7 @@ INLINE void resolve_pixels(const Frame *restrict frame) {
     memset(g, 0, sizeof group);
     int m;
     for (int64_t start = 0; start < stop; start += m) {
-        m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
+        m = frame->tail ? in_row(frame->tail, start, stop) : in_group(stop - start);
         fetch(frame, start + 2 * GROUP);
         const int sound = m == GROUP && plain && is_sound(frame, start);
         int answered = sound && !frame->tail, loaded = 0;
@@ -264,7 +264,7 @@ INLINE void count_pixels(const uint32_t *restrict status, int64_t pixels, int64_
 INLINE void decompose_pixels(const double *restrict first, const double *restrict second, double *restrict to, int64_t n) {
     Group group, *g = &group;
     for (int64_t start = 0; start < n; start += GROUP) {
-        const int m = n - start < GROUP ? (int)(n - start) : GROUP;
+        const int m = in_group(n - start);
         for (int i = 0; i < GROUP; i++) {
             const int64_t at = 2 * (start + (i < m ? i : 0));
             g->re1[i] = first[at];
