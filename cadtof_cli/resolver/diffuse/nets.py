@@ -216,8 +216,6 @@ def _nearest_wall(far_m: Float, range_m: Float, amplitude: Float, among: Bool, g
 
 def _large_groups(patches: Bool) -> list[tuple[Index, ...]]:
     """Return the groups of at least `LEAST_PATCHES` patches side by side, corners included, as (rows, columns) each."""
-    if np.count_nonzero(patches) < LEAST_PATCHES:
-        return []
     waiting = {(int(row), int(column)) for row, column in np.argwhere(patches)}
     groups = []
     while waiting:

@@ -124,13 +124,9 @@ class TailModel:
         return answer, jacobian
 
     @cached_property
-    def _light(self) -> tuple[Float, Float, Float]:
-        return _parts(self.light.seen), _parts(self.light.beyond), _parts(self.light.later)
-
-
-def _parts(z: Complex) -> Float:
-    """Return real and imaginary parts of complex numbers (…), (2, …)."""
-    return np.stack([z.real, z.imag])
+    def _light(self) -> list[Float]:
+        """Real and imaginary parts of the light seen, beyond and later, (2, H, n) each."""
+        return [np.stack([z.real, z.imag]) for z in (self.light.seen, self.light.beyond, self.light.later)]
 
 
 def _product(first: Float, second: Float) -> Float:
