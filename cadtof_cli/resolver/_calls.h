@@ -10,7 +10,7 @@ static int fit_call(const Wanted *wanted, const Py_buffer *view, int count, cons
     for (int which = 0; which < count; which++)
         if (!has_values(wanted[which].name, &view[which], expected[which])) return 0;
     for (int which = 0; which < count; which++)
-        if (wanted[which].writable && view[which].obj && !lies_apart(&view[which], wanted, view, count)) return 0;
+        if (wanted[which].role & WRITE && view[which].obj && !lies_apart(&view[which], wanted, view, count)) return 0;
     return 1;
 }
 

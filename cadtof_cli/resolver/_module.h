@@ -10,15 +10,18 @@ static const Level *find_level(const char *name) {
     return NULL;
 }
 
+/* Append a name to a list. If that fails, set an error, and drop the list: it becomes NULL. */
+static void append_name(PyObject **names, const char *text) {
+    PyObject *name = PyUnicode_FromString(text);
+    if (!name || PyList_Append(*names, name) < 0) Py_CLEAR(*names);
+    Py_XDECREF(name);
+}
+
 static PyObject *levels(PyObject *module, PyObject *none) {
     (void)module, (void)none;
     PyObject *names = PyList_New(0);
-    for (size_t i = 0; names && i < LEVEL_COUNT; i++) {
-        if (!LEVELS[i].supported()) continue;
-        PyObject *name = PyUnicode_FromString(LEVELS[i].name);
-        if (!name || PyList_Append(names, name) < 0) Py_CLEAR(names);
-        Py_XDECREF(name);
-    }
+    for (size_t i = 0; names && i < LEVEL_COUNT; i++)
+        if (LEVELS[i].supported()) append_name(&names, LEVELS[i].name);
     return names;
 }
 #define LEVELS_METHOD {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."}

@@ -4,10 +4,10 @@
 enum { LOOK_SHARED, LOOK_NUMBERS, PER_VARIANCE, PLACES, LOOK_STORED, LOOK_OWN, LOOK_OTHER, LOOK_CONSTANT, HOT, LOOK_SAMPLES,
        WEIGHTED, PHASES_OUT, SEEN_OUT, LOOK_BUFFERS };
 static const Wanted LOOK_BUFFER[LOOK_BUFFERS] = {
-    {"constants", "d ", 0, 0, 0}, {"numbers", "l q ", 8, 0, 0},  {"per variance", "d ", 0, 0, 0}, {"places", "l q ", 8, 0, 0},
-    {"stored", "H h f d ", 0, 0, 0}, {"own", "d ", 0, 0, 0},     {"other", "d ", 0, 1, 0},        {"constant", "d ", 0, 1, 0},
-    {"hot", "? ", 1, 1, 0},       {"samples", "d ", 0, 1, 0},    {"weighted", "f ", 0, 0, 1},     {"phases", "f ", 0, 0, 1},
-    {"seen", "? ", 1, 0, 1},
+    {"constants", DOUBLES, READ}, {"numbers", INT64S, READ}, {"per variance", DOUBLES, READ}, {"places", INT64S, READ},
+    {"stored", "H h f d ", 0, READ}, {"own", DOUBLES, READ}, {"other", DOUBLES, MAY_BE_NONE},
+    {"constant", DOUBLES, MAY_BE_NONE}, {"hot", BOOLS, MAY_BE_NONE}, {"samples", DOUBLES, MAY_BE_NONE},
+    {"weighted", FLOATS, WRITE}, {"phases", FLOATS, WRITE}, {"seen", BOOLS, WRITE},
 };
 
 /* Return 1 if every sample is a pixel of the frame or -1, and the numbers of the harmonics ascend from 1; else set an error. */
@@ -58,7 +58,9 @@ static PyObject *look_checked(const Level *level, const void *none, const Py_buf
 CALL_OF_BUFFERS(look_at, LOOK_BUFFER, LOOK_BUFFERS, look_checked)
 
 enum { SUMMED, COUNTED, SUMS_OUT, SUM_BUFFERS };
-static const Wanted SUM_BUFFER[SUM_BUFFERS] = {{"weighted", "f ", 0, 0, 0}, {"counted", "? ", 1, 0, 0}, {"sums", "d ", 0, 0, 1}};
+static const Wanted SUM_BUFFER[SUM_BUFFERS] = {
+    {"weighted", FLOATS, READ}, {"counted", BOOLS, READ}, {"sums", DOUBLES, WRITE},
+};
 
 static PyObject *sums_checked(const Level *level, const void *none, const Py_buffer *view) {
     (void)none;

@@ -7,12 +7,12 @@
 #define COUNT_ONE(name) +1
 enum { TAIL_SIZE_COUNT = 0 TAIL_SIZES(COUNT_ONE), TAIL_CONSTANT_COUNT = 0 TAIL_CONSTANTS(COUNT_ONE) };
 enum { SIZES, SHARED, NUMBERS, VARIANCES, PLANES, RANGES, DOWN, RIGHT, ABOVE, SEPARATE, OFFSET, TAIL_BUFFERS };
-/* `optional` is 1 if the call may come without a tail. */
-#define TAIL_WANTED(optional) \
-    {"tail sizes", "l q ", 8, optional, 0}, {"tail constants", "d ", 0, optional, 0}, {"tail harmonics", "l q ", 8, optional, 0}, \
-    {"tail variances", "d ", 0, optional, 0}, {"tail planes", "f ", 0, optional, 0}, {"tail ranges", "f ", 0, optional, 0}, \
-    {"tail down", "f ", 0, optional, 0}, {"tail right", "f ", 0, optional, 0}, {"tail above", "l q ", 8, optional, 0}, \
-    {"tail separate", "? ", 1, 1, 0}, {"tail offset", "d ", 0, 1, 0}
+/* `role` is MAY_BE_NONE if the call may come without a tail. */
+#define TAIL_WANTED(role) \
+    {"tail sizes", INT64S, role}, {"tail constants", DOUBLES, role}, {"tail harmonics", INT64S, role}, \
+    {"tail variances", DOUBLES, role}, {"tail planes", FLOATS, role}, {"tail ranges", FLOATS, role}, \
+    {"tail down", FLOATS, role}, {"tail right", FLOATS, role}, {"tail above", INT64S, role}, \
+    {"tail separate", BOOLS, MAY_BE_NONE}, {"tail offset", DOUBLES, MAY_BE_NONE}
 
 static int fails(const char *what) {
     PyErr_Format(PyExc_ValueError, "tail: found %s that do not fit, expected those of a frame", what);

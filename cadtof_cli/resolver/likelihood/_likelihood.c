@@ -41,9 +41,9 @@ static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 
 enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, BUFFERS };
 static const Wanted WANTED[BUFFERS] = {
-    {"harmonics", "q l ", 8, 0, 0}, {"re", "d ", 8, 0, 0},     {"im", "d ", 8, 0, 0},   {"weights", "d ", 8, 0, 0},
-    {"starts", "d ", 8, 0, 0},      {"worth", "d ", 8, 0, 0},  {"points", "d ", 8, 0, 1}, {"cost", "d ", 8, 0, 1},
-    {"matrix", "d ", 8, 0, 1},      {"converged", "? ", 1, 0, 1},
+    {"harmonics", INT64S, READ}, {"re", DOUBLES, READ}, {"im", DOUBLES, READ}, {"weights", DOUBLES, READ},
+    {"starts", DOUBLES, READ}, {"worth", DOUBLES, READ}, {"points", DOUBLES, WRITE}, {"cost", DOUBLES, WRITE},
+    {"matrix", DOUBLES, WRITE}, {"converged", BOOLS, WRITE},
 };
 
 /* Return 1 if kind, paths, steps and harmonics are within the limits; otherwise set an error and return 0. */
@@ -105,7 +105,8 @@ static PyObject *solve_problems(PyObject *module, PyObject *arguments) {
 
 enum { WEIGH_HARMONICS, NOISE, WEIGH_POINTS, WEIGH_WEIGHTS, WEIGH_BUFFERS };
 static const Wanted WEIGH_WANTED[WEIGH_BUFFERS] = {
-    {"harmonics", "q l ", 8, 0, 0}, {"noise", "d ", 8, 0, 0}, {"points", "d ", 8, 0, 0}, {"weights", "d ", 8, 0, 1}};
+    {"harmonics", INT64S, READ}, {"noise", DOUBLES, READ}, {"points", DOUBLES, READ}, {"weights", DOUBLES, WRITE},
+};
 
 static PyObject *weigh_checked(const Level *level, const void *options, const Py_buffer *view) {
     const int paths = *(const int *)options;
@@ -128,8 +129,8 @@ static PyObject *weigh_pixels(PyObject *module, PyObject *arguments) {
 
 enum { FACTORS, LAGS, SCAN_RE, SCAN_IM, FIRST, LAG, PEAK, OTHER, SCAN_BUFFERS };
 static const Wanted SCAN_WANTED[SCAN_BUFFERS] = {
-    {"factors", "d ", 8, 0, 0}, {"lags", "d ", 8, 0, 0},   {"re", "d ", 8, 0, 0},   {"im", "d ", 8, 0, 0},
-    {"first", "q l ", 8, 0, 1}, {"lag", "q l ", 8, 0, 1}, {"peak", "d ", 8, 0, 1}, {"other", "d ", 8, 0, 1},
+    {"factors", DOUBLES, READ}, {"lags", DOUBLES, READ}, {"re", DOUBLES, READ}, {"im", DOUBLES, READ},
+    {"first", INT64S, WRITE}, {"lag", INT64S, WRITE}, {"peak", DOUBLES, WRITE}, {"other", DOUBLES, WRITE},
 };
 
 static PyObject *scan_checked(const Level *level, const void *options, const Py_buffer *view) {

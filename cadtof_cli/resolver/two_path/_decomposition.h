@@ -2,7 +2,8 @@
  * _kernel.c, see decomposition.py. */
 enum { FIRST_PHASOR, SECOND_PHASOR, DECOMPOSITION, DECOMPOSED_BUFFERS };
 static const Wanted DECOMPOSED_BUFFER[DECOMPOSED_BUFFERS] = {
-    {"first phasors", "Zd ", 0, 0, 0}, {"second phasors", "Zd ", 0, 0, 0}, {"paths", "d ", 0, 0, 1}};
+    {"first phasors", COMPLEX_DOUBLES, READ}, {"second phasors", COMPLEX_DOUBLES, READ}, {"paths", DOUBLES, WRITE},
+};
 
 static PyObject *decompose_checked(const Level *level, const void *none, const Py_buffer *view) {
     (void)none;

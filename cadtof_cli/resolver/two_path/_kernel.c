@@ -67,9 +67,10 @@ static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 enum { CONSTANT_VALUES, STORED, OWN, OTHER, CONSTANT, SAMPLES, METRES, SHIFT, MAP_LAYERS, STATUS, OF_TAIL,
        BUFFERS = OF_TAIL + TAIL_BUFFERS };
 static const Wanted BUFFER[BUFFERS] = {
-    {"constants", "d ", 0, 0, 0}, {"stored", "H h f d Zd ", 0, 0, 0}, {"own", "d ", 0, 1, 0},   {"other", "d ", 0, 1, 0},
-    {"constant", "d ", 0, 1, 0},  {"samples", "d ", 0, 1, 0},         {"metres", "d ", 0, 1, 0}, {"shift", "d ", 0, 1, 0},
-    {"layers", "f ", 0, 0, 1},    {"status", "I L ", 4, 0, 1},        TAIL_WANTED(1),
+    {"constants", DOUBLES, READ}, {"stored", "H h f d Zd ", 0, READ}, {"own", DOUBLES, MAY_BE_NONE},
+    {"other", DOUBLES, MAY_BE_NONE}, {"constant", DOUBLES, MAY_BE_NONE}, {"samples", DOUBLES, MAY_BE_NONE},
+    {"metres", DOUBLES, MAY_BE_NONE}, {"shift", DOUBLES, MAY_BE_NONE}, {"layers", FLOATS, WRITE},
+    {"status", UINT32S, WRITE}, TAIL_WANTED(MAY_BE_NONE),
 };
 
 /* Return 1 if the number of pixels is small enough; otherwise set an error and return 0. */
@@ -160,11 +161,8 @@ static PyObject *count_checked(const Level *level, const void *none, const Py_bu
     return Py_BuildValue("LLLL", (long long)counts[0], (long long)counts[1], (long long)counts[2], (long long)counts[3]);
 }
 
-static PyObject *count_status(PyObject *module, PyObject *arguments) {
-    (void)module;
-    static const Wanted ONE = {"status", "I L ", 4, 0, 0};
-    return with_buffers(arguments, &ONE, 1, count_checked, NULL, "");
-}
+static const Wanted COUNTED_STATUS = {"status", UINT32S, READ};
+CALL_OF_BUFFERS(count_status, &COUNTED_STATUS, 1, count_checked)
 
 #include "_decomposition.h"
 #include "../diffuse/_pixels_call.h"
@@ -181,11 +179,7 @@ static PyObject *count_status(PyObject *module, PyObject *arguments) {
         (void)module, (void)none; \
         static const char *const NAMES[] = {LIST(NAME)}; \
         PyObject *names = PyList_New(0); \
-        for (size_t i = 0; names && i < sizeof NAMES / sizeof *NAMES; i++) { \
-            PyObject *name = PyUnicode_FromString(NAMES[i]); \
-            if (!name || PyList_Append(names, name) < 0) Py_CLEAR(names); \
-            Py_XDECREF(name); \
-        } \
+        for (size_t i = 0; names && i < sizeof NAMES / sizeof *NAMES; i++) append_name(&names, NAMES[i]); \
         return names; \
     }
 LIST_OF(constant_names, CONSTANTS)
