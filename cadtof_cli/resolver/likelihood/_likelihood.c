@@ -17,23 +17,11 @@
 #include "../paper/_levenberg_marquardt.h"
 #include "../_buffers.h"
 
-typedef struct {
-    const char *name;
-    void (*search)(const Search *search);
-    void (*scan)(const Scan *scan);
-    void (*weigh)(const Weigh *weigh);
-    void (*shares)(const ShareSearch *search);
-    int (*supported)(void);
-} Level;
-
-#define FUNCTION(name, attributes, supported) \
-    attributes static void search_##name(const Search *search) { search_all(search); } \
-    attributes static void scan_##name(const Scan *scan) { scan_all(scan); } \
-    attributes static void weigh_##name(const Weigh *weigh) { weigh_all(weigh); } \
-    attributes static void shares_##name(const ShareSearch *search) { share_all(search); }
-#define LISTED(name, attributes, supported) {#name, search_##name, scan_##name, weigh_##name, shares_##name, supported},
-FOR_EACH_LEVEL(FUNCTION)
-static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
+#define WORK(X, name, attributes) \
+    X(search, search_all, Search, name, attributes) \
+    X(scan, scan_all, Scan, name, attributes) \
+    X(weigh, weigh_all, Weigh, name, attributes) \
+    X(shares, share_all, ShareSearch, name, attributes)
 #include "../_module.h"
 #include "../_calls.h"
 

@@ -11,7 +11,8 @@ static PyObject *decompose_checked(const Level *level, const void *none, const P
     if (!are_pixels(pixels)) return NULL;
     const int64_t expected[DECOMPOSED_BUFFERS] = {pixels, pixels, DECOMPOSED_PLANES * (int64_t)pixels};
     if (!fit_call(DECOMPOSED_BUFFER, view, DECOMPOSED_BUFFERS, expected)) return NULL;
-    RETURN_AFTER(level->decompose(view[FIRST_PHASOR].buf, view[SECOND_PHASOR].buf, view[DECOMPOSITION].buf, pixels));
+    const Decomposed decomposed = {view[FIRST_PHASOR].buf, view[SECOND_PHASOR].buf, view[DECOMPOSITION].buf, pixels};
+    RETURN_AFTER(level->decompose(&decomposed));
 }
 
 CALL_OF_BUFFERS(decompose, DECOMPOSED_BUFFER, DECOMPOSED_BUFFERS, decompose_checked)
