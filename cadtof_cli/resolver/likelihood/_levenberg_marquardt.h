@@ -124,7 +124,7 @@ static KERNEL_INLINE inline void powers(const Row *cos, const Row *sin, int64_t 
 }
 
 /* mixture.py: Mixture.phasors, for one harmonic. */
-static KERNEL_INLINE inline void light_of(const Row *amplitude, const Powers *rotor, int paths, int64_t h, Row *re, Row *im) {
+static KERNEL_INLINE inline void light_of(const Row *amplitude, Powers *rotor, int paths, int64_t h, Row *re, Row *im) {
     *re = amplitude[0] * rotor[0][h][0];
     *im = amplitude[0] * rotor[0][h][1];
     for (int k = 1; k < paths; k++) {
@@ -134,7 +134,7 @@ static KERNEL_INLINE inline void light_of(const Row *amplitude, const Powers *ro
 }
 
 /* mixture.py: Measured.rest. */
-static KERNEL_INLINE inline void rest_of(const Lanes *lanes, const Row *amplitude, const Powers *rotor, int paths, int row, int64_t h,
+static KERNEL_INLINE inline void rest_of(const Lanes *lanes, const Row *amplitude, Powers *rotor, int paths, int row, int64_t h,
                                          Row *re, Row *im) {
     light_of(amplitude, rotor, paths, h, re, im);
     *re = lanes->re[row] - *re;
