@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from with_truth import capture_truth
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, noise_model
 from cadtof_cli.phasors.response import pulse_response
@@ -131,7 +131,7 @@ def noisy(
 
 
 def depth_errors(capture: Capture) -> None:
-    truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
+    truth = capture_truth(capture.root)
     plan = FramePlan(metadata=capture.source.metadata)
     first, direct, scores = [], [], []
     for source in single_frames(capture):
@@ -153,7 +153,7 @@ def depth_errors(capture: Capture) -> None:
 
 def rows_without_mpi(capture: Capture) -> None:
     """Print the errors in the card's rows without MPI, as ratios to those of the one-path fit: the cost of the order test."""
-    truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH][:TOP_ROWS].astype(np.float64)
+    truth = capture_truth(capture.root)[:TOP_ROWS]
     plan = FramePlan(metadata=capture.source.metadata)
     alone = replace(plan, settings=MapSettings(resolver=ResolverSettings(solver="one-path")))
     errors: dict[str, list[Float]] = {"auto": [], "one": []}
