@@ -22,7 +22,7 @@ class Bit(IntFlag):
 
     def __invert__(self) -> Self:
         """Return all other bits; Python 3.11.2 itself would leave out those above."""
-        return type(self)(sum(type(self)) & ~int(self))
+        return self ^ sum(type(self))
 
 
 class StatusBit(Bit):
