@@ -1,6 +1,6 @@
 """The registry of status bits: the code, the decoder and the documentation all use this one list."""
 
-from enum import IntFlag
+from enum import CONFORM, IntFlag
 from typing import Self
 
 import numpy as np
@@ -9,8 +9,11 @@ from cadtof_cli.arrays import Bool, Status
 from cadtof_cli.records import dataclass
 
 
-class Bit(IntFlag):
-    """A bit of a pixel, with its meaning in words."""
+class Bit(IntFlag, boundary=CONFORM):
+    """A bit of a pixel, with its meaning in words.
+
+    With the usual boundary, ~bit of Python 3.11.2 lacks all higher bits.
+    """
 
     meaning: str
 
@@ -19,10 +22,6 @@ class Bit(IntFlag):
         bit = int.__new__(cls, value)
         bit._value_, bit.meaning = value, meaning
         return bit
-
-    def __invert__(self) -> Self:
-        """Return all other bits; Python 3.11.2 itself would leave out those above."""
-        return self ^ sum(type(self))
 
 
 class StatusBit(Bit):
