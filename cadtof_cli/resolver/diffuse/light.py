@@ -152,7 +152,7 @@ def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /) -> PatchLight
         np.array([*look.saturated, look.least_power]),
         np.array(look.noise.harmonics, np.int64),
         np.array([1.0 / one.dark_variance for one in look.noise.each]),
-        places,
+        np.asarray(places, np.int64),
         *(
             None if one is None else np.ascontiguousarray(one)
             for one in (
