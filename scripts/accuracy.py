@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from with_truth import capture_truth
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, noise_model
 from cadtof_cli.phasors.response import pulse_response
@@ -26,6 +26,9 @@ from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 ROOT = Path(__file__).resolve().parent.parent
 T1_NS = 40.0
 TOP_ROWS = 40
+
+RUNS, N_AV, ASR, MPI_RATIO, DIRECT_NS = 400, 1e5, 5.0, 0.3, 5.0
+"""The light of Table 1, and how often it is recorded."""
 
 
 def main() -> None:
@@ -88,12 +91,12 @@ def rotors(paths: TwoPaths) -> tuple[Complex, Complex]:
 def table_1() -> None:
     print("\n| Table 1: ASR 5, MPI 0.3, n_av 1e5 | direct std, ns | second std, ns | σ predicted / seen |")
     print("|---|---|---|---|")
-    noise = noise_model(CaptureMetadata(), integration_length=1e5, quantised=False)
+    noise = noise_model(CaptureMetadata(), integration_length=N_AV, quantised=False)
     rng = np.random.default_rng(1)
     published = {16.0: ".05 / .16", 25.0: ".03 / .12", 11.0: ".17 / .52"}
     bounds = {16.0: ".049 / .165", 25.0: ".032 / .107", 11.0: ".157 / .510"}
     for second_ns, paper in published.items():
-        paths = two_paths(fundamental_frame(*noisy(rng, 400, 1e5, 5.0, 0.3, 5.0, second_ns)))
+        paths = two_paths(fundamental_frame(*noisy(rng, second_ns)))
         x, y = (np.mod(np.angle(r), 2 * np.pi) * T1_NS / (2 * np.pi) for r in rotors(paths))
         sigma_x, sigma_y = (s * T1_NS / (2 * np.pi) for s in two_path_sigmas(paths, noise=noise))
         strong = paths.a > paths.b
@@ -108,14 +111,12 @@ def table_1() -> None:
         )
 
 
-def noisy(
-    rng: np.random.Generator, runs: int, n_av: float, asr: float, mpi: float, direct_ns: float, second_ns: float
-) -> Iterator[Complex]:
+def noisy(rng: np.random.Generator, second_ns: float) -> Iterator[Complex]:
     """Yield pulse-corrected phasors of both harmonics with the exact covariance of the average (docs/physics.md)."""
 
     def moment(k: int) -> complex:
-        turns = np.exp(2j * np.pi * k * np.array([direct_ns, second_ns]) / T1_NS)
-        mixed = (turns[0] + mpi * turns[1]) / (1 + mpi + asr)
+        turns = np.exp(2j * np.pi * k * np.array([DIRECT_NS, second_ns]) / T1_NS)
+        mixed = (turns[0] + MPI_RATIO * turns[1]) / (1 + MPI_RATIO + ASR)
         return complex(pulse_response(k, fwhm_ns=1.7, period_ns=T1_NS) * mixed)
 
     for h in (1, 2):
@@ -123,15 +124,15 @@ def noisy(
         c, s = m.real, m.imag
         covariance = np.array(
             [[(1 + m2.real) / 2 - c * c, m2.imag / 2 - c * s], [m2.imag / 2 - c * s, (1 - m2.real) / 2 - s * s]]
-        ) / (2 * n_av - 1)
-        drawn = rng.multivariate_normal([c, s], covariance, size=runs)
+        ) / (2 * N_AV - 1)
+        drawn = rng.multivariate_normal([c, s], covariance, size=RUNS)
         yield np.asarray(drawn[:, 0] + 1j * drawn[:, 1], np.complex128) / pulse_response(
             h, fwhm_ns=1.7, period_ns=T1_NS
         )
 
 
 def depth_errors(capture: Capture) -> None:
-    truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
+    truth = capture_truth(capture.root)
     plan = FramePlan(metadata=capture.source.metadata)
     first, direct, scores = [], [], []
     for source in single_frames(capture):
@@ -153,7 +154,7 @@ def depth_errors(capture: Capture) -> None:
 
 def rows_without_mpi(capture: Capture) -> None:
     """Print the errors in the card's rows without MPI, as ratios to those of the one-path fit: the cost of the order test."""
-    truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH][:TOP_ROWS].astype(np.float64)
+    truth = capture_truth(capture.root)[:TOP_ROWS]
     plan = FramePlan(metadata=capture.source.metadata)
     alone = replace(plan, settings=MapSettings(resolver=ResolverSettings(solver="one-path")))
     errors: dict[str, list[Float]] = {"auto": [], "one": []}

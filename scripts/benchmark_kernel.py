@@ -1,7 +1,5 @@
 """Measure compiled kernels beside numpy, in turns in one process: ms per frame, and 32-bit words of the maps that differ."""
 
-import argparse
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -14,7 +12,6 @@ from speed.measure import Row, least_seconds
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import read_stored
-from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.pipeline.frame import prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import NUMPY, available_kernels
@@ -32,19 +29,6 @@ ROOMS = ("corner", "room")
 
 MOST_MS = 25.0
 """Milliseconds that a frame with diffuse MPI may take in numpy."""
-
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--repeats", type=int, default=30, help="number of turns; the shortest time of each kernel counts"
-    )
-    arguments = parser.parse_args()
-    keep_freed_memory()
-    print("| what | asked | measured |\n|---|---|---|")
-    for row in (*kernel_rows(arguments.repeats), *diffuse_rows(arguments.repeats)):
-        print(row.as_markdown(), flush=True)
 
 
 def kernel_rows(repeats: int) -> Iterator[Row]:
@@ -122,8 +106,3 @@ def differing(stored: Stored, plan: FramePlan, kernel: str) -> int:
     ours, numpys = (by_kernel(one, resolve_frame, stored, plan=plan).maps for one in (kernel, NUMPY))
     words = (ours.values.view(np.uint32) != numpys.values.view(np.uint32)).sum()
     return int(words + (ours.status != numpys.status).sum())
-
-
-if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    main()

@@ -3,7 +3,6 @@
 import argparse
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -12,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
+from speed.measure import ROOT, SAMPLE, capture_of
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import single_frames
@@ -21,9 +21,6 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from tests.support.cluster import LocalCluster, local_cluster, no_work
-
-ROOT = Path(__file__).resolve().parent.parent
-SAMPLE = ROOT / "sample_data" / "corner"
 
 
 @dataclass(frozen=True)
@@ -137,11 +134,7 @@ def _used(cluster: LocalCluster) -> tuple[float, float, float, float]:
 
 
 def _throughput(cluster: LocalCluster, scratch: Path, frames: int, repeats: int) -> None:
-    capture = scratch / "capture"
-    capture.mkdir()
-    shutil.copy(SAMPLE / "capture.toml", capture)
-    for index in range(frames):
-        shutil.copy(SAMPLE / "frame_0000.tif", capture / f"frame_{index:04}.tif")
+    capture = capture_of(scratch / "capture", frames)
     ways = {"--jobs 2": ("-j", "2"), "two workers": ("--scheduler", cluster.address)}
     whole: dict[str, list[float]] = {name: [] for name in ways}
     inside: dict[str, list[float]] = {name: [] for name in ways}

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from with_truth import capture_truth, resolved
+from with_truth import capture_truth, first_stored, resolved
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.discovery import find_captures
@@ -174,8 +174,7 @@ def together(rows: Sequence[Row]) -> None:
 def draw(capture: Capture, path: Path) -> None:
     """Draw the errors of a capture's first frame by each model, and the predicted sigma."""
     truth = capture_truth(capture.root)
-    source = next(iter(single_frames(capture)))
-    stored = read_stored(source, capture.layout)
+    stored = first_stored(capture)
     auto, discrete = (resolved(stored, capture.source.metadata, model=model).maps for model in MODELS)
     depths = {
         "first phasor": first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata)),

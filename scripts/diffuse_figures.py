@@ -14,11 +14,11 @@ import numpy as np
 from diffuse_accuracy import SHARES
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from with_truth import capture_truth, resolved
+from with_truth import capture_truth, first_stored, resolved
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, read_stored, single_frames
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
@@ -69,8 +69,7 @@ def main() -> None:
 def measured(capture: Capture) -> Room:
     """Resolve the one frame of a room."""
     truth = capture_truth(capture.root)
-    source = next(iter(single_frames(capture)))
-    stored = read_stored(source, capture.layout)
+    stored = first_stored(capture)
     maps = resolved(stored, capture.source.metadata, model="auto").maps
     first = first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata))
     depth = maps.layer(DIRECT_DEPTH).astype(np.float64)

@@ -17,11 +17,11 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from with_truth import capture_truth, resolved
+from with_truth import capture_truth, first_stored, resolved
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, read_stored, single_frames
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.response import pulse_response
@@ -190,8 +190,7 @@ def _median(rows: Sequence[Row]) -> Row:
 
 def capture_volts(capture: Capture) -> Float:
     """Return the first frame of a capture in V, (H, 2, Y, X)."""
-    source, voltage = next(iter(single_frames(capture))), capture.source.metadata.voltage
-    return volts_from_stored(read_stored(source, capture.layout), voltage)
+    return volts_from_stored(first_stored(capture), capture.source.metadata.voltage)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli import Frame, read_frames, resolve
+from cadtof_cli.phasors.voltages import volts_from_stored
 
 ROOT = Path(__file__).parents[1]
 
@@ -125,11 +126,7 @@ def _one_digit(value: float) -> str:
 
 def moves(frame: Frame, way: Way) -> tuple[float, float, float]:
     """Return by how much a compression changes voltages (RMS in V), and depths (median and 90 % in mm)."""
-    voltage = frame.metadata.voltage
-    volts = frame.stored.astype(np.float64)
-    if voltage.volts_per_count is not None:
-        volts = (volts - (voltage.zero_counts or 0.0)) * voltage.volts_per_count
-    stored, scale = _stored(volts, way.dtype)
+    stored, scale = _stored(volts_from_stored(frame.stored, frame.metadata.voltage), way.dtype)
     exact, changed = (_read_back(frame, stored, scale, one) for one in (_lossless(way), way.write))
     per_count = scale.get("voltage.volts_per_count", 1.0)
     moved = per_count * (changed.stored.astype(np.float64) - exact.stored.astype(np.float64))

@@ -15,7 +15,7 @@ from click_man.man import ManPage
 
 from cadtof_cli import __version__
 from cadtof_cli.cli import COMMANDS, cli
-from cadtof_cli.commands.help import SectionedCommand
+from cadtof_cli.commands.help import SectionedCommand, example_lines
 
 _NO_DATE = ""
 """Pages have no date, so that the same source gives the same pages."""
@@ -42,16 +42,21 @@ def contexts() -> Iterator[click.Context]:
     """Yield a context for every command: the program, its commands, and the commands of its groups."""
     program = click.Context(cli, info_name="cadtof")
     yield program
-    waiting = [(program, name) for name in COMMANDS]
+    waiting = [(program, name, command) for name, command in commands_of(program)]
     while waiting:
-        parent, name = waiting.pop(0)
-        assert isinstance(parent.command, click.Group)
-        command = parent.command.get_command(parent, name)
-        assert command is not None
+        parent, name, command = waiting.pop(0)
         here = click.Context(command, info_name=name, parent=parent)
         yield here
-        if isinstance(command, click.Group):
-            waiting += [(here, inner) for inner in command.list_commands(here)]
+        waiting += [(here, inner, below) for inner, below in commands_of(here)]
+
+
+def commands_of(context: click.Context, /) -> Iterator[tuple[str, click.Command]]:
+    """Yield the commands of a group with their names; none if the command is no group."""
+    if isinstance(context.command, click.Group):
+        for name in context.command.list_commands(context):
+            command = context.command.get_command(context, name)
+            assert command is not None
+            yield name, command
 
 
 def man_page(context: click.Context, /) -> str:
@@ -67,10 +72,12 @@ def man_page(context: click.Context, /) -> str:
     page.description = _described(help_text)
     page.synopsis = " ".join(command.collect_usage_pieces(context))
     page.options = _options(context)
-    page.commands = list(_commands(context))
+    page.commands = [
+        (below, COMMANDS.get(below) or one.get_short_help_str(limit=100)) for below, one in commands_of(context)
+    ]
     # the page of a command in a group is named with a hyphen: GROUP-COMMAND
     text = str(page).replace(f"See \\fB{name}-", f"See \\fB{name.replace(' ', '-')}-")
-    return f"{text}{_example(command.epilog or '')}{_see_also(context)}"
+    return f"{text}{_example(example_lines(command.epilog))}{_see_also(context)}"
 
 
 def option_sections(command: click.Command, /) -> dict[str, list[click.Option]]:
@@ -93,16 +100,6 @@ def _options(context: click.Context) -> list[tuple[str, str]]:
     return found
 
 
-def _commands(context: click.Context) -> Iterator[tuple[str, str]]:
-    command = context.command
-    if not isinstance(command, click.Group):
-        return
-    for name in command.list_commands(context):
-        below = command.get_command(context, name)
-        assert below is not None
-        yield name, COMMANDS.get(name) or below.get_short_help_str(limit=100)
-
-
 def _described(help_text: str) -> str:
     """Return paragraphs as roff; paragraphs that click does not refill keep their lines."""
     return "\n.PP\n".join(
@@ -120,8 +117,7 @@ def _filled(text: str) -> str:
     return _lines(" ".join(text.split()))
 
 
-def _example(epilog: str) -> str:
-    lines = [line.strip() for line in epilog.splitlines() if line.startswith("  ")]
+def _example(lines: tuple[str, ...]) -> str:
     return f".SH EXAMPLES\n.nf\n{_lines(chr(10).join(lines)).replace('-', chr(92) + '-')}\n.fi\n" if lines else ""
 
 

@@ -11,12 +11,11 @@ import argparse
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import tifffile
-from speed.measure import tree_memory
+from speed.measure import peak_memory
 
 from tests.support.captures import TOML, counts_of, record, write_pages
 from tests.support.forward import step_frame
@@ -26,17 +25,12 @@ FEW = 100
 
 MOST_RATIO, MOST_BYTES = 1.15, 10**9
 
-PAUSE_S = 0.02
-
 
 def peak_of_run(capture: Path, out: Path, *options: object) -> int:
     """Resolve a capture; return the peak memory of all its processes together, in bytes."""
     command = [sys.executable, "-m", "cadtof_cli", "resolve", capture, "-o", out, "-q", *options]
     with subprocess.Popen([*map(str, command)], env=ENVIRONMENT) as run:
-        peak = 0
-        while run.poll() is None:
-            peak = max(peak, tree_memory(run.pid, "Pss"))
-            time.sleep(PAUSE_S)
+        peak = peak_memory(run, "Pss")
     if run.returncode:
         raise SystemExit(f"{capture}: ended with {run.returncode}")
     return peak

@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from with_truth import seed_range
+from with_truth import at_length, seed_range
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.files.atomic import new_folder
-from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
@@ -82,17 +82,13 @@ def _render(exposure: Exposure, folders: dict[int, Path]) -> None:
 
 def _first_harmonics(exposure: Exposure, traced: Band, harmonics: int) -> tuple[Exposure, Band]:
     """Return the exposure and the light of fewer harmonics, each with a larger share of the same light."""
-    metadata = exposure.metadata
-    length = float(round(exposure.integration_length * len(metadata.modulation.periods_ns) / harmonics))
-    gain = averaging_gain(length) / averaging_gain(exposure.integration_length)
-    fewer = replace(
-        metadata,
-        modulation=replace(metadata.modulation, periods_ns=metadata.modulation.periods_ns[:harmonics]),
-        pixel=Pixel(integration_length=length),
-    )
-    voltages = traced.voltages
-    statistics = VoltageStatistics(voltages.means_v[:harmonics], gain * voltages.covariances_v2[:harmonics])
-    return replace(exposure, metadata=fewer), Band(statistics, traced.truth)
+    modulation = exposure.metadata.modulation
+    length = float(round(exposure.integration_length * len(modulation.periods_ns) / harmonics))
+    longer, whole = at_length(exposure, traced, length)
+    fewer = replace(longer.metadata, modulation=replace(modulation, periods_ns=modulation.periods_ns[:harmonics]))
+    voltages = whole.voltages
+    statistics = VoltageStatistics(voltages.means_v[:harmonics], voltages.covariances_v2[:harmonics])
+    return replace(longer, metadata=fewer), Band(statistics, traced.truth)
 
 
 def _write(exposure: Exposure, whole: Band, folder: Path) -> None:

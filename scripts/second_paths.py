@@ -77,7 +77,7 @@ class Drawn:
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
         """Return two paths per pixel."""
-        across, down = slopes(camera)
+        across, down, _ = camera.rays(slice(None))
         near, far, share = (one[rows] for one in self.paths(across, down))
         photons = np.full(near.shape, 0.5) if self.kind == "weak first" else (near.mean() / near) ** 2
         delays = np.stack([np.minimum(near, FARTHEST_M), np.minimum(near, FARTHEST_M) + far - near]) * 2.0 / C_M_PER_NS
@@ -162,13 +162,6 @@ def waves(across: Float, down: Float, rng: np.random.Generator) -> Float:
     for per_view, way, turn in rng.uniform((0.25, 0.0, 0.0), (3.0, 2.0 * np.pi, 2.0 * np.pi), (count, 3)):
         total += np.sin(2.0 * np.pi * per_view * (across * np.cos(way) + down * np.sin(way)) + turn)
     return np.asarray(total * np.sqrt(2.0 / count))
-
-
-def slopes(camera: Camera) -> tuple[Float, Float]:
-    """Return X and Y of the rays of a camera's pixels, (Y, X) each."""
-    y, x = np.mgrid[: camera.height, : camera.width].astype(float)
-    focal = camera.focal_length_px or float(camera.width)
-    return (x - 0.5 * (camera.width - 1)) / focal, (y - 0.5 * (camera.height - 1)) / focal
 
 
 def plane(across: Float, down: Float, distance_m: float, tilt: Float) -> Float:

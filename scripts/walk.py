@@ -68,13 +68,9 @@ class Walk:
         code = frame.f_code
         if event == "return" and code.co_name in _MAKING:
             self._count_record(frame.f_locals.get("self"))
-        if event != "call" or not code.co_filename.startswith(self.package) or code.co_name in {"<module>", "<lambda>"}:
+        if event != "call" or not code.co_filename.startswith(self.package) or code.co_name.startswith("<"):
             return
-        if (
-            _is_imported(frame)
-            or code.co_name.startswith("<")
-            or (code.co_qualname.split(".")[0] == code.co_name and _is_class_body(frame))
-        ):
+        if _is_imported(frame) or (code.co_qualname.split(".")[0] == code.co_name and _is_class_body(frame)):
             return
         file = str(Path(code.co_filename).relative_to(self.package))
         self.files[file] = None

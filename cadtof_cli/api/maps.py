@@ -87,9 +87,8 @@ class Maps(Mapping[str, NDArray[Any]]):
             for name, plane in self.layers.items()
         }
         if STATUS in self.layers:
-            bits = [bit for bit in StatusBit if bit.name]
-            masks = np.array([int(bit) for bit in bits], np.uint32)
-            meanings = " ".join(str(bit.name).lower() for bit in bits)
+            masks = np.array([int(bit) for bit in StatusBit], np.uint32)
+            meanings = " ".join(str(bit.name).lower() for bit in StatusBit)
             variables[STATUS] = (("y", "x"), self.status, {"flag_masks": masks, "flag_meanings": meanings})
         height, width = self.shape
         left, top = (region_of(self.facts.get("roi", "")) or (0, 0))[:2]

@@ -105,11 +105,11 @@ def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[
     noise = document["noise"]
     for row, harmonic in enumerate(harmonics):
         volts = "  ".join(
-            f"SC{channel} {_number(None if value is None else 1000 * value, 3)} mV"
+            f"SC{channel} {_number(value, 3, per_unit=1000)} mV"
             for channel, value in enumerate(document["voltages_v"][row], start=1)
         )
         re, im = document["phasors"][row]
-        spread = " and ".join(_number(None if one is None else 1000 * one, 3) for one in noise["sigma_v"][row])
+        spread = " and ".join(_number(one, 3, per_unit=1000) for one in noise["sigma_v"][row])
         yield _row(f"harmonic {harmonic}", f"{volts}   phasor {_number(re, 5)}, {_number(im, 5)}   σ {spread} mV")
     origin = "estimated from the frame" if noise["estimated"] else "as given"
     yield _row("noise", f"integration length {noise['integration_length']:.4g}, {origin}")
@@ -149,7 +149,7 @@ def _diffuse_lines(diffuse: Mapping[str, Any] | None) -> Iterator[str]:
         ratio, too_far_m, chi_squared = (
             diffuse["tail"][key] for key in ("amplitude_ratio", "pulled_back_m", "chi_squared")
         )
-        pulled = f"first phasor {_number(100 * too_far_m, 2)} cm too far, χ² {_number(chi_squared, 2)}"
+        pulled = f"first phasor {_number(too_far_m, 2, per_unit=100)} cm too far, χ² {_number(chi_squared, 2)}"
         yield _row("tail at the pixel", f"amplitude × {_number(ratio, 3)}, {pulled}")
     elif diffuse["in_separate_patch"]:
         yield _row("", "the pixel has separate paths")
@@ -159,12 +159,13 @@ def _path(path: Mapping[str, float | None]) -> str:
     depth, sigma, amplitude = path["depth_m"], path["sigma_m"], path["amplitude_v"]
     if depth is None:
         return "none"
-    volts = _number(None if amplitude is None else 1000 * amplitude, 3)
-    return f"{_number(depth, 4)} m ± {_number(None if sigma is None else 100 * sigma, 2)} cm, {volts} mV"
+    centimetres, millivolts = _number(sigma, 2, per_unit=100), _number(amplitude, 3, per_unit=1000)
+    return f"{_number(depth, 4)} m ± {centimetres} cm, {millivolts} mV"
 
 
-def _number(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+def _number(value: float | None, digits: int, *, per_unit: int = 1) -> str:
+    """Return a number in a unit of which `per_unit` make one, such as 100 cm; None: there is no value."""
+    return "–" if value is None else f"{per_unit * value:.{digits}f}"
 
 
 def _row(name: str, text: str) -> str:

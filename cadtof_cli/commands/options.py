@@ -109,20 +109,15 @@ def setting_option(
     kind = _type_of(_type_hints(record)[name])
     dashed = name.replace("_", "-")
     derived = {
-        "type": kind,
+        "type": click.Choice(choices) if choices else kind,
         "metavar": metavar_of(f"-{dashed}", kind),
-        "default": _as_typed(default),
         "show_default": show_default and not callable(default) and default not in {None, MISSING},
         # None instead of False: with False, click would accept the option without its value
         "is_flag": isinstance(default, bool) or None,
         "help": help,
     }
-    if choices:
-        derived["type"] = click.Choice(choices)
-    if default is MISSING:
-        # click would take None as the default, and would not ask for the required option
-        del derived["default"]
-        derived["required"] = True
+    # click would take None as the default, and would not ask for the required option
+    derived |= {"required": True} if default is MISSING else {"default": _as_typed(default)}
     names = option.split() or _names_of(f"--{dashed}")
     return click.option(*names, name, **(derived | more))
 
@@ -163,7 +158,7 @@ def _as_typed(default: Any) -> Any:
         return ",".join(f"{item:g}" for item in default)
     if isinstance(default, float):
         return f"{default:.15g}"
-    return None if default is MISSING else default
+    return default
 
 
 class RecordOptions:

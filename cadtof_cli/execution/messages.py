@@ -5,33 +5,18 @@ import pickle
 import selectors
 import sys
 from collections.abc import Sequence
-from enum import IntEnum
 from multiprocessing.connection import Connection, wait
 from typing import Any, Generic, TypeVar
 
 Who = TypeVar("Who")
 
 
-class Said(IntEnum):
-    """The kind of a worker's message.
+NO_MORE = b""
+"""The message to a worker that there are no more tasks. All others are tasks, see `TaskMessages`."""
 
-    COMPUTED: the worker's current task is computed, and its result will come later. RESULT and ERROR: the result, or the
-    exception, of the first task that the worker has not answered for yet.
-    """
-
-    COMPUTED = 0
-    RESULT = 1
-    ERROR = 2
-
-
-def answer_message(said: Said, what: Any = None, /) -> bytes:
-    """Return the message of a worker with this result or exception."""
-    return bytes((said,)) + pickle.dumps(what, pickle.HIGHEST_PROTOCOL)
-
-
-def answer_of(message: bytes, /) -> tuple[int, Any]:
-    """Return the kind of a worker's message, one of `Said`, and the result or exception in it, None if it has neither."""
-    return message[0], pickle.loads(memoryview(message)[1:])
+COMPUTED = b""
+"""The message of a worker that its current task is computed, and that the answer comes later. All others are the answer, a result
+or a `Raised`, to the first task that the worker has not answered yet, as pickle writes it."""
 
 
 class TaskMessages:

@@ -3,13 +3,9 @@
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
 from pathlib import Path
-from typing import TypeVar
 
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Outcome, Work, finishing
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Outcome, Result, Task, Work, finishing, outcome_of
 from cadtof_cli.execution.workers import LOCAL, Workers
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 
 def run_ordered(
@@ -61,6 +57,6 @@ def _run_here(function: Work[Task, Result], tasks: Iterable[Task]) -> Generator[
             begun.append((task, finisher.begin(function(task))))
             while begun and (begun[0][1].there or len(begun) > LATER_AT_ONCE):
                 task, later = begun.popleft()
-                yield Outcome(task, later.result())
+                yield outcome_of(task, later.answer())
         for task, later in begun:
-            yield Outcome(task, later.result())
+            yield outcome_of(task, later.answer())

@@ -26,6 +26,13 @@ class WorkerDied:
 
 
 @dataclass(frozen=True)
+class Raised:
+    """Stands in for the result of a task whose function raised an exception."""
+
+    error: BaseException
+
+
+@dataclass(frozen=True)
 class Outcome(Generic[Task, Result]):
     """A task with the result of its function."""
 
@@ -33,21 +40,52 @@ class Outcome(Generic[Task, Result]):
     result: Result | WorkerDied
 
 
+ATTEMPTS = 2
+"""How many times a task is tried if its worker is lost each time."""
+
+
+@dataclass(eq=False)
+class Job(Generic[Task, Result]):
+    """A task until its outcome is reported.
+
+    `losses` is how many times its worker was lost, perhaps because of this task. When the task has `ended`, `answer` is its
+    result, or what stands in for it.
+    """
+
+    task: Task
+    losses: int = 0
+    answer: Result | Raised | WorkerDied | None = None
+    ended: bool = False
+
+    def end(self, answer: Result | Raised | WorkerDied, /) -> None:
+        """Keep the answer to the task."""
+        self.answer, self.ended = answer, True
+
+    def outcome(self) -> Outcome[Task, Result]:
+        """Return the outcome of the task, which has ended, or raise what its function raised."""
+        return outcome_of(self.task, cast("Result | Raised | WorkerDied", self.answer))
+
+
+def outcome_of(task: Task, answer: Result | Raised | WorkerDied, /) -> Outcome[Task, Result]:
+    """Return the outcome of a task with this answer, or raise what its function raised."""
+    if isinstance(answer, Raised):
+        raise answer.error
+    return Outcome(task, answer)
+
+
 @dataclass(eq=False)
 class Later(Generic[Result]):
     """A result that still has to be waited for. A task's function returns it when only waiting is left, as for a disk.
 
     A thread calls `wait`, which waits and returns the result, while the next task is computed. The argument of `wait` is a
-    function that it calls as soon as it has freed its large memory. When the result is `there`, `error` is the exception that
-    `wait` raised in its place, or None. A `Later` does the work of a `Future` with a tenth of the function calls, because every
-    frame has one.
+    function that it calls as soon as it has freed its large memory. When it has returned, the result is `there`. A `Later` does
+    the work of a `Future` with a tenth of the function calls, because every frame has one.
     """
 
     wait: Callable[[Callable[[], None]], Result]
     let_go: Callable[[], None] | None = None
     there: bool = False
-    error: Exception | None = None
-    _found: Result | None = None
+    _answer: Result | Raised | None = None
     _ended: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -56,10 +94,10 @@ class Later(Generic[Result]):
     def finish(self) -> "Later[Result]":
         """Call `wait` and keep its result or exception, but nothing that the result was made from."""
         try:
-            self._found = self.wait(self._free)
+            self._answer = self.wait(self._free)
             self._free()
-        except Exception as error:  # noqa: BLE001  (`result` raises it)
-            self.error = error
+        except Exception as error:  # noqa: BLE001  (`outcome_of` raises it)
+            self._answer = Raised(error)
             self._free()
         finally:
             # also if memory runs out: a result that is not there would be waited for without end
@@ -73,13 +111,11 @@ class Later(Generic[Result]):
         if let_go is not None:
             let_go()
 
-    def result(self) -> Result:
-        """Wait until the result is there and return it, or raise the exception in its place. It can be called only once."""
+    def answer(self) -> Result | Raised:
+        """Wait until the result is there and return it, or the exception in its place. It can be called only once."""
         self._ended.acquire()
-        if self.error is not None:
-            raise self.error
-        found, self._found = self._found, None
-        return cast("Result", found)
+        answer, self._answer = self._answer, None
+        return cast("Result | Raised", answer)
 
 
 Work = Callable[[Task], Result | Later[Result]]
@@ -109,13 +145,13 @@ class Finisher:
     most: int = LATER_AT_ONCE
     room: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(HELD_AT_ONCE))
 
-    def begin(self, result: Result | Later[Result], /) -> Later[Result]:
+    def begin(self, result: Result | Raised | Later[Result], /) -> Later[Result]:
         """Return the `Later` that will have the result; a result that needs no waiting is there at once.
 
         This blocks while `HELD_AT_ONCE` results hold much memory.
         """
         if not isinstance(result, Later):
-            return Later(lambda _: result).finish()
+            return cast("Later[Result]", Later(lambda _: result).finish())
         self.room.acquire()
         result.let_go = self.room.release
         self.waiting.put(result)
@@ -128,8 +164,12 @@ class Finisher:
 
     def attempt(self, function: Work[Task, Result], task: Task, /) -> Later[Result]:
         """Do a task; return the `Later` that will have its result, or that has the exception that the function raised."""
-        found = Later(lambda _: function(task)).finish()
-        return cast("Later[Result]", found) if found.error else self.begin(found.result())
+        result: Result | Raised | Later[Result]
+        try:
+            result = function(task)
+        except Exception as error:  # noqa: BLE001  (`outcome_of` raises it)
+            result = Raised(error)
+        return self.begin(result)
 
     def _work(self) -> None:
         while (later := self.waiting.get()) is not None:

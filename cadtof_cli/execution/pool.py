@@ -3,6 +3,7 @@
 import errno
 import itertools
 import math
+import pickle
 import time
 from collections import deque
 from collections.abc import Generator, Iterable, Sequence
@@ -11,11 +12,11 @@ from dataclasses import field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, cast
 
 from cadtof_cli.errors import WorkersError
-from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_of
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Work, WorkerDied
+from cadtof_cli.execution.messages import COMPUTED, NO_MORE, Incoming, TaskMessages
+from cadtof_cli.execution.outcome import ATTEMPTS, LATER_AT_ONCE, Job, Outcome, Result, Task, Work, WorkerDied
 from cadtof_cli.execution.serve import serve
 from cadtof_cli.execution.starting import cores_for, current_folder_left_out, signals_held_back
 from cadtof_cli.execution.workers import Workers
@@ -23,9 +24,6 @@ from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnContext
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 SHORT_S = 0.01
 """Mean time per task, in s, below which tasks count as short. Then each worker has more tasks ahead, and this process serves them
@@ -44,29 +42,12 @@ AHEAD, SHORT_AHEAD = 2, 8
 TASKS_PER_WORKER = 1 + SHORT_AHEAD + LATER_AT_ONCE
 """Most tasks in flight per worker: some to be computed, some on their way to the disk, and one finished but not yet reported."""
 
-ATTEMPTS = 2
-"""How many times a task is tried if its worker is lost each time."""
-
 AHEAD_BYTES = 16 * 2**10
 """Largest message with which a task goes to a busy worker ahead of time. The connection buffers a message of this size, so
 sending it makes no process wait."""
 
 JOIN_S = 2.0
 """Longest wait for the end of a worker process that has nothing left to do, or was killed."""
-
-
-@dataclass(eq=False)
-class _Job(Generic[Task, Result]):
-    """A task, the number of times that its worker was lost, and its outcome, or the exception that its function raised."""
-
-    task: Task
-    losses: int = 0
-    outcome: Outcome[Task, Result] | None = None
-    error: BaseException | None = None
-
-    @property
-    def done(self) -> bool:
-        return self.outcome is not None or self.error is not None
 
 
 @dataclass(eq=False)
@@ -86,12 +67,12 @@ class _Worker(Generic[Task, Result]):
     process: BaseProcess
     connection: Connection
     core: int | None
-    jobs: deque[_Job[Task, Result]] = field(default_factory=deque)
+    jobs: deque[Job[Task, Result]] = field(default_factory=deque)
     computed: int = 0
     since: float = 0.0
     answered: float = field(default_factory=time.monotonic)
 
-    def current_job(self) -> _Job[Task, Result]:
+    def current_job(self) -> Job[Task, Result]:
         """Return the job that the process is computing; if all jobs are computed, the first one, which is waited for."""
         return self.jobs[self.computed if self.uncomputed() else 0]
 
@@ -113,10 +94,10 @@ class _Pool(Generic[Task, Result]):
         self._listening, self._held = self._context.Pipe(duplex=False)
         self._workers: list[_Worker[Task, Result]] = []
         self._incoming = Incoming[_Worker[Task, Result]]()
-        self._waiting: deque[_Job[Task, Result]] = deque()
+        self._waiting: deque[Job[Task, Result]] = deque()
         self._fits_ahead, self._task_s = False, SHORT_S
 
-    def add(self, job: _Job[Task, Result]) -> None:
+    def add(self, job: Job[Task, Result]) -> None:
         """Take one more job."""
         self._waiting.append(job)
         self._hand_out()
@@ -146,7 +127,7 @@ class _Pool(Generic[Task, Result]):
         """Tell the workers to end, because nothing is left to do, and wait for their end."""
         for worker in self._workers:
             with suppress(OSError):
-                worker.connection.send_bytes(b"")
+                worker.connection.send_bytes(NO_MORE)
         for worker in self._workers:
             worker.process.join(JOIN_S)
 
@@ -225,7 +206,7 @@ class _Pool(Generic[Task, Result]):
         self._incoming.add(ours, worker)
         return worker
 
-    def _give(self, worker: _Worker[Task, Result], job: _Job[Task, Result]) -> None:
+    def _give(self, worker: _Worker[Task, Result], job: Job[Task, Result]) -> None:
         message = self._messages.message(job.task)
         self._fits_ahead = len(message) <= AHEAD_BYTES
         if not worker.jobs:
@@ -238,22 +219,19 @@ class _Pool(Generic[Task, Result]):
 
     def _receive(self, worker: _Worker[Task, Result]) -> None:
         try:
-            said, answer = answer_of(worker.connection.recv_bytes())
+            message = worker.connection.recv_bytes()
+            answer: Any = None if message == COMPUTED else pickle.loads(message)
         except (EOFError, OSError):
             self._lose(worker)
             return
         worker.since = time.monotonic()
-        if said == Said.COMPUTED:
+        if message == COMPUTED:
             worker.computed += 1
             return
         self._task_s += (worker.since - worker.answered - self._task_s) / TASKS_IN_MEAN
         worker.answered = worker.since
-        job = worker.jobs.popleft()
+        worker.jobs.popleft().end(answer)
         worker.computed = max(worker.computed - 1, 0)
-        if said == Said.RESULT:
-            job.outcome = Outcome(job.task, answer)
-        else:
-            job.error = answer
 
     def _lose(self, worker: _Worker[Task, Result], *, after_s: float | None = None) -> None:
         """Go on without a worker: one of its jobs counts a loss, the others wait again; `after_s`: the limit that it exceeded."""
@@ -264,8 +242,8 @@ class _Pool(Generic[Task, Result]):
         lost = worker.current_job() if after_s is None else worker.jobs[0]
         lost.losses += 1
         if lost.losses == ATTEMPTS:
-            lost.outcome = Outcome(lost.task, WorkerDied(after_s))
-        self._waiting.extendleft(job for job in reversed(worker.jobs) if not job.done)
+            lost.end(WorkerDied(after_s))
+        self._waiting.extendleft(job for job in reversed(worker.jobs) if not job.ended)
 
 
 def run_in_pool(
@@ -273,22 +251,18 @@ def run_in_pool(
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield the outcome of function(task) for every task, in order; raise what the function raised in a worker process."""
     waiting, most = iter(tasks), workers.jobs * TASKS_PER_WORKER
-    in_order: deque[_Job[Task, Result]] = deque()
+    in_order: deque[Job[Task, Result]] = deque()
     pool = _Pool(function, workers, shared)
     try:
         while True:
             for task in itertools.islice(waiting, most - len(in_order)):
-                in_order.append(_Job(task))
+                in_order.append(Job(task))
                 pool.add(in_order[-1])
             if not in_order:
                 pool.dismiss()
                 return
-            while not in_order[0].done:
+            while not in_order[0].ended:
                 pool.attend()
-            job = in_order.popleft()
-            if job.error is not None:
-                raise job.error
-            assert job.outcome is not None
-            yield job.outcome
+            yield in_order.popleft().outcome()
     finally:
         pool.close()

@@ -1,12 +1,13 @@
 """What a worker process does: it computes one task after the other, until there are no more."""
 
 import os
+import pickle
 import threading
 from collections import deque
 from multiprocessing.connection import Connection
 from typing import Any
 
-from cadtof_cli.execution.messages import Said, TaskMessages, answer_message
+from cadtof_cli.execution.messages import COMPUTED, NO_MORE, TaskMessages
 from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Work, finishing
 from cadtof_cli.execution.starting import begin_worker
 
@@ -25,7 +26,7 @@ class _Answers:
             if result.there and not self._begun:
                 self._tell(result)
                 return
-            self._connection.send_bytes(answer_message(Said.COMPUTED))
+            self._connection.send_bytes(COMPUTED)
             self._begun.append(result)
         # the result may have come before it was in the queue
         self.tell_all()
@@ -47,8 +48,7 @@ class _Answers:
             os._exit(1)
 
     def _tell(self, result: Later[Any]) -> None:
-        said, what = (Said.RESULT, result.result()) if result.error is None else (Said.ERROR, result.error)
-        self._connection.send_bytes(answer_message(said, what))
+        self._connection.send_bytes(pickle.dumps(result.answer(), pickle.HIGHEST_PROTOCOL))
 
 
 def serve(
@@ -60,7 +60,7 @@ def serve(
     held: Connection,
     core: int | None,
 ) -> None:
-    """Answer one task after the other with `function`, until an empty message comes.
+    """Answer one task after the other with `function`, until there are no more.
 
     `parent_end` is the other end of the connection, of which a forked worker has a copy; see `begin_worker` for the last three.
     """
@@ -69,7 +69,7 @@ def serve(
     answers = _Answers(connection)
     with finishing(answers.tell_all) as finisher:
         try:
-            while message := connection.recv_bytes():
+            while (message := connection.recv_bytes()) != NO_MORE:
                 answers.add(finisher.attempt(lambda message: function(messages.task(message)), message))
         except (OSError, EOFError):
             # the parent has ended, and nobody is there to read a traceback

@@ -3,7 +3,7 @@
 import os
 import re
 import sys
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Literal
 
 from cadtof_cli.errors import SettingsError
@@ -69,6 +69,10 @@ class Workers:
             raise SettingsError(
                 "--frame-timeout works only with processes of this machine; leave out --scheduler or --frame-timeout"
             )
+
+    def at_most(self, tasks: int, /) -> "Workers":
+        """Return the same workers, but no more processes than tasks: the others would have nothing to do."""
+        return replace(self, jobs=max(min(self.jobs, tasks), 1))
 
 
 ALONE = Workers(jobs=1)

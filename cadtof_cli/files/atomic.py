@@ -59,8 +59,7 @@ class PartialFile:
         discarded.
         """
         assert self._descriptor is not None
-        size = sum(part.nbytes for part in self.parts) or None
-        try:
+        with self.filling(sum(part.nbytes for part in self.parts) or None):
             if self.parts:
                 write_parts(self._descriptor, self.parts)
                 self.parts = ()
@@ -74,13 +73,18 @@ class PartialFile:
             os.close(descriptor)
             os.replace(self.temporary, self.path)
             sync_folder(self.path.parent)
-        except OSError as error:
-            self.discard()
-            raise not_written(self.path, error, size=size) from error
-        except BaseException:
-            self.discard()
-            raise
         return found.st_size
+
+    @contextmanager
+    def filling(self, size: int | None = None, /) -> Iterator[None]:
+        """Discard the file if the block, which writes about `size` bytes of it, raises; turn an OSError into an OutputError."""
+        try:
+            yield
+        except BaseException as error:
+            self.discard()
+            if isinstance(error, OSError):
+                raise not_written(self.path, error, size=size) from error
+            raise
 
     def discard(self) -> None:
         """Close and remove the temporary file."""
@@ -95,12 +99,8 @@ class PartialFile:
 def atomic_write(path: Path, /) -> Iterator[Path]:
     """Yield the name of a temporary file beside `path`. It replaces `path` after the block, or is removed on an error."""
     partial = PartialFile(path)
-    try:
-        with writing(path):
-            yield partial.temporary
-    except BaseException:
-        partial.discard()
-        raise
+    with partial.filling():
+        yield partial.temporary
     partial.commit()
 
 

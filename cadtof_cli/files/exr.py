@@ -62,6 +62,7 @@ class ExrPart(NamedPart):
     deep: bool
     origin: tuple[int, int]
     tile: tuple[int, int]
+    compression: str
 
 
 def read_parts(path: Path, /) -> list[ExrPart]:
@@ -77,13 +78,10 @@ def read_parts(path: Path, /) -> list[ExrPart]:
 
 def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
     """Return the name of the file's compression if it changes values of type `dtype`, else None."""
-    file = _opened(path, header_only=True)
-    with damage_as_frame_error(path, "EXR"):
-        for header in map(file.header, range(len(file.parts))):
-            name = str(header["compression"].name).removesuffix("_COMPRESSION")
-            changed = {channel.name.rpartition(".")[2].upper() for channel in header["channels"]} & _PICTURE_CHANNELS
-            if dtype.name in _LOSSY_FOR.get(name, ()) and (changed or not name.startswith("DWA")):
-                return name
+    for part in read_parts(path):
+        changed = {name.rpartition(".")[2].upper() for name in part.channels} & _PICTURE_CHANNELS
+        if dtype.name in _LOSSY_FOR.get(part.compression, ()) and (changed or not part.compression.startswith("DWA")):
+            return part.compression
     return None
 
 
@@ -99,23 +97,18 @@ def _part(header: dict[str, Any]) -> ExrPart:
         deep=header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile),
         origin=(int(low[0]), int(low[1])),
         tile=(tiles.ySize, tiles.xSize) if tiles else (0, 0),
+        compression=str(header["compression"].name).removesuffix("_COMPRESSION"),
     )
 
 
-@contextmanager
-def open_pixels(path: Path, places: Sequence[tuple[int, str]], /) -> Iterator[list[NDArray[Any]]]:
-    """Yield the channels at these places (index of a part, name of a channel) as they are stored.
-
-    The arrays are valid only inside the block, as long as the file is open.
-    """
-    with _opened(path, header_only=False) as file:
-        with damage_as_frame_error(path, "EXR"):
-            channels = [file.channels(index) for index in range(len(file.parts))]
-            lost = [name for part, name in places if part >= len(channels) or name not in channels[part]]
-            if lost:
-                raise FrameError(f"{path}: damaged EXR: its header lists {', '.join(lost)}, found no pixels of it")
-            planes = [channels[part][name].pixels for part, name in places]
-        yield planes
+def _pixels(path: Path, places: Sequence[Place]) -> list[NDArray[Any]]:
+    """Return the channels at these places as they are stored; each has memory of its own, which outlives the file."""
+    with _opened(path, header_only=False) as file, damage_as_frame_error(path, "EXR"):
+        channels = [file.channels(index) for index in range(len(file.parts))]
+        lost = [name for part, name in places if part >= len(channels) or name not in channels[part]]
+        if lost:
+            raise FrameError(f"{path}: damaged EXR: its header lists {', '.join(lost)}, found no pixels of it")
+        return [channels[part][name].pixels for part, name in places]
 
 
 def _opened(path: Path, *, header_only: bool) -> Any:
@@ -199,14 +192,14 @@ def write_frame(path: Path, stored: Stored, /, *, layout: FrameLayout, compress:
 def _planes(path: Path, parts: Sequence[ExrPart], places: Sequence[Place]) -> Stored:
     """Return the channels at these places, shape (n, Y, X)."""
     shape = _common_shape(path, parts, places)
-    with open_pixels(path, places) as planes:
-        for place, plane in zip(places, planes, strict=True):
-            if plane.shape != shape or plane.dtype != planes[0].dtype:
-                raise FrameError(
-                    f"{path}: {place.channel} is {shape_text(plane.shape, plane.dtype)},"
-                    f" expected {shape_text(shape, planes[0].dtype)} as {places[0].channel} and the header"
-                )
-        return np.stack(planes)
+    planes = _pixels(path, places)
+    for place, plane in zip(places, planes, strict=True):
+        if plane.shape != shape or plane.dtype != planes[0].dtype:
+            raise FrameError(
+                f"{path}: {place.channel} is {shape_text(plane.shape, plane.dtype)},"
+                f" expected {shape_text(shape, planes[0].dtype)} as {places[0].channel} and the header"
+            )
+    return np.stack(planes)
 
 
 def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place]) -> tuple[int, int]:
@@ -255,7 +248,7 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     """Return the channels of all parts by name, (Y, X) each, as they are stored."""
     parts = read_parts(path)
     places = places_in(parts)
-    require_different_names(path, [place.channel for place in places])
+    names = [place.channel for place in places]
+    require_different_names(path, names)
     _common_shape(path, parts, places)
-    with open_pixels(path, places) as planes:
-        return {place.channel: plane.copy() for place, plane in zip(places, planes, strict=True)}
+    return dict(zip(names, _pixels(path, places), strict=True))

@@ -13,7 +13,7 @@ from xxhash import xxh3_128
 
 from cadtof_cli.arrays import Float32, Status, Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.atomic import PartialFile, not_written
+from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.formats import format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
@@ -139,7 +139,7 @@ def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str)
     assert kind is not None
     assert kind.layers is not None
     partial = PartialFile(path, token=token)
-    try:
+    with partial.filling(maps.pages.nbytes):
         parts = kind.layers().write_maps(partial.temporary, maps, header=header)
         if not parts:
             return partial, file_digest(partial.temporary)
@@ -147,12 +147,6 @@ def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str)
         for part in parts:
             digest.update(part)
         return partial, digest.hexdigest()
-    except OSError as error:
-        partial.discard()
-        raise not_written(path, error, size=maps.pages.nbytes) from error
-    except BaseException:
-        partial.discard()
-        raise
 
 
 def region_of(said: str, /) -> tuple[int, int, int, int] | None:

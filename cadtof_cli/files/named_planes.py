@@ -76,7 +76,7 @@ def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[
     Every name must give exactly one harmonic and one channel, and every plane must be named. If not, the result is
     empty.
     """
-    channels = [_channel_in_words(name) for name in names]
+    channels = [channel_in_words(name) for name in names]
     numbers = harmonics_in_words(names, harmonics)
     labels = tuple(
         PlaneLabel(number, channel) for number, channel in zip(numbers, channels, strict=False) if channel is not None
@@ -90,19 +90,23 @@ def channels_in_words(names: Sequence[str], /) -> tuple[PlaneLabel, ...]:
 
     Every name must give exactly one channel, and all channels must be named equally often. If not, the result is empty.
     """
-    channels = [channel for name in names if (channel := _channel_in_words(name))]
+    channels = [channel for name in names if (channel := channel_in_words(name))]
     even = all(channels.count(channel) * CHANNELS == len(names) for channel in range(1, CHANNELS + 1))
     return tuple(PlaneLabel(None, channel) for channel in channels) if even else ()
 
 
-def says_a_channel(name: str, /) -> bool:
-    """Return whether a text is a name that gives a channel, in any spelling: SC1 or SC2, or I or Q."""
-    return _channel_in_words(name) is not None
+def channel_in_words(name: str, /) -> int | None:
+    """Return the channel that a name gives, as SC1 or SC2 or else as cosine (I) or sine (Q); None: not exactly once."""
+    number = _only(_CHANNEL_WORD, name)
+    if number is not None:
+        return int(number)
+    words = re.findall(_COSINE_OR_SINE_WORD, name) if len(name) <= _LONGEST_NAME else []
+    return (1 if words[0][0] else 2) if len(words) == 1 else None
 
 
 def is_of_a_plane(name: str, /) -> bool:
     """Return whether a name gives a harmonic or channel in our form (H1.SC2), or a channel in another form."""
-    return plane_label(name) is not None or says_a_channel(name)
+    return plane_label(name) is not None or channel_in_words(name) is not None
 
 
 def says_a_harmonic(name: str, /) -> bool:
@@ -147,15 +151,6 @@ def require_own_frequencies(names: Sequence[str], layout: FrameLayout, *, where:
             f"{where}: found planes named by {here} MHz, expected {there} MHz as of modulation.periods_ns: correct periods_ns "
             "(--periods-ns), or the names"
         )
-
-
-def _channel_in_words(name: str) -> int | None:
-    """Return the channel that a name gives, as SC1 or SC2 or else as cosine (I) or sine (Q); None: not exactly once."""
-    number = _only(_CHANNEL_WORD, name)
-    if number is not None:
-        return int(number)
-    words = re.findall(_COSINE_OR_SINE_WORD, name) if len(name) <= _LONGEST_NAME else []
-    return (1 if words[0][0] else 2) if len(words) == 1 else None
 
 
 def _frequency_mhz(name: str) -> float | None:
@@ -238,7 +233,7 @@ def _labels_in_words(parts: Sequence[NamedPart], layout: FrameLayout, where: str
     If a channel is the only one of its part and its own name gives no channel, the name of the part is used.
     """
     places = places_in(parts)
-    alone = [len(parts[place.part].channels) == 1 and not says_a_channel(place.channel) for place in places]
+    alone = [len(parts[place.part].channels) == 1 and not channel_in_words(place.channel) for place in places]
     names = [parts[place.part].name if lone else place.channel for place, lone in zip(places, alone, strict=True)]
     require_own_frequencies(names, layout, where=where)
     # `labels_in_words` returns a label for every name, or none at all

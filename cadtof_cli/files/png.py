@@ -5,7 +5,7 @@ A file holds one plane, in grey with 8 or 16 bits. So a frame is several files, 
 
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -103,30 +103,29 @@ def _size(path: Path, content: bytes) -> tuple[int, int, int]:
 
 def write_grey_png(path: Path, plane: NDArray[np.uint16], /, *, texts: dict[str, str]) -> None:
     """Write a plane (Y, X) as a 16-bit grey PNG with texts by keyword; the file appears whole or not at all."""
-    height, width = plane.shape
-    rows = np.zeros((height, 1 + 2 * width), np.uint8)  # PNG: each row begins with a filter type; 0 is no filter
-    rows[:, 1:] = plane.astype(">u2").view(np.uint8)
-    chunks = [
-        *((b"tEXt", f"{key}\0{text}".encode("latin-1", "replace")) for key, text in texts.items()),
-        (b"IDAT", zlib.compress(rows.tobytes(), 6)),
-    ]
+    chunks = [(b"tEXt", f"{key}\0{text}".encode("latin-1", "replace")) for key, text in texts.items()]
     with atomic_write(path) as temporary:
-        temporary.write_bytes(_png_bytes((width, height), depth=16, kind=_GREY, chunks=chunks))
+        temporary.write_bytes(_png_bytes(plane.astype(">u2"), kind=_GREY, before=chunks, level=6))
 
 
 def indexed_png(places: NDArray[np.uint8], colours: NDArray[np.uint8], /) -> bytes:
     """Return the bytes of a PNG whose pixels (Y, X) are indices into a table of at most 256 colours, (n, 3)."""
-    height, width = places.shape
-    rows = np.zeros((height, 1 + width), np.uint8)
-    rows[:, 1:] = places
-    chunks = {b"PLTE": colours.tobytes(), b"IDAT": zlib.compress(rows.tobytes(), 9)}
-    return _png_bytes((width, height), depth=8, kind=_INDEXED, chunks=chunks.items())
+    return _png_bytes(places, kind=_INDEXED, before=[(b"PLTE", colours.tobytes())], level=9)
 
 
-def _png_bytes(pixels: tuple[int, int], /, *, depth: int, kind: int, chunks: Iterable[tuple[bytes, bytes]]) -> bytes:
-    """Return the bytes of a PNG of (columns, rows) pixels with `depth` bits and a colour type: header, chunks and end."""
-    header = struct.pack(">IIBBBBB", *pixels, depth, kind, 0, 0, 0)
-    return PNG.magics[0] + b"".join(_chunk(*one) for one in ((b"IHDR", header), *chunks, (b"IEND", b"")))
+def _png_bytes(
+    plane: NDArray[np.unsignedinteger], /, *, kind: int, before: Sequence[tuple[bytes, bytes]], level: int
+) -> bytes:
+    """Return the bytes of a PNG of big-endian pixels (Y, X) and a colour type, with these chunks `before` the pixels.
+
+    `level` is how hard pixels are compressed: 1 to 9.
+    """
+    height, width = plane.shape
+    # each row begins with a filter type; 0 is no filter
+    rows = np.pad(plane.view(np.uint8), ((0, 0), (1, 0)))
+    header = struct.pack(">IIBBBBB", width, height, 8 * plane.itemsize, kind, 0, 0, 0)
+    chunks = ((b"IHDR", header), *before, (b"IDAT", zlib.compress(rows.tobytes(), level)), (b"IEND", b""))
+    return PNG.magics[0] + b"".join(_chunk(*one) for one in chunks)
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

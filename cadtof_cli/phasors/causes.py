@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Stored
+from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.phasors.voltages import sound_pixels
 from cadtof_cli.records import dataclass
@@ -43,19 +43,20 @@ class StoredRange:
         return f"stored values ({self.dtype}) lie between {self.low:{form}} and {self.high:{form}}"
 
 
-def range_of(values: Float, dtype: np.dtype[np.generic], /) -> StoredRange:
-    """Return the summary of values of any shape that were stored as `dtype`."""
+def range_of(stored: Stored, /) -> StoredRange:
+    """Return the summary of stored values of any shape, all of them finite."""
+    values = stored.astype(np.float64)
     low, middle, high = (float(value) for value in np.quantile(values, (0.01, 0.5, 0.99)))
-    return StoredRange(dtype, low, middle, high, whole=bool((values == np.rint(values)).all()))
+    return StoredRange(stored.dtype, low, middle, high, whole=bool((values == np.rint(values)).all()))
 
 
-def all_saturated(planes: Stored, metadata: CaptureMetadata, dtype: np.dtype[np.generic], /) -> str | None:
+def all_saturated(planes: Stored, metadata: CaptureMetadata, /) -> str | None:
     """Return a message if all pixels, (H, 2, n), are saturated; None if one is not, or if no value is finite."""
     voltage = metadata.voltage
-    finite = planes[np.isfinite(planes)].astype(np.float64)
+    finite = planes[np.isfinite(planes)]
     if voltage.saturated_counts is None or not finite.size or sound_pixels(planes, voltage.saturated_counts).any():
         return None
-    found, (low, high) = range_of(finite, dtype), voltage.saturated_counts
+    found, (low, high) = range_of(finite), voltage.saturated_counts
     # a real pixel stops at the limit: values beyond it show that these numbers are no counts of this camera
     beyond = found.low < low or found.high > high
     cause = _shifted_or_scaled(found, voltage, metadata.modulation.amplitude_v) if beyond else None
@@ -94,11 +95,11 @@ def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float)
         return f"zero_counts is 0 or not given: give --zero-counts (the middle of the values is {found.middle:.6g})"
     what_now = "or give --zero-counts and --volts-per-count of the scaled values"
     scaled = f"scaled to 0 … 1, as ImageMagick writes floats: export whole numbers, {what_now}"
+    is_scaled = found.dtype.kind == "f" and found.low >= 0.0 and around_zero(found.middle * _FULL_SCALE)
     if found.dtype.kind == "f" and found.largest <= LONGEST * amplitude_v:
         likely = "like volts already: leave out zero_counts, volts_per_count and saturated_counts"
-        if found.low >= 0.0 and around_zero(found.middle * _FULL_SCALE):
-            likely += f"; or {scaled}"
-    elif found.dtype.kind == "f" and found.low >= 0.0 and around_zero(found.middle * _FULL_SCALE):
+        likely += f"; or {scaled}" if is_scaled else ""
+    elif is_scaled:
         likely = scaled
     elif found.dtype == np.uint8 or (found.largest <= _BYTE and around_zero(found.middle * _FULL_SCALE / _BYTE)):
         likely = f"scaled to 8 bits, as ImageMagick does with -depth 8: export 16 bits, {what_now}"

@@ -194,14 +194,14 @@ def wrong_planes(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     here, change = here - metadata.voltage.zero, beside - here
     # the median leaves out edges of the scene, between which neighbours differ by more than noise
     noise = median(np.abs(change)) / (MAD_PER_SIGMA * math.sqrt(2.0))
+    names = plane_names(metadata.modulation.harmonics)
     if (dark := _without_light(here, change, noise)).any():
-        names = plane_names(metadata.modulation.harmonics)
         found = ", ".join(name for name, is_dark in zip(names, dark, strict=True) if is_dark)
         return (
             f"{found}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
         )
     if (same := _same_planes(here, noise)) is not None:
-        first, second = (plane_names(metadata.modulation.harmonics)[place] for place in same)
+        first, second = (names[place] for place in same)
         return (
             f"{second} shows the same as {first}, apart from noise: are both recordings of one plane, as in a "
             "stack that holds all frames of one plane before those of the next?"

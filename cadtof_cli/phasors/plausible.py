@@ -17,7 +17,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of
 from cadtof_cli.phasors.noise import NoiseModel, ambient_noise_v, noise_model
-from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
+from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored, volts_per_count
 
 LOOKED_AT = 4096
 """A larger frame is judged by at least this many pixels, spread evenly over it."""
@@ -54,7 +54,7 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     every = stored.reshape(*stored.shape[:2], -1)
     # not `spread_over`: a frame is refused here, so a few dead columns must not be all that is looked at
     some = every[:, :, :: even_step(every.shape[2], stored.shape[-1], count=LOOKED_AT)]
-    kind, voltage, together = stored.dtype, metadata.voltage, np.ascontiguousarray(some)
+    voltage, together = metadata.voltage, np.ascontiguousarray(some)
     n_av, amplitude = metadata.pixel.integration_length, metadata.modulation.amplitude_v
     if missing := no_recording(together, metadata.modulation.harmonics):
         return missing
@@ -63,7 +63,7 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     # five standard deviations of the noise come on top
     noise_v = 0.0 if n_av is None else ambient_noise_v(metadata, integration_length=n_av)
     longest = LONGEST * amplitude + 5.0 * noise_v
-    most, zero = longest / math.sqrt(2.0) / abs(volts_per_count(voltage, kind)), voltage.zero
+    most, zero = longest / math.sqrt(2.0) / abs(volts_per_count(voltage, stored.dtype)), voltage.zero
     low, high = voltage.saturated_counts or (-math.inf, math.inf)
     # a quick test that nearly all frames pass: no phasor is too long, and none is saturated; a comparison with NaN is false
     least, largest = (float(extreme.reduce(together, axis=None)) for extreme in (np.minimum, np.maximum))
@@ -71,13 +71,13 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         return None
     sound = sound_pixels(some, voltage.saturated_counts)
     if not sound.any():
-        return all_saturated(stored.reshape(*stored.shape[:2], -1), metadata, kind)
-    values = some[:, :, sound].astype(np.float64)
-    volts = (values - voltage.zero) * volts_per_count(voltage, kind)
+        return all_saturated(every, metadata)
+    values = some[:, :, sound]
+    volts = volts_from_stored(values, voltage)
     beyond = np.hypot(volts[:, 0], volts[:, 1]) > longest
     if beyond.mean(axis=1).max() <= TOO_MANY:
         return None
-    found = range_of(values, kind)
+    found = range_of(values)
     largest = float(np.quantile(np.abs(volts), 0.99))
     return (
         f"{found}, which would be voltages up to {largest:.4g} V, beyond modulation.amplitude_v = {amplitude:g} V: "

@@ -22,6 +22,7 @@ from cadtof_cli.phasors.shared_light import shared_light_in_words
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.pipeline.stages import (
+    SEARCHED_BLOCK_PIXELS,
     FramePixels,
     FrameStages,
     frame_stages,
@@ -42,11 +43,6 @@ if TYPE_CHECKING:
 BLOCK_PIXELS = 38400
 """Pixels per block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and few enough that memory
 stays small for frames of any size."""
-
-SEARCHED_BLOCK_PIXELS = 32768
-"""Pixels per block if paths are searched or refined. The last steps of a search are for a few pixels, and cost the same
-for any size of block, so small blocks are slow."""
-
 
 TYPICAL_PIXELS = 256
 """At least how many pixels the typical light of a frame is measured with."""
@@ -150,7 +146,7 @@ def resolve_pixels(pixels: FramePixels, stages: FrameStages, /) -> DepthMaps:
     The answer of a pixel does not depend on the pixels that are resolved with it, so neither the size of the blocks nor
     the size of the part changes a bit of it.
     """
-    maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
+    maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.count))
     in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(IN_KERNEL) :] in ((), (AVERAGED,))
     if chosen_kernel() != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
         _fill_by_kernel(maps, pixels, stages)
@@ -160,9 +156,8 @@ def resolve_pixels(pixels: FramePixels, stages: FrameStages, /) -> DepthMaps:
         clear_impossible(maps, noise=pixels.noise, amplitude_v=stages.depth.amplitude_v, longest=longest)
     if stages.depth.lamp is not None:
         depth, sigma = (maps.layer(name).reshape(-1) for name in (DIRECT_DEPTH, DIRECT_SIGMA))
-        here = slice(pixels.first, pixels.first + depth.size)
-        sigma[:] = stages.depth.sigma_from_camera(sigma, depth, here)
-        depth[:] = stages.depth.from_camera(depth, here)
+        sigma[:] = stages.depth.sigma_from_camera(sigma, depth, pixels.here)
+        depth[:] = stages.depth.from_camera(depth, pixels.here)
     if pixels.without_noise:
         clear_pixels(maps, has_answer(maps.status.reshape(-1)))
     return maps
@@ -172,14 +167,13 @@ def _fill_by_blocks(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -
     """Fill the maps of prepared pixels block by block, in numpy, with the compiled twins of single steps that the
     kernel has."""
     step = BLOCK_PIXELS if stages.solver_module == CLOSED_FORM else SEARCHED_BLOCK_PIXELS
-    for start in range(0, pixels.stored.shape[2], step):
+    for start in range(0, pixels.count, step):
         here = slice(start, start + step)
         block = pixels[here]
         resolved = stages.resolved(block)
         if stages.plan.calibration is not None:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
-        there = slice(block.first, block.first + block.stored.shape[2])
-        source = stages.depth.source(resolved, there, samples=block.noise.samples)
+        source = stages.depth.source(resolved, block.here, samples=block.noise.samples)
         write_block(maps, here, source, layers=stages.layers)
 
 
@@ -197,7 +191,7 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, stages: FrameStages) -
     own = pixels.tail is not None or samples is not None
     make = kernel_of_frame if own else kernel_of_frames
     source = pixels.stored if pixels.pooled is None else pixels.pooled
-    values = maps.pages[:-1].reshape(len(maps.names), -1)
+    values = maps.values.reshape(len(maps.names), -1)
     make(stages, pixels.first, status.size, pixels.noise, source.dtype, pixels.tail).fill(
         source, layers=values[: len(IN_KERNEL)], status=status, bits=bits
     )

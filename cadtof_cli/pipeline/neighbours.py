@@ -10,10 +10,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.noise import MOST_INTEGRATION, NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.pipeline.stages import FramePixels, FrameStages
-
-BLOCK_PIXELS = 32768
-"""Pixels per block of a search for paths, so that memory stays small for frames of any size."""
+from cadtof_cli.pipeline.stages import SEARCHED_BLOCK_PIXELS, FramePixels, FrameStages
 
 
 def estimated_noise(
@@ -38,7 +35,7 @@ def estimated_noise(
     stored, size = recorded.reshape(*recorded.shape[:2], -1), (recorded.shape[2], recorded.shape[3])
     metadata, quantised = stages.plan.metadata, dtype.kind in "iu"
     phasors = phasors_from_stored(stored, stages.correction.phasor_map)
-    phasors[:, saturated_pixels(stored, stages.plan.metadata.voltage.saturated_counts)] = np.nan
+    phasors[:, saturated_pixels(stored, metadata.voltage.saturated_counts)] = np.nan
     variances = None if samples is None else (recordings / samples).reshape(size)
 
     def noise_of(alike: Complex) -> NoiseModel:
@@ -90,10 +87,10 @@ def _without_own_phases(phasors: Complex, pixels: FramePixels, stages: FrameStag
     from cadtof_cli.resolver.response.as_sine import without_own_phases
 
     alike = np.empty_like(phasors)
-    for start in range(0, phasors.shape[1], BLOCK_PIXELS):
-        here = slice(start, min(start + BLOCK_PIXELS, phasors.shape[1]))
-        block, own, seen = pixels[here], response.block(here), phasors[:, here]
+    for start in range(0, pixels.count, SEARCHED_BLOCK_PIXELS):
+        block = pixels[start : start + SEARCHED_BLOCK_PIXELS]
+        own, seen = response.block(block.here), phasors[:, block.here]
         status = stages.status(block)
         found = resolve_paths(seen, status=status, settings=stages.plan.resolver, noise=block.noise, response=own)
-        alike[:, here] = without_own_phases(seen, found.paths, response=own)
+        alike[:, block.here] = without_own_phases(seen, found.paths, response=own)
     return alike

@@ -77,23 +77,22 @@ class PixelEvidence:
 
 def pixel_evidence(pixels: FramePixels, index: int, stages: FrameStages, /) -> PixelEvidence:
     """Return all numbers that lead to the answer of the pixel with a flat index in a prepared frame."""
-    here = slice(index, index + 1)
-    pixel = pixels[here]
+    pixel = pixels[index : index + 1]
     tail, response, phasors = pixels.tail, stages.response, stages.phasors(pixel)
     resolved = stages.resolved(pixel)
     free, nets = (phasors, None) if tail is None or response else freed_pixels(phasors, tail, first=index)
-    fits = {count: _fit(free, count, pixel, here, stages) for count in (1, 2)}
+    fits = {count: _fit(free, count, pixel, stages) for count in (1, 2)}
     one, two = fits[1], fits[2]
     answered_by_tail = bool(resolved.status[0] & StatusBit.DIFFUSE_MPI)
     extra = tail.separate_variance if tail and not answered_by_tail else 0.0
     if nets is not None:
         extra = float(nets.variance(extra)[0])
     numbers = {
-        count: [_numbers(fit, row, resolved, stages, here, pixel, extra) for row in range(count)]
+        count: [_numbers(fit, row, resolved, stages, pixel, extra) for row in range(count)]
         for count, fit in fits.items()
         if fit is not None
     }
-    metres = float(np.ravel(stages.depth.metres(here))[0])
+    metres = float(np.ravel(stages.depth.metres(pixel.here))[0])
     asked = stages.plan.resolver.order == "auto" and stages.plan.resolver.max_paths > 1
     return PixelEvidence(
         phasors[:, 0],
@@ -104,11 +103,11 @@ def pixel_evidence(pixels: FramePixels, index: int, stages: FrameStages, /) -> P
         _order_test(one, two, stages, pixel.noise, metres) if asked and one and two else None,
         resolved,
         metres,
-        None if tail is None else bool(tail.is_separate(here)[0]) or (nets is not None and bool(nets.where[0])),
+        None if tail is None else bool(tail.is_separate(pixel.here)[0]) or (nets is not None and bool(nets.where[0])),
     )
 
 
-def _fit(phasors: Complex, count: int, pixel: FramePixels, here: slice, stages: FrameStages) -> Fit | None:
+def _fit(phasors: Complex, count: int, pixel: FramePixels, stages: FrameStages) -> Fit | None:
     """Return the fit of a number of paths to one pixel, by the same solver as in the driver; None if it has no such fit."""
     settings, response = replace(stages.plan.resolver, mpi_model="discrete"), stages.response
     try:
@@ -125,8 +124,8 @@ def _fit(phasors: Complex, count: int, pixel: FramePixels, here: slice, stages: 
             phasors,
             noise=pixel.noise,
             settings=settings,
-            response=response.block(here) if response else None,
-            first=here.start,
+            response=response.block(pixel.here) if response else None,
+            first=pixel.first,
         )
         only: Bool = np.asarray(np.isfinite(phasors).all(axis=0))
         limit = None if count >= settings.max_paths else math.inf
@@ -135,21 +134,23 @@ def _fit(phasors: Complex, count: int, pixel: FramePixels, here: slice, stages: 
 
 
 def _numbers(
-    fit: Fit, row: int, resolved: ResolvedPaths, stages: FrameStages, here: slice, pixel: FramePixels, extra: float
+    fit: Fit, row: int, resolved: ResolvedPaths, stages: FrameStages, pixel: FramePixels, extra: float
 ) -> PathNumbers:
     """Return the path in a row of a fit, in the units of a map; `extra` is the variance that a frame's tail adds to its
     phase."""
     with np.errstate(all="ignore"):
         sigma = np.sqrt(np.square(fit.paths.sigma_rad) + extra)
         paths = Paths(fit.paths.amplitude, fit.paths.phase_rad, sigma)
-        source: LayerSource = stages.depth.source(replace(resolved, paths=paths), here, samples=pixel.noise.samples)
+        source: LayerSource = stages.depth.source(
+            replace(resolved, paths=paths), pixel.here, samples=pixel.noise.samples
+        )
         depth, amplitude, sigma_m = (
             np.asarray(np.multiply(*factors))
             for factors in (source.depth(row), source.amplitude(row), source.sigma(row))
         )
         if row == 0:
-            sigma_m = stages.depth.sigma_from_camera(sigma_m, depth, here)
-            depth = stages.depth.from_camera(depth, here)
+            sigma_m = stages.depth.sigma_from_camera(sigma_m, depth, pixel.here)
+            depth = stages.depth.from_camera(depth, pixel.here)
     return PathNumbers(float(depth[0]), float(amplitude[0]), float(sigma_m[0]))
 
 

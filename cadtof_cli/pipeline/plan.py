@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import require
 from cadtof_cli.records import dataclass, setting
 from cadtof_cli.resolver.settings import CLOSED_FORM, ResolverSettings
 from cadtof_cli.units import size_text
@@ -55,29 +55,23 @@ class MapSettings:
     )
 
     def __post_init__(self) -> None:
-        if self.depth not in DEPTH_IN_WORDS:
-            raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_IN_WORDS)}")
-        if self.pool not in range(1, MOST_POOLED + 1, 2):
-            raise SettingsError(
-                f"--pool: found {self.pool}, expected an odd number of pixels such as 3 or 5, at most {MOST_POOLED}"
-            )
-        if not 1 <= self.average <= MOST_AVERAGED:
-            raise SettingsError(f"--average: found {self.average}, expected 1 to {MOST_AVERAGED} frames")
+        require(self.depth in DEPTH_IN_WORDS, "--depth", repr(self.depth), f"one of {', '.join(DEPTH_IN_WORDS)}")
+        odd = f"an odd number of pixels such as 3 or 5, at most {MOST_POOLED}"
+        require(self.pool in range(1, MOST_POOLED + 1, 2), "--pool", self.pool, odd)
+        require(1 <= self.average <= MOST_AVERAGED, "--average", self.average, f"1 to {MOST_AVERAGED} frames")
         x0, y0, x1, y1 = self.roi or (0, 0, 1, 1)
-        if not (0 <= x0 < x1 and 0 <= y0 < y1):
-            raise SettingsError(
-                f"--roi: found {x0},{y0},{x1},{y1}, expected X0,Y0,X1,Y1 with 0 ≤ X0 < X1 and 0 ≤ Y0 < Y1"
-            )
-        least = self.min_confidence_v
-        if least is not None and not (math.isfinite(least) and least >= 0.0):
-            raise SettingsError(f"--min-confidence: found {least}, expected a voltage, 0 or more")
+        corners = "X0,Y0,X1,Y1 with 0 ≤ X0 < X1 and 0 ≤ Y0 < Y1"
+        require(0 <= x0 < x1 and 0 <= y0 < y1, "--roi", f"{x0},{y0},{x1},{y1}", corners)
+        least = self.min_confidence_v or 0.0
+        require(math.isfinite(least) and least >= 0.0, "--min-confidence", least, "a voltage, 0 or more")
 
     def require_roi_within(self, pixels: tuple[int, int], /, *, of: str) -> None:
         """Raise SettingsError if the region of interest is not inside the (Y, X) pixels; the message names the frame or
         capture `of`."""
-        if self.roi and (self.roi[2] > pixels[1] or self.roi[3] > pixels[0]):
-            found = ",".join(map(str, self.roi))
-            raise SettingsError(f"--roi: found {found}, expected it inside the {size_text(pixels)} pixels of {of}")
+        if self.roi:
+            found, (_, _, x1, y1) = ",".join(map(str, self.roi)), self.roi
+            expected = f"it inside the {size_text(pixels)} pixels of {of}"
+            require(x1 <= pixels[1] and y1 <= pixels[0], "--roi", found, expected)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 
 EVERY = slice(None)
 
+SEARCHED_BLOCK_PIXELS = 32768
+"""Pixels per block if paths are searched or refined. The last steps of a search are for a few pixels, and cost the same
+for any size of block, so small blocks are slow; large blocks take much memory."""
+
 
 @dataclass(frozen=True, eq=False)
 class FramePixels:
@@ -59,10 +63,20 @@ class FramePixels:
     choice: "DiffuseChoice | None" = None
     tail: "DiffuseModel | None" = None
 
+    @property
+    def count(self) -> int:
+        """The number n of pixels."""
+        return int(self.stored.shape[2])
+
+    @property
+    def here(self) -> slice:
+        """The flat indices of the pixels in the frame."""
+        return slice(self.first, self.first + self.count)
+
     def places(self, chosen: SomePixels, /) -> SomePixels:
         """Return the flat indices, in the frame, of some of the pixels."""
         if isinstance(chosen, slice):
-            start, stop, _ = chosen.indices(self.stored.shape[2])
+            start, stop, _ = chosen.indices(self.count)
             return slice(self.first + start, self.first + stop)
         return self.first + chosen
 
@@ -70,14 +84,14 @@ class FramePixels:
         return replace(
             self,
             stored=self.stored[:, :, pixels],
-            first=self.first + pixels.indices(self.stored.shape[2])[0],
+            first=self.first + pixels.indices(self.count)[0],
             noise=self.noise[pixels],
             pooled=None if self.pooled is None else self.pooled[:, pixels],
         )
 
     def parts(self, count: int, /) -> tuple["FramePixels", ...]:
         """Return the pixels in `count` parts, which differ in size by one pixel at most."""
-        edges = (index * self.stored.shape[2] // count for index in range(count + 1))
+        edges = (index * self.count // count for index in range(count + 1))
         return tuple(self[begin:end] for begin, end in itertools.pairwise(edges))
 
 
@@ -124,15 +138,13 @@ class FrameStages:
         """Return the paths of prepared pixels."""
         from cadtof_cli.resolver.resolve import resolve_paths
 
-        here = slice(pixels.first, pixels.first + pixels.stored.shape[2])
-        response, tail = self.response, pixels.tail
         return resolve_paths(
             self.phasors(pixels),
             status=self.status(pixels),
             settings=self.plan.resolver,
             noise=pixels.noise,
-            response=response.block(here) if response else None,
-            tail=tail,
+            response=self.response.block(pixels.here) if self.response else None,
+            tail=pixels.tail,
             first=pixels.first,
         )
 

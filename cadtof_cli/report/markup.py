@@ -14,9 +14,6 @@ class Markup(str):
 
 EMPTY = Markup("")
 
-_VOID = frozenset({"img"})
-"""Elements that HTML calls void: they have no children and no end tag."""
-
 
 def text(raw: object, /) -> Markup:
     """Return the markup that shows a text, whatever characters it has; markup is returned unchanged."""
@@ -39,7 +36,8 @@ def element(tag: str, /, *children: object, **attributes: object) -> Markup:
         if value is not None and value is not False:
             shown = "" if value is True else f'="{text(str(value))}"'
             written += f" {name.rstrip('_').replace('_', '-')}{shown}"
-    if tag in _VOID:
+    # HTML calls this element void: it has no children and no end tag
+    if tag == "img":
         return Markup(f"<{tag}{written}>")
     return Markup(f"<{tag}{written}>{joined(map(text, children))}</{tag}>")
 

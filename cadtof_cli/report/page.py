@@ -35,14 +35,9 @@ SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud
 
 @dataclass(frozen=True)
 class ShownFrame:
-    """A frame that the viewer shows.
+    """A frame that the viewer shows, with the kind of its depths, range or z.
 
-    Attributes:
-        name: of the frame.
-        embedded: its layers.
-        optics: the rays of its pixels.
-        depth: kind of its depths, range or z.
-        truth: place of its truth among the truths of the page; None: no truth is known.
+    `truth` is the place of its truth among the truths of the page; None: no truth is known.
     """
 
     name: str

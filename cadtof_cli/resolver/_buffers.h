@@ -4,8 +4,19 @@ typedef struct {
     const char *name;
     const char *formats; /* allowed formats of the struct module, each with a space after it */
     int itemsize;        /* in bytes; 0: the size of the format */
-    int optional, writable;
+    int role;            /* READ, or flags */
 } Wanted;
+
+enum { READ, MAY_BE_NONE, WRITE };
+
+/* Formats and sizes. The size of some formats differs between systems. */
+#define DOUBLES "d ", 8
+#define FLOATS "f ", 4
+#define COMPLEX_DOUBLES "Zd ", 16
+#define COMPLEX_FLOATS "Zf ", 8
+#define INT64S "l q ", 8
+#define UINT32S "I L ", 4
+#define BOOLS "? ", 1
 
 static int has_format(const char *formats, const char *format) {
     const size_t length = strlen(format);
@@ -16,8 +27,8 @@ static int has_format(const char *formats, const char *format) {
 
 /* Fill `view`; its obj stays NULL for None. Otherwise set an error and return 0. */
 static int get_buffer(const Wanted *wanted, PyObject *object, Py_buffer *view) {
-    if (object == Py_None && wanted->optional) return 1;
-    if (PyObject_GetBuffer(object, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (wanted->writable ? PyBUF_WRITABLE : 0)) < 0) return 0;
+    if (object == Py_None && wanted->role & MAY_BE_NONE) return 1;
+    if (PyObject_GetBuffer(object, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (wanted->role & WRITE ? PyBUF_WRITABLE : 0)) < 0) return 0;
     const char *format = view->format ? view->format : "B";
     if (!has_format(wanted->formats, format) || view->itemsize < 1 || (wanted->itemsize && view->itemsize != wanted->itemsize)) {
         PyErr_Format(PyExc_TypeError, "%s: found values of format %s, expected one of %s", wanted->name, format, wanted->formats);

@@ -10,7 +10,7 @@ static int fit_call(const Wanted *wanted, const Py_buffer *view, int count, cons
     for (int which = 0; which < count; which++)
         if (!has_values(wanted[which].name, &view[which], expected[which])) return 0;
     for (int which = 0; which < count; which++)
-        if (wanted[which].writable && view[which].obj && !lies_apart(&view[which], wanted, view, count)) return 0;
+        if (wanted[which].role & WRITE && view[which].obj && !lies_apart(&view[which], wanted, view, count)) return 0;
     return 1;
 }
 
@@ -51,3 +51,17 @@ static PyObject *with_buffers(PyObject *arguments, const Wanted *wanted, int cou
     release_buffers(view, count);
     return result;
 }
+
+/* Define the function that Python calls with a level and buffers, without options. */
+#define CALL_OF_BUFFERS(name, wanted, count, checked) \
+    static PyObject *name(PyObject *module, PyObject *arguments) { \
+        (void)module; \
+        return with_buffers(arguments, wanted, count, checked, NULL, ""); \
+    }
+
+/* Compute without Python's lock, then return None. */
+#define RETURN_AFTER(computation) \
+    Py_BEGIN_ALLOW_THREADS \
+    computation; \
+    Py_END_ALLOW_THREADS \
+    Py_RETURN_NONE

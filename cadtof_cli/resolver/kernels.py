@@ -8,6 +8,10 @@ operations.
 import os
 from functools import cache
 from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cadtof_cli.errors import SettingsError
 
@@ -60,6 +64,11 @@ def chosen_kernel() -> str:
 def is_compiled_for(harmonics: int, /) -> bool:
     """Return whether the chosen kernel has compiled twins of `diffuse/` for so many harmonics: numpy has none."""
     return chosen_kernel() != NUMPY and harmonics <= MOST_HARMONICS
+
+
+def contiguous(*arrays: NDArray[Any] | None) -> list[NDArray[Any] | None]:
+    """Return arrays as the extension takes them: contiguous in memory, and None for None."""
+    return [None if array is None else np.ascontiguousarray(array) for array in arrays]
 
 
 def numpy_note() -> str:

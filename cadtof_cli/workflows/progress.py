@@ -1,7 +1,6 @@
 """The progress of a workflow, which a command shows and a caller in Python may ignore; and tasks done with progress."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from typing import Protocol, TypeVar
 
 from cadtof_cli.errors import CadtofError
@@ -43,8 +42,7 @@ def results(
 
     Raise CadtofError if the process of a task ended without a result, twice.
     """
-    enough = replace(workers, jobs=max(min(workers.jobs, len(tasks)), 1))
-    for outcome in run_ordered(function, tasks, workers=enough):
+    for outcome in run_ordered(function, tasks, workers=workers.at_most(len(tasks))):
         if isinstance(outcome.result, WorkerDied):
             raise CadtofError("a worker process ended without a result, twice; was it killed, or out of memory?")
         progress.advance()

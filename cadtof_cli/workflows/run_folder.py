@@ -114,9 +114,14 @@ class Run:
         return _DEPTH_BY_WORDS.get(self._said("depth"))
 
     @property
+    def captures(self) -> list[Mapping[str, Any]]:
+        """The captures in the record; without a record there are none."""
+        return [] if self.record is None else self.record.get("captures", [])
+
+    @property
     def captures_shown(self) -> int:
         """How many captures the maps are of: each capture of a run has a folder of its own. Without a record it is 1."""
-        recorded = len(self.record.get("captures", [])) if self.record else 1
+        recorded = len(self.captures) if self.record else 1
         return min(recorded, len({Path(self.name(file)).parent for file in self.files}))
 
     def optics(self, file: Path, /) -> Optics:
@@ -124,14 +129,13 @@ class Run:
 
         They are also unknown if the map may belong to several captures whose optics differ.
         """
-        captures = [] if self.record is None else self.record.get("captures", [])
         beside = Path(self.name(file)).parent.parts
         # the maps of a capture lie in folders with the names of the last folders above its frames
-        found = captures if len(captures) == 1 else self._captures_at.get(beside)
+        found = self.captures if len(self.captures) == 1 else self._captures_at.get(beside)
         if found is None:
             found = [
                 one
-                for one, (root, _) in zip(captures, self._capture_places, strict=True)
+                for one, (root, _) in zip(self.captures, self._capture_places, strict=True)
                 if not beside or root.parts[-len(beside) :] == beside
             ]
         several = [_optics_of(one) for one in found]
@@ -141,15 +145,14 @@ class Run:
     def _captures_at(self) -> Mapping[tuple[str, ...], list[Mapping[str, Any]]]:
         """The captures of the record, by the folders of their maps in the run's folder."""
         found: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
-        captures = [] if self.record is None else self.record.get("captures", [])
-        for one, (_, beside) in zip(captures, self._capture_places, strict=True):
+        for one, (_, beside) in zip(self.captures, self._capture_places, strict=True):
             found.setdefault(beside, []).append(one)
         return found
 
     @cached_property
     def _capture_places(self) -> list[tuple[Path, tuple[str, ...]]]:
         """For each capture of the record: its absolute folder, and the folders of its maps in the run's folder."""
-        if self.record is None or not self.record.get("captures"):
+        if self.record is None or not self.captures:
             return []
         roots = capture_folders(self.record)
         shared = self.record.get("shared_folder")

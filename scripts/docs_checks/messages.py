@@ -38,9 +38,8 @@ REASONS = frozenset(
 )
 """Functions that return the text of a message instead of raising an error."""
 
-CHECKS = {"require": 1, "require_ratio": 1, "_require": 1, "_require_finite": 0}
-"""Functions that raise “NAME: found …, expected …” if a condition does not hold, and the index of the argument with
-the name."""
+CHECKS = frozenset({"require", "require_ratio"})
+"""Functions that raise “NAME: found …, expected …” if a condition, their first argument, does not hold."""
 
 _PASSED_ON = frozenset({f"{HOLE}: found {HOLE}, expected {HOLE}", f"{HOLE} is not {HOLE}"})
 """Messages that are left out: they are only the template of a message whose words come from elsewhere."""
@@ -101,20 +100,13 @@ def _texts(tree: ast.Module, kinds: frozenset[str]) -> Iterator[tuple[int, str]]
                 yield node.lineno, _text(node.args[0])
             elif name == "Typed" and (what := _text(node.args[1])):
                 yield node.lineno, f"{HOLE} is not {what}"
-            elif name in CHECKS and len(node.args) > CHECKS[name] + 1:
-                yield from _checked(node, CHECKS[name])
+            elif name in CHECKS and len(node.args) > 2:
+                told = _text(node.args[3]) if len(node.args) > 3 else "a ratio"
+                yield node.lineno, f"{_text(node.args[1])}: found {HOLE}, expected {told}"
         elif isinstance(node, ast.FunctionDef) and node.name in REASONS:
             for inner in ast.walk(node):
                 if isinstance(inner, ast.Return | ast.Assign | ast.AugAssign) and inner.value is not None:
                     yield from ((inner.lineno, text) for text in map(_text, _strings(inner.value, constants)))
-
-
-def _checked(node: ast.Call, first: int) -> Iterator[tuple[int, str]]:
-    expected = [keyword.value for keyword in node.keywords if keyword.arg == "expected"]
-    if len(node.args) > first + 2:
-        expected.append(node.args[first + 2])
-    told = _text(expected[0]) if expected else "a finite number"
-    yield node.lineno, f"{_text(node.args[first])}: found {HOLE}, expected {told}"
 
 
 def _strings(value: ast.expr, constants: Mapping[str, ast.expr]) -> Iterator[ast.expr]:

@@ -16,7 +16,7 @@ _TIMING = re.compile(r"\d[\d.]*(?= (?:s\b|ms\b|seconds|frames/s|µs))|\b[0-9a-f]
 """Durations, which differ from machine to machine, and digests, which depend on the time."""
 
 
-def differences(expected: str, found: str, /, *, relative: float = RELATIVE) -> Iterator[str]:
+def differences(expected: str, found: str, /) -> Iterator[str]:
     """Yield the differences between an expected text and the printed text.
 
     Several blanks equal one blank, and all timings are equal.
@@ -27,20 +27,20 @@ def differences(expected: str, found: str, /, *, relative: float = RELATIVE) -> 
         if line.strip() in {ELLIPSIS, "..."}:
             skipping = True
             continue
-        while skipping and remaining and not like(line, remaining[0], relative=relative):
+        while skipping and remaining and not like(line, remaining[0]):
             remaining.pop(0)
         skipping = False
         if not remaining:
             yield f"expected {line.strip()!r}, and nothing more is printed"
             return
         there = remaining.pop(0)
-        if not like(line, there, relative=relative):
+        if not like(line, there):
             yield f"expected {line.strip()!r}, found {there.strip()!r}"
     if remaining and not skipping and any(line.strip() for line in remaining):
         yield f"expected no more, found {remaining[0].strip()!r}"
 
 
-def like(expected: str, found: str, /, *, relative: float = RELATIVE) -> bool:
+def like(expected: str, found: str, /) -> bool:
     """Return whether a line equals the expected line, apart from timings, and from numbers within the tolerance."""
     expected, found = (_TIMING.sub("0", text) for text in (expected, found))
     pieces = [NUMBER.split(part) for part in expected.split(ELLIPSIS)]
@@ -49,7 +49,7 @@ def like(expected: str, found: str, /, *, relative: float = RELATIVE) -> bool:
     if match is None:
         return False
     numbers = [number for part in expected.split(ELLIPSIS) for number in NUMBER.findall(part)]
-    return all(close(a, b, relative=relative) for a, b in zip(numbers, match.groups(), strict=True))
+    return all(close(a, b) for a, b in zip(numbers, match.groups(), strict=True))
 
 
 _NUMBERS = rf"({NUMBER.pattern})"

@@ -6,7 +6,7 @@ from inspect import cleandoc
 from pathlib import Path
 
 import click
-from man_pages import contexts, option_sections
+from man_pages import commands_of, contexts, option_sections
 
 from cadtof_cli.cli import COMMANDS
 from cadtof_cli.commands.help import example_lines
@@ -48,7 +48,7 @@ def _page(context: click.Context) -> str:
     parts = [f"# {context.command_path}", _description(cleandoc(command.help or ""))]
     parts.append(f"```text\n{context.command_path} {' '.join(command.collect_usage_pieces(context))}\n```")
     if isinstance(command, click.Group):
-        parts.append(_steps(context, command))
+        parts.append(_steps(context))
     for title, options in option_sections(command).items():
         parts += [f"## {title}", *_options(context, options)]
     lines = example_lines(command.epilog)
@@ -56,11 +56,9 @@ def _page(context: click.Context) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _steps(context: click.Context, group: click.Group) -> str:
+def _steps(context: click.Context) -> str:
     rows = []
-    for name in group.list_commands(context):
-        below = group.get_command(context, name)
-        assert below is not None
+    for name, below in commands_of(context):
         page = f"{context.command_path} {name}".replace(" ", "-")
         rows.append(f"| [`{context.command_path} {name}`]({page}.md) | {_plain(below.get_short_help_str(limit=200))} |")
     return "| step | what it does |\n|---|---|\n" + "\n".join(rows)

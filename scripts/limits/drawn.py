@@ -60,3 +60,8 @@ def markdown(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
 def power(length: float) -> str:
     """Return an integration length as the pages write it, such as 1e5."""
     return f"{length:.0e}".replace("e+0", "e")
+
+
+def named_noise(asr: float, n_av: float) -> str:
+    """Return an ASR and an integration length as the pages write them."""
+    return f"ASR {asr:g}, n_av {power(n_av)}"

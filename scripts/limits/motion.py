@@ -16,7 +16,7 @@ from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.units import C_M_PER_NS
 from cadtof_cli.workflows.simulate.outcome import summary
 from cadtof_cli.workflows.simulate.trials import Recordings, Trials, recordings
-from limits.drawn import SEEDS, markdown, power, write_csv
+from limits.drawn import SEEDS, markdown, named_noise, write_csv
 
 SPEEDS_M_S = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 RATE_HZ = 30.0
@@ -114,7 +114,7 @@ def draw(groups: Sequence[tuple[Key, list[Moved]]], path: Path) -> None:
 
 def _named(key: Key) -> str:
     harmonics, ratio, asr, n_av = key
-    return f"{harmonics} harmonics, {f'MPI {ratio:g}' if ratio else 'no MPI'}, ASR {asr:g}, n_av {power(n_av)}"
+    return f"{harmonics} harmonics, {f'MPI {ratio:g}' if ratio else 'no MPI'}, {named_noise(asr, n_av)}"
 
 
 def _table(groups: Sequence[tuple[Key, list[Moved]]]) -> str:

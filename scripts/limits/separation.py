@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from limits.drawn import SEEDS, markdown, power, write_csv
+from limits.drawn import SEEDS, markdown, named_noise, power, write_csv
 from limits.separation_cells import ASRS, LENGTHS, RATIOS, SEAM, SEPARATIONS_NS, SHOWN, WORTH, Cell, measured
 
 
@@ -35,9 +35,7 @@ def draw(cells: list[Cell], path: Path) -> None:
     for index, noise in enumerate(SHOWN):
         chosen = [cell for cell in cells if cell.mpi_ratio == 0.3 and (cell.asr, cell.n_av) == noise]
         x, colour = [cell.separation_ns for cell in chosen], f"C{index}"
-        error.plot(
-            x, [cell.rmse_cm for cell in chosen], "-", color=colour, label=f"ASR {noise[0]:g}, n_av {power(noise[1])}"
-        )
+        error.plot(x, [cell.rmse_cm for cell in chosen], "-", color=colour, label=named_noise(*noise))
         error.plot(x, [cell.sigma_cm for cell in chosen], ":", color=colour)
         share.plot(x, [cell.two for cell in chosen], "-", color=colour)
         doubt.plot(x, [cell.beyond for cell in chosen], "-", color=colour)
@@ -65,7 +63,7 @@ def _titled(axes: Axes, title: str, label: str) -> None:
 def by_separation(cells: Iterable[Cell], ratio: float) -> str:
     """Return the table of one MPI ratio: separations down, noise across."""
     found = {(cell.separation_ns, cell.asr, cell.n_av): cell for cell in cells if cell.mpi_ratio == ratio}
-    head = ["separation, ns", *(f"ASR {asr:g}, n_av {power(n_av)}" for asr, n_av in SHOWN)]
+    head = ["separation, ns", *(named_noise(*noise) for noise in SHOWN)]
     lines = []
     for separation_ns in SEPARATIONS_NS:
         row = [found[separation_ns, *noise] for noise in SHOWN]
@@ -143,7 +141,7 @@ def page(cells: list[Cell], clean: list[Cell], three: list[Cell], pixels: int) -
 
 def _least(cells: list[Cell]) -> str:
     return markdown(
-        ["MPI/laser", *(f"ASR {asr:g}, n_av {power(n_av)}" for asr, n_av in SHOWN)],
+        ["MPI/laser", *(named_noise(*noise) for noise in SHOWN)],
         ([f"{ratio:g}", *(least_separation(cells, ratio, noise, 0.02) for noise in SHOWN)] for ratio in RATIOS),
     )
 
@@ -176,7 +174,7 @@ def _reasons(worse: list[Cell]) -> str:
         some = [cell for cell in worse if _reason(cell) == reason]
         worst = max(some, key=lambda cell: cell.over_better)
         light = f"MPI/laser {worst.mpi_ratio:g} at {worst.separation_ns:g} ns" if worst.mpi_ratio else "no MPI"
-        where = f"{light}, ASR {worst.asr:g}, n_av {power(worst.n_av)}"
+        where = f"{light}, {named_noise(worst.asr, worst.n_av)}"
         rmse = f"{worst.rmse_cm:.2f}, {worst.rmse_one_cm:.2f}, {worst.rmse_two_cm:.2f}"
         typical = float(np.median([cell.over_better for cell in some]))
         lines.append([reason, str(len(some)), f"{typical:.2f} ×", f"{worst.over_better:.2f} ×", where, rmse])

@@ -1,6 +1,6 @@
 """Compare switched stages ST1 and ST2 (Fig. 1) with stages closed by DC: shot noise, ripple and static errors."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,9 @@ RATE_HZ = 125e6
 
 CAPACITORS = Capacitors(values_ff=(1.0, 1333.0, 1.0, 1333.0, *[666.5] * 8))
 """C1 and C3 have 1 fF; the three stages share the rest evenly: n_av 4000."""
+
+OF_CAPACITORS = Averaging(integration_length=CAPACITORS.integration_length, capacitors=CAPACITORS)
+"""Their averaging, with stages closed by DC."""
 
 F1_HZ, F2_HZ = 1.0e6, 1.0e4
 """Frequencies at which the paper switches the stages."""
@@ -70,20 +73,22 @@ class Way:
 
 def ways() -> tuple[Way, Way, Way]:
     """Return stages closed by DC, switched stages, and an average by DC with the same shot noise as the switched stages."""
-    switched = Stages(drive="switched", f1_hz=F1_HZ, f2_hz=F2_HZ)
-    length = CAPACITORS.integration_length
-    closed, stages = (
-        Averaging(integration_length=length, capacitors=CAPACITORS, stages=each).weights(
-            PHOTONS, photon_rate_hz=RATE_HZ
-        )[0]
-        for each in (Stages(), switched)
-    )
-    quiet = Averaging(integration_length=effective_length(stages)).weights(PHOTONS, photon_rate_hz=RATE_HZ)[0]
+    switched = _switched(F2_HZ, PHOTONS)
+    alike = effective_length(switched)
     return (
-        Way(f"DC, n_av {length:,.0f}", np.asarray(closed)),
-        Way("switched at 1 MHz and 10 kHz", np.asarray(stages)),
-        Way(f"DC, n_av {effective_length(stages):,.0f}: as little shot noise", np.asarray(quiet)),
+        Way(f"DC, n_av {CAPACITORS.integration_length:,.0f}", _weights(OF_CAPACITORS, PHOTONS)),
+        Way("switched at 1 MHz and 10 kHz", switched),
+        Way(f"DC, n_av {alike:,.0f}: as little shot noise", _weights(Averaging(integration_length=alike), PHOTONS)),
     )
+
+
+def _switched(f2_hz: float, photons: int) -> F:
+    """Return the weights of photons if the stages switch at `F1_HZ` and at `f2_hz`."""
+    return _weights(replace(OF_CAPACITORS, stages=Stages(drive="switched", f1_hz=F1_HZ, f2_hz=f2_hz)), photons)
+
+
+def _weights(averaging: Averaging, photons: int) -> F:
+    return np.asarray(averaging.weights(photons, photon_rate_hz=RATE_HZ)[0])
 
 
 def ripple(weights: F, frequency_hz: float) -> float:
@@ -138,12 +143,7 @@ def _lengths() -> str:
     """Return the table of shot noise and memory over F2, with the same capacitors."""
     lines = []
     for f2_hz in SECOND_STAGE_HZ:
-        averaging = Averaging(
-            integration_length=CAPACITORS.integration_length,
-            capacitors=CAPACITORS,
-            stages=Stages(drive="switched", f1_hz=F1_HZ, f2_hz=f2_hz),
-        )
-        way = Way("", np.asarray(averaging.weights(LONG, photon_rate_hz=RATE_HZ)[0]))
+        way = Way("", _switched(f2_hz, LONG))
         lines.append([f"{f2_hz / 1e3:g} kHz", f"{way.length:,.0f}", f"{way.memory_ms:.2f} ms", f"{way.settled:.3f}"])
     return markdown(["F2", "shot noise as of n_av", "90 % of a change after", "left of a constant offset"], lines)
 

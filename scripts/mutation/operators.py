@@ -61,7 +61,7 @@ KEPT_CALLS = frozenset(
             "empty_like",
             "zeros_like",
         ),
-        *("finfo", "read_only", "float32", "float64", "uint32", "intp"),
+        *("finfo", "float32", "float64", "uint32", "intp"),
     )
 )
 """Calls that only change a value's type or container. They are not replaced by their first argument, because that

@@ -31,7 +31,7 @@ KERNEL_LIBRARY = "_kernel*.so"
 
 COMPILED_LIBRARIES = "_*.so"
 
-KERNEL_FRONTS = frozenset(("kernels", "kernel", "compiled"))
+KERNEL_FRONTS = frozenset(("kernels", "kernel"))
 """Modules whose mutants are tried with the compiled kernel."""
 
 KERNEL_CALLS = frozenset(("extension", "compiled_search"))

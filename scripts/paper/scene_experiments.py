@@ -4,15 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
+from with_truth import resolved
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.execution.workers import Workers
+from cadtof_cli.figures.canvas import legend_beside
 from cadtof_cli.files.documents import write_rows
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.pipeline.frame import resolve_frame
-from cadtof_cli.pipeline.plan import FramePlan, MapSettings
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene
@@ -61,14 +61,13 @@ def recorded(scene: Scene, effort: Effort, *, camera: Camera | None = None) -> R
 
 def _frame(exposure: Exposure, whole: Band, index: int) -> tuple[Float, Float, Float, str]:
     counts = exposure.camera.counts_from_voltages(frame_voltages(exposure, whole, index))
-    plans = (
-        FramePlan(metadata=exposure.metadata),
-        FramePlan(metadata=exposure.metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete"))),
+    auto, alone = (
+        resolved(counts, exposure.metadata, model="auto"),
+        resolved(counts, exposure.metadata, model="discrete"),
     )
-    found = [resolve_frame(counts, plan=plan) for plan in plans]
-    direct, discrete = (one.maps.layer(DIRECT_DEPTH).astype(np.float64) for one in found)
-    first = first_phasor_depth(counts, plan=plans[0])
-    return first, direct, discrete, found[0].mpi.taken if found[0].mpi else "discrete"
+    direct, discrete = (one.maps.layer(DIRECT_DEPTH).astype(np.float64) for one in (auto, alone))
+    first = first_phasor_depth(counts, plan=FramePlan(metadata=exposure.metadata))
+    return first, direct, discrete, auto.mpi.taken if auto.mpi else "discrete"
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ def figure_4(effort: Effort) -> Figure4:
     for (label, line), colour in zip(lines.items(), ("black", MEASURED, DIRECT, DISCRETE), strict=True):
         axes.plot(columns, line, color=colour, lw=1.2, label=label)
     axes.set(xlabel="column, px", ylabel="planar distance, cm", title="profile across the panel; bent by the lens")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
+    legend_beside(axes)
     axes.grid(alpha=0.3)
     figure.savefig(effort.out / "fig4.png")
     write_rows(
@@ -201,6 +200,6 @@ def _draw_corner(effort: Effort, lines: list[Float], first: Float, direct: Float
     ):
         axes.plot(line, color=colour, lw=1.3, label=label)
     axes.set(xlabel="column, px", ylabel="planar depth, m", title=f"cross-section, {effort.frames} frames")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
+    legend_beside(axes)
     axes.grid(alpha=0.3)
     figure.savefig(effort.out / "fig5.png")

@@ -14,11 +14,16 @@ from typing import Literal
 
 ROOT = Path(__file__).resolve().parents[2]
 
+SAMPLE = ROOT / "sample_data" / "corner"
+
 ENVIRONMENT = {
     name: value for name, value in os.environ.items() if name not in {"PYTHONDONTWRITEBYTECODE", "PYTHONPATH"}
 } | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Environment of measured commands. Python keeps its bytecode, as it does for a user, and no library starts threads
 of its own."""
+
+PAUSE_S = 0.01
+"""Time from one look at the memory of a process to the next."""
 
 
 @dataclass(frozen=True)
@@ -104,14 +109,22 @@ def least_seconds(works: Mapping[str, Callable[[], object]], repeats: int) -> di
     return {name: min(found) for name, found in times.items()}
 
 
-def tree_memory(pid: int, kind: Literal["Rss", "Pss"]) -> int:
-    """Return the memory of a process and all its descendants, in bytes.
+def peak_memory(run: subprocess.Popen[bytes], kind: Literal["Rss", "Pss"]) -> int:
+    """Wait for the end of a process; return the peak memory of it and all its descendants, in bytes.
 
     Args:
-        pid: the process.
+        run: the process.
         kind: `Rss` counts a shared page for each process. `Pss` shares it out, so that it counts once; but `Pss` also
             changes when other processes on the machine map the same pages, although nothing is allocated.
     """
+    peak = 0
+    while run.poll() is None:
+        peak = max(peak, _tree_memory(run.pid, kind))
+        time.sleep(PAUSE_S)
+    return peak
+
+
+def _tree_memory(pid: int, kind: str) -> int:
     total, waiting = 0, [pid]
     while waiting:
         pid = waiting.pop()
@@ -125,7 +138,7 @@ def tree_memory(pid: int, kind: Literal["Rss", "Pss"]) -> int:
     return total
 
 
-def capture_of(folder: Path, frames: int, *, sample: Path = ROOT / "sample_data" / "corner") -> Path:
+def capture_of(folder: Path, frames: int, *, sample: Path = SAMPLE) -> Path:
     """Make a capture of `frames` copies of a sample's first frame."""
     folder.mkdir()
     shutil.copy(sample / "capture.toml", folder)

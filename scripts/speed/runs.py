@@ -3,11 +3,10 @@
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from speed.measure import ENVIRONMENT, ROOT, Command, Cost, Row, capture_of, in_turns, resolve, tree_memory
+from speed.measure import ENVIRONMENT, ROOT, Command, Cost, Row, capture_of, in_turns, peak_memory, resolve
 
 COPY = """
 import sys
@@ -192,10 +191,6 @@ def peak(command: Command) -> int:
     """Run a command; return the peak memory of it and all its descendants, in bytes."""
     shutil.rmtree(command.out, ignore_errors=True)
     command.out.mkdir()
-    seen = [0]
     environment = {**ENVIRONMENT, **(command.environment or {})}
     with subprocess.Popen(command.words, env=environment, cwd=command.out) as process:
-        while process.poll() is None:
-            seen.append(tree_memory(process.pid, "Rss"))
-            time.sleep(0.01)
-    return max(seen)
+        return peak_memory(process, "Rss")

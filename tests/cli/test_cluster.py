@@ -338,7 +338,7 @@ def test_a_result_that_does_not_arrive_is_requested_again(
         line.close()
         # later tests fork this process, which must have no threads then
         Future._cb_executor.shutdown()
-    assert ended[0].result in {process.pid for process in cluster.workers}
+    assert ended[0].answer in {process.pid for process in cluster.workers}
 
 
 def test_a_port_where_another_program_listens_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

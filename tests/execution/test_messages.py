@@ -10,7 +10,7 @@ import pytest
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import FrameSource
-from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_message, answer_of
+from cadtof_cli.execution.messages import Incoming, TaskMessages
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 from cadtof_cli.pipeline.plan import FramePlan
@@ -65,12 +65,21 @@ def test_workers_have_the_shared_objects_with_every_start_method(start_method: S
     assert [outcome.result for outcome in outcomes] == [(number, 100_000) for number in range(5)]
 
 
-@pytest.mark.parametrize(
-    ("kind", "content"),
-    [(Said.COMPUTED, None), (Said.RESULT, None), (Said.RESULT, {"a": 1}), (Said.ERROR, "why")],
-)
-def test_answers_arrive(kind: Said, content: object) -> None:
-    assert answer_of(answer_message(kind, content)) == (kind, content)
+def given(answer: object) -> object:
+    if isinstance(answer, Exception):
+        raise answer
+    return answer
+
+
+@pytest.mark.parametrize("answer", [None, b"", {"a": 1}], ids=["none", "empty", "mapping"])
+def test_answers_arrive(answer: object) -> None:
+    (outcome,) = run_ordered(given, [answer], workers=Workers(jobs=2))
+    assert outcome.result == answer
+
+
+def test_exceptions_arrive() -> None:
+    with pytest.raises(ValueError, match=r"^why$"):
+        list(run_ordered(given, [ValueError("why")], workers=Workers(jobs=2)))
 
 
 def test_the_task_of_a_frame_arrives_whole_and_small(tmp_path: Path) -> None:

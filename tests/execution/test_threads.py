@@ -83,7 +83,7 @@ def test_an_interrupt_after_a_thread_has_started_leaves_no_thread(
     def begun() -> Later[int]:
         with finishing() as finisher:
             first: Later[int] = finisher.begin(Later(lambda _: 9))
-            assert first.result() == 9
+            assert first.answer() == 9
             monkeypatch.setattr(_thread, "start_new_thread", interrupted)
             return finisher.begin(Later(lambda _: 9))
 
@@ -105,7 +105,7 @@ pages = int(Path("/proc/self/statm").read_text().split()[0])
 room = pages * resource.getpagesize() + int(sys.argv[1])
 resource.setrlimit(resource.RLIMIT_AS, (room, room))
 with finishing() as finisher:
-    print(finisher.begin(Later(lambda _: 9)).result())
+    print(finisher.begin(Later(lambda _: 9)).answer())
 """
 
 

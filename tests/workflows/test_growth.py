@@ -20,6 +20,7 @@ from cadtof_cli.workflows.inspect import first_phasors, info
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 from cadtof_cli.workflows.progress import NO_PROGRESS
 from cadtof_cli.workflows.resolve import arrivals, plans
+from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import Run
 from tests.support.captures import record
@@ -57,8 +58,10 @@ def _tree(folder: Path, captures: int) -> list[Path]:
 def test_paths_that_arrive_at_once_are_compared_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files = _tree(tmp_path / "rec", MANY)
     with _counted(monkeypatch, arrivals, "absolute") as calls:
-        there, _ = arrivals.Arrivals(ResolveSettings(out=tmp_path / "out"), ()).first_captures(files)
-        assert len(there) == MANY
+        failed = list[FrameReport]()
+        found = arrivals.Arrivals(ResolveSettings(out=tmp_path / "out"), (), failed.append)
+        there, _ = found.first_captures(files)
+        assert (len(there), failed) == (MANY, [])
         assert calls() < 5 * MANY
 
 

@@ -15,6 +15,7 @@ from uuid import uuid4
 
 from cadtof_cli.errors import ClusterError, SettingsError
 from cadtof_cli.execution.cluster.worker import wait_until_idle
+from cadtof_cli.execution.outcome import Raised
 
 CONNECT_S = 10
 """Longest wait for a scheduler to answer."""
@@ -56,11 +57,10 @@ class WorkerLost:
 
 @dataclass(frozen=True)
 class Finished:
-    """A piece of work has ended with the value that it returned, or with the exception that kept it from returning."""
+    """A piece of work has ended. The answer is the value that it returned, or `Raised` if an exception kept it from returning."""
 
     work: int
-    result: Any
-    error: BaseException | None = None
+    answer: Any
 
 
 News = WorkerJoined | WorkerLost | Finished
@@ -173,7 +173,7 @@ class Connection:
                 error = future.exception(timeout=GATHER_S)
                 if type(error).__name__ != "KilledWorker":
                     del self._futures[work]
-                    yield Finished(work, None, error)
+                    yield Finished(work, Raised(error))
             elif future.status == "cancelled":
                 raise self._lost()
         except OSError:

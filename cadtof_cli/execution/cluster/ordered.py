@@ -8,15 +8,12 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic
 
 from cadtof_cli.errors import ClusterError
 from cadtof_cli.execution.cluster.connection import Connection, Finished, WorkerJoined, WorkerLost
-from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
-from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
+from cadtof_cli.execution.cluster.worker import BatchResult, Surroundings, run_batch, surroundings
+from cadtof_cli.execution.outcome import ATTEMPTS, Job, Outcome, Raised, Result, Task, Work, WorkerDied
 
 SHORT_S = 0.05
 """Tasks that take less time than this are sent in batches."""
@@ -38,28 +35,12 @@ ANSWER_S = 10
 of its memory, is there but does not answer."""
 
 
-@dataclass(eq=False)
-class Entry(Generic[Task, Result]):
-    """A task that is not reported yet. `ended` is its outcome or exception, None until it has ended."""
-
-    task: Task
-    ended: Outcome[Task, Result] | Raised | None = None
-
-
-@dataclass
-class Batch(Generic[Task, Result]):
-    """Tasks that go to a worker together. `alone` is True if the batch is a single task that may have killed a worker before."""
-
-    entries: list[Entry[Task, Result]]
-    alone: bool = False
-
-
 @dataclass
 class Worker(Generic[Task, Result]):
-    """A worker that is fit for the run, and the batches that it has, by their number of work."""
+    """A worker that is fit for the run, and the batches of tasks that it has, by their number of work."""
 
     name: str
-    batches: dict[int, Batch[Task, Result]] = field(default_factory=dict)
+    batches: dict[int, list[Job[Task, Result]]] = field(default_factory=dict)
 
 
 def run_on_cluster(
@@ -105,9 +86,9 @@ class ClusterRun(Generic[Task, Result]):
         self._expected, self._probe, self._folder = expected, probe, Path.cwd()
         self._numbers = itertools.count()
         self._task_times_s: deque[float] = deque(maxlen=15)
-        self._unreported: deque[Entry[Task, Result]] = deque()
-        self._queued: deque[Entry[Task, Result]] = deque()
-        self._suspects: deque[Entry[Task, Result]] = deque()
+        self._unreported: deque[Job[Task, Result]] = deque()
+        self._queued: deque[Job[Task, Result]] = deque()
+        self._suspects: deque[Job[Task, Result]] = deque()
         self._asked: dict[int, str] = {}
         self._unfit: list[str] = []
         self._workers: dict[str, Worker[Task, Result]] = {}
@@ -133,7 +114,8 @@ class ClusterRun(Generic[Task, Result]):
         """Yield the outcome of every task, in order; exceptions of the function are raised here."""
         try:
             while True:
-                yield from self._in_order()
+                while self._unreported and self._unreported[0].ended:
+                    yield self._unreported.popleft().outcome()
                 if not self._unreported and not self._draw():
                     return
                 self._hand_out()
@@ -142,20 +124,12 @@ class ClusterRun(Generic[Task, Result]):
         finally:
             self._cluster.close()
 
-    def _in_order(self) -> Iterator[Outcome[Task, Result]]:
-        """Yield the outcomes of the first tasks, up to the first task that has not ended."""
-        while self._unreported and (ended := self._unreported[0].ended) is not None:
-            self._unreported.popleft()
-            if isinstance(ended, Raised):
-                raise ended.error
-            yield ended
-
     def _draw(self) -> bool:
         """Draw one more task if there is one, and return whether there was."""
         for task in itertools.islice(self._tasks, 1):
-            entry: Entry[Task, Result] = Entry(task)
-            self._unreported.append(entry)
-            self._queued.append(entry)
+            job: Job[Task, Result] = Job(task)
+            self._unreported.append(job)
+            self._queued.append(job)
             return True
         return False
 
@@ -166,30 +140,29 @@ class ClusterRun(Generic[Task, Result]):
             name = next(iter(self._with_room))
             worker = self._with_room.pop(name)
             batch = self._next_batch(worker)
-            if batch is None:
+            if not batch:
                 kept[name] = worker
                 if not self._suspects:
                     break
                 continue
             work = next(self._numbers)
             worker.batches[work], self._worker_of[work] = batch, worker
-            tasks = [entry.task for entry in batch.entries]
+            tasks = [job.task for job in batch]
             self._cluster.submit(work, name, run_batch, self._function, tasks, self._folder)
-            if not batch.alone and len(worker.batches) < BATCHES_PER_WORKER:
+            if not batch[0].losses and len(worker.batches) < BATCHES_PER_WORKER:
                 self._with_room[name] = worker
         self._with_room |= kept
 
-    def _next_batch(self, worker: Worker[Task, Result]) -> Batch[Task, Result] | None:
-        """Return a batch for a worker, or None. As long as there are suspects, only an idle worker gets a batch: one suspect."""
+    def _next_batch(self, worker: Worker[Task, Result]) -> list[Job[Task, Result]]:
+        """Return a batch for a worker, or an empty list. As long as there are suspects, only an idle worker gets one."""
         if self._suspects:
-            return None if worker.batches else Batch([self._suspects.popleft()], alone=True)
+            return [] if worker.batches else [self._suspects.popleft()]
         # the lower quartile: on a busy machine, slower tasks are slow for reasons that larger batches do not mend
         usual = statistics.quantiles(self._task_times_s)[0] if len(self._task_times_s) > 1 else SHORT_S
         size = 1 if usual >= SHORT_S else min(math.ceil(BATCH_S / max(usual, 1e-9)), MOST_IN_BATCH)
         while len(self._queued) < size and len(self._unreported) < TASKS_AHEAD and self._draw():
             pass
-        entries = [self._queued.popleft() for _ in range(min(size, len(self._queued)))]
-        return Batch(entries) if entries else None
+        return [self._queued.popleft() for _ in range(min(size, len(self._queued)))]
 
     def _take_news(self) -> None:
         for news in self._cluster.news():
@@ -200,34 +173,33 @@ class ClusterRun(Generic[Task, Result]):
                     self._cluster.submit(work, worker, surroundings, self._folder, self._probe)
                 case WorkerLost(worker, expected):
                     self._worker_lost(worker, expected=expected)
-                case Finished(work) if work in self._asked:
-                    self._answered(self._asked.pop(work), news)
-                case Finished(work) if work in self._worker_of:
-                    self._batch_finished(work, news)
+                case Finished(work, answer) if work in self._asked:
+                    self._answered(self._asked.pop(work), answer)
+                case Finished(work, answer) if work in self._worker_of:
+                    self._batch_finished(work, answer)
 
-    def _answered(self, worker: str, news: Finished) -> None:
+    def _answered(self, worker: str, answer: Surroundings | Raised) -> None:
         """Admit a worker if it fits; else note why it does not."""
-        if news.error is not None:
-            differences = [f"cannot run cadtof: {type(news.error).__name__}: {news.error}"]
+        if isinstance(answer, Raised):
+            differences = [f"cannot run cadtof: {type(answer.error).__name__}: {answer.error}"]
         else:
-            differences = news.result.differences(self._expected)
+            differences = answer.differences(self._expected)
         if differences:
             self._unfit.append(f"worker {worker} {' and '.join(differences)}")
         else:
             self._workers[worker] = self._with_room[worker] = Worker(worker)
 
-    def _batch_finished(self, work: int, news: Finished) -> None:
+    def _batch_finished(self, work: int, answer: BatchResult[Result] | Raised) -> None:
         worker = self._worker_of.pop(work)
         batch = worker.batches.pop(work)
-        if news.error is not None:
-            for entry in batch.entries:
-                entry.ended = Raised(news.error)
+        if isinstance(answer, Raised):
+            for job in batch:
+                job.end(answer)
         else:
-            done: BatchResult[Result] = news.result
-            for entry, result in zip(batch.entries, done.results, strict=False):
-                entry.ended = result if isinstance(result, Raised) else Outcome(entry.task, result)
-            self._queued.extendleft(reversed(batch.entries[len(done.results) :]))
-            self._task_times_s.append(done.seconds / len(done.results))
+            for job, result in zip(batch, answer.results, strict=False):
+                job.end(result)
+            self._queued.extendleft(reversed(batch[len(answer.results) :]))
+            self._task_times_s.append(answer.seconds / len(answer.results))
         self._with_room[worker.name] = worker
 
     def _worker_lost(self, name: str, *, expected: bool) -> None:
@@ -240,13 +212,14 @@ class ClusterRun(Generic[Task, Result]):
         self._cluster.forget((*asked, *worker.batches))
         for work, batch in worker.batches.items():
             del self._worker_of[work]
-            if batch.alone and not expected:
-                (entry,) = batch.entries
-                entry.ended = Outcome(entry.task, WorkerDied())
-            elif batch.alone or not expected:
-                self._suspects += batch.entries
+            for job in batch:
+                job.losses += not expected
+            if batch[0].losses == ATTEMPTS:
+                batch[0].end(WorkerDied())
+            elif batch[0].losses:
+                self._suspects += batch
             else:
-                self._queued.extendleft(reversed(batch.entries))
+                self._queued.extendleft(reversed(batch))
 
     def _tell(self) -> None:
         """Say which workers are left out, and that there is no worker; say each only once."""

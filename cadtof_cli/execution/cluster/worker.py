@@ -10,13 +10,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic
 
-from cadtof_cli.execution.outcome import Later, Work, finishing
+from cadtof_cli.execution.outcome import Later, Raised, Result, Task, Work, finishing
 from cadtof_cli.version import __version__
-
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 LONGEST_BATCH_S = 1.0
 """After this time a worker begins no further task of a batch. Tasks can become slow, for example when a disk stalls, and a run
@@ -24,13 +21,6 @@ that is stopped waits until its workers are idle."""
 
 _ONE_AT_A_TIME = threading.Lock()
 """Lets one batch run at a time: the current folder belongs to the whole process, so tasks of two runs must not run together."""
-
-
-@dataclass(frozen=True)
-class Raised:
-    """Stands in for the result of a task whose function raised an exception."""
-
-    error: BaseException
 
 
 @dataclass(frozen=True)
@@ -95,8 +85,7 @@ def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path,
                 if begun and time.monotonic() - began > LONGEST_BATCH_S:
                     break
                 begun.append(finisher.attempt(function, task))
-        results = [Raised(one.error) if one.error else one.result() for one in begun]
-        return BatchResult(tuple(results), time.monotonic() - began)
+        return BatchResult(tuple(one.answer() for one in begun), time.monotonic() - began)
 
 
 @contextmanager

@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tifffile
 
-from cadtof_cli.files.named_planes import is_of_a_plane, plane_label, says_a_channel, says_a_harmonic
+from cadtof_cli.files.named_planes import channel_in_words, is_of_a_plane, plane_label, says_a_harmonic
 from cadtof_cli.files.tiff.ndtiff import index_names
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
-
-_SEVERAL = 2
 
 _FIRST_PAGES = 2
 """How many pages are asked for a name. If they have none, no page has one, so files without names are opened quickly.
@@ -64,13 +62,13 @@ def channel_names(xml: str, /) -> tuple[str, ...]:
     """
     root = parsed(xml)
     images = elements(root, "Image")
-    if len(images) < _SEVERAL:
-        return tuple(channel.get("Name", "") for channel in elements(root, "Channel"))
-    return tuple(
-        _name_in_image(image.get("Name", ""), channel.get("Name", ""))
-        for image in images
-        for channel in elements(image, "Channel")
-    )
+    if len(images) > 1:
+        return tuple(
+            _name_in_image(image.get("Name", ""), channel.get("Name", ""))
+            for image in images
+            for channel in elements(image, "Channel")
+        )
+    return tuple(channel.get("Name", "") for channel in elements(root, "Channel"))
 
 
 def parsed(xml: str) -> "Element":
@@ -96,7 +94,7 @@ def _name_in_image(image: str, channel: str) -> str:
     has one that says nothing of planes.
     """
     if is_of_a_plane(channel):
-        joins = says_a_harmonic(image) and not says_a_channel(image) and not says_a_harmonic(channel)
+        joins = says_a_harmonic(image) and not channel_in_words(image) and not says_a_harmonic(channel)
         return f"{image}.{channel}" if joins else channel
     return image if not channel or is_of_a_plane(image) else channel
 
@@ -128,4 +126,4 @@ def _page_name(page: object) -> str:
         return ""
     values = (page.tags.valueof(code) for code in (PAGE_NAME, _DESCRIPTION))
     texts = [text for text in values if isinstance(text, str)]
-    return next(filter(plane_label, texts), None) or next(filter(says_a_channel, texts), "")
+    return next(filter(plane_label, texts), None) or next(filter(channel_in_words, texts), "")

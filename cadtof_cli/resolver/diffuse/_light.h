@@ -118,7 +118,7 @@ INLINE void look_at_group(const Sampled *restrict all, int64_t start, int m, int
 
 INLINE void look_at_samples(const Sampled *restrict all) {
     for (int64_t start = 0; start < all->count; start += GROUP) {
-        const int m = all->count - start < GROUP ? (int)(all->count - start) : GROUP;
+        const int m = in_group(all->count - start);
         /* the same call twice: if the number of harmonics is a constant, compilers unroll the loops */
         if (all->harmonics == 2) look_at_group(all, start, m, 2);
         else look_at_group(all, start, m, (int)all->harmonics);
@@ -155,7 +155,7 @@ INLINE void sum_group(const Sums *restrict all, int64_t start, int m, int planes
 
 INLINE void sum_patches(const Sums *restrict all) {
     for (int64_t start = 0; start < all->patches; start += GROUP) {
-        const int m = all->patches - start < GROUP ? (int)(all->patches - start) : GROUP;
+        const int m = in_group(all->patches - start);
         /* the same call twice: if the number of planes is a constant, compilers unroll the loops */
         if (all->planes == 5) sum_group(all, start, m, 5);
         else sum_group(all, start, m, (int)all->planes);

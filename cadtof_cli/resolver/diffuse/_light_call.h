@@ -4,19 +4,18 @@
 enum { LOOK_SHARED, LOOK_NUMBERS, PER_VARIANCE, PLACES, LOOK_STORED, LOOK_OWN, LOOK_OTHER, LOOK_CONSTANT, HOT, LOOK_SAMPLES,
        WEIGHTED, PHASES_OUT, SEEN_OUT, LOOK_BUFFERS };
 static const Wanted LOOK_BUFFER[LOOK_BUFFERS] = {
-    {"constants", "d ", 0, 0, 0}, {"numbers", "l q ", 8, 0, 0},  {"per variance", "d ", 0, 0, 0}, {"places", "l q ", 8, 0, 0},
-    {"stored", "H h f d ", 0, 0, 0}, {"own", "d ", 0, 0, 0},     {"other", "d ", 0, 1, 0},        {"constant", "d ", 0, 1, 0},
-    {"hot", "? ", 1, 1, 0},       {"samples", "d ", 0, 1, 0},    {"weighted", "f ", 0, 0, 1},     {"phases", "f ", 0, 0, 1},
-    {"seen", "? ", 1, 0, 1},
+    {"constants", DOUBLES, READ}, {"numbers", INT64S, READ}, {"per variance", DOUBLES, READ}, {"places", INT64S, READ},
+    {"stored", "H h f d ", 0, READ}, {"own", DOUBLES, READ}, {"other", DOUBLES, MAY_BE_NONE},
+    {"constant", DOUBLES, MAY_BE_NONE}, {"hot", BOOLS, MAY_BE_NONE}, {"samples", DOUBLES, MAY_BE_NONE},
+    {"weighted", FLOATS, WRITE}, {"phases", FLOATS, WRITE}, {"seen", BOOLS, WRITE},
 };
 
 /* Return 1 if every sample is a pixel of the frame or -1, and the numbers of the harmonics ascend from 1; else set an error. */
 static int look_is_sound(const int64_t *number, int64_t harmonics, const int64_t *place, int64_t count, int64_t pixels) {
-    int64_t last = 0, sound = 1;
-    for (int64_t h = 0; h < harmonics; last = number[h++]) sound &= number[h] > last && number[h] <= LARGEST_NUMBER;
+    int sound = ascend(number, harmonics);
     for (int64_t s = 0; s < count; s++) sound &= place[s] >= -1 && place[s] < pixels;
-    if (!sound || number[0] != 1) PyErr_SetString(PyExc_ValueError, "found numbers or places that do not fit, expected those of a frame");
-    return sound && number[0] == 1;
+    if (!sound) PyErr_SetString(PyExc_ValueError, "found numbers or places that do not fit, expected those of a frame");
+    return sound;
 }
 
 static PyObject *look_checked(const Level *level, const void *none, const Py_buffer *view) {
@@ -53,19 +52,15 @@ static PyObject *look_checked(const Level *level, const void *none, const Py_buf
         .type = type_of(&view[LOOK_STORED]),
         .own_pixels = own != planes,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->look(&sampled);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->look(&sampled));
 }
 
-static PyObject *look_at(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, LOOK_BUFFER, LOOK_BUFFERS, look_checked, NULL, "");
-}
+CALL_OF_BUFFERS(look_at, LOOK_BUFFER, LOOK_BUFFERS, look_checked)
 
 enum { SUMMED, COUNTED, SUMS_OUT, SUM_BUFFERS };
-static const Wanted SUM_BUFFER[SUM_BUFFERS] = {{"weighted", "f ", 0, 0, 0}, {"counted", "? ", 1, 0, 0}, {"sums", "d ", 0, 0, 1}};
+static const Wanted SUM_BUFFER[SUM_BUFFERS] = {
+    {"weighted", FLOATS, READ}, {"counted", BOOLS, READ}, {"sums", DOUBLES, WRITE},
+};
 
 static PyObject *sums_checked(const Level *level, const void *none, const Py_buffer *view) {
     (void)none;
@@ -75,13 +70,7 @@ static PyObject *sums_checked(const Level *level, const void *none, const Py_buf
     if (planes > MOST_SUMS) return PyErr_Format(PyExc_ValueError, "weighted: found %lld planes, expected fewer", (long long)planes);
     if (!fit_call(SUM_BUFFER, view, SUM_BUFFERS, expected)) return NULL;
     const Sums sums = {view[SUMMED].buf, view[COUNTED].buf, view[SUMS_OUT].buf, planes, samples, patches};
-    Py_BEGIN_ALLOW_THREADS
-    level->sum(&sums);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->sum(&sums));
 }
 
-static PyObject *sum_over(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, SUM_BUFFER, SUM_BUFFERS, sums_checked, NULL, "");
-}
+CALL_OF_BUFFERS(sum_over, SUM_BUFFER, SUM_BUFFERS, sums_checked)

@@ -96,7 +96,7 @@ INLINE void slopes_of_group(const Slopes *restrict all, int64_t start, int m) {
 
 INLINE void slopes_of_patches(const Slopes *restrict all) {
     for (int64_t start = 0; start < all->patches; start += GROUP)
-        slopes_of_group(all, start, all->patches - start < GROUP ? (int)(all->patches - start) : GROUP);
+        slopes_of_group(all, start, in_group(all->patches - start));
 }
 
 /* --- patch_steps.py ------------------------------------------------------------------------------------------------------- */
@@ -144,14 +144,19 @@ INLINE void differ(Row *restrict to, const double *restrict observed, int64_t n,
     }
 }
 
-/* The first rows and columns of the covariance of values, from the Jacobian and the covariance `spread` of the states. */
+/* The first rows and columns of the covariance of values, from the Jacobian and its product with that of the states. */
+INLINE void scatter_pushed(PatchGroup *restrict g, int rows, int columns) {
+    for (int a = 0; a < rows; a++)
+        for (int b = 0; b < columns; b++)
+            for (int j = 0; j < STATES; j++) add_product(g->covariance[a][b], g->pushed[j][a], g->jacobian[j][b], j == 0);
+}
+
+/* The same from the Jacobian and the covariance `spread` of the states. */
 INLINE void scatter(PatchGroup *restrict g, const double *restrict spread, int rows, int columns) {
     for (int k = 0; k < STATES; k++)
         for (int a = 0; a < rows; a++)
             for (int j = 0; j < STATES; j++) add_share(g->pushed[k][a], spread[j * STATES + k], g->jacobian[j][a], j == 0);
-    for (int a = 0; a < rows; a++)
-        for (int b = 0; b < columns; b++)
-            for (int j = 0; j < STATES; j++) add_product(g->covariance[a][b], g->pushed[j][a], g->jacobian[j][b], j == 0);
+    scatter_pushed(g, rows, columns);
 }
 
 /* Add the errors to the covariances: those of the data with the data into `left`, right sides into `white`. */
@@ -183,9 +188,7 @@ INLINE void evidence(PatchGroup *restrict g, const Steps *restrict all, int64_t 
     }
     for (int j = 0; j < STATES; j++)
         for (int a = 0; a < data; a++) EACH_PIXEL g->pushed[j][a][i] = all->within[j] * g->jacobian[j][a][i];
-    for (int a = 0; a < data; a++)
-        for (int b = 0; b < data; b++)
-            for (int j = 0; j < STATES; j++) add_product(g->covariance[a][b], g->pushed[j][a], g->jacobian[j][b], j == 0);
+    scatter_pushed(g, data, data);
     add_error(g, all, start, m, data, data);
     whiten(g, data, STATES + 1);
     for (int a = 0; a < data; a++)
@@ -248,7 +251,7 @@ INLINE void posterior(PatchGroup *restrict g, const Steps *restrict all, int64_t
 INLINE void step_with(const Steps *restrict all, int data) {
     PatchGroup group, *g = &group;
     for (int64_t start = 0; start < all->patches; start += GROUP) {
-        const int m = all->patches - start < GROUP ? (int)(all->patches - start) : GROUP;
+        const int m = in_group(all->patches - start);
         take(g->state, all->state + start, STATES, all->patches, m);
         take(g->pattern, all->pattern + start, STATES, all->patches, m);
         for (int j = 0; j < STATES; j++)

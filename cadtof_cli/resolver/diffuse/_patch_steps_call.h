@@ -10,9 +10,10 @@ static int is_of_patches(Py_ssize_t patches, Py_ssize_t harmonics) {
 
 enum { NUMBER, RAD_PER_NS, ONSET, NATURAL, COSINES, SINES, SEEN, BEYOND, LATER, TOTAL, SLOPES_OUT, SLOPE_BUFFERS };
 static const Wanted SLOPE_BUFFER[SLOPE_BUFFERS] = {
-    {"numbers", "d ", 0, 0, 0}, {"rad per ns", "d ", 0, 0, 0}, {"onset", "d ", 0, 0, 0},  {"state", "d ", 0, 0, 0},
-    {"cosines", "d ", 0, 0, 0}, {"sines", "d ", 0, 0, 0},      {"seen", "Zd ", 0, 0, 0},  {"beyond", "Zd ", 0, 0, 0},
-    {"later", "Zd ", 0, 0, 0},  {"total", "d ", 0, 0, 1},      {"slopes", "d ", 0, 0, 1},
+    {"numbers", DOUBLES, READ}, {"rad per ns", DOUBLES, READ}, {"onset", DOUBLES, READ}, {"state", DOUBLES, READ},
+    {"cosines", DOUBLES, READ}, {"sines", DOUBLES, READ}, {"seen", COMPLEX_DOUBLES, READ},
+    {"beyond", COMPLEX_DOUBLES, READ}, {"later", COMPLEX_DOUBLES, READ}, {"total", DOUBLES, WRITE},
+    {"slopes", DOUBLES, WRITE},
 };
 
 static PyObject *slopes_checked(const Level *level, const void *none, const Py_buffer *view) {
@@ -38,23 +39,18 @@ static PyObject *slopes_checked(const Level *level, const void *none, const Py_b
         .harmonics = harmonics,
         .patches = patches,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->slopes(&slopes);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->slopes(&slopes));
 }
 
-static PyObject *tail_slopes(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, SLOPE_BUFFER, SLOPE_BUFFERS, slopes_checked, NULL, "");
-}
+CALL_OF_BUFFERS(tail_slopes, SLOPE_BUFFER, SLOPE_BUFFERS, slopes_checked)
 
 enum { PATCH_DATA, PATCH_ERROR, WITHIN, PATTERN, PATCH_VALUES, JACOBIAN, STATE, LINEAR, ROOM, SPREAD, STEP_OUT, SECOND_OUT, LAST_OUT, STEP_BUFFERS };
 static const Wanted STEP_BUFFER[STEP_BUFFERS] = {
-    {"data", "d ", 0, 0, 0},     {"error", "d ", 0, 0, 0},  {"within", "d ", 0, 0, 0}, {"pattern", "d ", 0, 0, 0},
-    {"values", "d ", 0, 1, 0},   {"slopes", "d ", 0, 0, 0}, {"state", "d ", 0, 0, 0},  {"linear data", "d ", 0, 1, 0},
-    {"room", "d ", 0, 1, 0},     {"spread", "d ", 0, 1, 0}, {"answer", "d ", 0, 0, 1}, {"second answer", "d ", 0, 1, 1},
-    {"third answer", "d ", 0, 1, 1},
+    {"data", DOUBLES, READ}, {"error", DOUBLES, READ}, {"within", DOUBLES, READ}, {"pattern", DOUBLES, READ},
+    {"values", DOUBLES, MAY_BE_NONE}, {"slopes", DOUBLES, READ}, {"state", DOUBLES, READ},
+    {"linear data", DOUBLES, MAY_BE_NONE}, {"room", DOUBLES, MAY_BE_NONE}, {"spread", DOUBLES, MAY_BE_NONE},
+    {"answer", DOUBLES, WRITE}, {"second answer", DOUBLES, MAY_BE_NONE | WRITE},
+    {"third answer", DOUBLES, MAY_BE_NONE | WRITE},
 };
 
 /* Check that a step has the arrays that it alone needs, and that every array has the right number of values. */
@@ -102,10 +98,7 @@ static PyObject *step_checked(const Level *level, const void *options, const Py_
         .harmonics = data / 2 + 1,
         .patches = patches,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->step(&steps);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->step(&steps));
 }
 
 static PyObject *step_patches(PyObject *module, PyObject *arguments) {

@@ -301,10 +301,9 @@ INLINE void answer_group(TailGroup *restrict g, const Tail *restrict tail, int64
 }
 
 /* How many pixels form a group, from pixel p of the call on: at most GROUP, and all in one row of the frame. */
-INLINE int in_group(const Tail *restrict tail, int64_t p, int64_t stop) {
-    const int64_t in_row = tail->sizes->width - (tail->sizes->first + p) % tail->sizes->width;
-    const int64_t left = stop - p < in_row ? stop - p : in_row;
-    return left < GROUP ? (int)left : GROUP;
+INLINE int in_row(const Tail *restrict tail, int64_t p, int64_t stop) {
+    const int64_t left = tail->sizes->width - (tail->sizes->first + p) % tail->sizes->width;
+    return in_group(stop - p < left ? stop - p : left);
 }
 
 #define TAIL_ANSWERS 7
@@ -325,7 +324,7 @@ INLINE void answer_pixels(const TailAnswers *restrict all) {
     memset(g, 0, sizeof group);
     int m;
     for (int64_t start = 0; start < all->pixels; start += m) {
-        m = in_group(all->tail, start, all->pixels);
+        m = in_row(all->tail, start, all->pixels);
         for (int64_t h = 0; h < all->tail->sizes->harmonics; h++) {
             const double *phasor = all->phasors + 2 * (h * all->pixels + start);
             for (int i = 0; i < GROUP; i++) {

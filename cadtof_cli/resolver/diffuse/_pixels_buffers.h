@@ -7,16 +7,23 @@
 #define COUNT_ONE(name) +1
 enum { TAIL_SIZE_COUNT = 0 TAIL_SIZES(COUNT_ONE), TAIL_CONSTANT_COUNT = 0 TAIL_CONSTANTS(COUNT_ONE) };
 enum { SIZES, SHARED, NUMBERS, VARIANCES, PLANES, RANGES, DOWN, RIGHT, ABOVE, SEPARATE, OFFSET, TAIL_BUFFERS };
-/* `optional` is 1 if the call may come without a tail. */
-#define TAIL_WANTED(optional) \
-    {"tail sizes", "l q ", 8, optional, 0}, {"tail constants", "d ", 0, optional, 0}, {"tail harmonics", "l q ", 8, optional, 0}, \
-    {"tail variances", "d ", 0, optional, 0}, {"tail planes", "f ", 0, optional, 0}, {"tail ranges", "f ", 0, optional, 0}, \
-    {"tail down", "f ", 0, optional, 0}, {"tail right", "f ", 0, optional, 0}, {"tail above", "l q ", 8, optional, 0}, \
-    {"tail separate", "? ", 1, 1, 0}, {"tail offset", "d ", 0, 1, 0}
+/* `role` is MAY_BE_NONE if the call may come without a tail. */
+#define TAIL_WANTED(role) \
+    {"tail sizes", INT64S, role}, {"tail constants", DOUBLES, role}, {"tail harmonics", INT64S, role}, \
+    {"tail variances", DOUBLES, role}, {"tail planes", FLOATS, role}, {"tail ranges", FLOATS, role}, \
+    {"tail down", FLOATS, role}, {"tail right", FLOATS, role}, {"tail above", INT64S, role}, \
+    {"tail separate", BOOLS, MAY_BE_NONE}, {"tail offset", DOUBLES, MAY_BE_NONE}
 
 static int fails(const char *what) {
     PyErr_Format(PyExc_ValueError, "tail: found %s that do not fit, expected those of a frame", what);
     return 0;
+}
+
+/* Return 1 if these are numbers of harmonics: they ascend from 1. */
+static int ascend(const int64_t *number, int64_t harmonics) {
+    for (int64_t h = 1; h < harmonics; h++)
+        if (number[h] <= number[h - 1] || number[h] > LARGEST_NUMBER) return 0;
+    return number[0] == 1;
 }
 
 /* Return 1 if the pixels lie in the frame and the planes over the patches cover the frame; else set an error. */
@@ -56,9 +63,7 @@ static int expect_tail(const Py_buffer *view, int64_t pixels, int64_t *expected)
 static int make_tail(Tail *tail, const Py_buffer *view) {
     const TailSizes *sizes = view[SIZES].buf;
     const int64_t *number = view[NUMBERS].buf, *above = view[ABOVE].buf;
-    if (number[0] != 1) return fails("harmonics");
-    for (int64_t h = 1; h < sizes->harmonics; h++)
-        if (number[h] <= number[h - 1] || number[h] > LARGEST_NUMBER) return fails("harmonics");
+    if (!ascend(number, sizes->harmonics)) return fails("harmonics");
     for (int64_t y = 0; y < sizes->height; y++)
         if (above[y] < 0 || above[y] > sizes->rows - 2) return fails("rows of patches");
     *tail = (Tail){

@@ -1,8 +1,8 @@
 /* Pixels answered through a tail as Python calls it: buffers in, buffers filled; a part of _kernel.c, see pixels.py. */
 enum { PHASORS_IN, USABLE, POOLED_OVER, ANSWERED, ANSWER_ROWS, ANSWER_TAIL, ANSWER_BUFFERS = ANSWER_TAIL + TAIL_BUFFERS };
 static const Wanted ANSWER_BUFFER[ANSWER_BUFFERS] = {
-    {"phasors", "Zd ", 0, 0, 0}, {"usable", "? ", 1, 0, 0}, {"samples", "d ", 0, 1, 0}, {"answered", "? ", 1, 0, 1},
-    {"answers", "f ", 0, 0, 1}, TAIL_WANTED(0),
+    {"phasors", COMPLEX_DOUBLES, READ}, {"usable", BOOLS, READ}, {"samples", DOUBLES, MAY_BE_NONE},
+    {"answered", BOOLS, WRITE}, {"answers", FLOATS, WRITE}, TAIL_WANTED(READ),
 };
 
 static PyObject *answer_checked(const Level *level, const void *none, const Py_buffer *view) {
@@ -22,13 +22,7 @@ static PyObject *answer_checked(const Level *level, const void *none, const Py_b
         .rows = view[ANSWER_ROWS].buf,
         .pixels = pixels,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->answer(&answers);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->answer(&answers));
 }
 
-static PyObject *answer_tail(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, ANSWER_BUFFER, ANSWER_BUFFERS, answer_checked, NULL, "");
-}
+CALL_OF_BUFFERS(answer_tail, ANSWER_BUFFER, ANSWER_BUFFERS, answer_checked)

@@ -33,8 +33,6 @@ INLINE void matrix_of_group(const Pairs *restrict all, int64_t start, int64_t so
 
 INLINE void matrix_of(const Pairs *restrict all) {
     for (int64_t row = 0; row < all->onto; row++)
-        for (int64_t source = 0; source < all->sources; source += GROUP) {
-            const int64_t left = all->sources - source;
-            matrix_of_group(all, row * all->sources + source, source, left < GROUP ? (int)left : GROUP);
-        }
+        for (int64_t source = 0; source < all->sources; source += GROUP)
+            matrix_of_group(all, row * all->sources + source, source, in_group(all->sources - source));
 }

@@ -1,8 +1,8 @@
 /* Light between surfaces as Python calls it: buffers in, buffers filled; a part of _kernel.c, see radiosity.py. */
 enum { FACING, PAIR_SQUARE, PAIR_AREA, ALBEDO, OVER, MATRIX_OUT, TURN_OUT, PAIR_BUFFERS };
 static const Wanted PAIR_BUFFER[PAIR_BUFFERS] = {
-    {"facing", "f ", 0, 0, 0},       {"squares", "f ", 0, 0, 0}, {"area", "f ", 0, 0, 0},    {"albedo", "f ", 0, 0, 0},
-    {"form factors", "f ", 0, 0, 1}, {"matrix", "Zf ", 0, 0, 1}, {"rotors", "Zf ", 0, 0, 1},
+    {"facing", FLOATS, READ}, {"squares", FLOATS, READ}, {"area", FLOATS, READ}, {"albedo", FLOATS, READ},
+    {"form factors", FLOATS, WRITE}, {"matrix", COMPLEX_FLOATS, WRITE}, {"rotors", COMPLEX_FLOATS, WRITE},
 };
 
 static PyObject *light_matrix_checked(const Level *level, const void *options, const Py_buffer *view) {
@@ -12,10 +12,7 @@ static PyObject *light_matrix_checked(const Level *level, const void *options, c
     if (!fit_call(PAIR_BUFFER, view, PAIR_BUFFERS, expected)) return NULL;
     const Pairs all = {view[FACING].buf, view[PAIR_SQUARE].buf, view[PAIR_AREA].buf, view[ALBEDO].buf, view[OVER].buf,
                        view[MATRIX_OUT].buf, view[TURN_OUT].buf, rad_per_m, onto, sources};
-    Py_BEGIN_ALLOW_THREADS
-    level->matrix(&all);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->matrix(&all));
 }
 
 static PyObject *light_matrix(PyObject *module, PyObject *arguments) {

@@ -1,6 +1,7 @@
 """Rays of pixels, and the patches that a frame is cut into."""
 
 import math
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -124,13 +125,10 @@ def patch_grid(height: int, width: int, view: View, shift: tuple[int, int] = (0,
     cosine = 1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     ray = np.stack([(slope_x * cosine).mean(0), (slope_y * cosine).mean(0), cosine.mean(0)])
     ray /= np.linalg.norm(ray, axis=0)
-    slope, steps = (
-        np.stack([slope_x.mean(0), slope_y.mean(0)]),
-        np.arange(side // stride) - 0.5 * (side // stride - 1),
-    )
+    slope = np.stack([slope_x.mean(0), slope_y.mean(0)])
+    steps = np.arange(side // stride) - 0.5 * (side // stride - 1)
     place = np.stack(np.meshgrid(steps, steps)).reshape(2, -1)
-    single = cosine.astype(np.float32)
-    return sealed(PatchGrid(view, height, width, side, stride, shift, rows, columns, single, slope, place, ray))
+    return sealed(replace(bare, cosine=cosine.astype(np.float32), slope=slope, place=place, ray=ray))
 
 
 def sampled_pixels(height: int, width: int, shift: tuple[int, int] = (0, 0), /) -> tuple[slice, slice]:

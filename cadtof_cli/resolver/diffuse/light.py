@@ -15,7 +15,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
+from cadtof_cli.resolver.kernels import chosen_kernel, contiguous, extension, is_compiled_for
 
 LARGEST_AMPLITUDE = 1.5
 """Largest real or imaginary part of p_h of light and its noise. Phasors of light are 1 at most. A larger value is damage,
@@ -144,26 +144,16 @@ def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple
 
 def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /) -> PatchLight:
     """Return the light of a frame's stored values (H, 2, n), with the same bits as numpy gives."""
-    places = sample_places(grid)
+    places, phasor_map, noise = sample_places(grid), look.phasor_map, look.noise
     weighted = np.empty((1 + 2 * len(stored), *places.shape), np.float32)
     phase_rad, seen = np.empty(places.shape, np.float32), np.empty(places.shape, np.bool_)
     extension().look_at_samples(
         chosen_kernel(),
         np.array([*look.saturated, look.least_power]),
-        np.array(look.noise.harmonics, np.int64),
-        np.array([1.0 / one.dark_variance for one in look.noise.each]),
+        np.array(noise.harmonics, np.int64),
+        np.array([1.0 / one.dark_variance for one in noise.each]),
         np.asarray(places, np.int64),
-        *(
-            None if one is None else np.ascontiguousarray(one)
-            for one in (
-                stored,
-                look.phasor_map.own,
-                look.phasor_map.other,
-                look.phasor_map.constant,
-                look.hot,
-                look.noise.samples,
-            )
-        ),
+        *contiguous(stored, phasor_map.own, phasor_map.other, phasor_map.constant, look.hot, noise.samples),
         weighted,
         phase_rad,
         seen,
@@ -192,9 +182,7 @@ def patch_means(light: PatchLight, among: Bool, frame: FrameTraits, /) -> PatchM
         pixels = counted.sum(axis=0).astype(np.float64)
     else:
         sums = np.empty((len(light.weighted) + 1, *counted.shape[1:]))
-        extension().sum_patches(
-            chosen_kernel(), np.ascontiguousarray(light.weighted), np.ascontiguousarray(counted), sums
-        )
+        extension().sum_patches(chosen_kernel(), *contiguous(light.weighted, counted), sums)
         power, *parts, pixels = sums
     ratios = np.empty((len(parts) // 2 - 1, *pixels.shape), np.complex128)
     ratios.real, ratios.imag = parts[2::2], parts[3::2]

@@ -8,6 +8,7 @@ paths. If the farther path ends on the plane of such a wall, in several patches 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index, median
+from cadtof_cli.phasors.rotors import product
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.light import FrameTraits, patch_phasors
@@ -112,10 +113,10 @@ def freed_paths(phasors: Complex, tails: Tails, /) -> FreedPaths:
 
 def _times(phasors: Complex, factors: Complex) -> Complex:
     """Return phasors (H, n) times one factor per harmonic, in real numbers: the same bits wherever a pixel stands."""
-    product = np.empty_like(phasors)
-    for out, p, factor in zip(product, phasors, factors, strict=True):
-        out.real, out.imag = p.real * factor.real - p.imag * factor.imag, p.real * factor.imag + p.imag * factor.real
-    return product
+    found = np.empty_like(phasors)
+    for out, p, factor in zip(found, phasors, factors, strict=True):
+        out.real, out.imag = product((p.real, p.imag), (factor.real, factor.imag))
+    return found
 
 
 def _farther(paths: TwoPaths) -> tuple[Float, Float, Float]:
@@ -133,11 +134,11 @@ def _at_harmonics(path: tuple[Float, Float, Float], harmonics: tuple[int, ...]) 
     """Return the phasors of a path at every harmonic, (H, n)."""
     amplitude, cosine, sine = path
     phasors = np.empty((len(harmonics), amplitude.size), np.complex128)
-    re, im, power = amplitude, np.zeros_like(amplitude), 0
+    phasor, power = (amplitude, np.zeros_like(amplitude)), 0
     for out, h in zip(phasors, harmonics, strict=True):
         for _ in range(power, h):
-            re, im = re * cosine - im * sine, re * sine + im * cosine
-        power, out.real, out.imag = h, re, im
+            phasor = product(phasor, (cosine, sine))
+        power, (out.real, out.imag) = h, phasor
     return phasors
 
 
@@ -215,8 +216,6 @@ def _nearest_wall(far_m: Float, range_m: Float, amplitude: Float, among: Bool, g
 
 def _large_groups(patches: Bool) -> list[tuple[Index, ...]]:
     """Return the groups of at least `LEAST_PATCHES` patches side by side, corners included, as (rows, columns) each."""
-    if np.count_nonzero(patches) < LEAST_PATCHES:
-        return []
     waiting = {(int(row), int(column)) for row, column in np.argwhere(patches)}
     groups = []
     while waiting:

@@ -9,7 +9,7 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.tail import phase_data, residuals
-from cadtof_cli.resolver.kernels import chosen_kernel, extension
+from cadtof_cli.resolver.kernels import chosen_kernel, contiguous, extension
 from cadtof_cli.resolver.paths import FULL_TURN
 
 LARGEST_STEP = 0.8
@@ -95,14 +95,14 @@ class CompiledSteps(PatchSteps):
     def evidence(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
         """Return the same as `PatchSteps.evidence`."""
         white, linear = np.empty((len(self.data), 7, self.data.shape[1])), np.empty(self.data.shape)
-        given = self._buffers(values, jacobian, state, None, None, None)
+        given = self._given(values, jacobian, state, None, None, None)
         extension().step_patches(chosen_kernel(), 0, *given, white, linear, None)
         return white, linear
 
     def moved(self, state: Float, linear: Float, jacobian: Float, room: Float, spread: Float, /) -> Float:
         """Return the same as `PatchSteps.moved`."""
         moved = np.empty(state.shape)
-        given = self._buffers(None, jacobian, state, linear, room, spread)
+        given = self._given(None, jacobian, state, linear, room, spread)
         extension().step_patches(chosen_kernel(), 1, *given, moved, None, None)
         return moved
 
@@ -111,14 +111,13 @@ class CompiledSteps(PatchSteps):
     ) -> tuple[Float, Float, Float]:
         """Return the same as `PatchSteps.posterior`."""
         expected, posterior, covariance = np.empty(values.shape), np.empty(values.shape), np.empty(self.error.shape)
-        given = self._buffers(values, jacobian, state, None, room, spread)
+        given = self._given(values, jacobian, state, None, room, spread)
         extension().step_patches(chosen_kernel(), 2, *given, expected, posterior, covariance)
         return expected, posterior, covariance
 
-    def _buffers(self, *given: Float | None) -> list[Float | None]:
+    def _given(self, *given: Float | None) -> list[Float | None]:
         """Return what a step in `_patch_steps.h` takes; None stands for an array that the step does not need."""
-        arrays = self.data, self.error, self.within, self.pattern, *given
-        return [None if array is None else np.ascontiguousarray(array) for array in arrays]
+        return contiguous(self.data, self.error, self.within, self.pattern, *given)
 
 
 def whitened(covariance: Float, right: Float, /) -> Float:

@@ -20,7 +20,7 @@ from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels, Pix
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import residuals
 from cadtof_cli.resolver.diffuse.upsampling import row_above
-from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
+from cadtof_cli.resolver.kernels import chosen_kernel, contiguous, extension, is_compiled_for
 from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.two_path.kernel import Buffers
 
@@ -131,7 +131,7 @@ def pixels_of_sine(
 
 def _by_kernel(phasors: Complex, model: DiffuseModel, first: int, usable: Bool, samples: Float | None) -> DiffusePixels:
     answered, rows = np.empty(usable.size, np.bool_), np.empty((7, usable.size), np.float32)
-    given = [None if one is None else np.ascontiguousarray(one) for one in (phasors, usable, samples)]
+    given = contiguous(phasors, usable, samples)
     extension().answer_tail(chosen_kernel(), *given, answered, rows, *tail_buffers(model, first))
     return DiffusePixels(answered, *rows)
 
@@ -151,8 +151,7 @@ def tail_buffers(model: DiffuseModel, first: int, /) -> Buffers:
         np.array([constants[name] for name in compiled.tail_constants()]),
         np.array(settings.harmonics, np.int64),
         np.array(model.variances),
-        np.ascontiguousarray(up.planes),
-        np.ascontiguousarray(up.range_m),
+        *contiguous(up.planes, up.range_m),
         up.down,
         up.right,
         np.asarray(row_above(np.arange(height), up.grid.side), np.int64),

@@ -23,7 +23,7 @@ from cadtof_cli.resolver.diffuse.model_error import mpi_share
 from cadtof_cli.resolver.diffuse.nets import find_nets
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.patches import LitPatches, first_planes
-from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces
+from cadtof_cli.resolver.diffuse.planes import PatchPlanes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, Nets, TermTails
@@ -50,41 +50,26 @@ hundred."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Fitted:
-    """The state of a room and its patches, fitted to the data of the patches that no net covers.
+class _Room:
+    """The patches with light of a frame, and the room that they show, fitted to the data of the patches that no net covers.
 
     Attributes:
-        fit: the fit of all patches.
+        patches: the n patches with light.
+        tail: the model of their tail.
+        term_tail: the same at the multiples that other terms of the response see; None for a sine.
+        fit: the state of the room and of all patches.
         posterior: what the data of each patch say of its tail.
         nets: the surface that lets light through; None if there is none.
         uncovered: patches that it does not cover, (n,).
     """
 
+    patches: LitPatches
+    tail: TailModel
+    term_tail: TailModel | None
     fit: PatchFit
     posterior: Conditioned
     nets: Nets | None
     uncovered: Bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Room:
-    """The patches with light of a frame, the models of their tail (`_tail_models`), and the fit of these models."""
-
-    patches: LitPatches
-    tail: TailModel
-    term_tail: TailModel | None
-    fitted: _Fitted
-
-    @classmethod
-    def of(cls, light: PatchLight, planes: PatchPlanes, valid: Bool, frame: FrameTraits) -> "_Room":
-        """Return the room that the patches `valid`, (rows, columns), show with these planes."""
-        patches = LitPatches.of(light, planes, valid, frame)
-        tail, term_tail = _tail_models(patches, frame)
-        return cls(patches, tail, term_tail, _fitted(patches, tail, frame))
-
-    def has_tail(self, frame: FrameTraits) -> bool:
-        """Return whether the room explains the frame."""
-        return _is_tail(self.patches, self.fitted, self.tail, frame, of_sine=self.term_tail is None)
 
 
 def diffuse_model(
@@ -104,40 +89,41 @@ def diffuse_model(
     valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
         return "few patches with light"
-    room = _Room.of(light, planes, valid, frame)
-    if settings.model == "auto" and not room.has_tail(frame):
+    room = _room(light, planes, valid, frame)
+    if settings.model == "auto" and not _has_tail(room, frame):
         # shelves and clutter tilt planes, so that light is foretold where there is none
         tilted, planes = planes, first_planes(light, means, frame, over_steps=True)
         stepped = (planes.surfaces.normal != tilted.surfaces.normal).any(axis=0)
         if stepped.sum() < LEAST_STEPPED * planes.found.sum():
             return "no tail fits"
-        room = _Room.of(light, planes, valid, frame)
-        if not room.has_tail(frame):
+        room = _room(light, planes, valid, frame)
+        if not _has_tail(room, frame):
             return "no tail fits"
-    patches, tail, term_tail, fitted = room.patches, room.tail, room.term_tail, room.fitted
-    two_path_rad = two_path_lag(patches.ratios[0])
-    coarse = _coarse(patches, fitted, tail, two_path_rad, frame).weighted_by(kinds.mpi_probability)
-    terms = None if term_tail is None else _term_tails(term_tail, patches, fitted.fit, coarse, frame)
+    two_path_rad = two_path_lag(room.patches.ratios[0])
+    coarse = _coarse(room, two_path_rad, frame).weighted_by(kinds.mpi_probability)
+    terms = None if room.term_tail is None else _term_tails(room.term_tail, room, coarse, frame)
     if terms is not None:
         coarse = coarse.with_added_variance(_term_variance(terms, settings))
-    covered = 0 if fitted.nets is None else int(fitted.nets.found.sum())
-    difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[fitted.uncovered]
+    covered = 0 if room.nets is None else int(room.nets.found.sum())
+    difference_rad = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[room.uncovered]
     return DiffuseModel(
         settings,
-        replace(kinds.choice, room=RoomNumbers.of(fitted.fit.state), net_patches=covered),
+        replace(kinds.choice, room=RoomNumbers.of(room.fit.state), net_patches=covered),
         frame.recorded_variances,
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
         kinds.separate,
         float(median(difference_rad**2)),
         frame.range_offset_m,
-        fitted.nets,
+        room.nets,
         terms,
     )
 
 
-def _fitted(patches: LitPatches, tail: TailModel, frame: FrameTraits) -> _Fitted:
-    """Fit the room; if a net covers some patches, fit it once more without their data."""
+def _room(light: PatchLight, planes: PatchPlanes, valid: Bool, frame: FrameTraits) -> _Room:
+    """Fit the room that the patches `valid`, (rows, columns), show; if a net covers some, once more without their data."""
+    patches = LitPatches.of(light, planes, valid, frame)
+    tail, term_tail = _tail_models(patches, frame)
     error, rule = patches.model_error + patches.noise, pattern(tail.light.direct)
     known = frame.grid.view.known
     fit = fitted_patches(patches.data, error, tail, rule, known_optics=known)
@@ -149,42 +135,39 @@ def _fitted(patches: LitPatches, tail: TailModel, frame: FrameTraits) -> _Fitted
         fit = fitted_patches(patches.data, error, tail, rule, known_optics=known)
         candidates = (find_nets(patches, fit, frame, which) for which in (uncovered, None))
         nets = max(filter(None, candidates), key=lambda one: one.found.sum(), default=nets)
-    return _Fitted(fit, patch_posterior(patches.data, error, fit), nets, uncovered)
+    return _Room(patches, tail, term_tail, fit, patch_posterior(patches.data, error, fit), nets, uncovered)
 
 
-def _is_tail(patches: LitPatches, fitted: _Fitted, tail: TailModel, frame: FrameTraits, *, of_sine: bool) -> bool:
-    """Return whether the fitted tail explains the patches, and whether they vary over the view as it does."""
-    uncovered = fitted.uncovered
+def _has_tail(room: _Room, frame: FrameTraits) -> bool:
+    """Return whether the room's tail explains the patches, and whether they vary over the view as it does."""
+    patches, uncovered, data = room.patches, room.uncovered, len(room.patches.data)
     by_two_paths = _two_path_chi_squared(patches, frame)[uncovered]
-    if not tail_fits(fitted.posterior.chi_squared[uncovered], by_two_paths, len(patches.data)):
+    if not tail_fits(room.posterior.chi_squared[uncovered], by_two_paths, data):
         return False
-    if not of_sine or two_paths_fail(by_two_paths, len(patches.data)):
+    if room.term_tail is not None or two_paths_fail(by_two_paths, data):
         # phasors that two paths have freed of other terms do not vary as a tail yet; and how MPI varies is only asked to
         # tell a tail from two paths
         return True
-    foretold, _ = tail.values(fitted.fit.room[:, None] + pattern(tail.light.direct))
+    foretold, _ = room.tail.values(room.fit.room[:, None] + pattern(room.tail.light.direct))
     snr = patches.amplitude / np.sqrt(frame.variances[0])
     return varies_like_the_tail(patches.data, foretold, patches.noise, patches.model_error, snr, uncovered)
 
 
-def _coarse(
-    patches: LitPatches, fitted: _Fitted, tail: TailModel, two_path_rad: Float, frame: FrameTraits
-) -> CoarsePlanes:
+def _coarse(room: _Room, two_path_rad: Float, frame: FrameTraits) -> CoarsePlanes:
     """Return what pixels need from the patches; light that the view does not show, and the bias of two harmonics, are in it."""
-    guessed = surfaces_guessed(patches.surfaces, patches.valid, frame.grid, seen=patches.seen)
-    lags = _lag_parts(patches, fitted.fit, tail, guessed, frame)
-    bias = _bias(patches, fitted, lags.seen_rad, two_path_rad, frame) if len(patches.ratios) == 1 else None
-    return coarse_planes(fitted.fit, fitted.posterior, lags, patches.valid, bias, slowness=frame.settings.slowness)
+    lags, two_harmonics = _lag_parts(room, frame), len(room.patches.ratios) == 1
+    bias = _bias(room, lags.seen_rad, two_path_rad, frame) if two_harmonics else None
+    return coarse_planes(room.fit, room.posterior, lags, room.patches.valid, bias, slowness=frame.settings.slowness)
 
 
-def _bias(patches: LitPatches, fitted: _Fitted, seen_rad: Float, two_path_rad: Float, frame: FrameTraits) -> Bias:
+def _bias(room: _Room, seen_rad: Float, two_path_rad: Float, frame: FrameTraits) -> Bias:
     """Return the correction of the lag with two harmonics, from the patches that no net covers."""
-    uncovered, slowness = fitted.uncovered, frame.settings.slowness
-    lag_rad, two_path_rad = fitted.fit.posterior[-1, uncovered], two_path_rad[uncovered]
+    uncovered, slowness = room.uncovered, frame.settings.slowness
+    lag_rad, two_path_rad = room.fit.posterior[-1, uncovered], two_path_rad[uncovered]
     numbers = view_numbers(
-        fitted.fit.room,
-        patches.seen[uncovered],
-        patches.amplitude[uncovered],
+        room.fit.room,
+        room.patches.seen[uncovered],
+        room.patches.amplitude[uncovered],
         lag_rad=lag_rad,
         seen_rad=seen_rad[uncovered],
         two_path_rad=two_path_rad,
@@ -204,17 +187,18 @@ def _two_path_chi_squared(patches: LitPatches, frame: FrameTraits) -> Float:
         return further_chi_squared(SecondPaths.of(data), replace(data, tolerated=tolerated))
 
 
-def _lag_parts(patches: LitPatches, fit: PatchFit, tail: TailModel, guessed: Surfaces, frame: FrameTraits) -> LagParts:
+def _lag_parts(room: _Room, frame: FrameTraits) -> LagParts:
     """Return the lags by light that the view does not show.
 
     Light of guessed walls counts if a patch faces little that is known. If a frame has little MPI, it has less early
     light that the fit does not see.
     """
-    seen, open_share = patches.seen, tail.light.open_share
-    light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m)
-    seen_rad, continued_rad, unseen_rad, guessed_rad = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
+    patches, open_share = room.patches, room.tail.light.open_share
+    guessed = surfaces_guessed(patches.surfaces, patches.valid, frame.grid, seen=patches.seen)
+    light = open_share**GUESSED_POWER * light_of(guessed, patches.seen, rad_per_m=frame.settings.rad_per_m)
+    seen_rad, continued_rad, unseen_rad, guessed_rad = room.tail.lag_parts(room.fit.state, light)
     share = mpi_share(patches.ratios)
-    return LagParts(seen_rad, continued_rad, share * unseen_rad, share * guessed_rad, open_share, seen.cosine)
+    return LagParts(seen_rad, continued_rad, share * unseen_rad, share * guessed_rad, open_share, patches.seen.cosine)
 
 
 def _tail_models(patches: LitPatches, frame: FrameTraits) -> tuple[TailModel, TailModel | None]:
@@ -236,15 +220,13 @@ def _tail_models(patches: LitPatches, frame: FrameTraits) -> tuple[TailModel, Ta
     return model(settings.harmonics), None if settings.terms is None else model(multiples)
 
 
-def _term_tails(
-    tail: TailModel, patches: LitPatches, fit: PatchFit, coarse: CoarsePlanes, frame: FrameTraits
-) -> TermTails:
+def _term_tails(tail: TailModel, room: _Room, coarse: CoarsePlanes, frame: FrameTraits) -> TermTails:
     """Return the tail that other terms of a response see, at the fitted state; invalid patches get the mean."""
-    valid, range_m = patches.valid, patches.surfaces.range_m
+    valid, range_m = room.patches.valid, room.patches.surfaces.range_m
     values = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
     values[:2] = coarse.planes[coarse.data : coarse.data + 2]
     if tail.harmonics:
-        light = tail.light_at(fit.state).reshape(len(values) - 2, -1)
+        light = tail.light_at(room.fit.state).reshape(len(values) - 2, -1)
         values[2:] = light.mean(axis=1)[:, None, None]
         values[2:, valid] = light
     return TermTails(tail.harmonics, values, upsampler(values, range_m, valid, frame.grid))

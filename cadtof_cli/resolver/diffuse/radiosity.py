@@ -195,10 +195,5 @@ def _inner_products(first: Float32, second: Float32) -> Float32:
 
 
 def _joined(first: Surfaces, second: Surfaces) -> Surfaces:
-    return Surfaces(
-        np.concatenate([first.range_m, second.range_m]),
-        np.concatenate([first.normal, second.normal], axis=1),
-        np.concatenate([first.ray, second.ray], axis=1),
-        np.concatenate([first.cosine, second.cosine]),
-        np.concatenate([first.area_m2, second.area_m2]),
-    )
+    both = zip(vars(first).values(), vars(second).values(), strict=True)
+    return Surfaces(*(np.concatenate(pair, axis=-1) for pair in both))

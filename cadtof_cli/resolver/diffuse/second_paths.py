@@ -161,12 +161,9 @@ def two_path_lag(ratio: Complex, /) -> Float:
     """
     flat = ratio.ravel()
     paths = decomposed(np.ones_like(flat), flat)
-    sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
-    lag: Float = -np.arctan2(
-        paths.sin_mean * paths.cos_half + paths.cos_mean * sin_half,
-        paths.cos_mean * paths.cos_half - paths.sin_mean * sin_half,
-    )
-    return lag.reshape(ratio.shape)
+    stronger = paths.a >= paths.b
+    sin, cos = np.where(stronger, paths.sin_x, paths.sin_y), np.where(stronger, paths.cos_x, paths.cos_y)
+    return np.asarray(-np.arctan2(sin, cos).reshape(ratio.shape))
 
 
 def has_one_share(second: SecondPaths, /, *, rad_per_ns: float) -> bool:

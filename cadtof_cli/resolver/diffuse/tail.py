@@ -17,9 +17,10 @@ from functools import cached_property
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Values
+from cadtof_cli.phasors.rotors import product
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
-from cadtof_cli.resolver.kernels import chosen_kernel, extension, is_compiled_for
+from cadtof_cli.resolver.kernels import chosen_kernel, contiguous, extension, is_compiled_for
 
 STATE = ("ln s", "ln b", "ln u", "ln v", "ln τ", "t")
 """The state's components, in this order everywhere."""
@@ -119,27 +120,18 @@ class TailModel:
         answer, jacobian = np.empty((3, *cos.shape)), np.empty((len(STATE), 2 * len(cos), cos.shape[1]))
         constants = self._harmonic, self._rad_per_ns, self._onset
         given = natural, cos, sin, self.light.seen, self.light.beyond, self.light.later
-        buffers = map(np.ascontiguousarray, (*constants, *given))
-        extension().tail_slopes(chosen_kernel(), *buffers, answer, jacobian)
+        extension().tail_slopes(chosen_kernel(), *contiguous(*constants, *given), answer, jacobian)
         return answer, jacobian
 
     @cached_property
-    def _light(self) -> tuple[Float, Float, Float]:
-        return _parts(self.light.seen), _parts(self.light.beyond), _parts(self.light.later)
-
-
-def _parts(z: Complex) -> Float:
-    """Return real and imaginary parts of complex numbers (…), (2, …)."""
-    return np.stack([z.real, z.imag])
+    def _light(self) -> list[Float]:
+        """Real and imaginary parts of the light seen, beyond and later, (2, H, n) each."""
+        return [np.stack([z.real, z.imag]) for z in (self.light.seen, self.light.beyond, self.light.later)]
 
 
 def _product(first: Float, second: Float) -> Float:
     """Return the products of complex numbers, (2, …) each."""
-    (a, b), (c, d) = first, second
-    product = np.empty(first.shape)
-    np.subtract(a * c, b * d, out=product[0])
-    np.add(a * d, b * c, out=product[1])
-    return product
+    return np.stack(product((first[0], first[1]), (second[0], second[1])))
 
 
 def free_of_direct(size: Float, phase: Float, harmonic: Float, /) -> Float:

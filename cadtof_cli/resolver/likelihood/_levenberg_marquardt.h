@@ -61,7 +61,6 @@ typedef struct {
     const double *starts, *worth;
     double *points, *cost, *matrix;
     uint8_t *converged;
-    int64_t *steps;
 } Search;
 
 typedef struct {
@@ -107,31 +106,46 @@ static KERNEL_INLINE inline void multiply(const Row *a, const Row *b, Row *to) {
     to[1] = im;
 }
 
-/* rotors.py: powers. */
-static KERNEL_INLINE inline void powers(const Search *search, const Row *cos, const Row *sin, Row (*power)[2]) {
+/* The largest number of the harmonics. */
+static inline int64_t largest(const int64_t *harmonics, int rows) {
     int64_t most = 1;
-    for (int row = 0; row < search->rows; row++) most = search->harmonics[row] > most ? search->harmonics[row] : most;
+    for (int row = 0; row < rows; row++) most = harmonics[row] > most ? harmonics[row] : most;
+    return most;
+}
+
+/* The powers of a rotor that are wanted, by their exponents. */
+typedef Row Powers[2 * MOST_HARMONIC + 1][2];
+
+/* rotors.py: powers, up to `most`. */
+static KERNEL_INLINE inline void powers(const Row *cos, const Row *sin, int64_t most, Row (*power)[2]) {
     power[1][0] = *cos;
     power[1][1] = *sin;
     for (int64_t h = 2; h <= most; h++) multiply(power[h / 2], power[h - h / 2], power[h]);
 }
 
-/* The phasor of a row minus the phasors of the paths. */
-static KERNEL_INLINE inline void rest_of(const Lanes *lanes, const Row *amplitude, Row (*rotor)[MOST_HARMONIC + 1][2], int paths,
-                                         int row, int64_t h, Row *re, Row *im) {
-    Row sum_re = amplitude[0] * rotor[0][h][0], sum_im = amplitude[0] * rotor[0][h][1];
+/* mixture.py: Mixture.phasors, for one harmonic. */
+static KERNEL_INLINE inline void light_of(const Row *amplitude, Powers *rotor, int paths, int64_t h, Row *re, Row *im) {
+    *re = amplitude[0] * rotor[0][h][0];
+    *im = amplitude[0] * rotor[0][h][1];
     for (int k = 1; k < paths; k++) {
-        sum_re += amplitude[k] * rotor[k][h][0];
-        sum_im += amplitude[k] * rotor[k][h][1];
+        *re += amplitude[k] * rotor[k][h][0];
+        *im += amplitude[k] * rotor[k][h][1];
     }
-    *re = lanes->re[row] - sum_re;
-    *im = lanes->im[row] - sum_im;
+}
+
+/* mixture.py: Measured.rest. */
+static KERNEL_INLINE inline void rest_of(const Lanes *lanes, const Row *amplitude, Powers *rotor, int paths, int row, int64_t h,
+                                         Row *re, Row *im) {
+    light_of(amplitude, rotor, paths, h, re, im);
+    *re = lanes->re[row] - *re;
+    *im = lanes->im[row] - *im;
 }
 
 /* mixture.py: WhiteFit.linearised. */
 static KERNEL_INLINE inline void linearise_white(const Search *search, const Lanes *lanes, const Row *point, Linear *at, int k) {
-    Row rotor[MOST_PATHS][MOST_HARMONIC + 1][2];
-    for (int i = 0; i < k; i++) powers(search, &point[k + i], &point[2 * k + i], rotor[i]);
+    Powers rotor[MOST_PATHS];
+    const int64_t most = largest(search->harmonics, search->rows);
+    for (int i = 0; i < k; i++) powers(&point[k + i], &point[2 * k + i], most, rotor[i]);
     for (int row = 0; row < search->rows; row++) {
         const int64_t number = search->harmonics[row];
         const double h = (double)number, weight = search->weights[row];
@@ -159,8 +173,9 @@ static KERNEL_INLINE inline void linearise_white(const Search *search, const Lan
 
 /* mixture.py: WeightedFit.linearised. */
 static KERNEL_INLINE inline void linearise_weighted(const Search *search, const Lanes *lanes, const Row *point, Linear *at, int k) {
-    Row rotor[MOST_PATHS][MOST_HARMONIC + 1][2];
-    for (int i = 0; i < k; i++) powers(search, &point[k + i], &point[2 * k + i], rotor[i]);
+    Powers rotor[MOST_PATHS];
+    const int64_t most = largest(search->harmonics, search->rows);
+    for (int i = 0; i < k; i++) powers(&point[k + i], &point[2 * k + i], most, rotor[i]);
     for (int row = 0; row < search->rows; row++) {
         const int64_t number = search->harmonics[row];
         const double h = (double)number;
@@ -273,8 +288,6 @@ static inline void store(const Search *search, Lanes *lanes, int lane, int stopp
     for (int i = 0; i < entries; i++) search->matrix[i * n + problem] = LANE(lanes->now.matrix[i], lane);
     search->cost[problem] = LANE(lanes->now.cost, lane);
     search->converged[problem] = stopped && FLAG(lanes->done, lane);
-    /* the step with which a problem stops does not count */
-    search->steps[problem] = (int64_t)LANE(lanes->steps, lane) - stopped;
 }
 
 /* Write the answers of lanes whose problem has ended, and load the next problems into these lanes. Return the number of
@@ -335,32 +348,21 @@ typedef struct {
     double *weights; /* re_re, re_im, im_im, a plane per row each */
 } Weigh;
 
-/* mixture.py: Mixture.phasors, for one harmonic. */
-static KERNEL_INLINE inline void light_of(const Row *amplitude, Row (*rotor)[2 * MOST_HARMONIC + 1][2], int paths, int64_t h, Row *re,
-                                          Row *im) {
-    *re = amplitude[0] * rotor[0][h][0];
-    *im = amplitude[0] * rotor[0][h][1];
-    for (int k = 1; k < paths; k++) {
-        *re += amplitude[k] * rotor[k][h][0];
-        *im += amplitude[k] * rotor[k][h][1];
-    }
-}
-
 /* mixture.py: WeightedFit.around, with HarmonicNoise.covariance. */
 static KERNEL_INLINE inline void weigh_lanes(const Weigh *weigh, int64_t start, int held) {
-    Row amplitude[MOST_PATHS], rotor[MOST_PATHS][2 * MOST_HARMONIC + 1][2], total = ALL(0.0);
+    Row amplitude[MOST_PATHS], cos = ALL(0.0), sin = ALL(0.0), total = ALL(0.0);
+    Powers rotor[MOST_PATHS];
     const int k = weigh->paths;
-    int64_t most = 1;
-    for (int row = 0; row < weigh->rows; row++) most = weigh->harmonics[row] > most ? weigh->harmonics[row] : most;
+    const int64_t most = 2 * largest(weigh->harmonics, weigh->rows);
     for (int i = 0; i < k; i++) {
         for (int lane = 0; lane < LANES; lane++) {
             const double *point = weigh->points + start + (lane < held ? lane : 0);
             LANE(amplitude[i], lane) = point[i * weigh->count];
-            LANE(rotor[i][1][0], lane) = point[(k + i) * weigh->count];
-            LANE(rotor[i][1][1], lane) = point[(2 * k + i) * weigh->count];
+            LANE(cos, lane) = point[(k + i) * weigh->count];
+            LANE(sin, lane) = point[(2 * k + i) * weigh->count];
         }
         total = i ? total + amplitude[i] : amplitude[i];
-        for (int64_t h = 2; h <= 2 * most; h++) multiply(rotor[i][h / 2], rotor[i][h - h / 2], rotor[i][h]);
+        powers(&cos, &sin, most, rotor[i]);
     }
     total = SELECT(BELOW(total, ALL(1.0)), ALL(1.0), total);
     for (int i = 0; i < k; i++) amplitude[i] /= total;

@@ -17,33 +17,21 @@
 #include "../paper/_levenberg_marquardt.h"
 #include "../_buffers.h"
 
-typedef struct {
-    const char *name;
-    void (*search)(const Search *search);
-    void (*scan)(const Scan *scan);
-    void (*weigh)(const Weigh *weigh);
-    void (*shares)(const ShareSearch *search);
-    int (*supported)(void);
-} Level;
-
-#define FUNCTION(name, attributes, supported) \
-    attributes static void search_##name(const Search *search) { search_all(search); } \
-    attributes static void scan_##name(const Scan *scan) { scan_all(scan); } \
-    attributes static void weigh_##name(const Weigh *weigh) { weigh_all(weigh); } \
-    attributes static void shares_##name(const ShareSearch *search) { share_all(search); }
-#define LISTED(name, attributes, supported) {#name, search_##name, scan_##name, weigh_##name, shares_##name, supported},
-FOR_EACH_LEVEL(FUNCTION)
-static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
+#define WORK(X, name, attributes) \
+    X(search, search_all, Search, name, attributes) \
+    X(scan, scan_all, Scan, name, attributes) \
+    X(weigh, weigh_all, Weigh, name, attributes) \
+    X(shares, share_all, ShareSearch, name, attributes)
 #include "../_module.h"
 #include "../_calls.h"
 
 /* --- the search ---------------------------------------------------------------------------------------------------------- */
 
-enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, STEPS, BUFFERS };
+enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, BUFFERS };
 static const Wanted WANTED[BUFFERS] = {
-    {"harmonics", "q l ", 8, 0, 0}, {"re", "d ", 8, 0, 0},     {"im", "d ", 8, 0, 0},   {"weights", "d ", 8, 0, 0},
-    {"starts", "d ", 8, 0, 0},      {"worth", "d ", 8, 0, 0},  {"points", "d ", 8, 0, 1}, {"cost", "d ", 8, 0, 1},
-    {"matrix", "d ", 8, 0, 1},      {"converged", "? ", 1, 0, 1}, {"steps", "q l ", 8, 0, 1},
+    {"harmonics", INT64S, READ}, {"re", DOUBLES, READ}, {"im", DOUBLES, READ}, {"weights", DOUBLES, READ},
+    {"starts", DOUBLES, READ}, {"worth", DOUBLES, READ}, {"points", DOUBLES, WRITE}, {"cost", DOUBLES, WRITE},
+    {"matrix", DOUBLES, WRITE}, {"converged", BOOLS, WRITE},
 };
 
 /* Return 1 if kind, paths, steps and harmonics are within the limits; otherwise set an error and return 0. */
@@ -77,7 +65,7 @@ static PyObject *solve_checked(const Level *level, const void *options, const Py
     const int64_t points = 3 * search.paths * count;
     const int64_t expected[BUFFERS] = {
         rows,  rows * count, rows * count, search.kind == WHITE ? rows : 3 * rows * count, points, count, points,
-        count, ENTRY(2 * search.paths, 0) * count, count, count};
+        count, ENTRY(2 * search.paths, 0) * count, count};
     if (!fit_call(WANTED, view, BUFFERS, expected)) return NULL;
     search.rows = (int)rows;
     search.count = count;
@@ -91,11 +79,7 @@ static PyObject *solve_checked(const Level *level, const void *options, const Py
     search.cost = view[COST].buf;
     search.matrix = view[MATRIX].buf;
     search.converged = view[CONVERGED].buf;
-    search.steps = view[STEPS].buf;
-    Py_BEGIN_ALLOW_THREADS
-    level->search(&search);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->search(&search));
 }
 
 static PyObject *solve_problems(PyObject *module, PyObject *arguments) {
@@ -109,7 +93,8 @@ static PyObject *solve_problems(PyObject *module, PyObject *arguments) {
 
 enum { WEIGH_HARMONICS, NOISE, WEIGH_POINTS, WEIGH_WEIGHTS, WEIGH_BUFFERS };
 static const Wanted WEIGH_WANTED[WEIGH_BUFFERS] = {
-    {"harmonics", "q l ", 8, 0, 0}, {"noise", "d ", 8, 0, 0}, {"points", "d ", 8, 0, 0}, {"weights", "d ", 8, 0, 1}};
+    {"harmonics", INT64S, READ}, {"noise", DOUBLES, READ}, {"points", DOUBLES, READ}, {"weights", DOUBLES, WRITE},
+};
 
 static PyObject *weigh_checked(const Level *level, const void *options, const Py_buffer *view) {
     const int paths = *(const int *)options;
@@ -119,10 +104,7 @@ static PyObject *weigh_checked(const Level *level, const void *options, const Py
     if (!are_few(count) || !fit_call(WEIGH_WANTED, view, WEIGH_BUFFERS, expected)) return NULL;
     const Weigh weigh = {paths, (int)rows, count, view[WEIGH_HARMONICS].buf, view[NOISE].buf, view[WEIGH_POINTS].buf,
                          view[WEIGH_WEIGHTS].buf};
-    Py_BEGIN_ALLOW_THREADS
-    level->weigh(&weigh);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->weigh(&weigh));
 }
 
 static PyObject *weigh_pixels(PyObject *module, PyObject *arguments) {
@@ -135,8 +117,8 @@ static PyObject *weigh_pixels(PyObject *module, PyObject *arguments) {
 
 enum { FACTORS, LAGS, SCAN_RE, SCAN_IM, FIRST, LAG, PEAK, OTHER, SCAN_BUFFERS };
 static const Wanted SCAN_WANTED[SCAN_BUFFERS] = {
-    {"factors", "d ", 8, 0, 0}, {"lags", "d ", 8, 0, 0},   {"re", "d ", 8, 0, 0},   {"im", "d ", 8, 0, 0},
-    {"first", "q l ", 8, 0, 1}, {"lag", "q l ", 8, 0, 1}, {"peak", "d ", 8, 0, 1}, {"other", "d ", 8, 0, 1},
+    {"factors", DOUBLES, READ}, {"lags", DOUBLES, READ}, {"re", DOUBLES, READ}, {"im", DOUBLES, READ},
+    {"first", INT64S, WRITE}, {"lag", INT64S, WRITE}, {"peak", DOUBLES, WRITE}, {"other", DOUBLES, WRITE},
 };
 
 static PyObject *scan_checked(const Level *level, const void *options, const Py_buffer *view) {
@@ -155,10 +137,7 @@ static PyObject *scan_checked(const Level *level, const void *options, const Py_
     scan.lag = view[LAG].buf;
     scan.peak = view[PEAK].buf;
     scan.other = view[OTHER].buf;
-    Py_BEGIN_ALLOW_THREADS
-    level->scan(&scan);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->scan(&scan));
 }
 
 static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
@@ -176,7 +155,7 @@ static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
 static PyMethodDef METHODS[] = {
     {"solve", solve_problems, METH_VARARGS,
      "solve(level, kind, paths, most_steps, relative, first_damping, harmonics, re, im, weights, starts, worth, points, cost, "
-     "matrix, converged, steps)\n\n"
+     "matrix, converged)\n\n"
      "Minimise every problem from its start. Everybody but the tests calls it through levenberg_marquardt.py."},
     {"scan", scan_pixels, METH_VARARGS,
      "scan(level, rows, places, pairs, factors, lags, re, im, first, lag, peak, other)\n\n"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index, Int64
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, contiguous
 from cadtof_cli.resolver.likelihood.normal_equations import Triangle, cholesky, entry, solve
 
 if TYPE_CHECKING:
@@ -56,13 +56,12 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Minimum:
-    """Ends of n searches: points (P, n), cost (n,), triangle of JᵀWJ, whether they converged, numbers of steps."""
+    """Ends of n searches: points (P, n), cost (n,), triangle of JᵀWJ, and whether they converged, (n,)."""
 
     points: Float
     cost: Float
     matrix: Triangle
     converged: Bool
-    steps: Int64
 
 
 @dataclass(frozen=True)
@@ -178,8 +177,8 @@ class LevenbergMarquardt(Descent):
         """
         if (compiled := compiled_search(problem.measured.harmonics, paths=len(starts) // 3)) is not None:
             return self._compiled_ends(compiled, problem, starts, samples)
-        end, steps = self.descended(problem, starts, samples=samples)
-        return Minimum(end.points, end.cost, end.matrix, end.converged, steps)
+        end, _ = self.descended(problem, starts, samples=samples)
+        return Minimum(end.points, end.cost, end.matrix, end.converged)
 
     def _compiled_ends(
         self, compiled: ModuleType, problem: "WhiteFit | WeightedFit", starts: Float, samples: Float | None
@@ -190,9 +189,8 @@ class LevenbergMarquardt(Descent):
             np.empty(count),
             np.empty((size * (size + 1) // 2, count)),
             np.empty(count, np.bool_),
-            np.empty(count, np.int64),
         )
-        given = (measured.re, measured.im, problem.weights, starts, self.worth(count, samples))
+        weights = np.asarray(problem.weights)
         compiled.solve(
             chosen_kernel(),
             problem.kind,
@@ -201,12 +199,11 @@ class LevenbergMarquardt(Descent):
             self.relative,
             self.first_damping,
             np.array(measured.harmonics, np.int64),
-            *(np.ascontiguousarray(part) for part in given),
+            *contiguous(measured.re, measured.im, weights, starts, self.worth(count, samples)),
             ends.points,
             ends.cost,
             ends.matrix,
             ends.converged,
-            ends.steps,
         )
         return ends
 

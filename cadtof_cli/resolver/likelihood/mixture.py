@@ -38,11 +38,8 @@ class Mixture:
 
     def joined(self, other: "Mixture", /) -> "Mixture":
         """Return these paths and the other ones."""
-        return Mixture(
-            np.concatenate((self.amplitude, other.amplitude)),
-            np.concatenate((self.cos, other.cos)),
-            np.concatenate((self.sin, other.sin)),
-        )
+        both = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Mixture(*map(np.concatenate, both))
 
     def __getitem__(self, chosen: Index, /) -> "Mixture":
         return Mixture(self.amplitude[:, chosen], self.cos[:, chosen], self.sin[:, chosen])
@@ -70,6 +67,10 @@ class Measured:
 
     def __getitem__(self, chosen: Index, /) -> "Measured":
         return Measured(self.harmonics, self.re[:, chosen], self.im[:, chosen])
+
+    def phasors(self, rows: int | None = None, /) -> Complex:
+        """Return the phasors of the first rows, or of all, complex128."""
+        return self.re[:rows] + 1j * self.im[:rows]
 
     def rest(self, row: int, amplitude: Float, rotor: Rotor, /) -> Rotor:
         """Return the phasor of a row minus paths with these amplitudes and rotors at its harmonic, (n,) each part."""

@@ -54,7 +54,5 @@ def surely_more_paths(measured: Measured, count: int, /, *, most: Float, noise: 
     """
     if count > 1 or measured.harmonics[:2] != (1, 2):
         return np.zeros(most.size, np.bool_)
-    first, second = (measured.re[row] + 1j * measured.im[row] for row in (0, 1))
-    fit = one_path(fundamental_frame(first, second), noise=replace(noise, each=noise.each[:2]), steps=0)
-    more: Bool = fit.chi_squared > most
-    return more
+    fit = one_path(fundamental_frame(*measured.phasors(2)), noise=replace(noise, each=noise.each[:2]), steps=0)
+    return np.asarray(fit.chi_squared > most)

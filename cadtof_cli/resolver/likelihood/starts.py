@@ -10,7 +10,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Index, Int64
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.kernels import chosen_kernel
+from cadtof_cli.resolver.kernels import chosen_kernel, contiguous
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import compiled_search
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture
 from cadtof_cli.resolver.likelihood.pisarenko import pisarenko, strongest_of
@@ -53,10 +53,9 @@ def exact_start(measured: Measured, /, *, paths: int) -> Mixture | None:
     if run < paths:
         return None
     if paths == 2:
-        first, second = (measured.re[row] + 1j * measured.im[row] for row in (0, 1))
-        two = two_paths(fundamental_frame(first, second))
+        two = two_paths(fundamental_frame(*measured.phasors(2)))
         return Mixture(two.amplitude, np.stack((two.cos_x, two.cos_y)), np.stack((two.sin_x, two.sin_y)))
-    return strongest_of(pisarenko(measured.re[:run] + 1j * measured.im[:run]), paths)
+    return strongest_of(pisarenko(measured.phasors(run)), paths)
 
 
 def strongest_path(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
@@ -95,9 +94,8 @@ def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool, pla
     factors, lags = _factors(harmonics, tuple(weights), places), _lags(harmonics, tuple(weights), places)
     found = Scanned(np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count), np.empty(count))
     if (compiled := compiled_search(harmonics, paths=1 + pairs)) is not None:
-        re, im = np.ascontiguousarray(measured.re), np.ascontiguousarray(measured.im)
         sizes, answers = (len(harmonics), len(factors), pairs), (found.first, found.lag, found.peak, found.other)
-        compiled.scan(chosen_kernel(), *sizes, factors, lags, re, im, *answers)
+        compiled.scan(chosen_kernel(), *sizes, factors, lags, *contiguous(measured.re, measured.im), *answers)
         return found
     for begin in range(0, count, SCANNED_PIXELS):
         block = slice(begin, begin + SCANNED_PIXELS)

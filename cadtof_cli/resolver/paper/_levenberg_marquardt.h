@@ -94,8 +94,7 @@ static KERNEL_INLINE inline void share_rotors(const ShareSearch *search, Shares 
         at->power[1][1][0][lane] = other * there + other_none;
         at->power[1][1][1][lane] = -im * there;
     }
-    int64_t most = 1;
-    for (int row = 0; row < search->rows; row++) most = search->harmonics[row] > most ? search->harmonics[row] : most;
+    const int64_t most = largest(search->harmonics, search->rows);
     for (int path = 0; path < 2; path++)
         for (int64_t h = 2; h <= most; h++) { /* rotors.py: powers */
             ShareRow *a = at->power[path][h / 2], *b = at->power[path][h - h / 2], *to = at->power[path][h];

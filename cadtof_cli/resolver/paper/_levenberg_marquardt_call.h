@@ -1,8 +1,8 @@
 /* The call of the search of Eq. (9) from Python: it checks and fills the buffers. A part of _likelihood.c, see levenberg_marquardt.py. */
 enum { SHARE_HARMONICS, SHARE_RE, SHARE_IM, PLACES, SHARE_Z, SHARE_COST, SHARE_CONVERGED, SHARE_STEPS, SHARE_BUFFERS };
 static const Wanted SHARE_WANTED[SHARE_BUFFERS] = {
-    {"harmonics", "q l ", 8, 0, 0}, {"re", "d ", 8, 0, 0},   {"im", "d ", 8, 0, 0},        {"places", "q l ", 8, 0, 0},
-    {"z", "d ", 8, 0, 1},           {"cost", "d ", 8, 0, 1}, {"converged", "? ", 1, 0, 1}, {"steps", "q l ", 8, 0, 1},
+    {"harmonics", INT64S, READ}, {"re", DOUBLES, READ}, {"im", DOUBLES, READ}, {"places", INT64S, READ},
+    {"z", DOUBLES, WRITE}, {"cost", DOUBLES, WRITE}, {"converged", BOOLS, WRITE}, {"steps", INT64S, WRITE},
 };
 
 static PyObject *shares_checked(const Level *level, const void *options, const Py_buffer *view) {
@@ -23,10 +23,7 @@ static PyObject *shares_checked(const Level *level, const void *options, const P
     search.cost = view[SHARE_COST].buf;
     search.converged = view[SHARE_CONVERGED].buf;
     search.steps = view[SHARE_STEPS].buf;
-    Py_BEGIN_ALLOW_THREADS
-    level->shares(&search);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->shares(&search));
 }
 
 static PyObject *search_shares(PyObject *module, PyObject *arguments) {

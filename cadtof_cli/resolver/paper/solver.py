@@ -23,8 +23,8 @@ class PaperWay:
     def __init__(
         self, phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, first: int, **_others: object
     ) -> None:
-        self._likelihood, self._settings = Likelihood(phasors, noise=noise), settings
-        self._first = first
+        self._likelihood, self._first = Likelihood(phasors, noise=noise), first
+        self._starts = RandomStarts(settings.starts, settings.seed)
         self.modulus, self.powers = self._likelihood.modulus, self._likelihood.powers
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index, Fit]:
@@ -34,10 +34,10 @@ class PaperWay:
         chosen = np.flatnonzero(pixels)
         measured = self._likelihood.measured[chosen]
         two = two_shares(
-            measured.re + 1j * measured.im,
+            measured.phasors(),
             harmonics=measured.harmonics,
             places=chosen + self._first,
-            starts=RandomStarts(self._settings.starts, self._settings.seed),
+            starts=self._starts,
         )
         likely = fisher_fit(measured, two.paths, converged=two.converged, noise=self._likelihood.noise)
         return chosen, likely.fit()

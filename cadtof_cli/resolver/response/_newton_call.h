@@ -1,10 +1,9 @@
 /* The call of the search from Python: checks the buffers and fills them. A part of _kernel.c, see newton.py. */
 enum { SEARCH_SHARED, TABLE_1, TABLE_2, OWN_PHASES, OBSERVED, ENOUGH, START, VALUES, MISFIT, DONE, SEARCH_BUFFERS };
 static const Wanted SEARCH_BUFFER[SEARCH_BUFFERS] = {
-    {"search constants", "f ", 0, 0, 0}, {"first table", "f ", 0, 0, 0}, {"second table", "f ", 0, 0, 0},
-    {"phases", "f ", 0, 1, 0},           {"observed", "f ", 0, 0, 0},    {"enough", "f ", 0, 0, 0},
-    {"start", "f ", 0, 0, 0},            {"values", "f ", 0, 0, 1},      {"misfit", "f ", 0, 0, 1},
-    {"done", "? ", 1, 0, 1},
+    {"search constants", FLOATS, READ}, {"first table", FLOATS, READ}, {"second table", FLOATS, READ},
+    {"phases", FLOATS, MAY_BE_NONE}, {"observed", FLOATS, READ}, {"enough", FLOATS, READ}, {"start", FLOATS, READ},
+    {"values", FLOATS, WRITE}, {"misfit", FLOATS, WRITE}, {"done", BOOLS, WRITE},
 };
 
 static PyObject *search_checked(const Level *level, const void *options, const Py_buffer *view) {
@@ -28,10 +27,7 @@ static PyObject *search_checked(const Level *level, const void *options, const P
         .pixels = pixels,
         .steps = steps,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->search(&search);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->search(&search));
 }
 
 static PyObject *search(PyObject *module, PyObject *arguments) {

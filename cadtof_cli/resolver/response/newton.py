@@ -11,7 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, contiguous, extension
 from cadtof_cli.resolver.response.table import STEP, Answer, ResponseBlock
 
 LARGEST_TURN = 0.4
@@ -186,7 +186,7 @@ def searched(equations: Equations, start: Float32, /, *, steps: int, stage: int 
         kernel,
         steps,
         np.array(constants, np.float32),
-        *(None if array is None else np.ascontiguousarray(array) for array in given),
+        *contiguous(*given),
         values,
         misfit,
         done,

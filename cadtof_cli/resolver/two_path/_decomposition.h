@@ -2,7 +2,8 @@
  * _kernel.c, see decomposition.py. */
 enum { FIRST_PHASOR, SECOND_PHASOR, DECOMPOSITION, DECOMPOSED_BUFFERS };
 static const Wanted DECOMPOSED_BUFFER[DECOMPOSED_BUFFERS] = {
-    {"first phasors", "Zd ", 0, 0, 0}, {"second phasors", "Zd ", 0, 0, 0}, {"paths", "d ", 0, 0, 1}};
+    {"first phasors", COMPLEX_DOUBLES, READ}, {"second phasors", COMPLEX_DOUBLES, READ}, {"paths", DOUBLES, WRITE},
+};
 
 static PyObject *decompose_checked(const Level *level, const void *none, const Py_buffer *view) {
     (void)none;
@@ -10,13 +11,8 @@ static PyObject *decompose_checked(const Level *level, const void *none, const P
     if (!are_pixels(pixels)) return NULL;
     const int64_t expected[DECOMPOSED_BUFFERS] = {pixels, pixels, DECOMPOSED_PLANES * (int64_t)pixels};
     if (!fit_call(DECOMPOSED_BUFFER, view, DECOMPOSED_BUFFERS, expected)) return NULL;
-    Py_BEGIN_ALLOW_THREADS
-    level->decompose(view[FIRST_PHASOR].buf, view[SECOND_PHASOR].buf, view[DECOMPOSITION].buf, pixels);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    const Decomposed decomposed = {view[FIRST_PHASOR].buf, view[SECOND_PHASOR].buf, view[DECOMPOSITION].buf, pixels};
+    RETURN_AFTER(level->decompose(&decomposed));
 }
 
-static PyObject *decompose(PyObject *module, PyObject *arguments) {
-    (void)module;
-    return with_buffers(arguments, DECOMPOSED_BUFFER, DECOMPOSED_BUFFERS, decompose_checked, NULL, "");
-}
+CALL_OF_BUFFERS(decompose, DECOMPOSED_BUFFER, DECOMPOSED_BUFFERS, decompose_checked)

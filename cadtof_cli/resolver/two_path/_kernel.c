@@ -4,7 +4,7 @@
  * kernel.py is the Python front of the two-path solver; the headers *_call.h and _decomposition.h name the other
  * fronts. The buffers are checked here again: a buffer of the wrong type, size, alignment or layout raises ValueError
  * or TypeError and never crashes. The equations are in the other headers. They are compiled once for every instruction
- * set in LEVELS. find_level and levels() ask which of the sets this processor has.
+ * set in LEVELS of _module.h. find_level and levels() ask which of the sets this processor has.
  */
 #ifndef Py_GIL_DISABLED
 #define Py_LIMITED_API 0x030b0000 /* one build for every Python from 3.11 on */
@@ -21,44 +21,17 @@
 #include "../diffuse/_light.h"
 #include "../response/_newton.h"
 
-/* --- one function for every instruction set ----------------------------------------------------------------------------- */
-
-typedef struct {
-    const char *name;
-    void (*resolve)(const Frame *frame);
-    void (*answer)(const TailAnswers *answers);
-    void (*decompose)(const double *first, const double *second, double *paths, int64_t pixels);
-    void (*search)(const Search *search);
-    void (*slopes)(const Slopes *slopes);
-    void (*step)(const Steps *steps);
-    void (*matrix)(const Pairs *pairs);
-    void (*look)(const Sampled *sampled);
-    void (*sum)(const Sums *sums);
-    void (*count)(const uint32_t *status, int64_t pixels, int64_t counts[4]);
-    int (*supported)(void);
-} Level;
-
-#define FUNCTIONS(name, attributes, supported) \
-    attributes static void resolve_##name(const Frame *frame) { resolve_pixels(frame); } \
-    attributes static void answer_##name(const TailAnswers *answers) { answer_pixels(answers); } \
-    attributes static void decompose_##name(const double *first, const double *second, double *paths, int64_t pixels) { \
-        decompose_pixels(first, second, paths, pixels); \
-    } \
-    attributes static void search_##name(const Search *search) { search_pixels(search); } \
-    attributes static void slopes_##name(const Slopes *slopes) { slopes_of_patches(slopes); } \
-    attributes static void step_##name(const Steps *steps) { step_of_patches(steps); } \
-    attributes static void matrix_##name(const Pairs *pairs) { matrix_of(pairs); } \
-    attributes static void look_##name(const Sampled *sampled) { look_at_samples(sampled); } \
-    attributes static void sum_##name(const Sums *sums) { sum_patches(sums); } \
-    attributes static void count_##name(const uint32_t *status, int64_t pixels, int64_t counts[4]) { \
-        count_pixels(status, pixels, counts); \
-    }
-#define FUNCTIONS_OF(name) \
-    resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, matrix_##name, look_##name, \
-        sum_##name, count_##name
-#define LISTED(name, attributes, supported) {#name, FUNCTIONS_OF(name), supported},
-FOR_EACH_LEVEL(FUNCTIONS)
-static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
+#define WORK(X, name, attributes) \
+    X(resolve, resolve_pixels, Frame, name, attributes) \
+    X(answer, answer_pixels, TailAnswers, name, attributes) \
+    X(decompose, decompose_pixels, Decomposed, name, attributes) \
+    X(search, search_pixels, Search, name, attributes) \
+    X(slopes, slopes_of_patches, Slopes, name, attributes) \
+    X(step, step_of_patches, Steps, name, attributes) \
+    X(matrix, matrix_of, Pairs, name, attributes) \
+    X(look, look_at_samples, Sampled, name, attributes) \
+    X(sum, sum_patches, Sums, name, attributes) \
+    X(count, count_pixels, Counted, name, attributes)
 #include "../_module.h"
 #include "../_calls.h"
 
@@ -67,9 +40,10 @@ static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 enum { CONSTANT_VALUES, STORED, OWN, OTHER, CONSTANT, SAMPLES, METRES, SHIFT, MAP_LAYERS, STATUS, OF_TAIL,
        BUFFERS = OF_TAIL + TAIL_BUFFERS };
 static const Wanted BUFFER[BUFFERS] = {
-    {"constants", "d ", 0, 0, 0}, {"stored", "H h f d Zd ", 0, 0, 0}, {"own", "d ", 0, 1, 0},   {"other", "d ", 0, 1, 0},
-    {"constant", "d ", 0, 1, 0},  {"samples", "d ", 0, 1, 0},         {"metres", "d ", 0, 1, 0}, {"shift", "d ", 0, 1, 0},
-    {"layers", "f ", 0, 0, 1},    {"status", "I L ", 4, 0, 1},        TAIL_WANTED(1),
+    {"constants", DOUBLES, READ}, {"stored", "H h f d Zd ", 0, READ}, {"own", DOUBLES, MAY_BE_NONE},
+    {"other", DOUBLES, MAY_BE_NONE}, {"constant", DOUBLES, MAY_BE_NONE}, {"samples", DOUBLES, MAY_BE_NONE},
+    {"metres", DOUBLES, MAY_BE_NONE}, {"shift", DOUBLES, MAY_BE_NONE}, {"layers", FLOATS, WRITE},
+    {"status", UINT32S, WRITE}, TAIL_WANTED(MAY_BE_NONE),
 };
 
 /* Return 1 if the number of pixels is small enough; otherwise set an error and return 0. */
@@ -144,10 +118,7 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
         .order = (enum order)asked->order,
         .returns = (enum returns)asked->returns,
     };
-    Py_BEGIN_ALLOW_THREADS
-    level->resolve(&frame);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    RETURN_AFTER(level->resolve(&frame));
 }
 
 static PyObject *resolve(PyObject *module, PyObject *arguments) {
@@ -159,15 +130,13 @@ static PyObject *resolve(PyObject *module, PyObject *arguments) {
 static PyObject *count_checked(const Level *level, const void *none, const Py_buffer *status) {
     (void)none;
     int64_t counts[4] = {0, 0, 0, 0};
-    level->count(status->buf, values_in(status), counts);
+    const Counted counted = {status->buf, values_in(status), counts};
+    level->count(&counted);
     return Py_BuildValue("LLLL", (long long)counts[0], (long long)counts[1], (long long)counts[2], (long long)counts[3]);
 }
 
-static PyObject *count_status(PyObject *module, PyObject *arguments) {
-    (void)module;
-    static const Wanted ONE = {"status", "I L ", 4, 0, 0};
-    return with_buffers(arguments, &ONE, 1, count_checked, NULL, "");
-}
+static const Wanted COUNTED_STATUS = {"status", UINT32S, READ};
+CALL_OF_BUFFERS(count_status, &COUNTED_STATUS, 1, count_checked)
 
 #include "_decomposition.h"
 #include "../diffuse/_pixels_call.h"
@@ -184,11 +153,7 @@ static PyObject *count_status(PyObject *module, PyObject *arguments) {
         (void)module, (void)none; \
         static const char *const NAMES[] = {LIST(NAME)}; \
         PyObject *names = PyList_New(0); \
-        for (size_t i = 0; names && i < sizeof NAMES / sizeof *NAMES; i++) { \
-            PyObject *name = PyUnicode_FromString(NAMES[i]); \
-            if (!name || PyList_Append(names, name) < 0) Py_CLEAR(names); \
-            Py_XDECREF(name); \
-        } \
+        for (size_t i = 0; names && i < sizeof NAMES / sizeof *NAMES; i++) append_name(&names, NAMES[i]); \
         return names; \
     }
 LIST_OF(constant_names, CONSTANTS)

@@ -183,7 +183,7 @@ INLINE void resolve_pixels(const Frame *restrict frame) {
     memset(g, 0, sizeof group);
     int m;
     for (int64_t start = 0; start < stop; start += m) {
-        m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
+        m = frame->tail ? in_row(frame->tail, start, stop) : in_group(stop - start);
         fetch(frame, start + 2 * GROUP);
         const int sound = m == GROUP && plain && is_sound(frame, start);
         int answered = sound && !frame->tail, loaded = 0;
@@ -238,11 +238,19 @@ INLINE void resolve_pixels(const Frame *restrict frame) {
     }
 }
 
-/* kernel.py: count_status. The number of pixels with each of four bits. */
-INLINE void count_pixels(const uint32_t *restrict status, int64_t pixels, int64_t counts[4]) {
+/* A status map, and the number of its pixels with each of four bits. */
+typedef struct {
+    const uint32_t *status;
+    int64_t pixels;
+    int64_t *counts;
+} Counted;
+
+/* kernel.py: count_status */
+INLINE void count_pixels(const Counted *restrict all) {
+    const uint32_t *restrict status = all->status;
     enum { AT_ONCE = 4096 }; /* sums over so few pixels fit into 32 bits */
-    for (int64_t start = 0; start < pixels; start += AT_ONCE) {
-        const int64_t stop = pixels - start < AT_ONCE ? pixels : start + AT_ONCE;
+    for (int64_t start = 0; start < all->pixels; start += AT_ONCE) {
+        const int64_t stop = all->pixels - start < AT_ONCE ? all->pixels : start + AT_ONCE;
         uint32_t one = 0, two = 0, more = 0, diffuse = 0;
         for (int64_t i = start; i < stop; i++) {
             one += (status[i] & ONE_PATH) / ONE_PATH;
@@ -250,21 +258,31 @@ INLINE void count_pixels(const uint32_t *restrict status, int64_t pixels, int64_
             more += (status[i] & MORE_PATHS) / MORE_PATHS;
             diffuse += (status[i] & DIFFUSE_MPI) / DIFFUSE_MPI;
         }
-        counts[0] += one;
-        counts[1] += two;
-        counts[2] += more;
-        counts[3] += diffuse;
+        all->counts[0] += one;
+        all->counts[1] += two;
+        all->counts[2] += more;
+        all->counts[3] += diffuse;
     }
 }
 
 #define DECOMPOSED_PLANES 9
 
-/* decomposition.py: decomposed. Fills planes of n values: both amplitudes, the rotors of mean and half, 1 if there is
- * one path, and both phases. */
-INLINE void decompose_pixels(const double *restrict first, const double *restrict second, double *restrict to, int64_t n) {
+/* Two phasors of n pixels, re and im, and their two paths, in planes: both amplitudes, the rotors of mean and half, 1 if
+ * there is one path, and both phases. */
+typedef struct {
+    const double *first, *second;
+    double *paths;
+    int64_t pixels;
+} Decomposed;
+
+/* decomposition.py: decomposed */
+INLINE void decompose_pixels(const Decomposed *restrict all) {
+    const double *restrict first = all->first, *restrict second = all->second;
+    double *restrict to = all->paths;
+    const int64_t n = all->pixels;
     Group group, *g = &group;
     for (int64_t start = 0; start < n; start += GROUP) {
-        const int m = n - start < GROUP ? (int)(n - start) : GROUP;
+        const int m = in_group(n - start);
         for (int i = 0; i < GROUP; i++) {
             const int64_t at = 2 * (start + (i < m ? i : 0));
             g->re1[i] = first[at];

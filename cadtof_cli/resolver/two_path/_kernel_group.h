@@ -29,6 +29,9 @@ typedef float FloatRow[GROUP];
 
 #define INLINE static inline KERNEL_INLINE
 
+/* How many pixels form the next group if so many are left. */
+INLINE int in_group(int64_t left) { return left < GROUP ? (int)left : GROUP; }
+
 INLINE double at_least(double value, double low) { return value < low ? low : value; }   /* numpy.maximum: NaN stays NaN */
 INLINE double at_most(double value, double high) { return high < value ? high : value; } /* numpy.minimum */
 INLINE float at_least_f(float value, float low) { return value < low ? low : value; }

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cadtof_cli.arrays import Complex
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, extension
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, contiguous, extension
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 
 PLANES = 9
@@ -20,6 +20,6 @@ def decomposed(p1: Complex, p2: Complex, /) -> TwoPaths:
         with np.errstate(all="ignore"):
             return two_paths(fundamental_frame(p1, p2))
     planes = np.empty((PLANES, p1.size))
-    extension().decompose(kernel, np.ascontiguousarray(p1), np.ascontiguousarray(p2), planes)
+    extension().decompose(kernel, *contiguous(p1, p2), planes)
     cos_mean, sin_mean, cos_half, sin_half, single = planes[2:7]
     return TwoPaths(planes[:2], cos_mean, sin_mean, cos_half, sin_half, single > 0.0, planes[7:])

@@ -57,12 +57,9 @@ class CalibrateSettings:
 
 @dataclass(frozen=True, eq=False)
 class Averaged:
-    """The data that a part is measured from.
+    """The data that a part is measured from: each capture with the mean of its frames, in V, and the origin of the part.
 
-    Attributes:
-        captures: each capture with the mean of its frames, in V.
-        earlier: parts in the calibration folder that are to be applied to the means first; None: there are none.
-        origin: origin of the part.
+    `earlier` are the parts in the calibration folder that are to be applied to the means first; None: there are none.
     """
 
     captures: Sequence[tuple[Capture, MeanVolts]]

@@ -93,20 +93,18 @@ class MapPairs:
         if self.a.roi and self.b.roi:
             require_same_part(self.a, self.b)
         one, other = ({run.name(file): file for file in run.require_maps()} for run in (self.a, self.b))
-        if one.keys().isdisjoint(other) and not first.is_file() and not second.is_file():
-            # the folder of one capture in a run of several: its name is not in the names of another run's maps
-            one = {file.relative_to(first).with_suffix("").as_posix(): file for file in one.values()}
-            other = {file.relative_to(second).with_suffix("").as_posix(): file for file in other.values()}
-        shared = [name for name in one if name in other]
-        self.files = {name: (one[name], other[name]) for name in shared}
+        if one.keys().isdisjoint(other):
+            if second.is_file():
+                other = dict.fromkeys(one, second)
+            elif first.is_file():
+                one = dict.fromkeys(other, first)
+            else:
+                # the folder of one capture in a run of several: its name is not in the names of another run's maps
+                one = {file.relative_to(first).with_suffix("").as_posix(): file for file in one.values()}
+                other = {file.relative_to(second).with_suffix("").as_posix(): file for file in other.values()}
+        self.files = {name: (one[name], other[name]) for name in one if name in other}
         self.only: tuple[list[str], list[str]] = ([], [])
-        if not shared and second.is_file():
-            alone = next(iter(other.values()))
-            self.files = {name: (file, alone) for name, file in one.items()}
-        elif not shared and first.is_file():
-            alone = next(iter(one.values()))
-            self.files = {name: (alone, file) for name, file in other.items()}
-        elif not first.is_file() and not second.is_file():
+        if not first.is_file() and not second.is_file():
             self.only = ([name for name in one if name not in other], [name for name in other if name not in one])
         if not self.files:
             found = ", ".join(list(one)[:3]), ", ".join(list(other)[:3])

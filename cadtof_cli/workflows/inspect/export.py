@@ -74,24 +74,23 @@ def export_maps(
     if write is None:
         raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(WRITERS)}")
     found = [(run, file) for run in map(read_run, maps) for file in run.require_maps()]
-    outputs = [
-        out.with_name(f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}") if len(found) > 1 else out
-        for run, file in found
-    ]
-    written: dict[Path, Path] = {}
-    for (_, file), output in zip(found, outputs, strict=True):
-        if output in written:
+    by_output: dict[Path, tuple[Run, Path]] = {}
+    for run, file in found:
+        several = f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}"
+        output = out.with_name(several) if len(found) > 1 else out
+        if output in by_output:
+            other = by_output[output][1]
             raise SettingsError(
-                f"{written[output]} and {file} would both be written as {output}; export each with a command of its own"
+                f"{other} and {file} would both be written as {output}; export each with a command of its own"
             )
         require_new(output, overwrite=settings.overwrite)
-        written[output] = file
+        by_output[output] = run, file
     progress.advance(0, total=len(found))
-    for (run, file), output in zip(found, outputs, strict=True):
+    for output, (run, file) in by_output.items():
         kind, optics = _kind(run, settings), settings.optics(run, file)
         write(_Map(file, read_layers(file), settings.layer, kind, optics), output)
         progress.advance()
-    return tuple(outputs)
+    return tuple(by_output)
 
 
 def _kind(run: Run, settings: ExportSettings) -> DepthKind:

@@ -115,15 +115,8 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
         integration_length_seen=estimated_integration_length(
             phasors.reshape(-1, *stored.shape[2:]), metadata, quantised=stored.dtype.kind in "iu"
         ),
-        implausible=wrong_with(stored, metadata),
+        implausible=implausible(stored, metadata) or "; ".join(doubts(stored, metadata)) or None,
     )
-
-
-def wrong_with(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return in words what is wrong, or likely wrong, with the values of a frame, (H, 2, Y, X); None: nothing."""
-    if wrong := implausible(stored, metadata):
-        return wrong
-    return "; ".join(doubts(stored, metadata)) or None
 
 
 @dataclass(frozen=True)

@@ -57,13 +57,9 @@ def first_phasor_depth(
 
 @dataclass(frozen=True)
 class FirstPhasors:
-    """The recorded frames of a run.
+    """The recorded frames of a run: how `cadtof resolve` read them, by the names of their maps.
 
-    Attributes:
-        run: the run.
-        tasks: how `cadtof resolve` read the frames, by the names of their maps.
-        say: called with notes for the user.
-        digests: digests of the values that the run read, by the names of the maps, if `frames.jsonl` has them.
+    `say` is called with notes for the user. `digests` are of the values that the run read, if `frames.jsonl` has them.
     """
 
     run: Run
@@ -99,9 +95,9 @@ class FirstPhasors:
 
 def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
     """Return the first phasors of a run's frames. If frames or calibration are unknown or gone, say so and return none."""
-    recorded = run.recorded_frames(say)
+    recorded, none = run.recorded_frames(say), FirstPhasors(run, {}, say)
     if run.record is None or not recorded:
-        return FirstPhasors(run, {}, say)
+        return none
     try:
         settings, calibration = _map_settings(run.record), run.calibration()
         known, by_root = run.record["captures"], dict[Any, list[Mapping[str, Any]]]()
@@ -112,7 +108,7 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
             # captures that were moved together with the run are compared with all captures of the run
             if changed := _changed_setting(capture, by_root.get(real_path(root), known)):
                 say(f"{root}: {changed} since the run, {NOT_EVALUATED}")
-                return FirstPhasors(run, {}, say)
+                return none
             plans[root] = FramePlan(metadata=capture.source.metadata, settings=settings, calibration=calibration)
         tasks = {
             name: FrameTask(sources, capture.layout, plans[capture.root], None, Path())
@@ -120,12 +116,12 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
         }
     except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
         say(f"the settings of the run cannot be taken from its record, {NOT_EVALUATED}: {error}")
-        return FirstPhasors(run, {}, say)
+        return none
     try:
         next(iter(tasks.values())).calibration()
     except CadtofError as error:
         say(f"the calibration of the run has changed or is gone, {NOT_EVALUATED}: {error}")
-        return FirstPhasors(run, {}, say)
+        return none
     digests = {}
     with suppress(CaptureError):
         for report in run.reports():

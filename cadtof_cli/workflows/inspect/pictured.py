@@ -16,7 +16,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.layers import Shown
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import is_map_layer
-from cadtof_cli.files.named_planes import says_a_channel
+from cadtof_cli.files.named_planes import channel_in_words
 from cadtof_cli.files.system import common_folder, path_from
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
@@ -77,7 +77,7 @@ def _are_of_layers(files: Sequence[Path]) -> bool:
     layers = first_sound_layers(files)
     if layers is None:
         return False
-    return any(map(is_map_layer, layers)) or not any(map(says_a_channel, layers))
+    return any(map(is_map_layer, layers)) or not any(map(channel_in_words, layers))
 
 
 def _read_map(run: Run, file: Path) -> Shown:

@@ -57,7 +57,7 @@ def page_text(
     record = run.record or {}
     return PageText(
         title=run.maps.resolve().name or str(run.maps),
-        subtitle=_subtitle(record, run),
+        subtitle=_subtitle(run),
         facts=tuple(_facts(record, totals, lines)),
         pixels={words: getattr(totals, name) for name, words in _PIXELS.items()},
         notes=tuple(_notes(run, reports, problems, shown=len(shown))),
@@ -86,12 +86,11 @@ def _lines(
         yield line
 
 
-def _subtitle(record: Mapping[str, Any], run: Run) -> str:
-    if not record:
+def _subtitle(run: Run) -> str:
+    if run.record is None:
         return f"maps in {run.maps}"
-    captures = [str(capture.get("root")) for capture in record.get("captures", [])]
-    named = captures[0] if len(captures) == 1 else f"{len(captures)} captures"
-    return f"{named}, resolved by cadtof {record.get('cadtof')}, {record.get('started')}"
+    named = str(run.captures[0]["root"]) if len(run.captures) == 1 else f"{len(run.captures)} captures"
+    return f"{named}, resolved by cadtof {run.record.get('cadtof')}, {run.record.get('started')}"
 
 
 def _facts(record: Mapping[str, Any], totals: RunTotals, lines: Sequence[FrameLine]) -> Iterator[tuple[str, str]]:
@@ -114,10 +113,10 @@ def _notes(run: Run, reports: Sequence[FrameReport], problems: Mapping[Path, str
         yield "The run has not finished: this page shows what it had done until then."
     if run.record is not None and not reports:
         yield f"There is no {FRAMES_FILE} beside the maps, or it is empty: which frames were resolved, and how, is not known."
-    for capture in (run.record or {}).get("captures", []):
+    for capture in run.captures:
         if capture.get("lossy_compression"):
             how = f"with lossy compression ({capture['lossy_compression']})"
-            yield f"{capture.get('root')} was recorded {how}, which changes voltages and so depths."
+            yield f"{capture['root']} was recorded {how}, which changes voltages and so depths."
     if shown < (there := len(run.files) - len(problems)):
         yield (
             f"The page shows {shown} of {there} frames with maps, evenly spread over the run, because it would become larger "

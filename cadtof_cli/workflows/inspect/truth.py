@@ -54,9 +54,7 @@ def without_holes(depth: Float, /) -> Float:
 class Truth:
     """The true depths of a run's maps.
 
-    Attributes:
-        given: the file with the truth of all maps; or a folder with a file for each capture, in the same tree as the run.
-        run: the run whose maps are compared with it.
+    `given` is the file with the truth of all maps, or a folder with a file for each capture, in the same tree as the run.
     """
 
     given: Path

@@ -9,7 +9,6 @@ from cadtof_cli.capture.discovery import absolute, find_captures, is_existing_fo
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
-from cadtof_cli.files.system import path_from
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines
 from cadtof_cli.workflows.resolve.plans import (
@@ -19,7 +18,7 @@ from cadtof_cli.workflows.resolve.plans import (
     plan_captures,
     record_captures,
 )
-from cadtof_cli.workflows.resolve.record import RUN_FILE, read_record
+from cadtof_cli.workflows.resolve.record import RUN_FILE, input_arguments, read_record
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -31,11 +30,10 @@ class Arrivals:
     Attributes:
         settings: settings of the run.
         batches: the paths that arrive during the run.
+        on_failure: called with a report on inputs that cannot be resolved; the run continues.
         base: folder whose tree OUT mirrors; None: it is not known yet.
-        failed: reports on those of the first inputs that cannot be resolved.
         waiting: files of frames that wait for more files.
         calibration: the calibration that is applied; None: none.
-        on_failure: called with a report on inputs that cannot be resolved, once the run has begun; the run continues.
         same_name: gives names of the same file in OUT the same value.
         counted: inputs of an earlier run that is continued, with links resolved.
         known: plans of the captures that have come so far, by the folder of the capture.
@@ -44,11 +42,10 @@ class Arrivals:
 
     settings: ResolveSettings
     batches: Iterable[tuple[Path, ...]]
+    on_failure: Callable[[FrameReport], None]
     base: Path | None = None
-    failed: list[FrameReport] = field(default_factory=list)
     waiting: list[Path] = field(default_factory=list)
     calibration: AppliedCalibration | None = None
-    on_failure: Callable[[FrameReport], None] | None = None
     same_name: Callable[[str], str] = str
     counted: frozenset[str] = frozenset()
     known: dict[Path, CapturePlan] = field(default_factory=dict)
@@ -87,12 +84,9 @@ class Arrivals:
         same_name: Callable[[str], str],
         /,
     ) -> None:
-        """Remember the plans of the first captures; from now on, inputs that cannot be resolved are reported at once."""
+        """Remember the plans of the first captures; from now on, reports go to this `on_failure`."""
         self.calibration, self.on_failure, self.same_name = calibration, on_failure, same_name
         self._meet(plans)
-
-    def _fail(self, report: FrameReport) -> None:
-        (self.on_failure or self.failed.append)(report)
 
     def _existing(self, paths: Iterable[Path]) -> list[Path]:
         """Return the paths that exist; each of the others is a frame that failed.
@@ -105,7 +99,7 @@ class Arrivals:
                 is_existing_folder(path)
                 there.append(path)
             except CaptureError as error:
-                self._fail(failed_input(path, error))
+                self.on_failure(failed_input(path, error))
         return there
 
     def _meet(self, plans: Iterable[CapturePlan]) -> None:
@@ -137,7 +131,7 @@ class Arrivals:
             try:
                 found += self._known(self._captures(named, last=last))
             except CadtofError as error:
-                self._fail(failed_input(folder if len(named) > 1 else named[0], error))
+                self.on_failure(failed_input(folder if len(named) > 1 else named[0], error))
         record_captures(document, found, self.counted)
         return found
 
@@ -149,7 +143,7 @@ class Arrivals:
             overrides=settings.overrides,
             settings_file=settings.settings_file,
             recursive=settings.recursive,
-            on_unlisted=lambda folder, error: self._fail(failed_input(folder, error)),
+            on_unlisted=lambda folder, error: self.on_failure(failed_input(folder, error)),
         )
         captures, self.base = placed_captures(found, paths, base=self.base)
         if not last:
@@ -181,7 +175,7 @@ class Arrivals:
                 own.append(frame)
                 continue
             error = OutputError(f"{first} would be written as {self.settings.out}/{frame.name}, as {other} was")
-            self._fail(FrameReport(str(frame), None, "failed", str(error), 0.0))
+            self.on_failure(failed_input(frame, error))
         if len(own) == len(plan.capture.frames):
             return plan
         return replace(plan, capture=replace(plan.capture, frames=tuple(own)))
@@ -192,10 +186,8 @@ def _record_arrivals(paths: Iterable[Path], known: set[str], arguments: Mapping[
     for path in paths:
         if (real := real_path(path)) not in known:
             known.add(real)
-            arguments["inputs"].append(str(path))
-            arguments["absolute_inputs"].append(str(path.absolute()))
-            arguments["inputs_from_out"].append(path_from(out, path))
-            arguments["resolved_inputs"].append(real)
+            for name, values in input_arguments([path], out).items():
+                arguments[name].extend(values)
 
 
 def _earlier_shared_folder(out: Path) -> Path | None:
@@ -220,7 +212,7 @@ def _keep_earlier_inputs(
     known = frozenset[str](then["resolved_inputs"])
     is_here = [str(Path(typed).absolute()) for typed in then["inputs"]] == then["absolute_inputs"]
     new = [place for place, real in enumerate(now["resolved_inputs"]) if real not in known]
-    for name in ("inputs", "absolute_inputs", "inputs_from_out", "resolved_inputs"):
+    for name in input_arguments((), Path()):
         before = then["absolute_inputs"] if name == "inputs" and not is_here else then[name]
         now[name] = [*before, *(now[name][place] for place in new)]
     captures = {one["resolved_root"]: one for one in earlier["captures"]}

@@ -290,9 +290,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
         if len(task.sources) > 1:
             frame, digest, left_out = _read_mean(task)
         else:
-            frame = read_stored(source, task.layout, size=task.pixels)
-            require_plausible(frame, task.plan.metadata, of=source)
-            digest = content_digest(frame)
+            frame, digest = _read_one(task, source)
         # the file of a stack that grows changes, but this frame of it does not
         if task.files() == files or digest == before:
             return frame, Recording(began, digest, files, left_out)
@@ -300,22 +298,26 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
     raise FrameError(f"{source}: changed while it was read, {MOST_READS} times; expected a file that is complete")
 
 
+def _read_one(task: FrameTask, source: FrameSource) -> tuple[Stored, str]:
+    """Return the stored values of a frame, and their digest; raises FrameError if it cannot be read or is no recording."""
+    stored = read_stored(source, task.layout, size=task.pixels)
+    require_plausible(stored, task.plan.metadata, of=source)
+    return stored, content_digest(stored)
+
+
 def _read_mean(task: FrameTask) -> tuple[FrameMean, str, str | None]:
     """Return the mean of a task's frames that can be read and are no copies of others; its digest, and which frames were
     left out (see `Recording`)."""
-    metadata = task.plan.metadata
     digests, errors, copies = list[str](), list[FrameError](), Copies()
 
     def readable() -> Iterator[Stored]:
         for source in task.sources:
             try:
-                stored = read_stored(source, task.layout, size=task.pixels)
-                require_plausible(stored, metadata, of=source)
+                stored, digest = _read_one(task, source)
             except FrameError as error:
                 errors.append(error)
                 digests.append("")
                 continue
-            digest = content_digest(stored)
             if copies.original_of(stored, digest, source):
                 errors.append(FrameError(f"{source}: holds the same values as another of these frames"))
             else:
@@ -324,6 +326,6 @@ def _read_mean(task: FrameTask) -> tuple[FrameMean, str, str | None]:
         if len(errors) == len(task.sources):
             raise errors[0]
 
-    mean = frame_mean(readable(), saturated_counts=metadata.voltage.saturated_counts)
+    mean = frame_mean(readable(), saturated_counts=task.plan.metadata.voltage.saturated_counts)
     left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
     return mean, Digest(",".join(digests).encode()).hexdigest(), left_out

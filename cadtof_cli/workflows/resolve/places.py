@@ -35,11 +35,7 @@ def rename_lines(out: Path, earlier: Mapping[str, Any], /) -> None:
     """Name frames and maps in `frames.jsonl` as a run does that is started here and calls its folder `out`.
 
     The lines of frames that a continued run does not name again are kept. Their paths are relative to the folder in which the
-    earlier run was started.
-
-    Args:
-        out: folder of both runs.
-        earlier: content of the earlier run's `run.json`.
+    earlier run was started; `earlier` is the content of its `run.json`.
 
     Raises:
         LookupError, TypeError: it is not the record of a run.

@@ -28,6 +28,7 @@ from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import counted
 from cadtof_cli.version import __version__
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
+from cadtof_cli.workflows.resolve.record import input_arguments
 from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -244,10 +245,7 @@ def run_document(
         "finished": False,
         "kernel": chosen_kernel(),
         "arguments": {
-            "inputs": [str(path) for path in inputs],
-            "absolute_inputs": [str(path.absolute()) for path in inputs],
-            "inputs_from_out": [path_from(settings.out, path) for path in inputs],
-            "resolved_inputs": [real_path(path) for path in inputs],
+            **input_arguments(inputs, settings.out),
             "out": settings.out.as_posix(),
             **asdict(maps.resolver),
             "min_confidence": maps.min_confidence_v,
@@ -306,7 +304,7 @@ def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) ->
     for one in plans:
         noise = noise_model(one.plan.metadata, integration_length=1e5, quantised=False)
         seconds += one.expected_maps * pooling_seconds(one.pixels or (0, 0), noise, window=settings.maps.pool)
-    seconds /= max(min(settings.workers.jobs, maps), 1)
+    seconds /= settings.workers.at_most(maps).jobs
     if seconds > _SLOW_RUN_S:
         told = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
         yield f"--pool {settings.maps.pool}: {counted(maps, 'frame')} will take about {told}"

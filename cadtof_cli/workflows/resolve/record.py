@@ -7,7 +7,7 @@ import json
 import os
 import stat
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, field, replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writi
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.reading import read_text, real_path
-from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
+from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, path_from, read_at
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import first_of
@@ -41,6 +41,16 @@ def read_record(folder: Path, /) -> dict[str, Any]:
         raise ValueError(f"not UTF-8 text: byte {error.start}") from error
     except RecursionError as error:
         raise ValueError("lists or objects are nested hundreds of levels deep") from error
+
+
+def input_arguments(inputs: Sequence[Path], out: Path, /) -> dict[str, list[str]]:
+    """Return the arguments in `run.json` that name inputs: as typed, absolute, from the run's folder, and with links resolved."""
+    return {
+        "inputs": [str(path) for path in inputs],
+        "absolute_inputs": [str(path.absolute()) for path in inputs],
+        "inputs_from_out": [path_from(out, path) for path in inputs],
+        "resolved_inputs": [real_path(path) for path in inputs],
+    }
 
 
 @dataclass

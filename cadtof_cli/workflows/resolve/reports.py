@@ -89,9 +89,9 @@ class FrameReport:
         return line
 
 
-def failed_input(path: Path, error: Exception, /) -> FrameReport:
-    """Return the report on an input of which no frame can be read; it counts as a frame that failed."""
-    return FrameReport(str(path), None, "failed", str(error), 0.0)
+def failed_input(source: object, error: Exception, /) -> FrameReport:
+    """Return the report on a frame without a task, or on an input of which no frame can be read: it counts as a frame."""
+    return FrameReport(str(source), None, "failed", str(error), 0.0)
 
 
 _JSON_FIELDS = frozenset(one.name for one in fields(FrameReport)) - {"kept", "note", "stops"}

@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import field, replace
+from dataclasses import field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -127,13 +127,13 @@ def _first_captures(
 ) -> tuple[Sequence[Capture], Path, "Arrivals | None", Sequence[FrameReport]]:
     """Return the captures that are there, and the folder whose tree OUT mirrors; what meets the captures that arrive during
     the run; and reports on inputs that failed."""
+    failed = list[FrameReport]()
     if arriving is not None:
         # imported only when it is needed: each module takes a third of a millisecond
         from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
-        arrivals = Arrivals(settings, arriving)
-        return *arrivals.first_captures(inputs), arrivals, arrivals.failed
-    failed = list[FrameReport]()
+        arrivals = Arrivals(settings, arriving, failed.append)
+        return *arrivals.first_captures(inputs), arrivals, failed
     found = find_captures(
         inputs,
         overrides=settings.overrides,
@@ -205,8 +205,7 @@ class _Run:
             from cadtof_cli.workflows.resolve.split_frames import resolve_split
 
             return resolve_split(tasks, workers=workers)
-        # no process is started that would have no frame
-        workers = replace(workers, jobs=min(workers.jobs, max(expected, 1)))
+        workers = workers.at_most(expected)
         if workers.jobs > 1:
             # a forked process has the modules already
             for one in plans:

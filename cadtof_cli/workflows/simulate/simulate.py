@@ -6,8 +6,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.documents import plain, write_rows
@@ -78,8 +76,8 @@ def write_evolution(outcome: TrialsSummary, out: Path, /) -> None:
     from cadtof_cli.figures.pixel_evolution import draw_evolution
 
     trials = outcome.trials
-    generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(EVOLUTION_KEY, trials.stream)))
-    recording = evolution(trials.model, trials.condition.mix(trials.period_ns), generator)
+    mix, generator = trials.condition.mix(trials.period_ns), trials.generator(EVOLUTION_KEY)
+    recording = evolution(trials.model, mix, generator)
     first, second = recording.voltages_v
     photons, phase_deg = recording.photons, recording.phase_deg
     times_ns = phase_deg / 360.0 * recording.period_ns

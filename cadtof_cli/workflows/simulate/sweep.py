@@ -74,8 +74,7 @@ def draw_sweep(cells: Sequence[TrialsSummary], folder: Path, /) -> None:
 
     table = list(rows(cells))
     with new_folder(folder) as partial:
-        for name, what in (("bias", "mean error"), ("std", "standard deviation")):
-            figure = "Fig. 8" if name == "bias" else "Fig. 9"
+        for name, what, figure in (("bias", "mean error", "Fig. 8"), ("std", "standard deviation", "Fig. 9")):
             title = f"{what} of the resolved time ({figure} of the paper)"
             draw_path_maps(table, f"{name}_ns", partial / f"{name}.png", title=title)
         draw_confidence(table, partial / "first_phasor.png")

@@ -84,6 +84,10 @@ class Trials:
         """Period of the laser and of the fundamental."""
         return self.model.modulation.periods_ns[0]
 
+    def generator(self, key: int, /, *places: int) -> np.random.Generator:
+        """Return the generator of the random numbers of a branch of the seed, and of a place in this branch."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(key, self.stream, *places)))
+
     @property
     def blocks(self) -> tuple[range, ...]:
         """The runs, divided into blocks of work."""
@@ -137,7 +141,9 @@ def block_voltages(trials: Trials, runs: range, /) -> Float:
     """Return the voltages of a block of runs, (runs of the block, H, 2), in V."""
     model, mix = trials.model, trials.condition.mix(trials.period_ns)
     if trials.photon_by_photon:
-        return np.stack([record_pixel(model, mix, _weights(model), _generators(trials, run)) for run in runs])
+        rows = range(len(model.modulation.harmonics))
+        generators = ([trials.generator(_PHOTONS_KEY, run, row) for row in rows] for run in runs)
+        return np.stack([record_pixel(model, mix, _weights(model), of_run) for of_run in generators])
     means, gain = _gains(model)
     statistics = voltage_statistics(
         mix.jittered(model.jitter_ns),
@@ -147,17 +153,8 @@ def block_voltages(trials: Trials, runs: range, /) -> Float:
         sample_noise_v=model.sample_noise_v,
         motion=model.motion,
     )
-    key = (_STATISTICS_KEY, trials.stream, runs.start)
-    generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=key))
-    voltages = draw_voltages(statistics, generator, draws=len(runs))
+    voltages = draw_voltages(statistics, trials.generator(_STATISTICS_KEY, runs.start), draws=len(runs))
     return np.asarray(voltages * np.array([1.0, 1.0 + model.gain_mismatch]) + np.array(model.offsets_v))
-
-
-def _generators(trials: Trials, run: int) -> list[np.random.Generator]:
-    return [
-        np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(_PHOTONS_KEY, trials.stream, run, row)))
-        for row in range(len(trials.model.modulation.harmonics))
-    ]
 
 
 def _gains(model: PixelModel) -> tuple[float, float]:

@@ -13,8 +13,8 @@ from cadtof_cli.errors import ClusterError
 from cadtof_cli.execution.cluster import ordered
 from cadtof_cli.execution.cluster.connection import Connection, Finished, News, WorkerJoined, WorkerLost
 from cadtof_cli.execution.cluster.ordered import BATCHES_PER_WORKER, MOST_IN_BATCH, SHORT_S, TASKS_AHEAD, ClusterRun
-from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
-from cadtof_cli.execution.outcome import Outcome, WorkerDied
+from cadtof_cli.execution.cluster.worker import BatchResult, Surroundings, run_batch, surroundings
+from cadtof_cli.execution.outcome import Outcome, Raised, WorkerDied
 
 OURS = Surroundings("3.11.2", "0.1.0", "abc", None)
 

@@ -82,8 +82,6 @@ class Lamp:
 
     def _intensity(self, directions: Float32) -> Float32:
         """Return 1 within the beam, falling to 0 as a cosine over its edge."""
-        if self.beam_rad >= math.pi:
-            return np.ones(directions.shape[1], np.float32)
         cosine = np.asarray(self.axis, np.float32) @ directions
         return self._profile(np.arccos(np.clip(cosine, -1, 1))).astype(np.float32)
 

@@ -58,9 +58,8 @@ class Box:
         cosine, sine = math.cos(self.turn_rad), math.sin(self.turn_rad)
         x, y, z = (origin - centre for origin, centre in zip(origins_m, self.centre_m, strict=True))
         dx, dy, dz = directions
-        if self.turn_rad:
-            x, z = cosine * x + sine * z, cosine * z - sine * x
-            dx, dz = cosine * dx + sine * dz, cosine * dz - sine * dx
+        x, z = cosine * x + sine * z, cosine * z - sine * x
+        dx, dz = cosine * dx + sine * dz, cosine * dz - sine * dx
         near, far = _slab(y, dy, self.half_m[1])
         for start, slope, half in ((x, dx, self.half_m[0]), (z, dz, self.half_m[2])):
             enter, leave = _slab(start, slope, half)
