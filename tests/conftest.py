@@ -1,5 +1,6 @@
 """Tests run as in the foreground, and with programs of other makers if they are installed."""
 
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,12 @@ Tool = Callable[..., str]
 
 
 def pytest_configure() -> None:
-    """Let programs that tests start be stopped: in the background, shells and `nohup` make programs ignore signals."""
+    """Undo what a user has set for a terminal and for warnings of other packages, and let programs that tests start be stopped.
+
+    In the background, shells and `nohup` make programs ignore signals.
+    """
+    for name in ("COLUMNS", "LINES", "PYTHONWARNINGS"):
+        os.environ.pop(name, None)
     for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) == signal.SIG_IGN:

@@ -124,6 +124,8 @@ def _opened(path: Path, *, header_only: bool) -> Any:
                 read_through(path)
                 raise
         if printed:
+            # the library keeps the file open as long as its object lives, and a kept error keeps the objects of this call
+            del file
             read_through(path)
             named = (line.removeprefix(f"{path}: ").removeprefix("<python_buffer>: ") for line in printed)
             words = in_brief(line.removeprefix("Warning: ") for line in named)

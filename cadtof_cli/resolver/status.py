@@ -1,6 +1,6 @@
 """The registry of status bits: the code, the decoder and the documentation all use this one list."""
 
-from enum import IntFlag
+from enum import CONFORM, IntFlag
 from typing import Self
 
 import numpy as np
@@ -9,8 +9,11 @@ from cadtof_cli.arrays import Bool, Status
 from cadtof_cli.records import dataclass
 
 
-class Bit(IntFlag):
-    """A bit of a pixel, with its meaning in words."""
+class Bit(IntFlag, boundary=CONFORM):
+    """A bit of a pixel, with its meaning in words.
+
+    With the usual boundary, ~bit of Python 3.11.2 lacks all higher bits.
+    """
 
     meaning: str
 

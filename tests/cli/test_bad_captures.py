@@ -1,5 +1,6 @@
 """If a capture is wrong, a message says what was found and expected, and where. A bad frame costs no other frame."""
 
+import gc
 import json
 import shutil
 from collections.abc import Callable
@@ -315,3 +316,19 @@ def test_optics_that_are_not_in_pixels_are_doubted(tmp_path: Path) -> None:
     info = cadtof("info", capture.folder, "-j", 1)
     assert info.status == 1
     assert f"wrong: {message}" in info.err
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="the system does not list open files")
+def test_a_damaged_frame_does_not_stay_open(tmp_path: Path) -> None:
+    """With many such frames, no file could be opened any more."""
+    (tmp_path / "capture").mkdir()
+    for number in range(3):
+        _write(tmp_path / f"capture/frame_{number}.exr", _planes())
+    damaged = tmp_path / "capture/frame_2.exr"
+    _truncate(damaged)
+    gc.disable()
+    try:
+        assert cadtof("resolve", damaged.parent, "-o", tmp_path / "out", "-j", 1).status == 1
+        assert damaged not in [one.resolve() for one in Path("/proc/self/fd").iterdir()]
+    finally:
+        gc.enable()

@@ -20,7 +20,9 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """`cadtof` on the PATH, where shells look for it."""
     file = tmp_path / "bin" / "cadtof"
     file.parent.mkdir()
-    file.write_text(f"#!{sys.executable}\nfrom cadtof_cli.cli import main\nmain()\n")
+    # as pip does: a line with #! cannot hold a path with spaces, so sh reads the next line and runs Python on this file
+    start = f'#!/bin/sh\n{3 * chr(39)}exec\' "{sys.executable}" "$0" "$@"\n\' {3 * chr(39)}\n'
+    file.write_text(f"{start}from cadtof_cli.cli import main\nmain()\n", encoding="utf-8")
     file.chmod(0o755)
     monkeypatch.setenv("PATH", f"{file.parent}:{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 import subprocess
 import tomllib
@@ -157,7 +158,7 @@ def test_maps_are_evaluated_from_any_folder_and_after_a_move(here: Path) -> None
     (here / "project").mkdir()
     (here / "cap").rename(here / "project" / "cap")
     assert shell("cd project; cadtof resolve cap -o out -j 1", here).status == 0
-    for folder, project in ((".", "project"), ("project/out", ".."), ("/", str(here / "project"))):
+    for folder, project in ((".", "project"), ("project/out", ".."), ("/", shlex.quote(str(here / "project")))):
         done = shell(f"cd {folder}; cadtof evaluate {project}/out --truth {project}/out/frame_0.tif", here)
         assert done.status == 0, done.err
         assert "first phasor" in done.out

@@ -163,7 +163,7 @@ def test_settings_from_elsewhere_for_a_read_only_archive(with_own: bool, whole: 
     assert done.status == 0, done.err
     assert "from mine.toml" in done.out
     _require_same_maps(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
-    evaluated = shell("cd /; cadtof evaluate $OLDPWD/out --truth $OLDPWD/expected/frame_0.tif", whole)
+    evaluated = shell('cd /; cadtof evaluate "$OLDPWD/out" --truth "$OLDPWD/expected/frame_0.tif"', whole)
     assert evaluated.status == 0, evaluated.err
     assert "first phasor" in evaluated.out
 

@@ -199,7 +199,7 @@ def test_a_tree_that_has_grown_is_resumed(tree: Path) -> None:
         "cd rec; cadtof resolve a b/one b/two -o ../out -j 1",
         "find rec -name .trash -prune -o -name '*.tif' -print | sort | cadtof resolve - -o out -j 1",
         "find rec -name .trash -prune -o -name '*.tif' -print0 | sort -z | cadtof resolve - -0 -o out -j 1",
-        "find $PWD/rec -name .trash -prune -o -name '*.tif' -print | cadtof resolve - -o out -j 2",
+        "find \"$PWD\"/rec -name .trash -prune -o -name '*.tif' -print | cadtof resolve - -o out -j 2",
         "mv rec/b 'rec/b c'; mkdir b; cadtof resolve -r rec -o out -j 1; mv 'out/b c' out/b",
     ],
 )
@@ -215,7 +215,7 @@ def test_captures_can_be_named_in_any_way_of_a_shell(command: str, tree: Path) -
         "-r rec rec/a",
         "rec/a -r rec rec/b",
         "rec/a rec/b/* rec/a",
-        "rec/a/frame_0.tif rec/b/one rec/a $PWD/rec/b/two rec/x/../b/two",
+        'rec/a/frame_0.tif rec/b/one rec/a "$PWD"/rec/b/two rec/x/../b/two',
         "rec/a/frame_0.tif rec/b/*/*.tif rec/b/../a/frame_0.tif",
     ],
 )

@@ -36,7 +36,13 @@ def layer(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _environment(layer: Path, memory: Path) -> dict[str, str]:
     memory.mkdir()
-    return {**ENVIRONMENT, "LD_PRELOAD": str(layer), "POWER_CUT": str(memory)}
+    # LD_PRELOAD separates its libraries by spaces, and a folder may have one in its name
+    return {
+        **ENVIRONMENT,
+        "LD_PRELOAD": layer.name,
+        "LD_LIBRARY_PATH": str(layer.parent),
+        "POWER_CUT": str(memory),
+    }
 
 
 def _synchronised(out: Path, memory: Path) -> dict[str, int]:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -72,10 +73,10 @@ def test_a_log_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 def test_a_current_folder_that_is_gone_is_reported(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     script = 'mkdir gone; cd gone; rmdir ../gone; "$@"'
-    done = _shell(f"cd {tmp_path}; {script}", "resolve", capture, "-o", "out", "-q")
+    done = _shell(f"cd {shlex.quote(str(tmp_path))}; {script}", "resolve", capture, "-o", "out", "-q")
     message = "Error: the folder in which cadtof was started is gone; change to a folder that exists\n"
     assert (done.status, done.err) == (2, message)
-    assert _shell(f"cd {tmp_path}; {script}", "--version").status == 0
+    assert _shell(f"cd {shlex.quote(str(tmp_path))}; {script}", "--version").status == 0
 
 
 @pytest.mark.parametrize("most", range(6, 13, 2))

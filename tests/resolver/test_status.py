@@ -27,6 +27,12 @@ def test_the_numbers_and_names_of_status_bits_are_those_of_the_readme() -> None:
     assert list(documented) == [1 << place for place in range(len(StatusBit))]
 
 
+def test_the_inverse_of_bits_is_all_others() -> None:
+    """Python 3.11.2, that of Debian 12, has it wrong for flags whose members are made of two values."""
+    for bits in (*StatusBit, StatusBit.ONE_PATH | StatusBit.POOLED):
+        assert ~bits == sum(bit for bit in StatusBit if not bit & bits)
+
+
 def test_the_kernel_has_the_same_numbers() -> None:
     source = (ROOT / "cadtof_cli/resolver/two_path/_kernel_frame.h").read_text(encoding="utf-8")
     numbers = {name: int(value) for name, value in re.findall(r"\b([A-Z_]+) = (\d+)\b", source)}

@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport
-from tests.support.needed import needed_module
+from tests.support.needed import miss, needed_module
 from tests.support.run_cadtof import ROOT
 
 START_S = 60
@@ -80,6 +81,7 @@ def local_cluster(
     folder: Path, *, workers: int, preload: str | None = None, python_path: Path = ROOT
 ) -> Iterator[LocalCluster]:
     """Yield a scheduler with workers; all end on leaving. The scheduler looks for modules below `python_path` first."""
+    _require_loopback()
     folder.mkdir(parents=True, exist_ok=True)
     output, file = folder / "scheduler.txt", folder / "scheduler.json"
     command = ("scheduler", "--host", HERE, "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
@@ -93,6 +95,15 @@ def local_cluster(
         yield cluster
     finally:
         cluster.ended()
+
+
+def _require_loopback() -> None:
+    """Skip the test where not even this machine can be reached, as in a new network namespace."""
+    with socket.create_server((HERE, 0)) as server:
+        try:
+            socket.create_connection(server.getsockname(), timeout=10).close()
+        except OSError as error:
+            miss(f"{HERE} cannot be reached: {error}")
 
 
 def _started(folder: Path, output: Path, *command: str, python_path: Path = ROOT) -> "subprocess.Popen[bytes]":

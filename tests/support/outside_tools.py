@@ -62,11 +62,18 @@ def _version_text(program: str, question: str) -> str:
     return done.stdout + done.stderr
 
 
+def plain_environment() -> dict[str, str]:
+    """Return the environment for such a program: in a Turkish locale, ImageMagick finds no format with an i in its name."""
+    return {**os.environ, "LC_ALL": "C"}
+
+
 def run_tool(name: str, *arguments: str | Path) -> str | None:
     """Run a program of another maker and return what it prints; None where it is not installed."""
     program = outside_tool(name, os.environ.get("PATH", os.defpath))
     if program is None:
         return None
-    done = subprocess.run([program, *arguments], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [program, *arguments], env=plain_environment(), capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
