@@ -1,5 +1,6 @@
 """Build the compiled kernels if a C compiler is available. Without one, cadtof still installs, and numpy does the work."""
 
+import platform
 import sys
 import sysconfig
 from pathlib import Path
@@ -27,6 +28,9 @@ UNIX_FLAGS = [
     "-fno-math-errno",
     "-fno-trapping-math",
 ]
+if sys.maxsize < 2**32 and platform.machine() in {"i386", "i586", "i686", "x86_64"}:
+    # the x87 unit would round to 80 bits, and the kernel refuses to be built for it
+    UNIX_FLAGS += ["-msse2", "-mfpmath=sse"]
 LINK_FLAGS = ["-O3", "-fno-fast-math", "-fno-unsafe-math-optimizations"]
 """If a linker is given -Ofast or -ffast-math, the extension makes the whole process take subnormal numbers for 0."""
 MSVC_FLAGS = ["/std:c11", "/O2", "/fp:precise"]

@@ -16,6 +16,7 @@ Complex = NDArray[np.complex128]
 Complex64 = NDArray[np.complex64]
 Bool = NDArray[np.bool_]
 Index = NDArray[np.intp]
+Int64 = NDArray[np.int64]
 Status = NDArray[np.uint32]
 
 SomePixels = slice | Index

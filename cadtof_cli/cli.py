@@ -224,7 +224,8 @@ def _message_and_status(error: Exception) -> tuple[Sequence[str], int]:
         case OSError():
             return (f"Error: {error.filename}: {error.strerror or error}",), 1
         case _:
-            advice = "Run `cadtof --debug …` and report it."
+            lacks = isinstance(error, ModuleNotFoundError)
+            advice = "`pip check` lists what cadtof lacks." if lacks else "Run `cadtof --debug …` and report it."
             if "marshal data" in str(error):
                 advice = f"{_CUT_OFF} Remove the folders __pycache__ where cadtof and its packages are installed"
             return (f"Error: unexpected {type(error).__name__}: {error}", advice), 1

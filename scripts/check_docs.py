@@ -39,6 +39,8 @@ OTHERS = frozenset(
         "--list",
         "--memory",
         "--named",
+        "--no-build-isolation",
+        "--no-deps",
         "--place",
         "--quick",
         "--room",

@@ -10,18 +10,24 @@ from matplotlib.patches import Ellipse
 from cadtof_cli.arrays import Float
 from cadtof_cli.figures.canvas import Figure, add_title
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, DOTS_PER_INCH, MEASURED_COLOUR, MPI_COLOUR
+from cadtof_cli.figures.pixel_evolution import (
+    DIRECT_COLOUR,
+    DOTS_PER_INCH,
+    MEASURED_COLOUR,
+    MPI_COLOUR,
+    OTHER_COLOUR,
+)
 from cadtof_cli.pipeline.one_pixel import PixelEvidence
 from cadtof_cli.resolver.status import StatusBit
 
-_SIDE, _LEFT, _GAP, _TOP, _BOTTOM = 4.0, 0.8, 0.6, 0.75, 1.05
+_SIDE, _LEFT, _GAP, _TOP, _BOTTOM = 4.0, 0.8, 0.6, 0.75, 1.2
 """Side of a panel, and the space around it, in inches."""
 
 LEAST_ELLIPSE = 0.03
 """Smallest standard deviation that is drawn without magnification, as a share of the panel's half width."""
 
 MOST_ELLIPSE = 0.1
-"""Largest magnified standard deviation, as a share of the panel's half width; two of them still fit into the panel."""
+"""Largest magnified standard deviation, as a share of the panel's half width without the ellipses."""
 
 
 def draw_phasors(evidence: PixelEvidence, path: Path, /, *, title: str) -> None:
@@ -52,10 +58,11 @@ def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None
     ends = _path_ends(evidence, row, harmonic)
     reach = 1.18 * max(abs(phasor), *(abs(end) for end in ends), 1e-9)
     _arrow(axes, 0.0, phasor, MEASURED_COLOUR, "recorded", width=1.6)
-    paths = (DIRECT_COLOUR, "direct"), (MPI_COLOUR, "MPI")
-    for start, end, (colour, name) in zip((0.0, *ends), ends, paths, strict=False):
+    paths = (DIRECT_COLOUR, "direct"), (MPI_COLOUR, "MPI"), (OTHER_COLOUR, "further paths")
+    named = itertools.chain(paths, itertools.repeat((OTHER_COLOUR, None)))
+    for start, end, (colour, name) in zip((0.0, *ends), ends, named, strict=False):
         _arrow(axes, start, end, colour, name, width=2.4)
-    _ellipse(axes, phasor, evidence.covariance[row], reach)
+    reach = max(reach, 1.05 * _ellipse(axes, phasor, evidence.covariance[row], reach))
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
     axes.plot(abs(phasor) * np.cos(turn), abs(phasor) * np.sin(turn), color="0.9", lw=0.8, zorder=0)
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
@@ -65,22 +72,22 @@ def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None
 def _path_ends(evidence: PixelEvidence, row: int, harmonic: int) -> list[complex]:
     """Return the ends of the arrows of the paths, each from the end before; with diffuse MPI, the second one is the tail."""
     paths = evidence.resolved.paths
-    steps = paths.amplitude[:2, 0] * np.exp(1j * harmonic * paths.phase_rad[:2, 0])
+    steps = paths.amplitude[:, 0] * np.exp(1j * harmonic * paths.phase_rad[:, 0])
     if evidence.resolved.status[0] & StatusBit.DIFFUSE_MPI:
         steps[1] = evidence.phasors[row] - steps[0]
     return [complex(end) for end in np.cumsum(steps[np.isfinite(steps)])]
 
 
-def _arrow(axes: Axes, start: complex, end: complex, colour: str, name: str, *, width: float) -> None:
+def _arrow(axes: Axes, start: complex, end: complex, colour: str, name: str | None, *, width: float) -> None:
     style = {"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", xy=(end.real, end.imag), xytext=(start.real, start.imag), arrowprops=style)
     axes.plot([], [], color=colour, lw=width, label=name)
 
 
-def _ellipse(axes: Axes, phasor: complex, covariance: Float, reach: float) -> None:
-    """Draw one and two standard deviations of the noise, magnified if they would be too small to see."""
+def _ellipse(axes: Axes, phasor: complex, covariance: Float, reach: float) -> float:
+    """Draw one and two standard deviations of the noise, magnified if they are small; return how far they reach."""
     if not np.isfinite(covariance).all():
-        return
+        return 0.0
     variances, directions = np.linalg.eigh(covariance)
     sigmas = np.sqrt(np.maximum(variances, 0.0))
     times = _magnification(float(sigmas[1]), reach)
@@ -90,6 +97,7 @@ def _ellipse(axes: Axes, phasor: complex, covariance: Float, reach: float) -> No
         label = None if count == 2 else "noise, 1 and 2 σ" + (f", magnified {times:g} times" if times > 1.0 else "")
         where, style = (phasor.real, phasor.imag), {"fill": False, "color": "#e08a00", "lw": 1.3 / count}
         axes.add_patch(Ellipse(where, width, height, angle=angle, label=label, **style))
+    return float(max(abs(phasor.real), abs(phasor.imag)) + 2.0 * times * sigmas[1])
 
 
 def _magnification(sigma: float, reach: float) -> float:

@@ -18,6 +18,12 @@ numbers."""
 _FULL_SCALE, _BYTE = 65535.0, 255.0
 """Largest value of 16 bits, and of 8 bits."""
 
+_ROUNDING = 0.02
+"""Counts of 16 bits that were divided and stored as float32 differ from whole numbers by less than this, in counts."""
+
+_FEW_VALUES = 8
+"""So few different values may be multiples of the same number by chance."""
+
 
 @dataclass(frozen=True)
 class StoredRange:
@@ -62,6 +68,27 @@ def all_saturated(planes: Stored, metadata: CaptureMetadata, /) -> str | None:
     cause = _shifted_or_scaled(found, voltage, metadata.modulation.amplitude_v) if beyond else None
     return f"every pixel is saturated: {found}, expected values inside saturated_counts = [{low:g}, {high:g}]" + (
         f": {cause}" if cause else ""
+    )
+
+
+def scaled_to_one(planes: Stored, voltage: Voltage, /) -> str | None:
+    """Return a message if floats that pass for volts, (H, 2, n), are counts of 16 bits that a program divided by 65535;
+    None if they are not.
+
+    Such values are not negative, and all are multiples of 1/65535: those of a camera of 14 bits are within any amplitude.
+    """
+    if planes.dtype.kind != "f" or planes.dtype.itemsize < 4 or voltage.volts_per_count is not None:
+        return None
+    finite = planes[np.isfinite(planes)]
+    if not finite.size or finite.min() < 0.0 or finite.max() > 1.0:
+        return None
+    counts = finite.astype(np.float64) * _FULL_SCALE
+    if np.abs(counts - np.rint(counts)).max() > _ROUNDING or np.unique(finite).size <= _FEW_VALUES:
+        return None
+    return (
+        f"{range_of(finite)}, all of them multiples of 1/65535: they look scaled to 0 … 1, as ImageMagick writes floats: "
+        "export whole numbers, or give --zero-counts and --volts-per-count of the scaled values (--volts-per-count 1 if "
+        "they are volts)"
     )
 
 

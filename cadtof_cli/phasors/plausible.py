@@ -15,7 +15,7 @@ import numpy as np
 from cadtof_cli.arrays import Stored, even_step
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
-from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of
+from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of, scaled_to_one
 from cadtof_cli.phasors.noise import NoiseModel, ambient_noise_v, noise_model
 from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored, volts_per_count
 
@@ -56,8 +56,8 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     some = every[:, :, :: even_step(every.shape[2], stored.shape[-1], count=LOOKED_AT)]
     voltage, together = metadata.voltage, np.ascontiguousarray(some)
     n_av, amplitude = metadata.pixel.integration_length, metadata.modulation.amplitude_v
-    if missing := no_recording(together, metadata.modulation.harmonics):
-        return missing
+    if wrong := no_recording(together, metadata.modulation.harmonics) or scaled_to_one(together, voltage):
+        return wrong
     if _shows_no_noise(together, metadata):
         return "all pixels hold the same values, but noise makes pixels differ: the frame was not recorded"
     # five standard deviations of the noise come on top

@@ -56,8 +56,8 @@ class MapSettings:
 
     def __post_init__(self) -> None:
         require(self.depth in DEPTH_IN_WORDS, "--depth", repr(self.depth), f"one of {', '.join(DEPTH_IN_WORDS)}")
-        odd = f"an odd number of pixels such as 3 or 5, at most {MOST_POOLED}"
-        require(self.pool in range(1, MOST_POOLED + 1, 2), "--pool", self.pool, odd)
+        odd = self.pool in range(1, MOST_POOLED + 1, 2)
+        require(odd, "--pool", self.pool, f"an odd number of pixels such as 3 or 5, at most {MOST_POOLED}")
         require(1 <= self.average <= MOST_AVERAGED, "--average", self.average, f"1 to {MOST_AVERAGED} frames")
         x0, y0, x1, y1 = self.roi or (0, 0, 1, 1)
         corners = "X0,Y0,X1,Y1 with 0 ≤ X0 < X1 and 0 ≤ Y0 < Y1"

@@ -7,7 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from matplotlib.text import Annotation
 
+from cadtof_cli.figures import phasor_diagram
 from tests.support.captures import (
     TOML,
     VOLTS_PER_COUNT,
@@ -244,6 +248,36 @@ def test_a_pixel_is_drawn_as_phasors_with_paths_and_noise(tmp_path: Path) -> Non
     done = cadtof("inspect", DATA / "corner", "--pixel", "9,9", "-q", "-o", tmp_path / "gone" / "a.png")
     assert (done.status, done.out) == (2, "")
     assert "cannot be written" in done.err
+
+
+@pytest.mark.parametrize("length", [1e6, 200])
+def test_arrows_of_all_paths_end_at_the_recorded_phasor_and_ellipses_lie_in_the_panel(
+    length: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photons = ((1.0, 5.0), (0.6, 13.0), (0.4, 21.0))
+    phasors = [sum(a * np.exp(2j * np.pi * h * ns / T1_NS) for a, ns in photons) / 8.0 for h in (1, 2, 3)]
+    exact = np.array([(one.real, one.imag) for one in phasors])[:, :, np.newaxis, np.newaxis]
+    scatter = np.random.default_rng(5).standard_normal((3, 2, 12, 16))
+    np.save(tmp_path / "a.npy", AMPLITUDE_V * (exact + 1e-4 * scatter))
+    modulation = f"periods_ns = [40.0, 20.0, 13.3333]\namplitude_v = {AMPLITUDE_V}\nwaveform = 'sine'"
+    rest = f"[pixel]\nintegration_length = {length}\n[pulse]\nfwhm_ns = 0.0\n"
+    (tmp_path / "capture.toml").write_text(f"[modulation]\n{modulation}\n{rest}")
+    drawn: list[Figure] = []
+    monkeypatch.setattr(phasor_diagram, "save", lambda figure, *_, **__: drawn.append(figure))
+    found = _inspected(tmp_path / "a.npy", 8, 6, "--paths", 3, "--order", 3, "-o", tmp_path / "a.png")
+    assert found["status"][-1] == "more paths"
+    panels = drawn[0].axes
+    assert len(panels) == 3
+    for axes, recorded in zip(panels, found["phasors"], strict=True):
+        recorded_arrow, *paths = [one for one in axes.texts if isinstance(one, Annotation)]
+        assert recorded_arrow.xy == pytest.approx(recorded)
+        assert len(paths) == 3
+        assert paths[-1].xy == pytest.approx(recorded, abs=1e-6)
+        ellipses = [one for one in axes.patches if isinstance(one, Ellipse)]
+        assert len(ellipses) == 2
+        for ellipse in ellipses:
+            outline = ellipse.get_patch_transform().transform(ellipse.get_path().vertices)
+            assert np.abs(outline).max() < axes.get_xlim()[1]
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])

@@ -6,7 +6,9 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
+import tifffile
 
 from cadtof_cli.cli import COMMANDS
 from cadtof_cli.execution.workers import START_METHODS
@@ -171,3 +173,18 @@ def test_a_name_that_the_locale_cannot_read_is_reported(tmp_path: Path) -> None:
     assert (done.status, done.out) == (2, "")
     assert done.err.endswith(": found a name that is not in euc_jp, the encoding of the locale; set PYTHONUTF8=1\n")
     assert _run("info", folder, cwd=tmp_path, environment={**environment, "PYTHONUTF8": "1"}).status == 0
+
+
+def test_a_missing_package_stops_only_what_needs_it(tmp_path: Path) -> None:
+    exr, tif = record(tmp_path / "exr", form="exr").folder, tmp_path / "tif"
+    tif.mkdir()
+    volts = np.random.default_rng(1).uniform(0.05, 0.1, (2, 2, 9, 9)).astype(np.float32)
+    tifffile.imwrite(tif / "frame_0000.tif", volts, compression="zlib", photometric="minisblack")
+    for missing in ("imagecodecs", "OpenEXR"):
+        (tmp_path / f"{missing}.py").write_text(f"raise ModuleNotFoundError('no {missing}', name={missing!r})")
+    environment = {"PYTHONPATH": os.pathsep.join((str(tmp_path), ENVIRONMENT["PYTHONPATH"]))}
+    done = _run("resolve", tif, "-o", tmp_path / "out", cwd=tmp_path, environment=environment)
+    assert "resolved 1 of 1 frames" in done.err
+    done = _run("resolve", exr, "-o", tmp_path / "more", cwd=tmp_path, environment=environment)
+    expected = "Error: unexpected ModuleNotFoundError: no OpenEXR\n`pip check` lists what cadtof lacks.\n"
+    assert done == Finished(1, "", expected)

@@ -70,6 +70,20 @@ def test_a_quarter_of_the_pixels_may_be_broken(harmonic: int, bad: float, refuse
     assert (refusal(stored) is not None) == refused
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_counts_scaled_to_one_do_not_pass_for_volts(dtype: type[np.floating]) -> None:
+    """14 bits in a file of 16 are then .12 at 0 V, less than the modulation amplitude: depths would be a metre off."""
+    scaled = (counts() / 65535.0).astype(dtype)
+    scaled[0, 0, :9] = np.nan
+    message = refusal(scaled)
+    assert message is not None
+    assert "look scaled to 0 … 1, as ImageMagick writes floats" in message
+    # the settings that the message names help, also if the values are volts; so do values that are no such multiples
+    assert refusal(scaled, Voltage(zero_counts=ZERO / 65535.0, volts_per_count=STEP * 65535.0)) is None
+    assert refusal(scaled, Voltage(volts_per_count=1.0)) is None
+    assert refusal(np.abs(volts()).astype(dtype)) is None
+
+
 def test_saturated_and_nan_pixels_are_left_out() -> None:
     stored = counts().astype(np.float64)
     stored[0, 0, :2000] = 16383.0

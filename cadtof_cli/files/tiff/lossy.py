@@ -9,7 +9,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import imagecodecs
 import numpy as np
 import tifffile
 
@@ -70,6 +69,8 @@ def _webp(data: bytes, _page: tifffile.TiffPage) -> str | None:
 
 def _lerc(data: bytes, page: tifffile.TiffPage) -> str | None:
     """Examine LERC: the header of LERC2 holds the largest error that was allowed."""
+    import imagecodecs
+
     _, packed = page.tags.valueof(_LERC_PARAMETERS, default=(0, 0))
     if packed == _DEFLATE:
         data = bytes(imagecodecs.zlib_decode(data))

@@ -152,7 +152,7 @@ def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /) -> PatchLight
         np.array([*look.saturated, look.least_power]),
         np.array(noise.harmonics, np.int64),
         np.array([1.0 / one.dark_variance for one in noise.each]),
-        places,
+        np.asarray(places, np.int64),
         *contiguous(stored, phasor_map.own, phasor_map.other, phasor_map.constant, look.hot, noise.samples),
         weighted,
         phase_rad,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.arrays import Bool, Float, Index, Int64
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, contiguous
 from cadtof_cli.resolver.likelihood.normal_equations import Triangle, cholesky, entry, solve
 
@@ -109,13 +109,13 @@ class Descent(ABC):
     absolute: float = 0.0
     first_damping: float = 1e-3
 
-    def descended(self, problem: Problem, starts: Float, /, *, samples: Float | None = None) -> tuple[State, Index]:
+    def descended(self, problem: Problem, starts: Float, /, *, samples: Float | None = None) -> tuple[State, Int64]:
         """Return the end of every problem from its start, (P, n), and its number of steps; NaN does not converge."""
         count = starts.shape[1]
         at, none, worth = problem.linearised(starts), np.zeros(count, np.bool_), self.worth(count, samples)
         state = State(starts, at.matrix, at.gradient, at.cost, worth, self.begin(count), none, none)
         at_work: Index = np.arange(count)
-        ends, steps = state[at_work], np.zeros(count, np.intp)
+        ends, steps = state[at_work], np.zeros(count, np.int64)
         for _ in range(self.max_steps):
             state = self._stepped(problem, state)
             steps[at_work[~state.stopped]] += 1

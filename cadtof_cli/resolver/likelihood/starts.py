@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Index
+from cadtof_cli.arrays import Float, Index, Int64
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel, contiguous
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import compiled_search
@@ -37,8 +37,8 @@ class Scanned:
     later, and `other` is its matched sum.
     """
 
-    first: Index
-    lag: Index
+    first: Int64
+    lag: Int64
     peak: Float
     other: Float
 
@@ -92,7 +92,7 @@ def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool, pla
     harmonics, count = measured.harmonics, measured.re.shape[1]
     places = places or _coarse(harmonics)
     factors, lags = _factors(harmonics, tuple(weights), places), _lags(harmonics, tuple(weights), places)
-    found = Scanned(np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count), np.empty(count))
+    found = Scanned(np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count), np.empty(count))
     if (compiled := compiled_search(harmonics, paths=1 + pairs)) is not None:
         sizes, answers = (len(harmonics), len(factors), pairs), (found.first, found.lag, found.peak, found.other)
         compiled.scan(chosen_kernel(), *sizes, factors, lags, *contiguous(measured.re, measured.im), *answers)

@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.arrays import Bool, Float, Index, Int64
 from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State, compiled_search
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
@@ -74,7 +74,7 @@ class Ends:
     z: Float
     cost: Float
     converged: Bool
-    steps: Index
+    steps: Int64
 
 
 def best_ends(
@@ -96,7 +96,7 @@ def best_ends(
         return _compiled_best_ends(compiled, equations, places, starts, numbers, stopping)
     count = places.size
     best = Ends(
-        np.full((2, count), np.nan), np.full(count, np.inf), np.zeros(count, np.bool_), np.zeros(count, np.intp)
+        np.full((2, count), np.nan), np.full(count, np.inf), np.zeros(count, np.bool_), np.zeros(count, np.int64)
     )
     for number in numbers:
         waiting: Index = np.flatnonzero(~(best.cost <= stopping.absolute))
@@ -120,7 +120,7 @@ def _compiled_best_ends(
     stopping: MisfitDamped,
 ) -> Ends:
     count = places.size
-    found = Ends(np.empty((2, count)), np.empty(count), np.empty(count, np.bool_), np.empty(count, np.intp))
+    found = Ends(np.empty((2, count)), np.empty(count), np.empty(count, np.bool_), np.empty(count, np.int64))
     compiled.shares(
         chosen_kernel(),
         numbers.start,
@@ -132,7 +132,7 @@ def _compiled_best_ends(
         stopping.first_damping,
         np.array(equations.harmonics, np.int64),
         *(np.stack(parts) for parts in zip(*equations.right, strict=True)),
-        np.ascontiguousarray(places),
+        np.ascontiguousarray(places, np.int64),
         found.z,
         found.cost,
         found.converged,

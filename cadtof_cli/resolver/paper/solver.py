@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.arrays import Bool, Complex, Float, Index, Int64
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor, product, unit_rotor
 from cadtof_cli.resolver.likelihood.k_paths import fisher_fit
@@ -69,7 +69,7 @@ def two_shares(phasors: Complex, /, *, harmonics: tuple[int, ...], places: Index
     return TwoShares(_paths(found.z, *first_rotor(phasors)), found.cost, found.converged)
 
 
-def steps_of_starts(phasors: Complex, /, *, harmonics: tuple[int, ...], places: Index, starts: RandomStarts) -> Index:
+def steps_of_starts(phasors: Complex, /, *, harmonics: tuple[int, ...], places: Index, starts: RandomStarts) -> Int64:
     """Return the number of steps of each start of every pixel, (S, n). All starts run, as all ten do in the paper."""
     equations = EliminatedPath.of_phasors(phasors, harmonics=harmonics)
     each = (best_ends(equations, places, starts, numbers=range(one, one + 1)) for one in range(starts.count))

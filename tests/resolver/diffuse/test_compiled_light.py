@@ -12,12 +12,14 @@ from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_mo
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored, saturated_pixels
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import frame_stages, frame_traits
+from cadtof_cli.resolver.diffuse import light
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, assumed_view, patch_grid, sampled_pixels
 from cadtof_cli.resolver.diffuse.light import (
     Look,
     PatchLight,
     compiled_light,
     patch_means,
+    sample_places,
     sampled_light,
 )
 from cadtof_cli.resolver.kernels import MOST_HARMONICS, NUMPY
@@ -110,6 +112,15 @@ def test_the_first_look_has_the_same_bits(
         )
         for name in ("ratios", "amplitude", "pixels", "phase_rad"):
             np.testing.assert_array_equal(getattr(found_means, name), getattr(expected_means, name))
+
+
+def test_the_first_look_with_indices_of_a_32_bit_system_has_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    stored, grid, noise = stored_of((37, 53), 2, np.uint16), patch_grid(37, 53, assumed_view(37, 53)), noise_of((1, 2))
+    power = chi_squared_threshold(0.01, pairs=2)
+    look = Look(phasor_map(2, None), saturation(LIMITS, stored.dtype), power, noise, None)
+    expected = compiled_light(stored, look, grid)
+    monkeypatch.setattr(light, "sample_places", lambda grid: sample_places(grid).astype(np.int32))
+    np.testing.assert_array_equal(compiled_light(stored, look, grid).weighted, expected.weighted)
 
 
 def test_phasors_and_unusual_types_are_left_to_numpy() -> None:

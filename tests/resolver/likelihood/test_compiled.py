@@ -78,6 +78,20 @@ def test_mixtures_end_in_the_same_bits(search: ModuleType, harmonics: tuple[int,
         assert_every_level_agrees(search, *mixture_problem(harmonics, paths, count, white=white))
 
 
+def test_a_32_bit_system_ends_in_the_same_bits(search: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, starts = mixture_problem((1, 2, 3), 2, 33, white=True)
+
+    def ends() -> tuple[Any, Any]:
+        with np.errstate(all="ignore"):
+            return SOLVERS[0].solve(problem, starts), scanned(problem.measured, weights=(1.0, 1.0, 1.0), pairs=True)
+
+    expected = by_kernel(search.levels()[0], ends)
+    # the type of indices there
+    monkeypatch.setattr(np, "intp", np.int32)
+    for one, other in zip(expected, by_kernel(search.levels()[0], ends), strict=True):
+        assert_same_bits(one, other)
+
+
 def test_a_problem_ends_the_same_whichever_others_are_solved_with_it(search: ModuleType) -> None:
     problem, starts = mixture_problem((1, 2, 3), 2, 501, white=True)
     whole = by_kernel(search.levels()[0], SOLVERS[0].solve, problem, starts)

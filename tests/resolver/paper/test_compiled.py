@@ -58,6 +58,16 @@ def test_searches_end_in_the_same_bits(search: ModuleType, harmonics: tuple[int,
                     assert_same_bits(expected, found)
 
 
+def test_indices_of_a_32_bit_system_end_in_the_same_bits(search: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    equations, starts = equations_of((2, 3), 33), RandomStarts(4, 7)
+    with np.errstate(all="ignore"):
+        expected = by_kernel(search.levels()[0], best_ends, equations, np.arange(33), starts)
+        monkeypatch.setattr(np, "intp", np.int32)
+        assert_same_bits(
+            expected, by_kernel(search.levels()[0], best_ends, equations, np.arange(33, dtype=np.intp), starts)
+        )
+
+
 def test_any_bits_end_in_the_same_bits(search: ModuleType) -> None:
     bits = np.random.default_rng(3).integers(-(2**63), 2**63, (2, 4000), np.int64).view(np.float64)
     equations, places, starts = EliminatedPath((2,), ((bits[0], bits[1]),)), np.arange(4000), RandomStarts(3, 0)
