@@ -75,8 +75,9 @@ def _wrapped(line: str) -> str:
 def forget(stream: TextIO, /) -> None:
     """Discard what a stream could not take; Python would try to write it again at exit, and before it forks a process."""
     with suppress(OSError, ValueError):
+        number = stream.fileno()
         null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, stream.fileno())
+        os.dup2(null, number)
         os.close(null)
 
 

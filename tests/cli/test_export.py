@@ -207,7 +207,7 @@ def test_several_maps_get_a_file_each(tmp_path: Path) -> None:
     out = _maps(tmp_path, frames=3)
     done = cadtof("export", out, "-o", tmp_path / "cloud.ply")
     files = [tmp_path / f"cloud_frame_{index}.ply" for index in range(3)]
-    assert (done.status, done.out.split()) == (0, [str(file) for file in files])
+    assert (done.status, done.out.splitlines()) == (0, [str(file) for file in files])
     assert len(_ply(files[2])["x"]) == 24 * 32
     done = cadtof("export", out, out, "-o", tmp_path / "twice.ply")
     assert (done.status, done.out) == (2, "")

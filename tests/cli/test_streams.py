@@ -11,7 +11,7 @@ import pytest
 
 from cadtof_cli.commands.terminal import tell
 from tests.support.captures import record
-from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished, program
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished, cadtof, program
 
 
 def _shell(script: str, *arguments: object) -> Finished:
@@ -133,6 +133,15 @@ def test_captures_are_resolved_with_all_streams_closed(tmp_path: Path) -> None:
     done = _shell('"$@" <&- >&- 2>&-', "resolve", capture.folder, "-o", out, "-j", 2)
     assert (done.status, done.out, done.err) == (0, "", "")
     assert sorted(path.name for path in out.iterdir()) == ["frame_0.tif", "frame_1.tif", "frames.jsonl", "run.json"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="the system does not list open files")
+def test_an_error_leaves_no_file_open(tmp_path: Path) -> None:
+    # hundreds of tests run the command line in one process
+    assert cadtof("info", tmp_path / "none").status == 2
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    assert cadtof("info", tmp_path / "none").status == 2
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
 def test_names_cannot_steer_a_terminal(tmp_path: Path) -> None:
