@@ -88,8 +88,11 @@ def test_a_run_on_slurm_gets_workers(tmp_path: Path) -> None:
 
 def test_the_job_for_slurm(tmp_path: Path) -> None:
     require_jobqueue()
+    # an environment below a folder whose name has a space
+    (tmp_path / "my env").symlink_to(sys.prefix)
+    python = str(tmp_path / "my env" / Path(sys.executable).relative_to(sys.prefix))
     command = [
-        sys.executable,
+        python,
         str(PLACE / "slurm.py"),
         "room",
         "out",
@@ -109,6 +112,7 @@ def test_the_job_for_slurm(tmp_path: Path) -> None:
     assert options["--cpus-per-task"] == "8"
     assert options["-t"] == "01:00:00"
     worker = shlex.split(done.stdout.strip().splitlines()[-1])
+    assert worker[:2] == [python, "-m"]
     worker_options = dict(itertools.pairwise(worker))
     assert (worker_options["--nworkers"], worker_options["--nthreads"]) == ("8", "1")
     # a worker leaves after its lifetime, give or take what keeps workers from leaving together

@@ -5,6 +5,7 @@ lets it. In place of a job that has ended, another is asked for. `--dry-run` pri
 """
 
 import argparse
+import shlex
 import subprocess
 import sys
 
@@ -34,6 +35,7 @@ def main() -> int:
         processes=given.per_job,  # a process for every core: cadtof uses one thread of a worker
         memory=f"{given.per_job}GiB",
         interface=given.interface,
+        python=shlex.quote(sys.executable),  # it goes into a script
         scheduler_options={"dashboard": False},
         # workers leave after 93 to 97 % of the time of their job, so that Slurm cuts no frame short
         worker_extra_args=[
