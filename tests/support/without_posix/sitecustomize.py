@@ -4,6 +4,7 @@ A stand-in for `msvcrt` gives the locks that Windows has instead of `fcntl`: loc
 files and folders cannot be replaced.
 """
 
+import contextlib
 import errno
 import importlib
 import os
@@ -127,7 +128,11 @@ _replace = os.replace
 
 def replace(source: "str | os.PathLike[str]", target: "str | os.PathLike[str]") -> None:
     """Replace a file as Windows does: raise PermissionError if `target` is a folder, or a file that this process has open."""
-    opened = {os.path.realpath(one) for one in Path("/proc/self/fd").iterdir()}
+    opened = set[str]()
+    for one in Path("/proc/self/fd").iterdir():
+        # another thread may close a file meanwhile
+        with contextlib.suppress(FileNotFoundError):
+            opened.add(os.path.realpath(one))
     if Path(target).is_dir() or not opened.isdisjoint(map(os.path.realpath, (source, target))):
         raise PermissionError(errno.EACCES, "Access denied", os.fspath(source))
     _replace(source, target)
