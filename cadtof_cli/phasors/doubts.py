@@ -25,7 +25,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Stored, median
+from cadtof_cli.arrays import Bool, Complex, Float, Stored, median
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
@@ -50,6 +50,14 @@ that are read in a wrong order have 18 and more."""
 
 _SURE = 0.98
 """Largest share that counts in the odds: a few pixels never look like one path, for other reasons."""
+
+_FITTING, _QUICK_LOOK = 0.8, 512
+"""Share of so many pixels that look like one path above which `doubt_of_planes` doubts no more. With wrong planes it is .69
+at most in five scenes."""
+
+_ONE_DEPTH = 0.95
+"""Length of the mean of unit phasors above which the scene has one depth: MPI may then be the same in all pixels, and may
+look like another order."""
 
 _PILED_UP = 8
 """Values are likely cut off if the outermost value occurs more than this many times as often as the next value."""
@@ -241,6 +249,13 @@ def _same_planes(here: Float, noise: Float) -> tuple[int, int] | None:
     return same[0] if len(same) > 1 else None
 
 
+def doubt_of_planes(stored: Stored, metadata: CaptureMetadata, /, *, of_order: bool = True) -> str | None:
+    """Return what `doubts` says of the planes of a frame, (H, 2, Y, X), and their order: quick if phases fit one path."""
+    if of_order and _share_of_one_path(stored, metadata, count=_QUICK_LOOK) > _FITTING:
+        return None
+    return wrong_planes(stored, metadata) or (mistaken_order(stored, metadata) if of_order else None)
+
+
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """Return a message that names the order in which the planes of a frame, (H, 2, Y, X), are likely stored, if it is
     another than the order that was read; else None.
@@ -268,10 +283,12 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     likely = max(shares, key=lambda words: shares[words])
     if shares[likely] <= least:
         return None
-    planes = ", ".join(plane_names(metadata.modulation.harmonics))
+    planes, first = ", ".join(plane_names(metadata.modulation.harmonics)), _sound_phasors(stored, metadata)[0]
+    of_one_depth = abs(np.exp(1j * np.angle(first)).mean()) > _ONE_DEPTH
+    or_mpi = "? A view of one depth with strong MPI everywhere looks like that, too" if of_one_depth else "?"
     return (
         f"the phases of the harmonics fit each other in only {as_read:.0%} of the pixels; {likely}, they would in "
-        f"{shares[likely]:.0%}: are the planes in the order {planes}, and are their signs right?"
+        f"{shares[likely]:.0%}: are the planes in the order {planes}, and are their signs right{or_mpi}"
     )
 
 
@@ -299,19 +316,18 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     return None
 
 
-def _share_of_one_path(stored: Stored, metadata: CaptureMetadata, *, sign: float = 1.0) -> float:
+def _share_of_one_path(
+    stored: Stored, metadata: CaptureMetadata, *, sign: float = 1.0, count: int = LOOKED_AT
+) -> float:
     """Return the share of the sound pixels of a frame, (H, 2, Y, X), that have about the phases and amplitudes of a
-    single path.
+    single path; `count` pixels are looked at, or some more.
 
     Only the first two harmonics are compared: several paths shift the phases of higher harmonics more, so these say
     less. The share is 0 if too few pixels are sound.
     """
-    some = spread_over(stored, LOOKED_AT)
-    sound = some[:2, :, sound_pixels(some, metadata.voltage.saturated_counts)]
-    if sound.shape[2] < FEWEST:
+    first, second = sign * _sound_phasors(stored, metadata, count=count)
+    if first.size < FEWEST:
         return 0.0
-    volts = sign * volts_from_stored(sound, metadata.voltage)
-    first, second = volts[:, 0] + 1j * volts[:, 1]
     modulation, fwhm_ns = metadata.modulation, metadata.pulse.fwhm_ns
     pulse = [pulse_response(h, fwhm_ns=fwhm_ns, period_ns=modulation.periods_ns[0]) for h in modulation.harmonics[:2]]
     # over the pulse's share of each: it may be so small that a division would overflow
@@ -319,3 +335,10 @@ def _share_of_one_path(stored: Stored, metadata: CaptureMetadata, *, sign: float
     alike = (length < _NEAR_RATIO * other) & (other < _NEAR_RATIO * length)
     alike &= np.abs(np.angle(second * np.conj(first) ** modulation.harmonics[1])) < _NEAR_RAD
     return float(alike.mean())
+
+
+def _sound_phasors(stored: Stored, metadata: CaptureMetadata, *, count: int = LOOKED_AT) -> Complex:
+    """Return the first two phasors, (2, n) in V, of the sound ones among `count` pixels of a frame, (H, 2, Y, X)."""
+    some = spread_over(stored, count)
+    volts = volts_from_stored(some[:2, :, sound_pixels(some, metadata.voltage.saturated_counts)], metadata.voltage)
+    return np.asarray(volts[:, 0] + 1j * volts[:, 1])

@@ -1,5 +1,6 @@
 """Planes in another order cause one warning per capture. Planes that were not recorded fail their frame alone."""
 
+import json
 import logging
 from pathlib import Path
 
@@ -36,9 +37,28 @@ def test_swapped_channels_are_reported_once(
     assert info.status == 1
     assert "with SC1 and SC2 swapped, they would" in info.err
     assert "(and 2 more frames)" in info.err
+    # the maps are counted, not named again
+    assert f"{tmp_path / 'maps'}: 3 more maps: are the planes in the order H1.SC1, " in done.err
     with caplog.at_level(logging.WARNING, "cadtof_cli"):
         list(read_frames(recorded.folder))
     assert "with SC1 and SC2 swapped, they would" in caplog.text
+
+
+def test_planes_that_are_swapped_in_later_frames_are_told(tmp_path: Path) -> None:
+    """The warning of a run is of one frame, the first. Maps of swapped channels were metres off in later frames, in silence."""
+    recorded, words = record(tmp_path / "capture", frames=7), "with SC1 and SC2 swapped, they would in "
+    for file in recorded.files[2:]:
+        write_pages(file, tifffile.imread(file)[[1, 0, 3, 2]])
+    out = tmp_path / "maps"
+    done = cadtof("resolve", recorded.folder, "-o", out, "--jobs", "1")
+    assert done.status == 0
+    assert "warning: " not in done.err
+    told = [line for line in done.err.splitlines() if words in line]
+    assert [line.partition(": ")[0] for line in told] == [str(out / f"frame_{place}.tif") for place in (2, 3, 4)]
+    assert f"{out}: 2 more maps: are the planes in the order H1.SC1, " in done.err
+    reasons = [json.loads(line)["reason"] or "" for line in (out / "frames.jsonl").read_text().splitlines()]
+    assert [words in reason for reason in reasons] == [False] * 2 + [True] * 5
+    assert words not in cadtof("resolve", recorded.folder, "-o", tmp_path / "one", "--jobs", "1", "--order", "1").err
 
 
 def test_noise_that_the_settings_do_not_explain_is_reported_where_noise_may_look_like_paths(

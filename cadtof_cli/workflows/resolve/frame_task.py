@@ -18,6 +18,7 @@ from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import DepthMaps, Digest, content_digest, file_digest, stage_maps
 from cadtof_cli.maps.layers import MISFIT
+from cadtof_cli.phasors.doubts import doubt_of_planes
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import FEWEST, Copies, require_plausible
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
@@ -42,6 +43,9 @@ COARSEST_TIMES_NS = 2 * WHOLE_S_NS
 UNEXPLAINED = 8.0
 """How far the median χ² of a frame may exceed the number of values that two paths leave over. Where paths explain the light,
 it is about this number."""
+
+FEW_OF_ONE_PATH = 0.125
+"""Planes of a frame are looked at if no more of its answers than this share are one path: wrong planes leave hardly any."""
 
 
 @dataclass(frozen=True)
@@ -108,12 +112,14 @@ class Recording:
         digest: digest of the stored values.
         files: files of the frame, as they were before they were read; None: a file was missing.
         left_out: how many frames of a mean could not be read and why, in words; None: all were read.
+        stored: the stored values, (H, 2, Y, X); None: a mean.
     """
 
     began: float
     digest: str
     files: tuple[SourceFile, ...] | None
     left_out: str | None
+    stored: Stored | None
 
 
 def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameReport]:
@@ -173,7 +179,8 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /) -
         OutputError: see `stage_maps`.
     """
     maps, counts = answered_maps(resolved, task.plan, source=task.sources[0])
-    doubts = [told for told in (recording.left_out, _misfit_in_words(maps, task.plan)) if told]
+    in_doubt = _misfit_in_words(maps, task.plan), _wrong_planes_in_words(recording.stored, counts, task.plan)
+    doubts = [told for told in (recording.left_out, *in_doubt) if told]
     remarks = [told for told in (_why_again(task) if task.resume else None, *doubts) if told]
     header = task.plan.header.of_frame(task.sources[0].file_name)
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
@@ -226,6 +233,14 @@ def _misfit_in_words(maps: DepthMaps, plan: FramePlan) -> str | None:
     if misfit.size < FEWEST or 2 * np.count_nonzero(misfit > most) <= misfit.size:
         return None
     return f"its paths do not explain the light (median chi_squared above {most:.0f}), so errors are larger than sigma"
+
+
+def _wrong_planes_in_words(stored: Stored | None, counts: StatusCounts, plan: FramePlan) -> str | None:
+    """Return in words what is likely wrong with the planes of a frame; None: nothing, as if many of its pixels have one path."""
+    more = counts.two_paths + counts.diffuse
+    if stored is None or plan.resolver.order != "auto" or counts.one_path > FEW_OF_ONE_PATH * (counts.one_path + more):
+        return None
+    return doubt_of_planes(stored, plan.metadata, of_order=plan.calibration is None)
 
 
 def kept_maps(task: FrameTask, /) -> FrameReport | None:
@@ -293,7 +308,8 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
             frame, digest = _read_one(task, source)
         # the file of a stack that grows changes, but this frame of it does not
         if task.files() == files or digest == before:
-            return frame, Recording(began, digest, files, left_out)
+            stored = None if isinstance(frame, FrameMean) else frame
+            return frame, Recording(began, digest, files, left_out, stored)
         before = digest
     raise FrameError(f"{source}: changed while it was read, {MOST_READS} times; expected a file that is complete")
 

@@ -200,6 +200,9 @@ class _Run:
     def outcomes(self, plans: Sequence[CapturePlan]) -> Outcomes:
         """Return a generator of the outcomes of some captures' frames. If a cluster is to do the work, connect to it."""
         tasks, workers = self._tasks(plans), self.settings.workers
+        # the user was warned of these before the run, so frames that show them are only counted
+        for doubt in (doubt for one in plans for doubt in one.doubts):
+            self.noted.setdefault(_why(doubt), _NOTES_OF_A_KIND)
         expected = sum(one.expected_maps for one in plans)
         if expected < workers.jobs and _are_worth_splitting(plans, self.settings):
             from cadtof_cli.workflows.resolve.split_frames import resolve_split
@@ -257,7 +260,7 @@ class _Run:
             RunStoppedError: the output folder takes no more maps.
         """
         if report.note is not None:
-            why = report.note.rpartition(": ")[2]
+            why = _why(report.note)
             self.noted[why] += 1
             if self.noted[why] <= _NOTES_OF_A_KIND:
                 self.progress.say(report.note)
@@ -309,6 +312,11 @@ class _Run:
                 self.report(failed_input(one.capture.root, error))
             self.expected += min(number - one.expected_maps, 0)
             self.progress.advance(0, total=self.expected)
+
+
+def _why(note: str) -> str:
+    """Return the end of a note, which is the same for all frames that have it."""
+    return note.rpartition(": ")[2]
 
 
 def _lost(source: FrameSource, worker: WorkerDied) -> str:

@@ -61,7 +61,8 @@ def _prepared(task: FrameTask, count: int) -> FrameReport | list[FramePart]:
         return kept
     frame, recording = read_frame(task)
     pixels = prepare_frame(frame, stages_of(frame, task.plan, task.calibration()))
-    return [FramePart(task, part, recording) for part in pixels.parts(count)]
+    first, *others = pixels.parts(count)
+    return [FramePart(task, first, recording), *(FramePart(task, part, None) for part in others)]
 
 
 def _joined(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[FrameTask, FrameReport]:
