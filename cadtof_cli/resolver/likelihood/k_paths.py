@@ -1,6 +1,6 @@
 """Maximum likelihood for K paths on N harmonics with known noise, and its Fisher information."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,7 +75,7 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
     If the first search ends with a misfit that noise seldom gives, other starts are tried, in this order. For more than
     two paths: the exact answer of the first harmonics. For any number: one path fewer, found by this function, plus the
     path that explains most of the rest. For two paths: the best pair of a grid, and without harmonics 1 and 2 that of a
-    fine grid.
+    fine grid. For three paths without harmonics 1, 2 and 3: the strongest path, or half of it, plus the best pair.
     """
     white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.each))
     end = _first_end(white, count, noise)
@@ -100,7 +100,18 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
     if count == 2 and measured.harmonics[:2] != (1, 2) and (suspect := np.flatnonzero(cost > acceptable)).size:
         pair = best_pair(measured[suspect], weights=white.weights, fine=True)
         _improve(white, pair, suspect, points, cost, noise)
+    if count == 3 and measured.harmonics[:3] != (1, 2, 3):
+        for share in (1.0, 0.5):
+            suspect = np.flatnonzero(cost > acceptable)
+            _improve(white, _with_a_pair(white[suspect], share), suspect, points, cost, noise)
     return Mixture.of_points(points), cost
+
+
+def _with_a_pair(white: WhiteFit, share: float) -> Mixture:
+    """Return a share of the strongest path, and the pair that explains most of the rest."""
+    path = strongest_path(white.measured, weights=white.weights)
+    path = replace(path, amplitude=share * path.amplitude)
+    return path.joined(best_pair(white.measured.without(path), weights=white.weights))
 
 
 def _with_another(white: WhiteFit, fewer: Mixture) -> Mixture:

@@ -168,6 +168,26 @@ def test_without_the_second_harmonic_minima_near_the_best_one_are_not_taken_for_
     assert np.mean(misfit > (np.abs(drawn - true) ** 2 / variances).sum(axis=0) + 0.5) < 0.004
 
 
+@pytest.mark.parametrize(
+    ("harmonics", "most"), [((1, 2, 4), 0.003), ((1, 2, 4, 6), 0.015), ((1, 2, 4, 8), 0.03), ((1, 3, 4, 5), 0.04)]
+)
+def test_three_paths_of_harmonics_with_gaps_seldom_end_in_a_wrong_minimum(
+    harmonics: tuple[int, ...], most: float
+) -> None:
+    """From one path fewer alone, twice to ten times as many pixels did."""
+    rng, noise, count = np.random.default_rng(21), noise_of(harmonics, n_av=1e6), 4000
+    amplitudes = np.stack([np.ones(count), rng.uniform(0.2, 1.0, count), rng.uniform(0.1, 0.6, count)])
+    amplitudes /= amplitudes.sum(axis=0) + 5.0
+    first = rng.uniform(2.0, 15.0, count)
+    delays_ns = np.stack([first, first + rng.uniform(4.0, 12.0, count), first + rng.uniform(16.0, 24.0, count)])
+    true = np.stack([(amplitudes * np.exp(2j * np.pi * h * delays_ns / 40.0)).sum(axis=0) for h in harmonics])
+    variances = np.array([[harmonic.dark_variance] for harmonic in noise.each])
+    drawn = true + np.sqrt(variances) * (rng.normal(size=true.shape) + 1j * rng.normal(size=true.shape))
+    with np.errstate(all="ignore"):
+        _, misfit = found_paths(Measured.of_phasors(drawn, harmonics=harmonics), 3, noise=noise)
+    assert np.mean(misfit > (np.abs(drawn - true) ** 2 / variances).sum(axis=0) + 0.5) < most
+
+
 def test_chi_squared_is_large_where_two_paths_are_too_few() -> None:
     three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0)).exact((1, 2, 3, 4))
     two = Mixture((1.0, 0.6), (5.0, 13.0)).exact((1, 2, 3, 4))
