@@ -23,6 +23,7 @@ REASONS = frozenset(
         "unequal_harmonics",
         "shared_light_in_words",
         "_misfit_in_words",
+        "_wrapped_in_words",
         "doubt",
         "mistaken_unit",
         "all_saturated",

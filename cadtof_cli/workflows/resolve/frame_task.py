@@ -7,8 +7,6 @@ from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError, SettingsError, UnreadableError, no_memory_for
@@ -17,15 +15,14 @@ from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import DepthMaps, Digest, content_digest, file_digest, stage_maps
-from cadtof_cli.maps.layers import MISFIT
-from cadtof_cli.phasors.doubts import doubt_of_planes
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.phasors.plausible import FEWEST, Copies, require_plausible
+from cadtof_cli.phasors.plausible import Copies, require_plausible
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status
+from cadtof_cli.workflows.resolve.frame_doubts import frame_doubts
 from cadtof_cli.workflows.resolve.reports import FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:
@@ -39,13 +36,6 @@ MOST_READS = 3
 WHOLE_S_NS = 10**9
 COARSEST_TIMES_NS = 2 * WHOLE_S_NS
 """Times of files are cut to whole seconds by SFTP and exFAT, and to two seconds by FAT."""
-
-UNEXPLAINED = 8.0
-"""How far the median χ² of a frame may exceed the number of values that two paths leave over. Where paths explain the light,
-it is about this number."""
-
-FEW_OF_ONE_PATH = 0.125
-"""Planes of a frame are looked at if no more of its answers than this share are one path: wrong planes leave hardly any."""
 
 
 @dataclass(frozen=True)
@@ -179,8 +169,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /) -
         OutputError: see `stage_maps`.
     """
     maps, counts = answered_maps(resolved, task.plan, source=task.sources[0])
-    in_doubt = _misfit_in_words(maps, task.plan), _wrong_planes_in_words(recording.stored, counts, task.plan)
-    doubts = [told for told in (recording.left_out, *in_doubt) if told]
+    doubts = [told for told in (recording.left_out, *frame_doubts(recording.stored, maps, counts, task.plan)) if told]
     remarks = [told for told in (_why_again(task) if task.resume else None, *doubts) if told]
     header = task.plan.header.of_frame(task.sources[0].file_name)
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
@@ -221,26 +210,6 @@ def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object
     if counts.invalid == maps.status.size:
         raise FrameError(f"{source}: {why_no_answer(maps.status)}")
     return maps, counts
-
-
-def _misfit_in_words(maps: DepthMaps, plan: FramePlan) -> str | None:
-    """Return in words that the paths of a frame do not explain its light; None: they do, or one path was asked for."""
-    if MISFIT not in maps.names or plan.resolver.max_paths < 2:
-        return None
-    layer, most = maps.layer(MISFIT), UNEXPLAINED + 2 * (len(plan.metadata.modulation.harmonics) - 2)
-    misfit = layer[np.isfinite(layer)]
-    # counted, not sorted: a median takes longer than many a frame
-    if misfit.size < FEWEST or 2 * np.count_nonzero(misfit > most) <= misfit.size:
-        return None
-    return f"its paths do not explain the light (median chi_squared above {most:.0f}), so errors are larger than sigma"
-
-
-def _wrong_planes_in_words(stored: Stored | None, counts: StatusCounts, plan: FramePlan) -> str | None:
-    """Return in words what is likely wrong with the planes of a frame; None: nothing, as if many of its pixels have one path."""
-    more = counts.two_paths + counts.diffuse
-    if stored is None or plan.resolver.order != "auto" or counts.one_path > FEW_OF_ONE_PATH * (counts.one_path + more):
-        return None
-    return doubt_of_planes(stored, plan.metadata, of_order=plan.calibration is None)
 
 
 def kept_maps(task: FrameTask, /) -> FrameReport | None:
