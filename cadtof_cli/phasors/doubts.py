@@ -55,9 +55,9 @@ _FITTING, _QUICK_LOOK = 0.8, 512
 """Share of so many pixels that look like one path above which `doubt_of_planes` doubts no more. With wrong planes it is .69
 at most in five scenes."""
 
-_ONE_DEPTH = 0.95
-"""Length of the mean of unit phasors above which the scene has one depth: MPI may then be the same in all pixels, and may
-look like another order."""
+_ONE_DEPTH, _CERTAIN = 0.95, 0.9
+"""Strong MPI may be the cause, too, if the mean of unit phasors is longer than the first number, because it may then be the same
+in all pixels of one depth; or if fewer pixels than the second share fit the other order."""
 
 _PILED_UP = 8
 """Values are likely cut off if the outermost value occurs more than this many times as often as the next value."""
@@ -285,7 +285,8 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         return None
     planes, first = ", ".join(plane_names(metadata.modulation.harmonics)), _sound_phasors(stored, metadata)[0]
     of_one_depth = abs(np.exp(1j * np.angle(first)).mean()) > _ONE_DEPTH
-    or_mpi = "? A view of one depth with strong MPI everywhere looks like that, too" if of_one_depth else "?"
+    unsure = of_one_depth or shares[likely] < _CERTAIN
+    or_mpi = "? A view with strong MPI everywhere looks like that, too" if unsure else "?"
     return (
         f"the phases of the harmonics fit each other in only {as_read:.0%} of the pixels; {likely}, they would in "
         f"{shares[likely]:.0%}: are the planes in the order {planes}, and are their signs right{or_mpi}"

@@ -173,6 +173,12 @@ def test_in_a_room_some_pixels_at_edges_are_far_off_by_many_sigma() -> None:
     assert gross.mean() == pytest.approx(0.0005, rel=0.3)
     assert gross[edges].mean() == pytest.approx(0.0053, rel=0.3)
     assert gross[edges].sum() > 0.85 * gross.sum()
+    off, doubtful = (
+        np.abs(maps["direct.depth"] - truth) > 0.1,
+        maps["direct.sigma"] > 2.0 * np.median(maps["direct.sigma"]),
+    )
+    assert doubtful[off].mean() == pytest.approx(0.77, abs=0.03)
+    assert doubtful[~off].mean() == pytest.approx(0.067, abs=0.01)
 
 
 @pytest.mark.parametrize(
