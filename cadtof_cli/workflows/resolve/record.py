@@ -286,6 +286,8 @@ def recorded_run(
 ) -> Iterator[RunRecorder]:
     """Write a run's `run.json`, and yield a recorder that holds its `frames.jsonl` open for the reports on its frames.
 
+    `earlier` is the record of the run that it continues; None: there is none.
+
     Raises:
         OutputError: one of the two cannot be written; or the `frames.jsonl` to be resumed holds other lines than reports.
     """
