@@ -1,4 +1,5 @@
-"""Names for the array types that pass between the stages; values spread evenly over an array, medians and quantiles."""
+"""Names for the array types that pass between the stages, and for the planes of a frame; values spread evenly over an array,
+medians and quantiles."""
 
 import math
 from dataclasses import is_dataclass
@@ -27,6 +28,16 @@ T = TypeVar("T")
 Values = TypeVar("Values", Float, Float32)
 """Numbers of either precision, such as float64 for patches and float32 for pixels; results have the precision of the
 input."""
+
+
+def plane_name(harmonic: int, channel: int, /) -> str:
+    """Return the name of a plane in EXR files and in messages, such as H1.SC2."""
+    return f"H{harmonic}.SC{channel}"
+
+
+def plane_names(harmonics: tuple[int, ...], /) -> tuple[str, ...]:
+    """Return the names of a frame's planes in the order in which files hold them: H1.SC1, H1.SC2, H2.SC1, …"""
+    return tuple(plane_name(harmonic, channel) for harmonic in harmonics for channel in (1, 2))
 
 
 def even_step(size: int, width: int, /, *, count: int) -> int:

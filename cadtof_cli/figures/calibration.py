@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Float, plane_name
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration
@@ -45,7 +45,9 @@ def _dark_rows(dark: DarkCalibration) -> list[list[Block]]:
 
 
 def _channels(what: str, harmonic: int, planes: Float) -> tuple[Panel, ...]:
-    return tuple(Panel(f"{what} H{harmonic}.SC{channel}", plane) for channel, plane in enumerate(planes, start=1))
+    return tuple(
+        Panel(f"{what} {plane_name(harmonic, channel)}", plane) for channel, plane in enumerate(planes, start=1)
+    )
 
 
 def _response_row(response: ResponseCalibration) -> list[Block]:

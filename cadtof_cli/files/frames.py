@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored
+from cadtof_cli.arrays import Stored, plane_names
 from cadtof_cli.errors import FrameError
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import size_text
@@ -58,8 +58,8 @@ class FrameLayout:
 
     @property
     def plane_names(self) -> tuple[str, ...]:
-        """Names of the planes in the order in which files hold them: H1.SC1, H1.SC2, H2.SC1, …"""
-        return tuple(plane_name(harmonic, channel) for harmonic in self.harmonics for channel in (1, 2))
+        """Names of the planes in the order in which files hold them."""
+        return plane_names(self.harmonics)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +81,6 @@ class Frames:
     dtype: np.dtype[Any]
     read: Callable[[int], Stored]
     read_like: Callable[[Path], Stored | None] | None = None
-
-
-def plane_name(harmonic: int, channel: int) -> str:
-    """Return the name of a plane in EXR files and in messages, such as H1.SC2."""
-    return f"H{harmonic}.SC{channel}"
 
 
 def harmonic_labels(harmonics: tuple[int, ...], found: Collection[int]) -> tuple[int, ...]:

@@ -8,8 +8,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
+from cadtof_cli.arrays import plane_name
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, NotAFrameError, harmonic_labels, plane_name
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, NotAFrameError, harmonic_labels
 from cadtof_cli.records import dataclass
 
 _PLANE = r"(?i)(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?"

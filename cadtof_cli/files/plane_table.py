@@ -6,8 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.arrays import plane_name
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels, plane_name
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels
 from cadtof_cli.files.named_planes import (
     PlaneLabel,
     channels_in_words,

@@ -24,6 +24,10 @@ _ROUNDING = 0.02
 _FEW_VALUES = 8
 """So few different values may be multiples of the same number by chance."""
 
+_SCALED_VALUES = "or give --zero-counts and --volts-per-count of the scaled values"
+
+_SCALED_TO_ONE = f"scaled to 0 … 1, as ImageMagick writes floats: export whole numbers, {_SCALED_VALUES}"
+
 
 @dataclass(frozen=True)
 class StoredRange:
@@ -85,11 +89,8 @@ def scaled_to_one(planes: Stored, voltage: Voltage, /) -> str | None:
     counts = finite.astype(np.float64) * _FULL_SCALE
     if np.abs(counts - np.rint(counts)).max() > _ROUNDING or np.unique(finite).size <= _FEW_VALUES:
         return None
-    return (
-        f"{range_of(finite)}, all of them multiples of 1/65535: they look scaled to 0 … 1, as ImageMagick writes floats: "
-        "export whole numbers, or give --zero-counts and --volts-per-count of the scaled values (--volts-per-count 1 if "
-        "they are volts)"
-    )
+    what = f"{range_of(finite)}, all of them multiples of 1/65535"
+    return f"{what}: they look {_SCALED_TO_ONE} (--volts-per-count 1 if they are volts)"
 
 
 def likely_cause(found: StoredRange, voltage: Voltage, amplitude_v: float, /) -> str:
@@ -120,16 +121,14 @@ def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float)
         return None
     if zero == 0.0:
         return f"zero_counts is 0 or not given: give --zero-counts (the middle of the values is {found.middle:.6g})"
-    what_now = "or give --zero-counts and --volts-per-count of the scaled values"
-    scaled = f"scaled to 0 … 1, as ImageMagick writes floats: export whole numbers, {what_now}"
     is_scaled = found.dtype.kind == "f" and found.low >= 0.0 and around_zero(found.middle * _FULL_SCALE)
     if found.dtype.kind == "f" and found.largest <= LONGEST * amplitude_v:
         likely = "like volts already: leave out zero_counts, volts_per_count and saturated_counts"
-        likely += f"; or {scaled}" if is_scaled else ""
+        likely += f"; or {_SCALED_TO_ONE}" if is_scaled else ""
     elif is_scaled:
-        likely = scaled
+        likely = _SCALED_TO_ONE
     elif found.dtype == np.uint8 or (found.largest <= _BYTE and around_zero(found.middle * _FULL_SCALE / _BYTE)):
-        likely = f"scaled to 8 bits, as ImageMagick does with -depth 8: export 16 bits, {what_now}"
+        likely = f"scaled to 8 bits, as ImageMagick does with -depth 8: export 16 bits, {_SCALED_VALUES}"
     elif found.dtype.kind != "u" and found.largest * step <= LONGEST * amplitude_v:
         likely = "like counts from which the zero was subtracted: give --zero-counts 0, and saturated_counts to match"
     else:

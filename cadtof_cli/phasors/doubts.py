@@ -25,10 +25,10 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Stored, median
+from cadtof_cli.arrays import Bool, Complex, Float, Stored, median, plane_names
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
-from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, plane_names, scatters
+from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, scatters
 from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
 

@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored, even_step
+from cadtof_cli.arrays import Stored, even_step, plane_names
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of, scaled_to_one
@@ -133,11 +133,6 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
             "was not recorded"
         )
     return None
-
-
-def plane_names(harmonics: tuple[int, ...], /) -> list[str]:
-    """Return the names of a frame's planes, in the order in which they are stored."""
-    return [f"H{harmonic}.SC{channel}" for harmonic in harmonics for channel in (1, 2)]
 
 
 def scatters(rows: Stored, steps_of_whole_numbers: float, /) -> bool:

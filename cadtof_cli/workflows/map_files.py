@@ -9,7 +9,7 @@ from cadtof_cli.capture.frames import natural_key
 from cadtof_cli.errors import UnlistedError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.reading import is_folder, real_path
-from cadtof_cli.workflows.resolve.record import RUN_FILE
+from cadtof_cli.workflows.resolve.run_json import RUN_FILE
 
 OnRun = Callable[[Path], object]
 """Called with each folder below that holds a run of its own; the search goes on with the other folders."""

@@ -1,10 +1,9 @@
 """The folder of a run, as later commands read it: a map file per frame, `run.json`, and `frames.jsonl` with a line per frame.
 
-`resolve/record.py` writes the two records.
+`resolve/record.py` writes the two records; `resolve/run_json.py` knows what is in the first.
 """
 
 import io
-import operator
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -13,21 +12,20 @@ from pathlib import Path
 from typing import Any, cast
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.checks import converted
 from cadtof_cli.capture.discovery import find_captures, placed_captures, steps_below
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
-from cadtof_cli.capture.metadata import KEYS, Optics
+from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError, UnlistedError
 from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.maps import region_of
 from cadtof_cli.files.reading import is_folder, read_bytes
-from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
+from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.map_files import map_files
-from cadtof_cli.workflows.resolve.places import capture_folders
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, place_in, read_record
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, place_in
 from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
+from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN, RUN_FILE, RunRecord, optics_of, read_record
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """For each map, by its name: the capture, and the recorded frames that the map was made from (several if it shows a mean)."""
@@ -53,7 +51,7 @@ class Run:
     maps: Path
     files: tuple[Path, ...]
     folder: Path
-    record: Mapping[str, Any] | None
+    record: RunRecord | None
     no_record: str = f"no {RUN_FILE} beside the maps"
 
     def name(self, file: Path, /) -> str:
@@ -138,7 +136,7 @@ class Run:
                 for one, (root, _) in zip(self.captures, self._capture_places, strict=True)
                 if not beside or root.parts[-len(beside) :] == beside
             ]
-        several = [_optics_of(one) for one in found]
+        several = [optics_of(one) for one in found]
         return several[0] if several and all(one == several[0] for one in several) else Optics()
 
     @cached_property
@@ -154,10 +152,9 @@ class Run:
         """For each capture of the record: its absolute folder, and the folders of its maps in the run's folder."""
         if self.record is None or not self.captures:
             return []
-        roots = capture_folders(self.record)
-        shared = self.record.get("shared_folder")
-        # runs of 0.1.0 do not record it, and have all maps in their folder itself
-        return [(root, steps_below(root, Path(shared)) if shared else ()) for root in roots]
+        shared = self.record.shared_folder
+        # runs of 0.1.0 have all maps in their folder itself
+        return [(root, steps_below(root, shared) if shared else ()) for root in self.record.capture_folders()]
 
     def reports(self) -> Iterator[FrameReport]:
         """Yield the valid lines of `frames.jsonl`, none if there is no such file; raises CaptureError if it cannot be read."""
@@ -201,31 +198,6 @@ class Run:
         kept = {None, *self.files}
         return sum(report.status == "failed" or self.map_of(report) not in kept for report in self.reports())
 
-    def _inputs(self, arguments: Mapping[str, Any]) -> list[Path]:
-        """Return the paths of the run's inputs, as its record has them.
-
-        If some of these are gone, inputs and run may have been moved together: then the paths relative to the run's folder are
-        returned, if all of them exist.
-        """
-        known = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
-        if "inputs_from_out" in arguments and not all(path.exists() for path in known):
-            moved = [self.folder.absolute() / path for path in arguments["inputs_from_out"]]
-            known = moved if all(path.exists() for path in moved) else known
-        return known
-
-    def calibration(self) -> CalibrationUse | None:
-        """Return the calibration that the run applied, in the folder where it lies now; None: the run applied none.
-
-        Raise LookupError or TypeError if the record has another form.
-        """
-        known = self.record and self.record.get("calibration")
-        if not known:
-            return None
-        moved = known.get("folder_from_out")  # runs of 0.1.0 have only `folder`
-        places = [known.get("absolute_folder"), moved and self.folder.absolute() / moved]
-        there = next((place for place in places if place and Path(place).is_dir()), known["folder"])
-        return CalibrationUse(Path(there), known["digest"])
-
     def recorded_frames(self, say: Callable[[str], None], /) -> RecordedFrames:
         """Return the frames that the maps were made from. If they are unknown or gone, say so and return nothing."""
         if self.record is None:
@@ -233,11 +205,11 @@ class Run:
             return {}
         arguments = self.record["arguments"]
         try:
-            inputs = self._inputs(arguments)
+            inputs = self.record.input_paths(self.folder)
             settings = arguments.get("settings")
             # inputs that were moved with the run lie below another folder
             is_moved = list(map(str, inputs)) != arguments.get("absolute_inputs")
-            shared = None if is_moved else self.record.get("shared_folder")
+            shared = None if is_moved else self.record.shared_folder
             found = find_captures(
                 inputs,
                 overrides=arguments["overrides"],
@@ -245,9 +217,9 @@ class Run:
                 recursive=bool(arguments.get("recursive")),
                 on_unlisted=lambda *_: None,
             )
-            captures, _ = placed_captures(found, inputs, base=Path(shared) if shared else None)
+            captures, _ = placed_captures(found, inputs, base=shared)
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
-        except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
+        except (CadtofError, *NOT_OF_A_RUN) as error:
             say(f"the recorded frames are no longer where they were, {NOT_EVALUATED}: {error}")
             return {}
 
@@ -291,45 +263,13 @@ def _run_in(folder: Path, maps: Path, files: tuple[Path, ...]) -> Run:
     if not os.path.lexists(path):
         return Run(maps, files, folder, None)
     try:
-        return Run(maps, files, folder, require_valid_record(read_record(folder)))
+        return Run(maps, files, folder, read_record(folder).checked())
     except OSError as error:
         raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, LookupError, TypeError, AttributeError, OverflowError, MetadataError) as error:
+    except (*NOT_OF_A_RUN, MetadataError) as error:
         return Run(maps, files, folder, None, f"{path}: not the record of a run ({error})")
 
 
 def is_run_folder(path: Path, /) -> bool:
     """Return whether a path is a folder that `cadtof resolve` wrote."""
     return is_folder(path) and os.path.lexists(path / RUN_FILE) and not os.path.lexists(path / CAPTURE_FILE)
-
-
-def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the content of a `run.json`, after a check of the entries that other commands read: it may come from anywhere.
-
-    Raises:
-        ValueError, LookupError, TypeError, AttributeError, OverflowError, MetadataError: it is not the record of a run.
-    """
-    arguments = record["arguments"]
-    if not arguments.keys() >= {"inputs", "overrides"}:
-        raise ValueError("its arguments name no inputs or no overrides")
-    Path(arguments.get("out", ""))
-    # JSON holds whole numbers that are too large for arithmetic
-    if isinstance(totals := record.get("totals"), Mapping):
-        float(totals.get("seconds", 0))
-    roi = arguments.get("roi")
-    if roi is not None:
-        x0, y0, x1, y1 = map(operator.index, roi)
-        if not (0 <= x0 < x1 and 0 <= y0 < y1):
-            raise ValueError(f"found the roi {roi}")
-    for path in (*arguments["inputs"], *arguments.get("absolute_inputs", ())):
-        Path(path)
-    for capture in record.get("captures", []):
-        Path(capture["root"])
-        _optics_of(capture)
-    return record
-
-
-def _optics_of(capture: Mapping[str, Any]) -> Optics:
-    known = capture["metadata"]["optics"]
-    names = [name for name in ("focal_length_px", "principal_point_px") if known[name] is not None]
-    return Optics(**{name: converted(KEYS[f"optics.{name}"].kind, known[name]) for name in names})

@@ -19,8 +19,9 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.workflows.inspect import first_phasors, info
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 from cadtof_cli.workflows.progress import NO_PROGRESS
-from cadtof_cli.workflows.resolve import arrivals, plans
+from cadtof_cli.workflows.resolve import arrivals
 from cadtof_cli.workflows.resolve.reports import FrameReport
+from cadtof_cli.workflows.resolve.run_json import RunRecord
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import Run
 from tests.support.captures import record
@@ -94,8 +95,8 @@ def test_captures_of_a_run_are_recorded_without_a_search() -> None:
     captures = [
         SimpleNamespace(root=_Root(f"c{number % MANY}"), source=source, frames=[0]) for number in range(2 * MANY)
     ]
-    document: dict[str, Any] = {"captures": []}
-    plans.record_captures(document, [SimpleNamespace(capture=one, lossy_compression=None) for one in captures])  # type: ignore[misc]
+    document = RunRecord(captures=[])
+    document.add_captures([SimpleNamespace(capture=one, lossy_compression=None) for one in captures])  # type: ignore[misc]
     assert [(one["root"], one["files"]) for one in document["captures"]] == [
         (f"c{number}", 2) for number in range(MANY)
     ]
@@ -129,7 +130,7 @@ def test_the_optics_of_a_map_are_found_without_a_search(tmp_path: Path, monkeypa
         "shared_folder": "/rec",
     }
     files = tuple(tmp_path / str(number) / "cam" / "frame.tif" for number in range(MANY))
-    run = Run(tmp_path, files, tmp_path, known)
+    run = Run(tmp_path, files, tmp_path, RunRecord(known))
     with _counted(monkeypatch, PurePath, "parts") as calls:
         found = [run.optics(file).focal_length_px for file in files]
         assert calls() < 10 * MANY
@@ -158,7 +159,7 @@ def test_settings_are_compared_with_those_of_the_capture_alone(tmp_path: Path, *
     roots = [os.path.realpath(file.parent) + ".old" * moved for file in files]
     known = [_Read(resolved_root=root, metadata=metadata) for root in roots]
     arguments = {"inputs": [], "overrides": {}, "depth": "range"}
-    run = Run(tmp_path, (), tmp_path, {"arguments": arguments, "captures": known})
+    run = Run(tmp_path, (), tmp_path, RunRecord(arguments=arguments, captures=known))
     recorded = {f"{number}": (one, tuple(one.frames)) for number, one in enumerate(found)}
     object.__setattr__(run, "recorded_frames", lambda _: recorded)
     said = list[str]()

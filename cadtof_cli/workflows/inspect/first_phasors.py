@@ -8,7 +8,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,10 @@ from cadtof_cli.files.reading import real_path
 from cadtof_cli.maps.layers import without_offset
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline.frame import prepare_frame, stages_of
-from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.response.as_sine import first_phase
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
+from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN
 from cadtof_cli.workflows.run_folder import NOT_EVALUATED, Run
 
 
@@ -99,7 +99,7 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
     if run.record is None or not recorded:
         return none
     try:
-        settings, calibration = _map_settings(run.record), run.calibration()
+        settings, calibration = run.record.map_settings(), run.record.calibration(run.folder)
         known, by_root = run.record["captures"], dict[Any, list[Mapping[str, Any]]]()
         for one in known:
             by_root.setdefault(one.get("resolved_root"), []).append(one)
@@ -114,7 +114,7 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
             name: FrameTask(sources, capture.layout, plans[capture.root], None, Path())
             for name, (capture, sources) in recorded.items()
         }
-    except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
+    except (CadtofError, *NOT_OF_A_RUN) as error:
         say(f"the settings of the run cannot be taken from its record, {NOT_EVALUATED}: {error}")
         return none
     try:
@@ -145,13 +145,3 @@ def _changed_setting(capture: Capture, known: Sequence[Mapping[str, Any]], /) ->
             return None
         found = found or change
     return found
-
-
-def _map_settings(record: Mapping[str, Any]) -> MapSettings:
-    """Return the settings that a run made its phasors with."""
-    arguments = record["arguments"]
-    known = {one.name for one in fields(ResolverSettings)} & arguments.keys() - {"min_confidence"}
-    resolver = ResolverSettings(**{name: arguments[name] for name in known})
-    return MapSettings(
-        resolver=resolver, depth=arguments["depth"], pool=arguments.get("pool", 1), average=arguments.get("average", 1)
-    )

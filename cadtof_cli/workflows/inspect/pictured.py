@@ -24,7 +24,7 @@ from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.layers import first_sound_layers
 from cadtof_cli.workflows.map_files import map_files
-from cadtof_cli.workflows.resolve.record import RUN_FILE
+from cadtof_cli.workflows.resolve.run_json import RUN_FILE
 from cadtof_cli.workflows.run_folder import Run, read_run
 
 LIGHT = "H1.amplitude"

@@ -10,8 +10,9 @@ from cadtof_cli.arrays import Float32
 from cadtof_cli.maps.evaluation import DepthErrors
 from cadtof_cli.report.colours import thumbnail
 from cadtof_cli.report.sections import FrameLine, PageText
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
+from cadtof_cli.workflows.resolve.run_json import RUN_FILE
 from cadtof_cli.workflows.run_folder import Run
 
 _PIXELS = {
@@ -54,7 +55,7 @@ def page_text(
     totals = RunTotals()
     for report in reports:
         totals.add(report)
-    record = run.record or {}
+    record: Mapping[str, Any] = run.record or {}
     return PageText(
         title=run.maps.resolve().name or str(run.maps),
         subtitle=_subtitle(run),

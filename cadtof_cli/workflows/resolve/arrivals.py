@@ -1,25 +1,18 @@
 """Frames whose paths arrive during a run, such as from a program that watches the folder of a camera."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from pathlib import Path
-from typing import Any
 
 from cadtof_cli.capture.discovery import absolute, find_captures, is_existing_folder, placed_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
-from cadtof_cli.files.reading import is_folder, real_path
+from cadtof_cli.files.reading import is_folder
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines
-from cadtof_cli.workflows.resolve.plans import (
-    AppliedCalibration,
-    CapturePlan,
-    new_frames,
-    plan_captures,
-    record_captures,
-)
-from cadtof_cli.workflows.resolve.record import RUN_FILE, input_arguments, read_record
+from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
+from cadtof_cli.workflows.resolve.record import rename_lines
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
+from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN, RUN_FILE, RunRecord, read_record, resumable
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 
@@ -59,22 +52,18 @@ class Arrivals:
         assert self.base is not None
         return captures, self.base
 
-    def keep_earlier(self, document: Mapping[str, Any], plans: Iterable[CapturePlan], /) -> None:
+    def keep_earlier(self, earlier: RunRecord, document: RunRecord, plans: Iterable[CapturePlan], /) -> None:
         """Add what is recorded of the run that is continued to the `document` of this run.
 
         The lines of that run get the names that this run uses.
 
         Raises:
-            OutputError: the record of that run cannot be read.
+            OutputError: `earlier` is not the record of a run.
         """
         out = self.settings.out
-        try:
-            earlier = read_record(out)
-            self.counted = _keep_earlier_inputs(document, plans, earlier)
+        with resumable(out / RUN_FILE):
+            self.counted = document.continue_from(earlier, plans)
             rename_lines(out, earlier)
-        except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-            told = f"{out / RUN_FILE}: not the record of a run, so it cannot be resumed ({error})"
-            raise OutputError(told) from error
 
     def begin(
         self,
@@ -109,21 +98,20 @@ class Arrivals:
             for frame in one.capture.frames:
                 self.sources[frame.name] = self.sources[self.same_name(frame.name)] = frame.paths[0]
 
-    def plans(self, document: Mapping[str, Any], /) -> Iterator[list[CapturePlan]]:
+    def plans(self, document: RunRecord, /) -> Iterator[list[CapturePlan]]:
         """Yield the plans for each batch of paths, and add the batch to the content of `run.json`.
 
         A frame of several files waits for all of its files.
         """
-        arguments = document["arguments"]
-        inputs = set(arguments["resolved_inputs"])
+        inputs = set(document["arguments"]["resolved_inputs"])
         for paths in self.batches:
-            _record_arrivals(paths, inputs, arguments, self.settings.out)
+            document.add_inputs(paths, inputs, self.settings.out)
             yield self._planned(paths, document)
         while self.waiting:
             # no more files will come: each frame is tried with the files that are there
             yield self._planned((), document, last=True)
 
-    def _planned(self, paths: Iterable[Path], document: Mapping[str, Any], *, last: bool = False) -> list[CapturePlan]:
+    def _planned(self, paths: Iterable[Path], document: RunRecord, *, last: bool = False) -> list[CapturePlan]:
         there = self._existing((*self.waiting, *paths))
         self.waiting = []
         found: list[CapturePlan] = []
@@ -132,7 +120,7 @@ class Arrivals:
                 found += self._known(self._captures(named, last=last))
             except CadtofError as error:
                 self.on_failure(failed_input(folder if len(named) > 1 else named[0], error))
-        record_captures(document, found, self.counted)
+        document.add_captures(found, self.counted)
         return found
 
     def _captures(self, paths: Sequence[Path], *, last: bool = False) -> tuple[Capture, ...]:
@@ -181,50 +169,15 @@ class Arrivals:
         return replace(plan, capture=replace(plan.capture, frames=tuple(own)))
 
 
-def _record_arrivals(paths: Iterable[Path], known: set[str], arguments: Mapping[str, Any], out: Path) -> None:
-    """Add paths to the inputs that `run.json` will name, each path once; `known` are the inputs there, links resolved."""
-    for path in paths:
-        if (real := real_path(path)) not in known:
-            known.add(real)
-            for name, values in input_arguments([path], out).items():
-                arguments[name].extend(values)
-
-
 def _earlier_shared_folder(out: Path) -> Path | None:
     """Return the folder whose tree the run in `out` mirrors; None: there is no run in it whose record says so.
 
     A run that continues it may begin with other frames, whose own shared folder would put maps into other places.
     """
     try:
-        return Path(read_record(out)["shared_folder"])
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return read_record(out).shared_folder
+    except (OSError, *NOT_OF_A_RUN):
         return None
-
-
-def _keep_earlier_inputs(
-    document: Mapping[str, Any], plans: Iterable[CapturePlan], earlier: Mapping[str, Any], /
-) -> frozenset[str]:
-    """Put the inputs and captures of the run that is continued before those in the `document` of this run.
-
-    Paths of a run that was started in another folder become absolute. Return the inputs of that run, with links resolved.
-    """
-    then, now = earlier["arguments"], document["arguments"]
-    known = frozenset[str](then["resolved_inputs"])
-    is_here = [str(Path(typed).absolute()) for typed in then["inputs"]] == then["absolute_inputs"]
-    new = [place for place, real in enumerate(now["resolved_inputs"]) if real not in known]
-    for name in input_arguments((), Path()):
-        before = then["absolute_inputs"] if name == "inputs" and not is_here else then[name]
-        now[name] = [*before, *(now[name][place] for place in new)]
-    captures = {one["resolved_root"]: one for one in earlier["captures"]}
-    if not is_here:
-        folders = zip(earlier["captures"], capture_folders(earlier), strict=True)
-        captures = {one["resolved_root"]: {**one, "root": str(folder)} for one, folder in folders}
-    for one, plan in zip(document["captures"], plans, strict=True):
-        before = captures.get(one["resolved_root"], {"files": 0})
-        one["files"] = max(before["files"] + new_frames(plan.capture.frames, known), one["files"])
-        captures[one["resolved_root"]] = one
-    document["captures"][:] = captures.values()
-    return known
 
 
 def _without_incomplete_frames(

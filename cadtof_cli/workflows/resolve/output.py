@@ -3,15 +3,13 @@ only with the same inputs and settings."""
 
 import contextlib
 import json
-import math
 import os
 import platform
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -21,8 +19,9 @@ from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
 from cadtof_cli.units import first_of
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, place_in, read_record, remove_map
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, place_in, remove_map
 from cadtof_cli.workflows.resolve.reports import report_of
+from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN, RUN_FILE, RunRecord, earlier_record, read_record
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 LOCK_FILE = ".cadtof.lock"
@@ -31,23 +30,6 @@ _HELD: set[tuple[int, int]] = set()
 """Folders that this process has locked: the system's locks work between processes only."""
 
 _PLACE_IN_STACK = r"_\d{4,}$"
-
-_CHANGES_NO_MAP = frozenset(
-    (
-        "inputs",
-        "absolute_inputs",
-        "inputs_from_out",
-        "out",
-        "overrides",
-        "calibration",
-        "recursive",
-        "settings",
-        "frames",
-    )
-)
-"""Arguments that may differ when a run is resumed. What they lead to is compared instead, such as the metadata of captures."""
-
-_INPUTS, _FOLDERS, _VERSION = "resolved_inputs", "folders of the frames", "version of cadtof"
 
 
 @contextmanager
@@ -169,12 +151,13 @@ def _require_different(
         named[name] = frame.paths[0]
 
 
-def continues_earlier_run(
-    captures: Sequence[Capture], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
-) -> bool:
-    """Return whether a run continues an earlier run in its folder, after checking that no files get lost. Nothing is changed.
+def earlier_run(
+    captures: Sequence[Capture], document: RunRecord, /, *, settings: ResolveSettings, arriving: bool
+) -> RunRecord | None:
+    """Return the record of the earlier run that a run continues, after checking that no files get lost. Nothing is changed.
 
-    If inputs are still `arriving`, the inputs are not compared, and metadata only of the captures that both runs know.
+    None: there is no earlier run. If inputs are still `arriving`, the inputs are not compared, and metadata only
+    of the captures that both runs know.
 
     Raises:
         OutputError: the folder holds files of a run, and neither `overwrite` nor `resume` is set; or the run to be resumed had
@@ -187,9 +170,14 @@ def continues_earlier_run(
             f"{out}: {first_of(there, 3)} would be replaced; add --overwrite to replace, --resume to go on where a run "
             "stopped, or choose another folder with -o"
         )
-    if there:
-        _require_same_run(out, document, there, arriving=arriving)
-    return bool(there)
+    if not there:
+        return None
+    if not os.path.lexists(out / RUN_FILE):
+        raise OutputError(
+            f"{out}: cannot resume: found {first_of(there, 3)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
+            "add --overwrite, or choose another folder with -o"
+        )
+    return earlier_record(out, document, arriving=arriving)
 
 
 def _existing_outputs(out: Path, captures: Sequence[Capture]) -> list[str]:
@@ -215,8 +203,8 @@ def remove_run(out: Path, /) -> None:
         OutputError: a file cannot be removed.
     """
     path, called = out / FRAMES_FILE, out
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        called = Path(read_record(out)["arguments"]["out"])
+    with contextlib.suppress(OSError, *NOT_OF_A_RUN):
+        called = read_record(out).out
     with writing(path):
         if path.is_file() and not path.is_symlink():
             with path.open("rb") as lines:
@@ -225,60 +213,3 @@ def remove_run(out: Path, /) -> None:
                         remove_map(out, out / place_in(called, Path(report.output)), report)
         path.unlink(missing_ok=True)
         sync_folder(out)
-
-
-def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:
-    path = out / RUN_FILE
-    if not os.path.lexists(path):
-        raise OutputError(
-            f"{out}: cannot resume: found {first_of(there, 3)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
-            "add --overwrite, or choose another folder with -o"
-        )
-    try:
-        earlier = read_record(out)
-        before = _what_decides_maps(earlier)
-        # needed to find the lines of frames
-        Path(earlier["arguments"]["out"])
-        frames, frames_now = (_range_of_frames(one["arguments"].get("frames")) for one in (earlier, document))
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-        raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
-    # the lines of frames that are left out would be lost, while their maps would stay
-    if frames_now[0] > frames[0] or frames_now[1] < frames[1]:
-        raise OutputError(
-            f"{path}: cannot resume: --frames leaves out frames of the earlier run; give the same frames or more, or --overwrite"
-        )
-    now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
-    if arriving:
-        del now[_INPUTS]
-    if arriving or set(before[_FOLDERS]).issubset(now[_FOLDERS]):
-        # a tree of captures may have grown; nothing is recorded of the new ones
-        del now[_FOLDERS]
-        now = {name: value for name, value in now.items() if name in before}
-    for name, value in now.items():
-        if before.get(name) != value:
-            raise OutputError(
-                f"{path}: cannot resume: {name} was {before.get(name)!r} and is {value!r} now; "
-                f"{'use that version' if name == _VERSION else 'give the same options'}, or --overwrite"
-            )
-
-
-def _range_of_frames(chosen: Sequence[int | None] | None) -> tuple[float, float]:
-    """Return where a range of `--frames` begins and ends; None: all frames."""
-    first, end = chosen or (None, None)
-    return float(first or 0), math.inf if end is None else float(end)
-
-
-def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return everything that decides the maps of a run (inputs, options, metadata, calibration), by names that a user knows."""
-    captures = document["captures"]
-    deciding: dict[str, Any] = {_VERSION: document["cadtof"]}
-    deciding[_FOLDERS] = [str(capture.get("resolved_root")) for capture in captures]
-    arguments = document["arguments"]
-    deciding |= {name: value for name, value in arguments.items() if name not in _CHANGES_NO_MAP}
-    deciding["digest of the calibration"] = (document["calibration"] or {}).get("digest")
-    for capture in captures:
-        for table, keys in capture["metadata"].items():
-            deciding |= {f"{capture.get('resolved_root')}: {table}.{key}": value for key, value in keys.items()}
-    return deciding

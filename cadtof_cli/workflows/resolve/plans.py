@@ -1,11 +1,9 @@
-"""The plans of a run, made before anything is written: what is done with each capture, which calibration is applied, and what
-`run.json` says about both."""
+"""The plans of a run, made before anything is written: what is done with each capture, and which calibration is
+applied."""
 
 import itertools
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
-from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,8 +12,6 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
-from cadtof_cli.files.reading import real_path
-from cadtof_cli.files.system import path_from
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
@@ -23,12 +19,8 @@ from cadtof_cli.phasors.uncalibrated import camera_doubts
 from cadtof_cli.pipeline.frame import calibrated_doubts
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.kernels import chosen_kernel
-from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import counted
-from cadtof_cli.version import __version__
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
-from cadtof_cli.workflows.resolve.record import input_arguments
 from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -216,84 +208,6 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
     if wrong:
         raise FrameError(wrong[0])
     return None
-
-
-def run_document(
-    inputs: Sequence[Path],
-    settings: ResolveSettings,
-    plans: Sequence[CapturePlan],
-    calibration: AppliedCalibration | None,
-    shared_folder: Path,
-) -> dict[str, Any]:
-    """Return the content of `run.json` when a run begins. The arguments in it have the names of the options.
-
-    `shared_folder` is the folder whose tree the run's folder mirrors.
-    """
-    maps, applied = settings.maps, None
-    if calibration is not None:
-        folder = calibration.use.folder
-        applied = {
-            "folder": str(folder),
-            "digest": calibration.use.digest,
-            "applied": dict(calibration.parts),
-            "absolute_folder": str(folder.absolute()),
-            "folder_from_out": path_from(settings.out, folder),
-        }
-    document = {
-        "cadtof": __version__,
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "finished": False,
-        "kernel": chosen_kernel(),
-        "arguments": {
-            **input_arguments(inputs, settings.out),
-            "out": settings.out.as_posix(),
-            **asdict(maps.resolver),
-            "min_confidence": maps.min_confidence_v,
-            # every setting must be here, because --resume compares them
-            **{one: value for one, value in vars(maps).items() if one not in {"resolver", "min_confidence_v", "roi"}},
-            "calibration": settings.calibration and str(settings.calibration),
-            "map_format": settings.map_format,
-            "roi": maps.roi,
-            "recursive": settings.recursive,
-            "settings": settings.settings_file and str(settings.settings_file.absolute()),
-            "frames": settings.frames and [settings.frames.start, settings.frames.stop],
-            "overrides": dict(settings.overrides),
-        },
-        "shared_folder": str(shared_folder),
-        "captures": list[dict[str, Any]](),
-        "calibration": applied,
-        "layers": {name: unit for one in plans for name, unit in one.plan.header.units.items()},
-        "status_bits": {bit.name: int(bit) for bit in StatusBit},
-    }
-    record_captures(document, plans)
-    return document
-
-
-def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan], counted: Collection[str] = ()) -> None:
-    """Add captures to the content of `run.json`; of a capture that is there already, only the number of files grows.
-
-    Frames are not counted again if their first file is among those that an earlier run has `counted`.
-    """
-    by_root = {entry["root"]: entry for entry in document["captures"]}
-    for one in plans:
-        capture = one.capture
-        known = by_root.get(str(capture.root))
-        if known is None:
-            known = by_root[str(capture.root)] = {
-                "root": str(capture.root),
-                "resolved_root": real_path(capture.root),
-                "files": 0,
-                "metadata": asdict(capture.source.metadata),
-                "origins": dict(capture.source.origins),
-                "lossy_compression": one.lossy_compression,
-            }
-            document["captures"].append(known)
-        known["files"] += new_frames(capture.frames, counted)
-
-
-def new_frames(frames: Sequence[FrameSource], counted: Collection[str], /) -> int:
-    """Return how many frames have a first file that is none of the files in `counted`, whose links are resolved."""
-    return sum(real_path(frame.paths[0]) not in counted for frame in frames) if counted else len(frames)
 
 
 def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:

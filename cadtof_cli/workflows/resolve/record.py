@@ -7,50 +7,26 @@ import json
 import os
 import stat
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, field, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writing
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.files.reading import read_text, real_path
-from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, path_from, read_at
+from cadtof_cli.files.reading import real_path
+from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import first_of
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, report_of
+from cadtof_cli.workflows.resolve.run_json import RUN_FILE, RunRecord
 
-RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
-
-
-def read_record(folder: Path, /) -> dict[str, Any]:
-    """Return the content of the `run.json` of a folder.
-
-    Raises:
-        OSError, ValueError, TypeError: there is no such file, or it is not a JSON object.
-    """
-    try:
-        return dict(json.loads(read_text(folder / RUN_FILE, most_bytes=None)))
-    except UnicodeDecodeError as error:
-        raise ValueError(f"not UTF-8 text: byte {error.start}") from error
-    except RecursionError as error:
-        raise ValueError("lists or objects are nested hundreds of levels deep") from error
-
-
-def input_arguments(inputs: Sequence[Path], out: Path, /) -> dict[str, list[str]]:
-    """Return the arguments in `run.json` that name inputs: as typed, absolute, from the run's folder, and with links resolved."""
-    return {
-        "inputs": [str(path) for path in inputs],
-        "absolute_inputs": [str(path.absolute()) for path in inputs],
-        "inputs_from_out": [path_from(out, path) for path in inputs],
-        "resolved_inputs": [real_path(path) for path in inputs],
-    }
 
 
 @dataclass
@@ -75,7 +51,7 @@ class RunRecorder:
     """
 
     path: Path
-    document: Mapping[str, Any]
+    document: RunRecord
     lines: BinaryIO
     resumed: bool
     arriving: bool
@@ -277,30 +253,59 @@ def _is_old_map(place: Path, report: FrameReport) -> bool:
     return False
 
 
+def rename_lines(out: Path, earlier: RunRecord, /) -> None:
+    """Name frames and maps in `frames.jsonl` as a run does that is started here and calls its folder `out`.
+
+    The lines of frames that a continued run does not name again are kept. Their paths are relative to the folder in which the
+    earlier run was started; `earlier` is the content of its `run.json`.
+
+    Raises:
+        LookupError, TypeError: it is not the record of a run.
+        OutputError: the file cannot be written.
+    """
+    called, start = earlier.out, earlier.start_folder()
+    is_here = start in (Path(), Path.cwd())
+    path = out / FRAMES_FILE
+    if (called == out and is_here) or not path.is_file():
+        return
+    with writing(path), atomic_write(path) as temporary, path.open("rb") as lines, temporary.open("wb") as renamed:
+        for line in lines:
+            if report := report_of(line):
+                output = report.output and Path(report.output)
+                if output and output.is_relative_to(called):
+                    report = replace(report, output=(out / output.relative_to(called)).as_posix())
+                if not is_here:
+                    report = replace(report, source=str(start / report.source))
+                line = json.dumps(report.as_json()).encode() + b"\n"
+            renamed.write(line)
+
+
 @contextmanager
 def recorded_run(
-    out: Path, document: Mapping[str, Any], /, *, resume: bool, arriving: bool, say: Callable[[str], None]
+    out: Path, document: RunRecord, /, *, earlier: RunRecord | None, arriving: bool, say: Callable[[str], None]
 ) -> Iterator[RunRecorder]:
     """Write a run's `run.json`, and yield a recorder that holds its `frames.jsonl` open for the reports on its frames.
+
+    `earlier` is the record of the run that it continues; None: there is none.
 
     Raises:
         OutputError: one of the two cannot be written; or the `frames.jsonl` to be resumed holds other lines than reports.
     """
     path, run = out / FRAMES_FILE, out / RUN_FILE
-    if not resume:
+    if earlier is None:
         # the settings come first: without them, the lines would be taken for lines of the next run
         write_json(run, document)
     with writing(path):
-        if not resume:
+        if earlier is None:
             path.unlink(missing_ok=True)
         lines = os.fdopen(os.open(path, OPEN_OR_CREATE_FLAGS, 0o666), "r+b", buffering=0)
-    recorder = RunRecorder(path, document, lines, resume, arriving, say)
+    recorder = RunRecorder(path, document, lines, earlier is not None, arriving, say)
     try:
         if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
             raise not_written(path, OSError("found no regular file there"))
-        if resume:
+        if earlier is not None:
             # the lines of a run with arriving frames have been renamed (`rename_lines`)
-            recorder.find_lines(out if arriving else Path(read_record(out)["arguments"]["out"]))
+            recorder.find_lines(out if arriving else earlier.out)
             write_json(run, document)
         try:
             yield recorder

@@ -25,7 +25,7 @@ from cadtof_cli.units import counted
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import (
-    continues_earlier_run,
+    earlier_run,
     locked,
     remove_run,
     require_inside,
@@ -37,11 +37,11 @@ from cadtof_cli.workflows.resolve.plans import (
     CapturePlan,
     plan_captures,
     pooling_notes,
-    run_document,
     use_calibration,
 )
 from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, failed_input
+from cadtof_cli.workflows.resolve.run_json import run_document
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -86,13 +86,13 @@ def resolve_captures(
     require_own_places(captures, settings.out)
     document = run_document(inputs, settings, plans, calibration, base)
     is_arriving = arrivals is not None
-    resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=is_arriving)
+    find_earlier = partial(earlier_run, captures, document, settings=settings, arriving=is_arriving)
     if settings.dry_run:
-        resumes()
+        find_earlier()
         return _dry_run(plans, settings, captures, failed, on_frame)
     make_folder(settings.out)
     with locked(settings.out):
-        resumed = resumes()
+        earlier = find_earlier()
         same_name = require_own_names(captures, settings.out)
         if settings.overwrite or settings.resume:
             remove_partial_files(settings.out)
@@ -106,9 +106,9 @@ def resolve_captures(
             first = run.outcomes(plans)
             if settings.overwrite:
                 remove_run(settings.out)
-            if resumed and arrivals:
-                arrivals.keep_earlier(document, plans)
-            record = recorded_run(settings.out, document, resume=resumed, arriving=is_arriving, say=progress.say)
+            if earlier and arrivals:
+                arrivals.keep_earlier(earlier, document, plans)
+            record = recorded_run(settings.out, document, earlier=earlier, arriving=is_arriving, say=progress.say)
             with record as run.record:
                 for report in failed:
                     run.report(report)
