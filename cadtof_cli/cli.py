@@ -138,12 +138,12 @@ def main() -> NoReturn:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.unraisablehook = _raised_again
     debug = "--debug" in sys.argv[1:2]
-    if instruction := os.environ.get(COMPLETE):
-        from click.shell_completion import shell_complete
-
-        sys.exit(shell_complete(cli, {}, PROGRAM, COMPLETE, instruction))
     status = 0
     try:
+        if instruction := os.environ.get(COMPLETE):
+            from click.shell_completion import shell_complete
+
+            sys.exit(shell_complete(cli, {}, PROGRAM, COMPLETE, instruction))
         arguments = expanded(sys.argv[1:])
         _require_words(arguments)
         # as `cli.main` does, but with our own exit status if the reader of stdout is gone; --help ends by raising Exit

@@ -60,6 +60,10 @@ def no_memory_for(frame: object) -> UnreadableError:
     return UnreadableError(f"{frame}: not enough memory for a frame of this size: try fewer --jobs, or more memory")
 
 
+class NoiseError(FrameError):
+    """A frame whose noise is needed, but is neither given nor seen in the frame. The message names no frame."""
+
+
 class OutputError(CadtofError):
     """A place that cannot be written, or that holds files a run would replace."""
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Stored
-from cadtof_cli.errors import FrameError
+from cadtof_cli.errors import NoiseError
 from cadtof_cli.phasors.noise import MOST_INTEGRATION, NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
@@ -30,7 +30,7 @@ def estimated_noise(
         recordings: the median of `samples`; 1 without them.
 
     Raises:
-        FrameError: too few neighbouring pixels of the frame are finite and not saturated.
+        NoiseError: too few neighbouring pixels of the frame are finite and not saturated.
     """
     stored, size = recorded.reshape(*recorded.shape[:2], -1), (recorded.shape[2], recorded.shape[3])
     metadata, quantised = stages.plan.metadata, dtype.kind in "iu"
@@ -43,7 +43,7 @@ def estimated_noise(
             alike.reshape(-1, *size), metadata, quantised=quantised, samples=recordings, variances=variances
         )
         if math.isnan(estimate):
-            raise FrameError(
+            raise NoiseError(
                 "the integration length is unknown and the noise cannot be estimated: too few neighbouring pixels are finite "
                 "and not saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
             )

@@ -242,7 +242,10 @@ def test_a_frame_whose_noise_cannot_be_estimated_fails(tmp_path: Path) -> None:
     (capture.folder / "capture.toml").write_text(text)
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "estimated", "-j", 1)
     assert done.status == 1
-    assert "the noise cannot be estimated: too few neighbouring pixels are finite and not saturated" in done.err
+    assert (
+        f"failed: {capture.files[0]}: the integration length is unknown and the noise cannot be estimated" in done.err
+    )
+    assert "too few neighbouring pixels are finite and not saturated" in done.err
     assert "set integration_length under [pixel] in capture.toml, or --integration-length" in done.err
 
 

@@ -65,6 +65,20 @@ def test_bash_completes_commands_and_options(typed: tuple[str, ...], completed: 
     assert done.stdout.split() == [completed]
 
 
+@pytest.mark.parametrize(
+    ("script", "status", "message"),
+    [
+        ("cadtof > /dev/full", 2, "Error: standard output: cannot be written: No space left on device\n"),
+        ("{ sleep 1; cadtof; echo $? >&2; } | true", 0, "141\n"),
+    ],
+)
+def test_a_completion_script_that_cannot_be_written_is_reported(script: str, status: int, message: str) -> None:
+    environment = {**os.environ, "_CADTOF_COMPLETE": "bash_source"}
+    command = [needed_program("bash"), "-c", script]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (status, message)
+
+
 @pytest.mark.parametrize(("typed", "completed"), [("cadtof res", "resolve"), ("cadtof resolve --recu", "--recursive")])
 def test_fish_completes_commands_and_options(typed: str, completed: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)

@@ -203,6 +203,23 @@ def test_frames_of_the_run_without_maps_are_counted(tmp_path: Path) -> None:
     assert (done.status, done.err) == (0, told)
 
 
+def test_a_run_that_has_not_finished_is_told(tmp_path: Path) -> None:
+    """Else the errors of a run that was stopped after its first frame look like those of all frames."""
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    truth = _truth(tmp_path / "truth.exr")
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
+    assert cadtof("evaluate", out, "--truth", truth).err == ""
+    # as a killed run leaves them
+    (out / "frame_1.tif").unlink()
+    (out / "frames.jsonl").write_text((out / "frames.jsonl").read_text().splitlines(keepends=True)[0])
+    run = json.loads((out / "run.json").read_text())
+    (out / "run.json").write_text(json.dumps({**run, "finished": False, "totals": None}))
+    done = cadtof("evaluate", out, "--truth", truth, "--json")
+    told = f"{out}: the run has not finished: only the maps that it has written are compared\n"
+    assert (done.status, done.err, json.loads(done.out)["frames"]) == (0, told, 1)
+    assert cadtof("evaluate", out / "frame_0.tif", "--truth", truth).err == ""
+
+
 def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:
     """Two links to the folder that they lie in make 2⁴⁰ paths before the system reports too many links."""
     capture, out = record(tmp_path / "capture"), tmp_path / "out"

@@ -121,9 +121,15 @@ def test_a_frame_without_a_finite_value(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", form="exr")
     nothing = np.full((24, 32), np.nan, np.float32)
     write_exr(capture.files[0], dict.fromkeys(PLANE_NAMES, nothing))
-    facts = _facts(capture.folder)
+    done = cadtof("info", capture.folder, "-j", 1, "--json")
+    wrong = f"{capture.files[0]}: no pixel has an answer (100.0% not finite)"
+    assert (done.status, done.err) == (1, f"wrong: {wrong}\n")
+    facts = json.loads(done.out, parse_constant=_refuse)
     assert (facts["not_finite"], facts["saturated"], facts["planes"]) == (1.0, 0.0, {})
-    assert cadtof("info", capture.folder, "-j", 1).status == 0
+    assert facts["problems"] == [wrong]
+    # `resolve` says the same
+    done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--integration-length", 1e5)
+    assert (done.status, f"failed: {wrong}\n" in done.err) == (1, True)
 
 
 def test_infinite_values_are_counted(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.layers import read_layers, write_layers
+from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.units import counted
@@ -54,6 +55,8 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
             progress.say(f"{maps}: {counted(lost, 'frame')} of the run without maps, not compared: see {FRAMES_FILE}")
     except CaptureError as error:
         progress.say(f"frames of the run without maps are not counted: {error}")
+    if is_folder(maps) and run.record is not None and not run.record.get("finished"):
+        progress.say(f"{maps}: the run has not finished: only the maps that it has written are compared")
     recorded = first_phasors(run, progress.say)
     whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.advance(0, total=len(files))

@@ -25,7 +25,7 @@ from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import estimated_integration_length
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
-from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.status import StatusBit, why_no_answer
 from cadtof_cli.workflows.inspect.layers import first_sound_layers
 from cadtof_cli.workflows.map_files import map_files
 from cadtof_cli.workflows.run_folder import is_run_folder, read_run
@@ -115,7 +115,10 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
         integration_length_seen=estimated_integration_length(
             phasors.reshape(-1, *stored.shape[2:]), metadata, quantised=stored.dtype.kind in "iu"
         ),
-        implausible=implausible(stored, metadata) or "; ".join(doubts(stored, metadata)) or None,
+        implausible=implausible(stored, metadata)
+        or (why_no_answer(np.array([StatusBit.NOT_FINITE], np.uint16)) if facts.not_finite == 1.0 else None)
+        or "; ".join(doubts(stored, metadata))
+        or None,
     )
 
 

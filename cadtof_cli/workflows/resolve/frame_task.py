@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
-from cadtof_cli.errors import CadtofError, FrameError, PlaceError, SettingsError, UnreadableError, no_memory_for
+from cadtof_cli.errors import (
+    CadtofError,
+    FrameError,
+    NoiseError,
+    PlaceError,
+    SettingsError,
+    UnreadableError,
+    no_memory_for,
+)
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
@@ -125,9 +133,9 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
             return work(task, *arguments)
         except NotAFrameError as error:
             status, failed = "skipped", error
-        except SettingsError as error:
-            # its message says what the settings do not fit, but not in which frame
-            failed = SettingsError(f"{source}: {error}")
+        except (SettingsError, NoiseError) as error:
+            # its message says what is wrong, but not in which frame
+            failed = type(error)(f"{source}: {error}")
         except CadtofError as error:
             failed = error
         except MemoryError:
