@@ -78,6 +78,28 @@ def test_extensions_know_before_python_h_whether_there_is_a_stable_abi(sources: 
     assert [".abi3." in name for name in compiled] == 2 * [not disabled]
 
 
+@pytest.mark.parametrize(
+    ("largest", "machine", "expected"),
+    [
+        (2**31 - 1, "i686", True),
+        (2**31 - 1, "x86_64", True),
+        (2**31 - 1, "armv7l", False),
+        (2**63 - 1, "x86_64", False),
+    ],
+)
+def test_on_32_bit_x86_the_compiler_is_told_to_use_sse2(largest: int, machine: str, expected: bool) -> None:
+    """Without these flags it uses the x87 unit, which rounds otherwise, and no kernel is built. Elsewhere it knows neither."""
+    lines = (
+        "import platform, runpy, sys",
+        f"sys.maxsize, sys.argv, platform.machine = {largest}, ['setup.py', '-q', '--name'], lambda: {machine!r}",
+        "print(runpy.run_path('setup.py')['UNIX_FLAGS'])",
+    )
+    words = [sys.executable, "-c", "; ".join(lines)]
+    done = subprocess.run(words, cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    flags = done.stdout.splitlines()[-1]
+    assert ["'-msse2'" in flags, "'-mfpmath=sse'" in flags] == [expected, expected]
+
+
 def build_in_checkout(sources: Path, compiler: str) -> list[str]:
     """Build in place, and return the extensions that the checkout then has."""
     given = {"CC": compiler, "LDSHARED": f"{compiler} -shared"}

@@ -113,17 +113,22 @@ class Calibration:
     def stale(self) -> tuple[str, ...]:
         """Return a sentence for each part that should be measured again.
 
-        Such a part was measured with another version of an earlier part than the folder has. Or it is a dark part of 0.1.0 from
-        one frame: 0.1.0 recorded no noise for it.
+        Such a part was measured with another version of an earlier part than the folder has, or only one of them has such a
+        part. Or it is a dark part of 0.1.0 from one frame: 0.1.0 recorded no noise for it.
         """
-        noiseless = self.dark is not None and not any(self.dark.offset_stderr_v())
-        others = tuple(
-            f"the {part.kind} calibration was measured with another {kind} calibration: repeat `cadtof calibrate {part.kind}`"
-            for part in self.parts
-            for kind in PART_KINDS[: PART_KINDS.index(part.kind)]
-            if part.origin.used.get(kind) != self.digests.get(kind)
-        )
-        return (NO_NOISE, *others) if noiseless else others
+        found = [NO_NOISE] if self.dark is not None and not any(self.dark.offset_stderr_v()) else []
+        for part in self.parts:
+            for kind in PART_KINDS[: PART_KINDS.index(part.kind)]:
+                then, now = part.origin.used.get(kind), self.digests.get(kind)
+                if then == now:
+                    continue
+                again = f"repeat `cadtof calibrate {part.kind}`"
+                if now is None:
+                    how = f"with a {kind} calibration, which is missing here: bring back {kind}.toml and {kind}.exr, or {again}"
+                else:
+                    how = f"{'without a' if then is None else 'with another'} {kind} calibration: {again}"
+                found.append(f"the {part.kind} calibration was measured {how}")
+        return tuple(found)
 
 
 def digest_of(part: Part, /) -> str:

@@ -68,8 +68,8 @@ def info(
     \b
     Exit status:
       0  no problem found
-      1  a capture or map has a problem, reported on stderr
-      2  wrong usage or settings, or nothing to show
+      1  an input has a problem, reported on stderr
+      2  wrong usage, or nothing to show
     """
     from cadtof_cli.workflows.inspect.facts import CalibrationFacts, MapFacts
     from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into

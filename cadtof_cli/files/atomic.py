@@ -170,8 +170,14 @@ def make_folder(path: Path, /) -> None:
 
 
 def require_new(path: Path, /, *, overwrite: bool) -> None:
-    """Raise OutputError if `path` exists already and `overwrite` is not set, before any work is done."""
-    if os.path.lexists(path) and not overwrite:
+    """Raise OutputError, before any work is done, if `path` exists and `overwrite` is not set, or if its name is too long."""
+    try:
+        os.lstat(path)
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise not_written(path, error) from error
+        return
+    if not overwrite:
         raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another place")
 
 
@@ -190,7 +196,7 @@ def new_folder(path: Path, /) -> Iterator[Path]:
     require_absent(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.{os.urandom(16).hex()}{PARTIAL_SUFFIX}")
+        partial = path.with_name(f".{path.name[:40]}.{os.urandom(16).hex()}{PARTIAL_SUFFIX}")
         partial.mkdir()
     except OSError as error:
         raise OutputError(f"{path}: cannot be created: {error.strerror}; choose another name") from error

@@ -1,6 +1,7 @@
 """`cadtof export`, opened again by trimesh, plyfile, pypcd4, OpenCV, Pillow and numpy."""
 
 import csv
+import shutil
 import tracemalloc
 from collections.abc import Sequence
 from pathlib import Path
@@ -223,6 +224,17 @@ def test_a_file_is_replaced_only_with_overwrite(tmp_path: Path) -> None:
     assert cloud.read_text() == "somebody's own"
     assert cadtof("export", out, "-o", cloud, "--overwrite").status == 0
     assert len(_ply(cloud)["x"]) == 24 * 32
+
+
+def test_no_file_is_written_if_the_name_of_one_is_too_long(tmp_path: Path) -> None:
+    """A map may have a name as long as the system allows. With the name of OUT before it, that is too long."""
+    (one,) = _maps(tmp_path).glob("*.tif")
+    last = one.with_name("z" * 251 + ".tif")
+    shutil.copy(one, last)
+    refused = cadtof("export", one, last, "-o", tmp_path / "a.png")
+    assert refused.status == 2
+    assert refused.err.endswith("z.png: cannot be written: File name too long\n")
+    assert not list(tmp_path.glob("*.png"))
 
 
 def test_no_file_is_written_if_one_of_several_exists(tmp_path: Path) -> None:

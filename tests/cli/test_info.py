@@ -155,6 +155,20 @@ def test_problems_are_reported_with_status_1(tmp_path: Path) -> None:
     assert (facts["frames"], facts["containers"]) == (3, {"tif": 2})
 
 
+def test_an_input_with_wrong_settings_does_not_hide_the_others(tmp_path: Path) -> None:
+    good, wrong = (record(tmp_path / name, form="exr").folder for name in ("good", "wrong"))
+    (wrong / "capture.toml").write_text("[modulation]\nperiods_ns = [40.0, 0.0]\n")
+    done = cadtof("info", wrong, good, tmp_path / "none", "-j", 1, "--json")
+    assert [Path(json.loads(line)["root"]).name for line in done.out.splitlines()] == ["good", "wrong", "none"]
+    settings, absent = done.err.splitlines()
+    assert settings.startswith(f"wrong: {wrong / 'capture.toml'}: modulation.periods_ns: found 0.0, expected")
+    assert absent.startswith(f"wrong: {tmp_path / 'none'}: no such file or folder")
+    assert done.status == 1
+    # if there is nothing to show, that is wrong usage
+    alone = cadtof("info", wrong, tmp_path / "none", "-j", 1)
+    assert (alone.status, alone.out) == (2, "")
+
+
 def test_a_file_that_is_no_frame_is_named(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     write_exr(capture.folder / "depth.exr", {"direct.depth": step_truth().astype(np.float32)})

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import pytest
 from cadtof_cli.files.layers import write_layers
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.workflows.resolve import frame_task
 from tests.support.captures import TOML, Recorded, counts_of, layers_of, record, write_frame, write_pages
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import Finished, cadtof, program, without_privilege
@@ -182,6 +184,25 @@ def test_a_frame_that_was_only_touched_is_kept(tmp_path: Path) -> None:
     assert (done.status, _skipped(done)) == (0, 3)
     assert _resolve(capture.folder, "-o", fresh).status == 0
     require_same_run(out, fresh)
+
+
+def test_only_frames_that_were_touched_are_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To resume a run of thousands of frames must not take the time of reading them all."""
+    capture, out = record(tmp_path / "A", frames=3), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    read: list[str] = []
+    read_frame = frame_task.read_frame
+
+    def counted(task: frame_task.FrameTask, /) -> tuple[Any, frame_task.Recording]:
+        read.append(task.sources[0].name)
+        return read_frame(task)
+
+    monkeypatch.setattr(frame_task, "read_frame", counted)
+    assert _skipped(_resolve(capture.folder, "-o", out, "--resume", "--json")) == 3
+    assert read == []
+    capture.files[1].touch()
+    assert _skipped(_resolve(capture.folder, "-o", out, "--resume", "--json")) == 3
+    assert read == ["frame_1"]
 
 
 def test_a_frame_that_changed_within_the_same_second_is_resolved_again(

@@ -185,13 +185,14 @@ def _new_folder_fails(path: Path) -> None:
 
 
 def test_a_new_folder_appears_at_the_end_with_the_usual_permissions(tmp_path: Path) -> None:
-    path, usual = tmp_path / "sub/capture", tmp_path / "usual"
+    longest = "c" * 255
+    path, usual = tmp_path / "sub" / longest, tmp_path / "usual"
     usual.mkdir()
     with new_folder(path) as partial:
         (partial / "frame").write_text("all of it")
         assert not path.exists()
     assert (path / "frame").read_text() == "all of it"
-    assert [entry.name for entry in path.parent.iterdir()] == ["capture"]
+    assert [entry.name for entry in path.parent.iterdir()] == [longest]
     assert path.stat().st_mode == usual.stat().st_mode
 
 

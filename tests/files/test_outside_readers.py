@@ -100,7 +100,7 @@ def test_imagemagick_extracts_a_value(tif: Path, maps: DepthMaps, tool: Tool) ->
     assert tool("identify", "-format", "%w %h\n", tif).split() == [str(WIDTH), str(HEIGHT)] * len(NAMES)
     # builds with 16 bits per value keep values between 0 and 1 only, and the voltages of these layers are
     for page, name in ((2, "direct.amplitude"), (6, "confidence")):
-        value = float(tool("identify", "-precision", "9", "-format", "%[fx:p{7,4}]", f"{tif}[{page}]"))
+        value = float(tool("identify", "-precision", "9", "-format", "%[fx:p{7,4}]", Path(f"{tif}[{page}]")))
         assert value == pytest.approx(float(maps.layer(name)[4, 7]), abs=1 / 65535)
 
 

@@ -1,8 +1,11 @@
 """Metadata of a TIFF may come from anywhere: what it promises takes no memory, and the files that it names stay closed."""
 
+import json
 import os
+import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tifffile
 
@@ -71,3 +74,35 @@ def test_an_axis_with_endless_labels_takes_no_memory(tmp_path: Path) -> None:
         tag = file.pages.first.tags["ImageDescription"]
         tag.overwrite(tag.value.replace("</OME>", f"{labels}</OME>"))
     assert "its metadata promises 1,000,000,000,000 planes" in message(path)
+
+
+def _micromanager_file(path: Path, planes: np.ndarray, *, first: int, frames: int) -> None:
+    """Write planes, uint16 (n, Y, X), as the frames from `first` on of a Micro-Manager stack of several files."""
+    summary = json.dumps({"MicroManagerVersion": "1.4", "Frames": frames, "Prefix": "x"}).encode()
+    height, width = planes.shape[1:]
+    size = planes[0].nbytes
+    start = 40 + len(summary) + 8 + 20 * len(planes)
+    # the pixels of a page begin 162 bytes after its directory
+    places = [start + k * (162 + size) for k in range(len(planes))]
+    head = struct.pack(
+        "<2sHI8I", b"II", 42, start, 54773648, 40 + len(summary), 483765892, 0, 99384722, 0, 2355492, len(summary)
+    )
+    index = struct.pack("<2I", 3453623, len(planes))
+    index += b"".join(struct.pack("<5I", 0, 0, first + k, 0, place) for k, place in enumerate(places))
+    pages = b""
+    for place, following, plane in zip(places, [*places[1:], 0], planes, strict=True):
+        tags = {256: width, 257: height, 258: 16, 259: 1, 262: 1, 273: place + 162, 277: 1, 278: height, 279: size}
+        entries = [struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items()]
+        entries.append(struct.pack("<HHII", 51123, 2, len(summary), 40))
+        pages += struct.pack("<H", len(entries)) + b"".join(entries) + struct.pack("<I", following)
+        pages = pages.ljust(place + 162 - start, b"\0") + plane.astype("<u2").tobytes()
+    path.write_bytes(head + summary + index + pages)
+
+
+def test_a_stack_of_micromanager_over_two_files_is_not_called_ome(tmp_path: Path) -> None:
+    planes = known_frame("u2", shape=(5, 8)).reshape(4, 5, 8)
+    for number in (0, 1):
+        part = planes[2 * number : 2 * number + 2]
+        _micromanager_file(tmp_path / f"x_MMStack_{number}.tif", part, first=2 * number, frames=4)
+    told = message(tmp_path / "x_MMStack_0.tif")
+    assert "its metadata spreads it over several files, expected all planes in one file" in told

@@ -2,7 +2,6 @@
 
 import importlib.util
 import os
-import subprocess
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource
 from tests.files.forms import known_frame
 from tests.support.captures import PLANE_NAMES
-from tests.support.outside_tools import MAKERS, outside_tool, plain_environment
+from tests.support.outside_tools import MAKERS, outside_tool, run_among
 
 Writer = Callable[[Path, Stored], Path | tuple[Path, ...]]
 """Writes a frame (H, C, Y, X) into an empty folder; returns its one file, or its planes' files in order."""
@@ -86,9 +85,7 @@ def run(*command: str | Path) -> None:
     program = outside_tool(str(command[0]), os.environ.get("PATH", os.defpath))
     if program is None:
         raise MissingWriterError(f"{MAKERS[str(command[0])].name} is not installed")
-    subprocess.run(
-        [program, *command[1:]], env=plain_environment(), capture_output=True, text=True, timeout=60, check=True
-    )
+    run_among(program, *command[1:]).check_returncode()
 
 
 def need(module: str) -> None:

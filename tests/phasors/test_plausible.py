@@ -84,6 +84,26 @@ def test_counts_scaled_to_one_do_not_pass_for_volts(dtype: type[np.floating]) ->
     assert refusal(np.abs(volts()).astype(dtype)) is None
 
 
+@pytest.mark.parametrize(("bits", "full"), [(10, 1023), (10, 4095), (12, 4095), (12, 16383), (8, 1023), (8, 255)])
+def test_counts_scaled_by_the_largest_value_of_other_bits_do_not_pass_for_volts(bits: int, full: int) -> None:
+    zero, step = 2.0 ** (bits - 1), 0.98 / 2**bits
+    scaled = (np.rint(volts() / step + zero) / full).astype(np.float32)
+    assert f"multiples of 1/{full if full != 255 else 65535}: they look scaled to 0 … 1" in refused(scaled)
+    if full == 2**bits - 1:
+        # advice for other values would lead to a frame of nearly 0 V
+        assert "they look scaled to 0 … 1" in refused(scaled, Voltage(zero_counts=zero, volts_per_count=step))
+
+
+@pytest.mark.parametrize("full_v", [1.0, 1.024, 1.2, 1.8, 2.0, 2.5, 3.3])
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+def test_volts_of_a_converter_are_not_taken_for_scaled_counts(bits: int, full_v: float) -> None:
+    """Near and bright, all voltages of a frame may be positive. Steps are a part of 2ⁿ, not of 2ⁿ - 1."""
+    step = full_v / 2**bits
+    for largest in (12.0 * step, AMPLITUDE_V / 1.5):
+        stored = np.rint(np.random.default_rng(bits).uniform(0.0, largest, (2, 2, 4000)) / step) * step
+        assert refusal(stored.astype(np.float32)) is None
+
+
 def test_saturated_and_nan_pixels_are_left_out() -> None:
     stored = counts().astype(np.float64)
     stored[0, 0, :2000] = 16383.0

@@ -1,4 +1,7 @@
-"""The tables of a page: which frames they list, and what rounding loses."""
+"""The tables of a page: which frames they list, and what rounding loses. The colours of its bar of shares."""
+
+import re
+from importlib.resources import files
 
 import numpy as np
 
@@ -29,3 +32,24 @@ def test_of_thousands_of_failed_frames_the_first_are_listed() -> None:
         assert "lost 500<" not in str(markup)
     assert "2000 failed, 0 skipped; the first 500 of them" in str(failures(page))
     assert "501 of 2001 frames" in str(frame_table(page))
+
+
+def _luminance(colour: str) -> float:
+    """Return the relative luminance of a colour such as #1f5fbf, as WCAG 2 defines it."""
+    parts = np.array([int(colour[place : place + 2], 16) for place in (1, 3, 5)]) / 255.0
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+def test_the_bar_of_shares_is_seen_on_its_ground() -> None:
+    """WCAG 2.1, 1.4.11: a contrast of 3 or more, in light and in dark colours."""
+    style = (files("cadtof_cli.report") / "page" / "page.css").read_text("utf-8")
+    light, dark = (
+        dict(re.findall(r"--([\w-]+): (#\w{6});", block)) for block in re.findall(r":root \{([^}]*)\}", style)[:2]
+    )
+    assert dark["card"] != light["card"]
+    for colours in (light, light | dark):
+        ground = _luminance(colours["card"])
+        for name in (f"share-{number}" for number in range(5)):
+            darker, brighter = sorted((ground, _luminance(colours[name])))
+            assert (brighter + 0.05) / (darker + 0.05) >= 3.0, name

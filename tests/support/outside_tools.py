@@ -67,13 +67,30 @@ def plain_environment() -> dict[str, str]:
     return {**os.environ, "LC_ALL": "C"}
 
 
+def run_among(program: str, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run a program in the folder that holds all of its files, which it gets by their names from there.
+
+    For ImageMagick, a % in a path begins a number of the page.
+    """
+    paths = [one for one in arguments if isinstance(one, Path)]
+    folder = Path(os.path.commonpath([path.parent for path in paths])) if paths else None
+    names = [one.relative_to(folder) if folder and isinstance(one, Path) else one for one in arguments]
+    return subprocess.run(
+        [program, *names],
+        cwd=folder,
+        env=plain_environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
 def run_tool(name: str, *arguments: str | Path) -> str | None:
     """Run a program of another maker and return what it prints; None where it is not installed."""
     program = outside_tool(name, os.environ.get("PATH", os.defpath))
     if program is None:
         return None
-    done = subprocess.run(
-        [program, *arguments], env=plain_environment(), capture_output=True, text=True, timeout=60, check=False
-    )
+    done = run_among(program, *arguments)
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -46,7 +46,7 @@ def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPa
         found = "; ".join(f"{count} of {kind}" for kind, count in kinds.items())
         raise FrameError(f"{path}: found different pages ({found}), expected pages of one size and type")
     if series[0].is_multifile:
-        raise FrameError(f"{path}: its OME metadata spreads it over several files, expected all planes in one file")
+        raise FrameError(f"{path}: its metadata spreads it over several files, expected all planes in one file")
     return series
 
 

@@ -1,9 +1,10 @@
 """`cadtof info`: what captures and map files hold, and what is wrong with them."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -112,8 +113,10 @@ def look_into(
 ) -> list[Facts]:
     """Return what each input holds. All frames of captures are read, so that damaged ones are found.
 
+    An input that does not exist or holds nothing to look into, or whose `capture.toml` is not allowed, has that as a problem.
+
     Raises:
-        CadtofError: an input does not exist or holds nothing to look into, or its `capture.toml` is not allowed.
+        CadtofError: this is so for all inputs.
     """
     found: list[Facts] = []
     recorded: list[Path] = []
@@ -124,22 +127,39 @@ def look_into(
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)
-    captures: Sequence[Capture] = ()
-    if recorded:
-        captures = find_captures(
-            recorded,
-            overrides=overrides,
-            settings_file=settings_file,
-            recursive=recursive,
-            on_unlisted=lambda folder, error: found.append(CaptureFacts(str(folder), problems=[str(error)])),
-        )
+    unlisted: dict[Path, CadtofError] = {}
+    search = partial(
+        find_captures,
+        overrides=overrides,
+        settings_file=settings_file,
+        recursive=recursive,
+        on_unlisted=unlisted.__setitem__,
+    )
+    wrong: dict[Path, CadtofError] = {}
+    try:
+        captures = search(recorded)
+    except CadtofError:
+        wrong = {path: error for path in recorded if (error := _error_of(search, path))}
+        sound = [path for path in recorded if path not in wrong]
+        if not (sound and wrong) and not found:
+            raise
+        captures = search(sound)
     progress.advance(0, total=sum(len(capture.frames) for capture in captures))
     for facts in _facts_of_captures(captures, workers, progress):
         # a search through all folders below an input also finds pictures that are no frames
         if not (facts.frames or facts.problems or recursive):
             facts.problems.append(f"{facts.root}: no frames: none of its files holds the voltages of a frame")
         found.append(facts)
+    found += [CaptureFacts(str(path), problems=[str(error)]) for path, error in (unlisted | wrong).items()]
     return found
+
+
+def _error_of(search: Callable[[Sequence[Path]], Sequence[Capture]], path: Path) -> CadtofError | None:
+    try:
+        search([path])
+    except CadtofError as error:
+        return error
+    return None
 
 
 def _facts_of_captures(captures: Sequence[Capture], workers: Workers, progress: Progress) -> list[CaptureFacts]:
