@@ -195,6 +195,14 @@ def test_frames_of_the_run_without_maps_are_counted(tmp_path: Path) -> None:
     (out / "frame_2.tif").unlink()
     done = cadtof("evaluate", out, "--truth", truth)
     assert done.err == f"{out}: 2 frames of the run without maps, not compared: see frames.jsonl\n"
+    done = cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr")
+    assert done.err == f"{out}: 2 frames of the run without maps, not compared: see frames.jsonl\n"
+    # of a run that was stopped, only the frames before that have lines
+    run = json.loads((out / "run.json").read_text())
+    (out / "run.json").write_text(json.dumps({**run, "finished": False}))
+    done = cadtof("evaluate", out, "--truth", truth)
+    assert "the run has not finished, so frames may be missing" in done.err
+    (out / "run.json").write_text(json.dumps(run))
     # the maps are compared all the same if the record of the frames is lost
     (out / "frames.jsonl").unlink()
     (out / "frames.jsonl").mkdir()

@@ -10,7 +10,7 @@ from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.resolve.places import capture_folders, rename_lines
+from cadtof_cli.workflows.resolve.places import capture_folders
 from cadtof_cli.workflows.resolve.plans import (
     AppliedCalibration,
     CapturePlan,
@@ -62,8 +62,6 @@ class Arrivals:
     def keep_earlier(self, document: Mapping[str, Any], plans: Iterable[CapturePlan], /) -> None:
         """Add what is recorded of the run that is continued to the `document` of this run.
 
-        The lines of that run get the names that this run uses.
-
         Raises:
             OutputError: the record of that run cannot be read.
         """
@@ -71,7 +69,6 @@ class Arrivals:
         try:
             earlier = read_record(out)
             self.counted = _keep_earlier_inputs(document, plans, earlier)
-            rename_lines(out, earlier)
         except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
             told = f"{out / RUN_FILE}: not the record of a run, so it cannot be resumed ({error})"
             raise OutputError(told) from error

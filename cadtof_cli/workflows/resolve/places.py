@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.discovery import absolute
+from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, writing
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, read_record
 from cadtof_cli.workflows.resolve.reports import report_of
 
 
@@ -31,20 +32,23 @@ def _start_folder(arguments: Mapping[str, Any]) -> Path:
     return Path()
 
 
-def rename_lines(out: Path, earlier: Mapping[str, Any], /) -> None:
+def rename_lines(out: Path, /) -> None:
     """Name frames and maps in `frames.jsonl` as a run does that is started here and calls its folder `out`.
 
     The lines of frames that a continued run does not name again are kept. Their paths are relative to the folder in which the
-    earlier run was started; `earlier` is the content of its `run.json`.
+    earlier run was started.
 
     Raises:
-        LookupError, TypeError: it is not the record of a run.
-        OutputError: the file cannot be written.
+        OutputError: the record of the earlier run cannot be read, or the file cannot be written.
     """
-    called, start = Path(earlier["arguments"]["out"]), _start_folder(earlier["arguments"])
-    is_here = start in (Path(), Path.cwd())
     path = out / FRAMES_FILE
-    if (called == out and is_here) or not path.is_file():
+    try:
+        arguments = read_record(out)["arguments"]
+        called, start = Path(arguments["out"]), _start_folder(arguments)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise OutputError(f"{out / RUN_FILE}: not the record of a run, so it cannot be resumed ({error})") from error
+    is_here = start in (Path(), Path.cwd())
+    if (called == out and is_here) or not path.is_file() or not path.stat().st_size:
         return
     with writing(path), atomic_write(path) as temporary, path.open("rb") as lines, temporary.open("wb") as renamed:
         for line in lines:

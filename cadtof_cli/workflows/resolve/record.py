@@ -141,7 +141,11 @@ class RunRecorder:
         if self._removed:
             names = first_of(self._removed, 3)
             self.say(f"{self.path.parent}: removed {names}, because other maps show their recorded frames now")
-        if self.resumed or len(places) < len(self._places):
+        is_new_order = self.resumed or len(places) < len(self._places)
+        if is_new_order and not places:
+            # `atomic_write` refuses an empty file
+            self.lines.truncate(0)
+        elif is_new_order:
             with atomic_write(self.path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, places))
                 # some systems cannot replace an open file
@@ -185,7 +189,7 @@ class RunRecorder:
     def _stays(self, name: str, report: FrameReport) -> bool:
         """Return whether a line about the map called `name` stays. The map is removed if other maps show its frames now."""
         out = self.path.parent
-        if name in self._not_met and (out / name).exists():
+        if name in self._not_met and (out / name).is_file():
             frames = {Path(report.source).name, *(file.name for file in report.files or ())}
             folder = name.rpartition("/")[0]
             if not self._recorded.isdisjoint(f"{folder}/{frame}" for frame in frames):
@@ -194,10 +198,10 @@ class RunRecorder:
                 return False
         return (out / name).is_file()
 
-    def find_lines(self, out: Path, /) -> None:
+    def find_lines(self) -> None:
         """Find the lines of frames that have maps. Cut off a last line that is incomplete because the run was killed.
 
-        `out` is the path that the earlier run had for its folder.
+        The lines have been renamed (`rename_lines`): they call the folder of the run as this run does.
 
         Raises:
             OutputError: a line is not a report on a frame.
@@ -213,7 +217,7 @@ class RunRecorder:
                     raise OutputError(f"{self.path}: not the record of a run, so it cannot be resumed (found: {found})")
                 self._earlier_places.append(end)
                 if report.output is not None:
-                    self._before[place_in(out, Path(report.output))] = end
+                    self._before[place_in(self.path.parent, Path(report.output))] = end
                 end += len(line)
             self.lines.truncate(end)
         self._not_met = set(self._before)
@@ -299,8 +303,7 @@ def recorded_run(
         if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
             raise not_written(path, OSError("found no regular file there"))
         if resume:
-            # the lines of a run with arriving frames have been renamed (`rename_lines`)
-            recorder.find_lines(out if arriving else Path(read_record(out)["arguments"]["out"]))
+            recorder.find_lines()
             write_json(run, document)
         try:
             yield recorder

@@ -32,6 +32,7 @@ from cadtof_cli.workflows.resolve.output import (
     require_own_names,
     require_own_places,
 )
+from cadtof_cli.workflows.resolve.places import rename_lines
 from cadtof_cli.workflows.resolve.plans import (
     AppliedCalibration,
     CapturePlan,
@@ -106,8 +107,10 @@ def resolve_captures(
             first = run.outcomes(plans)
             if settings.overwrite:
                 remove_run(settings.out)
-            if resumed and arrivals:
-                arrivals.keep_earlier(document, plans)
+            if resumed:
+                if arrivals:
+                    arrivals.keep_earlier(document, plans)
+                rename_lines(settings.out)
             record = recorded_run(settings.out, document, resume=resumed, arriving=is_arriving, say=progress.say)
             with record as run.record:
                 for report in failed:
