@@ -300,6 +300,21 @@ def test_a_run_that_resolved_nothing_is_resumed(tmp_path: Path) -> None:
     assert len(lines_of(out)) == 1
 
 
+@pytest.mark.parametrize("last", [b"{}\n", b'{"source": "fr'])
+def test_a_moved_run_whose_last_line_is_no_report(last: bytes, tmp_path: Path) -> None:
+    """A line that was cut off is left out; any other is refused, and then nothing has been changed."""
+    capture, out, moved = record(tmp_path / "A"), tmp_path / "out", tmp_path / "moved"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    out.rename(moved)
+    for whole in ((moved / "frames.jsonl").read_bytes(), b""):
+        (moved / "frames.jsonl").write_bytes(whole + last)
+        done = _resolve(capture.folder, "-o", moved, "--resume")
+        if last.endswith(b"\n"):
+            assert (done.status, (moved / "frames.jsonl").read_bytes()) == (2, whole + last)
+        else:
+            assert (done.status, len(lines_of(moved))) == (0, 1)
+
+
 def test_a_folder_in_the_place_of_a_map_is_not_said_to_be_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,8 +9,7 @@ from typing import Any
 from cadtof_cli.capture.discovery import absolute
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, writing
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, read_record
-from cadtof_cli.workflows.resolve.reports import report_of
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, read_record, required_report
 
 
 def capture_folders(record: Mapping[str, Any], /) -> list[Path]:
@@ -39,7 +38,7 @@ def rename_lines(out: Path, /) -> None:
     earlier run was started.
 
     Raises:
-        OutputError: the record of the earlier run cannot be read, or the file cannot be written.
+        OutputError: the record of the earlier run cannot be read, a line is not a report, or the file cannot be written.
     """
     path = out / FRAMES_FILE
     try:
@@ -52,7 +51,9 @@ def rename_lines(out: Path, /) -> None:
         return
     with writing(path), atomic_write(path) as temporary, path.open("rb") as lines, temporary.open("wb") as renamed:
         for line in lines:
-            if report := report_of(line):
+            # a last line without an end is incomplete, because the run was killed
+            if line.endswith(b"\n"):
+                report = required_report(line, path)
                 output = report.output and Path(report.output)
                 if output and output.is_relative_to(called):
                     report = replace(report, output=(out / output.relative_to(called)).as_posix())

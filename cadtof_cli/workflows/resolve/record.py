@@ -211,10 +211,7 @@ class RunRecorder:
             for line in lines:
                 if not line.endswith(b"\n"):
                     break
-                report = report_of(line)
-                if report is None:
-                    found = line[:40].decode(errors="replace").rstrip()
-                    raise OutputError(f"{self.path}: not the record of a run, so it cannot be resumed (found: {found})")
+                report = required_report(line, self.path)
                 self._earlier_places.append(end)
                 if report.output is not None:
                     self._before[place_in(self.path.parent, Path(report.output))] = end
@@ -247,6 +244,15 @@ class RunRecorder:
         self.lines.close()
         self.lines = copy
         self.say(f"{self.path}: was removed or replaced while frames were resolved; written anew")
+
+
+def required_report(line: bytes, path: Path, /) -> FrameReport:
+    """Return the report that a line of the `frames.jsonl` at `path` holds; raises OutputError if it holds none."""
+    report = report_of(line)
+    if report is None:
+        found = line[:40].decode(errors="replace").rstrip()
+        raise OutputError(f"{path}: not the record of a run, so it cannot be resumed (found: {found})")
+    return report
 
 
 def place_in(out: Path, output: Path, /) -> str:
