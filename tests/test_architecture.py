@@ -1,7 +1,8 @@
-"""docs/architecture.md names every room and file of the package, and nothing else."""
+"""docs/architecture.md names every room and file of the package, and nothing else; all modules keep to the house style."""
 
 import ast
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,26 @@ def test_modules_and_functions_are_short(path: Path) -> None:
         if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef):
             length = (one.end_lineno or one.lineno) - one.lineno + 1
             assert length < 70, f"{path}: {one.name} has {length} lines, which should be steps with names"
+
+
+ARRAY = re.compile(r"(NDArray\[.*\]|Float(32)?|Complex(64)?|Bool|Index|Int64|Status|Stored|Values)( \| None)?")
+
+
+def _public(body: list[ast.stmt]) -> Iterator[ast.FunctionDef]:
+    """Yield the public functions of a module, and those of its public classes."""
+    for one in body:
+        if isinstance(one, ast.FunctionDef) and not one.name.startswith("_"):
+            yield one
+        elif isinstance(one, ast.ClassDef) and not one.name.startswith("_"):
+            yield from _public(one.body)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_arrays_are_positional_only_and_public_functions_are_described(path: Path) -> None:
+    for function in _public(ast.parse(path.read_text(encoding="utf-8")).body):
+        arrays = [
+            one.arg for one in function.args.args if one.annotation and ARRAY.fullmatch(ast.unparse(one.annotation))
+        ]
+        assert not arrays, f"{path}: {function.name} can be called with {', '.join(arrays)} by name: it needs a /"
+        overload = any(ast.unparse(one) == "overload" for one in function.decorator_list)
+        assert overload or ast.get_docstring(function), f"{path}: {function.name} has no docstring"

@@ -117,7 +117,7 @@ def frame_correction(
     )
 
 
-def tabulated_responses(responses: Sequence[HarmonicResponse], phase_rad: Float | None) -> "ResponseBlock | None":
+def tabulated_responses(responses: Sequence[HarmonicResponse], phase_rad: Float | None, /) -> "ResponseBlock | None":
     """Return the responses as tables; None if they have no terms but k = ±1, which the phasor map inverts."""
     if all(response.linear for response in responses):
         return None

@@ -89,7 +89,7 @@ def _plane_names(what: str, harmonics: tuple[int, ...], channels: int) -> list[s
 
 
 def named_planes(
-    what: str, values: NDArray[Any], harmonics: tuple[int, ...], channels: int = 0
+    what: str, values: NDArray[Any], harmonics: tuple[int, ...], channels: int = 0, /
 ) -> dict[str, NDArray[Any]]:
     """Return the planes of values, (H, Y, X) or (H, channels, Y, X), each under its name."""
     return dict(zip(_plane_names(what, harmonics, channels), values.reshape(-1, *values.shape[-2:]), strict=True))

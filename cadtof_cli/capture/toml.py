@@ -72,19 +72,22 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
             raise MetadataError(
                 f"{path}: {table}: found {shortened(repr(content), MOST_LETTERS)}, expected a table [{table}]"
             )
-        given: dict[str, Any] = {}
-        for name, value in content.items():
-            if isinstance(value, dict) and f"{table}.{name}" not in KEYS:
-                # a table in a table, such as [layout.raw]: the key dtype in it is the key raw_dtype of [layout]
-                given |= {f"{name}_{inner}": entry for inner, entry in value.items()}
-            else:
-                given[name] = value
-        for name, value in given.items():
-            if f"{table}.{name}" not in KEYS:
-                known = [key.name for key in KEYS.values() if key.table == table]
-                raise MetadataError(_unknown(f"{path}: unknown key {table}.{name}", name, known))
-            flat[f"{table}.{name}"] = value
+        # the key dtype in [layout.raw] is the key raw_dtype of [layout]
+        raw = content.get("raw") if table == "layout" else None
+        within = {name: value for name, value in content.items() if raw is None or name != "raw"}
+        if raw is not None and not isinstance(raw, dict):
+            raise InvalidValueError("layout.raw", raw, "a table [layout.raw]", str(path))
+        flat |= _known(within, table, f"{table}.", path) | _known(raw or {}, "layout.raw", "layout.raw_", path)
     return flat
+
+
+def _known(content: dict[str, Any], table: str, start: str, path: Path) -> dict[str, Any]:
+    """Return the values of a table by dotted key, which is `start` and the name; refuse keys that are not in the registry."""
+    names = [dotted.removeprefix(start) for dotted in KEYS if dotted.startswith(start)]
+    for name in content:
+        if name not in names:
+            raise MetadataError(_unknown(f"{path}: unknown key {table}.{name}", name, names))
+    return {f"{start}{name}": value for name, value in content.items()}
 
 
 def _unknown(what: str, name: str, known: list[str]) -> str:

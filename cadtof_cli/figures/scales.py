@@ -33,7 +33,7 @@ def signed_limits(*differences: NDArray[np.floating], share: float = 90.0) -> tu
     return -limit, limit
 
 
-def limits_of(values: NDArray[np.floating]) -> tuple[float, float]:
+def limits_of(values: NDArray[np.floating], /) -> tuple[float, float]:
     """Return the range of the finite values without the lowest and the highest half per cent, a little widened.
 
     If all values are equal except for rounding, the range extends by a tenth of the value to both sides.

@@ -25,10 +25,10 @@ _CHANNEL_BEFORE_NUMBER = rf"{_CHANNEL_WORD}[\s._/:-]*"
 _LONGEST_NAME = 256
 """Most letters of a name; a longer text is a description."""
 
-_ROUNDING = 0.02
-"""Largest relative difference between a frequency in a name and a multiple of the fundamental.
+_ROUNDING = 0.03
+"""Largest relative difference between a frequency in a name and a multiple of the fundamental that fits all of them.
 
-Names hold rounded frequencies, such as 33 and 67 MHz.
+Names hold rounded frequencies, such as 17 and 33 MHz.
 """
 
 _OTHER_FREQUENCY = 0.1
@@ -95,6 +95,17 @@ def channels_in_words(names: Sequence[str], /) -> tuple[PlaneLabel, ...]:
     return tuple(PlaneLabel(None, channel) for channel in channels) if even else ()
 
 
+def harmonics_alone_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[PlaneLabel, ...]:
+    """Return the labels that names such as `H1 A` or `50 MHz B` give, which give only the harmonic.
+
+    Every name must give exactly one harmonic, and all harmonics, at least two, must be named equally often. If not, the
+    result is empty.
+    """
+    numbers = harmonics_in_words(names, harmonics) if len(harmonics) > 1 else ()
+    even = all(numbers.count(number) * len(harmonics) == len(names) for number in numbers)
+    return tuple(PlaneLabel(number, None) for number in numbers) if even else ()
+
+
 def channel_in_words(name: str, /) -> int | None:
     """Return the channel that a name gives, as SC1 or SC2 or else as cosine (I) or sine (Q); None: not exactly once."""
     number = _only(_CHANNEL_WORD, name)
@@ -114,7 +125,7 @@ def says_a_harmonic(name: str, /) -> bool:
     label = plane_label(name)
     if label is not None:
         return label.harmonic is not None
-    return _only(_HARMONIC_WORD, name) is not None or _frequency_mhz(name) is not None
+    return harmonic_in_words(name) is not None or _frequency_mhz(name) is not None
 
 
 def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[int, ...]:
@@ -122,7 +133,7 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
 
     Every name must give exactly one harmonic, and every harmonic must be named. If not, the result is empty.
     """
-    numbers = [_only(_HARMONIC_WORD, name) for name in names]
+    numbers = [harmonic_in_words(name) for name in names]
     if None not in numbers:
         found = tuple(int(number) for number in numbers if number)
         return found if len(set(found)) == len(harmonics) else ()
@@ -131,14 +142,14 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     if len(frequencies) < len(names) or len(different) != len(harmonics):
         return ()
     numbers_of = dict(zip(different, harmonics, strict=True))
-    fundamental = different[0] / harmonics[0]
+    fundamental = sum(different) / sum(harmonics)
     in_ratio = all(abs(one - number * fundamental) < _ROUNDING * one for one, number in numbers_of.items())
     return tuple(numbers_of[one] for one in frequencies) if in_ratio else ()
 
 
 def require_own_frequencies(names: Sequence[str], layout: FrameLayout, *, where: str) -> None:
     """Raise FrameError if names give as many frequencies or periods as the capture has harmonics, but others."""
-    if layout.period_ns is None or all(_only(_HARMONIC_WORD, name) for name in names):
+    if layout.period_ns is None or all(map(harmonic_in_words, names)):
         return
     expected = [1e3 * harmonic / layout.period_ns for harmonic in layout.harmonics]
     given = [_frequency_mhz(name) for name in names]
@@ -160,6 +171,11 @@ def _frequency_mhz(name: str) -> float | None:
     if frequency is not None:
         return float(frequency)
     return 1e3 / float(period) if period is not None and float(period) > 0.0 else None
+
+
+def harmonic_in_words(name: str, /) -> str | None:
+    """Return the number of the harmonic in a name such as `H2 A` or `rec_h2.tif`; None: not exactly once."""
+    return _only(_HARMONIC_WORD, name)
 
 
 def _only(word: str, name: str) -> str | None:

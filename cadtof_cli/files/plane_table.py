@@ -11,6 +11,7 @@ from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels, plan
 from cadtof_cli.files.named_planes import (
     PlaneLabel,
     channels_in_words,
+    harmonics_alone_in_words,
     labels_in_words,
     plane_label,
     planes_in_order,
@@ -41,7 +42,8 @@ def plane_table(
     named = {place: label for place, name in enumerate(names) if (label := plane_label(name))}
     if names and not named:
         require_own_frequencies(names, layout, where=where)
-        named = dict(enumerate(labels_in_words(names, layout.harmonics) or channels_in_words(names)))
+        whole = labels_in_words(names, layout.harmonics)
+        named = dict(enumerate(whole or channels_in_words(names) or harmonics_alone_in_words(names, layout.harmonics)))
     if not named:
         return _table_by_order(labels, sizes, layout, where)
     if math.prod(sizes) == layout.planes:

@@ -17,6 +17,9 @@ from tests.support.run_cadtof import cadtof, program, without_privilege
 METADATA = [
     ("[modulation]\nperiod_ns = [40.0]\n", "unknown key modulation.period_ns; did you mean periods_ns? allowed: periods_ns"),
     ("[modulaton]\n", "unknown table [modulaton]; did you mean modulation? allowed: modulation, pixel"),
+    ("[layout.raw]\nraw_shape = [4, 4]\n", "unknown key layout.raw.raw_shape; did you mean shape? allowed: dtype, shape, offset"),
+    ("[layout]\nraw = 5\n", "layout.raw: found 5, expected a table [layout.raw]"),
+    ("[optics.focal]\nlength_px = 5.0\n", "unknown key optics.focal; allowed: focal_length_px"),
     ("modulation = 3\n", "modulation: found 3, expected a table [modulation]"),
     ("[pixel\n", "not valid TOML: "),
     ("[pixel]\nintegration_length = 1e5\nintegration_length = 2e5\n", "not valid TOML: "),

@@ -121,7 +121,7 @@ def test_words_in_an_exr_that_do_not_say_each_plane_once_are_no_frame(names: lis
     "names",
     [
         ["SC2 at H2, no. 1", "SC1 at H2", "SC2, H1", "first"],
-        ["disc1 h2", "disc2 h2", "disc1 h1", "disc2 h1"],
+        ["disc2", "disc1", "disc2", "disc1"],
         ["50 MHz SC1", "50 MHz SC2", "20 MHz SC1", "20 MHz SC2"],
         ["a SC1, SC2 of H1 and H2"] * 4,
         [f"{'a long story of ' * 20} h{harmonic} sc{channel}" for harmonic in (2, 1) for channel in (2, 1)],
@@ -139,6 +139,8 @@ def test_words_that_do_not_say_each_plane_leave_the_order(names: list[str]) -> N
     [
         (["SC2", "SC1", "SC2", "SC1"], [[[1, 0], [3, 2]]]),
         (["H2", "H2", "H1", "H1"], [[[2, 3], [0, 1]]]),
+        (["disc1 h2", "disc2 h2", "disc1 h1", "disc2 h1"], [[[2, 3], [0, 1]]]),
+        (["50 MHz A", "50 MHz B", "25 MHz A", "25 MHz B"], [[[2, 3], [0, 1]]]),
         (["DAPI", "GFP", "", "Cy5"], [[[0, 1], [2, 3]]]),
         (["H1.SC1", "H1.SC2", "H3.SC1", "H3.SC2"], [[[0, 1], [2, 3]]]),
     ],
@@ -146,6 +148,23 @@ def test_words_that_do_not_say_each_plane_leave_the_order(names: list[str]) -> N
 def test_names_that_say_a_part_leave_the_rest_to_the_order(names: list[str], expected: list[list[list[int]]]) -> None:
     harmonics = (1, 3) if "H3.SC1" in names else (1, 2)
     assert plane_table("Q", (4,), FrameLayout(harmonics), where="file", names=names).tolist() == expected
+
+
+@pytest.mark.parametrize("names", [["H1 A", "H2 A", "H1 B", "H2 B"], ["H1.SC0", "H2.SC0", "H1.SC1", "H2.SC1"]])
+def test_pages_whose_names_contradict_their_order_are_refused(names: list[str], tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "frame.tif") as file:
+        for name in names:
+            file.write(np.zeros((2, 3), np.uint16), description=name, metadata=None)
+    with pytest.raises(FrameError, match=r"names mean the same plane|no channel H1.SC2, H2.SC2"):
+        read_stored(FrameSource("frame", (tmp_path / "frame.tif",)), FrameLayout((1, 2)))
+
+
+@pytest.mark.parametrize("rounded", [(17, 33), (33, 67), (14, 29), (13, 25)])
+def test_frequencies_may_be_rounded_to_whole_numbers(rounded: tuple[int, int]) -> None:
+    """Periods of 60, 30, 70 and 80 ns, and half as long."""
+    names = [f"SC{channel} {mhz} MHz" for mhz in reversed(rounded) for channel in (1, 2)]
+    layout = FrameLayout((1, 2), period_ns=1e3 / rounded[1] * 2.0)
+    assert plane_table("Q", (4,), layout, where="file", names=names).tolist() == [[[2, 3], [0, 1]]]
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ class PixelFit:
         return np.asarray((self.weights * np.abs(self.left) ** 2).sum(axis=(0, 1)))
 
 
-def series(terms: dict[int, complex], theta: Float) -> Complex:
+def series(terms: dict[int, complex], theta: Float, /) -> Complex:
     """Return Σ_k G[k]/G[1]·exp(i(k−1)θ), k = 1 included: the response divided by its main term."""
     total = np.ones(theta.shape, np.complex128)
     for k, value in terms.items():
@@ -89,7 +89,7 @@ def fit_pixels(observed: Observations, terms: Terms, /) -> PixelFit:
     return PixelFit(phase, log_gain, residual, weights, theta)
 
 
-def two_way(values: Float, weights: Float) -> tuple[Float, Float]:
+def two_way(values: Float, weights: Float, /) -> tuple[Float, Float]:
     """Split values, (N, H, n), into a sum of one part per harmonic, (H, n), and one part per target, (N, n).
 
     The part of the first harmonic is 0. The split is the best fit if the weights are a product of one factor per target

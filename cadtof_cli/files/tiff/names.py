@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tifffile
 
-from cadtof_cli.files.named_planes import channel_in_words, is_of_a_plane, plane_label, says_a_harmonic
+from cadtof_cli.files.named_planes import (
+    channel_in_words,
+    harmonic_in_words,
+    is_of_a_plane,
+    plane_label,
+    says_a_harmonic,
+)
 from cadtof_cli.files.tiff.ndtiff import index_names
 
 if TYPE_CHECKING:
@@ -126,4 +132,6 @@ def _page_name(page: object) -> str:
         return ""
     values = (page.tags.valueof(code) for code in (PAGE_NAME, _DESCRIPTION))
     texts = [text for text in values if isinstance(text, str)]
-    return next(filter(plane_label, texts), None) or next(filter(channel_in_words, texts), "")
+    return next(
+        (text for says in (plane_label, channel_in_words, harmonic_in_words) for text in filter(says, texts)), ""
+    )

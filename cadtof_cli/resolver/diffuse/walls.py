@@ -60,7 +60,7 @@ def _planes_of_neighbours(moments: Float, among: Bool) -> Float:
     return _solved(np.moveaxis(over_neighbours(moments)[..., middle], -1, 0))
 
 
-def over_neighbours(values: Float) -> Float:
+def over_neighbours(values: Float, /) -> Float:
     """Return sums over every patch and its eight neighbours, (…, rows, columns)."""
     across = values.copy()
     across[..., 1:] += values[..., :-1]

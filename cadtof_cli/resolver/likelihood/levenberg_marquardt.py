@@ -84,7 +84,7 @@ class State:
     def __getitem__(self, chosen: Index) -> "State":
         return State(*(part[..., chosen] for part in vars(self).values()))
 
-    def put(self, at: Index, other: "State") -> None:
+    def put(self, at: Index, other: "State", /) -> None:
         """Overwrite the problems of the given indices."""
         some = slice(None) if at.size == self.cost.size else at  # a slice is copied four times as fast
         for part, new in zip(vars(self).values(), vars(other).values(), strict=True):

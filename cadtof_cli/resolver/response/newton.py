@@ -38,7 +38,7 @@ class SearchState:
     misfit: Float32
     done: Bool
 
-    def put(self, some: Index, other: "SearchState") -> None:
+    def put(self, some: Index, other: "SearchState", /) -> None:
         """Overwrite the pixels with these indices."""
         self.values[:, some], self.misfit[some], self.done[some] = other.values, other.misfit, other.done
 
@@ -57,7 +57,7 @@ class Equations:
     weights: tuple[np.float32, ...]
 
     @staticmethod
-    def of(response: ResponseBlock, phasors: Complex, noise: NoiseModel) -> "Equations":
+    def of(response: ResponseBlock, phasors: Complex, noise: NoiseModel, /) -> "Equations":
         """Return the equations of pixels with these phasors, (2, m)."""
         observed = response.observed(phasors)
         weights = tuple(np.float32(1.0 / harmonic.dark_variance) for harmonic in noise.each)
@@ -71,7 +71,7 @@ class Equations:
             self, response=self.response.block(some), observed=self.observed[:, some], enough=self.enough[some]
         )
 
-    def fields(self, values: Float32, row: int, stage: int) -> "Fields":
+    def fields(self, values: Float32, row: int, stage: int, /) -> "Fields":
         """Return the answers and residuals of one harmonic for paths `values`, (4, m)."""
         a, x, b, y = values
         fx, fy = (self.response.at(row, phase, stage=stage) for phase in (x, y))

@@ -20,6 +20,11 @@ ORDER_TEST_STEPS = 2
 ONE_PATH_STEPS = 6
 """Gauss–Newton steps of the one-path fit if the settings allow one path only."""
 
+SURELY_MORE = 18.0
+"""If the misfit of one path exceeds the threshold by this factor, the pixel surely has two paths, whatever they do to the
+direct one. The closed form draws this line at 7 to 18 times the threshold (`may_be_one_path`), for differences of phases
+and of moduli."""
+
 
 class FullResponse:
     """The solver for a block of phasors, complex128 (2, n), and the response of the same pixels.
@@ -51,9 +56,9 @@ class FullResponse:
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[SomePixels, Fit]:
         """Fit one or two paths (see `Solver`)."""
-        del limit
         if count == 1:
-            chosen = np.flatnonzero(pixels)
+            surely_more = False if limit is None else self._alone.chi_squared > SURELY_MORE * limit
+            chosen = np.flatnonzero(pixels & ~np.asarray(surely_more))
             return chosen, self._alone.fit()[chosen]
         single = is_single(self._frame) & self._always_two
         in_two = pixels & ~single

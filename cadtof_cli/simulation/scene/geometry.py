@@ -37,7 +37,7 @@ class Surface:
         """Unit normal, (3,)."""
         return np.cross(self.across, self.along)
 
-    def distances(self, origins_m: Float, directions: Float) -> Float:
+    def distances(self, origins_m: Float, directions: Float, /) -> Float:
         """Return the distance from the origin of each ray to the surface; inf if the ray misses the surface.
 
         The unit is the length of the ray's direction. Origins and directions, (3, ...), are broadcast against each other.

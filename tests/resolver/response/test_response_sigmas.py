@@ -120,6 +120,18 @@ def test_the_order_test_rarely_splits_one_path_of_a_triangle_into_two() -> None:
     assert np.mean((maps.status & StatusBit.TWO_PATHS) > 0) < 0.0075
 
 
+def test_a_clear_second_path_of_a_triangle_is_found_though_it_hardly_moves_the_direct_path() -> None:
+    """11.5 ns apart, one path leaves far more than noise, but its phase is nearly that of the direct path."""
+    plan = FramePlan(
+        metadata=CaptureMetadata(modulation=TRIANGLE, pixel=Pixel(integration_length=1e5)),
+        settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")),
+    )
+    maps = resolve_frame(drawn({7.0: 1.0, 18.5: 0.1}, 1.0, 1e5, size=(48, 64), seed=4), plan=plan).maps
+    error = np.abs(maps.layer("direct.depth") - 0.299792458 * 7.0 / 2.0)
+    assert np.mean((maps.status & StatusBit.TWO_PATHS) > 0) > 0.99
+    assert 0.65 < np.mean(error < maps.layer("direct.sigma")) < 0.72
+
+
 @pytest.mark.parametrize("pixel_phases", [None, np.random.default_rng(2).uniform(-3.0, 3.0, (2, 200))])
 def test_sigmas_of_a_sine_are_those_of_the_closed_form(pixel_phases: Float | None) -> None:
     """The phases that pixels add change nothing, because the noise is that of the light and not of the waveform."""

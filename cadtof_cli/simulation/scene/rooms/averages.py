@@ -48,7 +48,7 @@ class Lattice:
         """Return the rows of places that averages for rows of pixels may include: from row 0 on, but perhaps beyond the last."""
         return range(max(pixels.start // self.step - self.reach, 0), (pixels.stop - 1) // self.step + self.reach + 1)
 
-    def nearness(self, pixels: Index, places: Index) -> Float:
+    def nearness(self, pixels: Index, places: Index, /) -> Float:
         """Return the weight of places for pixels along one axis: 1 if the place is at the pixel, falling linearly to 0."""
         middles = self.step * places + (self.step - 1) / 2
         return np.asarray(np.maximum(1.0 - np.abs(pixels - middles) / (self.step * (self.reach + 0.5)), 0.0))

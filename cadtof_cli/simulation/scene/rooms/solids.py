@@ -53,7 +53,7 @@ class Box:
         """Distance of its corners from its centre."""
         return math.hypot(*self.half_m)
 
-    def entry(self, origins_m: Float32, directions: Float32) -> Float32:
+    def entry(self, origins_m: Float32, directions: Float32, /) -> Float32:
         """Return the distance along each ray, (3, n), to where it enters the box, (n,); inf where it misses the box."""
         cosine, sine = math.cos(self.turn_rad), math.sin(self.turn_rad)
         x, y, z = (origin - centre for origin, centre in zip(origins_m, self.centre_m, strict=True))
@@ -82,7 +82,7 @@ class Ball:
         """Its radius."""
         return self.radius_m
 
-    def entry(self, origins_m: Float32, directions: Float32) -> Float32:
+    def entry(self, origins_m: Float32, directions: Float32, /) -> Float32:
         """Return the distance along each ray, (3, n), to where it enters the ball, (n,); inf where it misses the ball."""
         x, y, z = (origin - centre for origin, centre in zip(origins_m, self.centre_m, strict=True))
         dx, dy, dz = directions
@@ -107,7 +107,7 @@ class Patch:
     high_m: Vector
     albedo: float
 
-    def holds(self, points_m: Float32) -> Bool:
+    def holds(self, points_m: Float32, /) -> Bool:
         """Return which of the points (3, n) of its face lie in the patch."""
         within = np.ones(points_m.shape[1], dtype=np.bool_)
         for axis in range(3):
