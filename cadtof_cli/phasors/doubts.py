@@ -99,12 +99,12 @@ def _lines(frame: Stored) -> Stored:
 
 
 def _pixels(frame: Stored) -> Stored:
-    return frame.reshape(-1, 2 * len(frame)).T
+    return frame.reshape(*frame.shape[2:], -1).transpose(2, 0, 1)
 
 
 def _channels_first(planes: Callable[[Stored], Stored]) -> Callable[[Stored], Stored]:
     """Return the function that finds planes as `planes` does, and takes all of SC1 to come before all of SC2."""
-    return lambda frame: planes(frame).reshape(2, len(frame), -1).swapaxes(0, 1)
+    return lambda frame: planes(frame).reshape(2, len(frame), *frame.shape[2:]).swapaxes(0, 1)
 
 
 _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
@@ -117,7 +117,7 @@ _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
     "interleaved pixel by pixel, with SC1 of all harmonics before SC2": _channels_first(_pixels),
 }
 """Other orders in which the values of a frame, (H, 2, Y, X), may have been stored: the order in words, and the function
-that puts the values back into planes of SC1 and SC2 for one harmonic after the other."""
+that returns views of planes, SC1 and SC2 of one harmonic after the other."""
 
 
 def _orders(harmonics: tuple[int, ...]) -> dict[str, Callable[[Stored], Stored]]:
@@ -181,22 +181,21 @@ def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
 
 
-def wrong_planes(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+def wrong_planes(stored: Stored, metadata: CaptureMetadata, /, *, count: int = LOOKED_AT) -> str | None:
     """Return a message that names planes of a frame, (H, 2, Y, X), that hold noise alone while others show a scene, or two
-    planes that show the same scene; else None.
+    planes that show the same scene; else None. About `count` pixels are looked at.
 
     NaN and saturated pixels are left out.
     """
-    every = max(1, math.isqrt(math.prod(stored.shape[2:]) // LOOKED_AT))
+    every = max(1, math.isqrt(math.prod(stored.shape[2:]) // count))
     rows = stored[:, :, ::every]
     sound = sound_pixels(rows, metadata.voltage.saturated_counts)
     sound = sound[:, :-1:every] & sound[:, 1::every]
-    count = np.count_nonzero(sound)
-    if count < FEWEST:
+    if np.count_nonzero(sound) < FEWEST:
         return None
     # a mask leaves the values of each pixel side by side in memory; sums over a plane need the plane's values side by side
     here, beside = (
-        np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
+        np.ascontiguousarray(values[..., sound].reshape(2 * len(stored), -1), np.float64)
         for values in (rows[..., :-1:every], rows[..., 1::every])
     )
     here, change = here - metadata.voltage.zero, beside - here
@@ -250,15 +249,16 @@ def _same_planes(here: Float, noise: Float) -> tuple[int, int] | None:
 
 
 def doubt_of_planes(stored: Stored, metadata: CaptureMetadata, /, *, of_order: bool = True) -> str | None:
-    """Return what `doubts` says of the planes of a frame, (H, 2, Y, X), and their order: quick if phases fit one path."""
-    if of_order and _share_of_one_path(stored, metadata, count=_QUICK_LOOK) > _FITTING:
+    """Return what `doubts` says of the planes of a frame, (H, 2, Y, X), and their order, found quickly from fewer pixels."""
+    if of_order and _share_of_one_path(spread_over(stored, _QUICK_LOOK), metadata) > _FITTING:
         return None
-    return wrong_planes(stored, metadata) or (mistaken_order(stored, metadata) if of_order else None)
+    planes = wrong_planes(stored, metadata, count=_QUICK_LOOK) and wrong_planes(stored, metadata)
+    return planes or (mistaken_order(stored, metadata, count=_QUICK_LOOK) if of_order else None)
 
 
-def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+def mistaken_order(stored: Stored, metadata: CaptureMetadata, /, *, count: int = LOOKED_AT) -> str | None:
     """Return a message that names the order in which the planes of a frame, (H, 2, Y, X), are likely stored, if it is
-    another than the order that was read; else None.
+    another than the order that was read; else None. `count` pixels are looked at, or some more.
 
     NaN and saturated pixels are left out. A camera that adds a phase to a harmonic, which only a calibration takes out,
     looks like such a mistake too.
@@ -268,7 +268,8 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """
     if len(stored) < 2:
         return None
-    as_read = _share_of_one_path(stored, metadata)
+    some = spread_over(stored, count)
+    as_read = _share_of_one_path(some, metadata)
     share = min(as_read, _SURE)
     odds = _LEAST_ODDS * share / (1.0 - share)
     # the share with these odds
@@ -276,16 +277,15 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if least >= _SURE:
         return None
     shares = {
-        words: _share_of_one_path(order(stored).reshape(stored.shape), metadata)
+        words: _share_of_one_path(_spread_over_views(order(stored).reshape(stored.shape), count), metadata)
         for words, order in _orders(metadata.modulation.harmonics).items()
     }
-    shares["with the opposite sign"] = _share_of_one_path(stored, metadata, sign=-1.0)
+    shares["with the opposite sign"] = _share_of_one_path(some, metadata, sign=-1.0)
     likely = max(shares, key=lambda words: shares[words])
     if shares[likely] <= least:
         return None
-    planes, first = ", ".join(plane_names(metadata.modulation.harmonics)), _sound_phasors(stored, metadata)[0]
-    of_one_depth = abs(np.exp(1j * np.angle(first)).mean()) > _ONE_DEPTH
-    unsure = of_one_depth or shares[likely] < _CERTAIN
+    planes, first = ", ".join(plane_names(metadata.modulation.harmonics)), _sound_phasors(some, metadata)[0]
+    unsure = shares[likely] < _CERTAIN or abs(np.exp(1j * np.angle(first)).mean()) > _ONE_DEPTH
     or_mpi = "? A view with strong MPI everywhere looks like that, too" if unsure else "?"
     return (
         f"the phases of the harmonics fit each other in only {as_read:.0%} of the pixels; {likely}, they would in "
@@ -317,16 +317,14 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     return None
 
 
-def _share_of_one_path(
-    stored: Stored, metadata: CaptureMetadata, *, sign: float = 1.0, count: int = LOOKED_AT
-) -> float:
-    """Return the share of the sound pixels of a frame, (H, 2, Y, X), that have about the phases and amplitudes of a
-    single path; `count` pixels are looked at, or some more.
+def _share_of_one_path(some: Stored, metadata: CaptureMetadata, *, sign: float = 1.0) -> float:
+    """Return the share of the sound ones of some pixels, (H, 2, n), that have about the phases and amplitudes of a
+    single path.
 
     Only the first two harmonics are compared: several paths shift the phases of higher harmonics more, so these say
     less. The share is 0 if too few pixels are sound.
     """
-    first, second = sign * _sound_phasors(stored, metadata, count=count)
+    first, second = sign * _sound_phasors(some, metadata)
     if first.size < FEWEST:
         return 0.0
     modulation, fwhm_ns = metadata.modulation, metadata.pulse.fwhm_ns
@@ -338,8 +336,14 @@ def _share_of_one_path(
     return float(alike.mean())
 
 
-def _sound_phasors(stored: Stored, metadata: CaptureMetadata, *, count: int = LOOKED_AT) -> Complex:
-    """Return the first two phasors, (2, n) in V, of the sound ones among `count` pixels of a frame, (H, 2, Y, X)."""
-    some = spread_over(stored, count)
+def _sound_phasors(some: Stored, metadata: CaptureMetadata) -> Complex:
+    """Return the first two phasors, (2, n) in V, of the sound ones of some pixels, (H, 2, m)."""
     volts = volts_from_stored(some[:2, :, sound_pixels(some, metadata.voltage.saturated_counts)], metadata.voltage)
     return np.asarray(volts[:, 0] + 1j * volts[:, 1])
+
+
+def _spread_over_views(planes: Stored, count: int) -> Stored:
+    """Return what `spread_over` does, without a copy of planes, (H, 2, Y, X), whose pixels are not side by side in memory."""
+    size, width = math.prod(planes.shape[2:]), planes.shape[3]
+    rows, columns = np.divmod(np.arange(0, size, max(1, size // count)), width)
+    return np.ascontiguousarray(planes[:, :, rows, columns])
