@@ -1,4 +1,4 @@
-"""What is likely wrong with a single frame of a run, in words. Nearly all frames are told to be sound in microseconds."""
+"""What is likely wrong with a single frame of a run, in words. Most frames are told to be sound in microseconds."""
 
 import numpy as np
 
