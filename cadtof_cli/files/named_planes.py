@@ -103,7 +103,7 @@ def harmonics_alone_in_words(names: Sequence[str], harmonics: Sequence[int], /) 
     result is empty.
     """
     numbers = harmonics_in_words(names, harmonics) if len(harmonics) > 1 else ()
-    even = all(numbers.count(number) * len(harmonics) == len(names) for number in numbers)
+    even = all(numbers.count(number) * len(harmonics) == len(names) for number in set(numbers))
     return tuple(PlaneLabel(number, None) for number in numbers) if even else ()
 
 
@@ -136,7 +136,7 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     """
     numbers = [harmonic_in_words(name) for name in names]
     if None not in numbers:
-        found = tuple(int(number) for number in numbers if number)
+        found = tuple(number for number in numbers if number)
         return found if len(set(found)) == len(harmonics) else ()
     frequencies = [mhz for name in names if (mhz := _frequency_mhz(name))]
     different = sorted(set(frequencies))
@@ -174,9 +174,10 @@ def _frequency_mhz(name: str) -> float | None:
     return 1e3 / float(period) if period is not None and float(period) > 0.0 else None
 
 
-def harmonic_in_words(name: str, /) -> str | None:
-    """Return the number of the harmonic in a name such as `H2 A` or `rec_h2.tif`; None: not exactly once."""
-    return _only(_HARMONIC_WORD, name)
+def harmonic_in_words(name: str, /) -> int | None:
+    """Return the harmonic in a name such as `H2 A` or `rec_h2.tif`; None: not exactly once."""
+    number = _only(_HARMONIC_WORD, name)
+    return int(number) if number is not None else None
 
 
 def _only(word: str, name: str) -> str | None:

@@ -29,7 +29,13 @@ from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, scatters, stuck_bit
 from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.phasors.shared_light import wrong_zero_in_words
-from cadtof_cli.phasors.voltages import ideal_phasor_map, sound_pixels, spread_over, volts_from_stored
+from cadtof_cli.phasors.voltages import (
+    ideal_phasor_map,
+    sound_pixels,
+    spread_over,
+    spread_over_views,
+    volts_from_stored,
+)
 
 _NEAR_RAD = 0.45
 """Largest difference, in rad, between the phase of the second harmonic and the phase that follows from the fundamental,
@@ -97,12 +103,12 @@ def _lines(frame: Stored) -> Stored:
 
 
 def _pixels(frame: Stored) -> Stored:
-    return frame.reshape(-1, 2 * len(frame)).T
+    return frame.reshape(*frame.shape[2:], -1).transpose(2, 0, 1)
 
 
 def _channels_first(planes: Callable[[Stored], Stored]) -> Callable[[Stored], Stored]:
     """Return the function that finds planes as `planes` does, and takes all of SC1 to come before all of SC2."""
-    return lambda frame: planes(frame).reshape(2, len(frame), -1).swapaxes(0, 1)
+    return lambda frame: planes(frame).reshape(2, len(frame), *frame.shape[2:]).swapaxes(0, 1)
 
 
 _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
@@ -115,7 +121,7 @@ _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
     "interleaved pixel by pixel, with SC1 of all harmonics before SC2": _channels_first(_pixels),
 }
 """Other orders in which the values of a frame, (H, 2, Y, X), may have been stored: the order in words, and the function
-that puts the values back into planes of SC1 and SC2 for one harmonic after the other."""
+that returns views of planes, SC1 and SC2 of one harmonic after the other."""
 
 
 def _orders(harmonics: tuple[int, ...]) -> dict[str, Callable[[Stored], Stored]]:
@@ -177,22 +183,21 @@ def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
 
 
-def wrong_planes(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+def wrong_planes(stored: Stored, metadata: CaptureMetadata, /, *, count: int = LOOKED_AT) -> str | None:
     """Return a message that names planes of a frame, (H, 2, Y, X), that hold noise alone while others show a scene, or two
-    planes that show the same scene; else None.
+    planes that show the same scene; else None. About `count` pixels are looked at.
 
     NaN and saturated pixels are left out.
     """
-    every = max(1, math.isqrt(math.prod(stored.shape[2:]) // LOOKED_AT))
+    every = max(1, math.isqrt(math.prod(stored.shape[2:]) // count))
     rows = stored[:, :, ::every]
     sound = sound_pixels(rows, metadata.voltage.saturated_counts)
     sound = sound[:, :-1:every] & sound[:, 1::every]
-    count = np.count_nonzero(sound)
-    if count < FEWEST:
+    if np.count_nonzero(sound) < FEWEST:
         return None
     # a mask leaves the values of each pixel side by side in memory; sums over a plane need the plane's values side by side
     here, beside = (
-        np.ascontiguousarray(values[..., sound].reshape(-1, count), np.float64)
+        np.ascontiguousarray(values[..., sound].reshape(2 * len(stored), -1), np.float64)
         for values in (rows[..., :-1:every], rows[..., 1::every])
     )
     here, change = here - metadata.voltage.zero, beside - here
@@ -246,22 +251,23 @@ def _same_planes(here: Float, noise: Float) -> tuple[int, int] | None:
 
 
 def doubt_of_planes(stored: Stored, metadata: CaptureMetadata, /, *, of_order: bool = True) -> str | None:
-    """Return what `doubts` says of the planes of a frame, (H, 2, Y, X), and their order: quick if phases fit one path."""
-    if of_order and _share_of_one_path(stored, metadata, count=_QUICK_LOOK) > _FITTING:
+    """Return what `doubts` says of the planes of a frame, (H, 2, Y, X), and their order, found quickly from fewer pixels."""
+    if of_order and _share_of_one_path(spread_over(stored, _QUICK_LOOK), metadata) > _FITTING:
         return None
-    return wrong_planes(stored, metadata) or (_zero_or_order(stored, metadata) if of_order else None)
+    planes = wrong_planes(stored, metadata, count=_QUICK_LOOK) and wrong_planes(stored, metadata)
+    return planes or (_zero_or_order(stored, metadata, count=_QUICK_LOOK) if of_order else None)
 
 
-def _zero_or_order(stored: Stored, metadata: CaptureMetadata) -> str | None:
+def _zero_or_order(stored: Stored, metadata: CaptureMetadata, *, count: int = LOOKED_AT) -> str | None:
     # a wrong zero turns phases, and another order may then fit better by chance
-    several = _share_of_one_path(stored, metadata, count=_QUICK_LOOK) <= _FITTING
+    several = _share_of_one_path(spread_over(stored, _QUICK_LOOK), metadata) <= _FITTING
     zero = wrong_zero_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)) if several else None
-    return zero or mistaken_order(stored, metadata)
+    return zero or mistaken_order(stored, metadata, count=count)
 
 
-def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+def mistaken_order(stored: Stored, metadata: CaptureMetadata, /, *, count: int = LOOKED_AT) -> str | None:
     """Return a message that names the order in which the planes of a frame, (H, 2, Y, X), are likely stored, if it is
-    another than the order that was read; else None.
+    another than the order that was read; else None. `count` pixels are looked at, or some more.
 
     NaN and saturated pixels are left out. A camera that adds a phase to a harmonic, which only a calibration takes out,
     looks like such a mistake too.
@@ -271,7 +277,8 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """
     if len(stored) < 2:
         return None
-    as_read = _share_of_one_path(stored, metadata)
+    some = spread_over(stored, count)
+    as_read = _share_of_one_path(some, metadata)
     share = min(as_read, _SURE)
     odds = _LEAST_ODDS * share / (1.0 - share)
     # the share with these odds
@@ -279,16 +286,15 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if least >= _SURE:
         return None
     shares = {
-        words: _share_of_one_path(order(stored).reshape(stored.shape), metadata)
+        words: _share_of_one_path(spread_over_views(order(stored).reshape(stored.shape), count), metadata)
         for words, order in _orders(metadata.modulation.harmonics).items()
     }
-    shares["with the opposite sign"] = _share_of_one_path(stored, metadata, sign=-1.0)
+    shares["with the opposite sign"] = _share_of_one_path(some, metadata, sign=-1.0)
     likely = max(shares, key=lambda words: shares[words])
     if shares[likely] <= least:
         return None
-    planes, first = ", ".join(plane_names(metadata.modulation.harmonics)), _sound_phasors(stored, metadata)[0]
-    of_one_depth = abs(np.exp(1j * np.angle(first)).mean()) > _ONE_DEPTH
-    unsure = of_one_depth or shares[likely] < _CERTAIN
+    planes, first = ", ".join(plane_names(metadata.modulation.harmonics)), _sound_phasors(some, metadata)[0]
+    unsure = shares[likely] < _CERTAIN or abs(np.exp(1j * np.angle(first)).mean()) > _ONE_DEPTH
     or_mpi = "? A view with strong MPI everywhere looks like that, too" if unsure else "?"
     return (
         f"the phases of the harmonics fit each other in only {as_read:.0%} of the pixels; {likely}, they would in "
@@ -320,16 +326,12 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     return None
 
 
-def _share_of_one_path(
-    stored: Stored, metadata: CaptureMetadata, *, sign: float = 1.0, count: int = LOOKED_AT
-) -> float:
-    """Return the share of the sound pixels of a frame, (H, 2, Y, X), that have about the phases and amplitudes of a
-    single path; `count` pixels are looked at, or some more.
+def _share_of_one_path(some: Stored, metadata: CaptureMetadata, *, sign: float = 1.0) -> float:
+    """Return the share of the sound ones of some pixels, (H, 2, n), that look like one path; 0 if too few are sound.
 
-    Only the first two harmonics are compared: several paths shift the phases of higher harmonics more, so these say
-    less. The share is 0 if too few pixels are sound.
+    Only the first two harmonics are compared: several paths shift the phases of higher harmonics more, so these say less.
     """
-    first, second = sign * _sound_phasors(stored, metadata, count=count)
+    first, second = sign * _sound_phasors(some, metadata)
     if first.size < FEWEST:
         return 0.0
     modulation, fwhm_ns = metadata.modulation, metadata.pulse.fwhm_ns
@@ -341,8 +343,7 @@ def _share_of_one_path(
     return float(alike.mean())
 
 
-def _sound_phasors(stored: Stored, metadata: CaptureMetadata, *, count: int = LOOKED_AT) -> Complex:
-    """Return the first two phasors, (2, n) in V, of the sound ones among `count` pixels of a frame, (H, 2, Y, X)."""
-    some = spread_over(stored, count)
+def _sound_phasors(some: Stored, metadata: CaptureMetadata) -> Complex:
+    """Return the first two phasors, (2, n) in V, of the sound ones of some pixels, (H, 2, m)."""
     volts = volts_from_stored(some[:2, :, sound_pixels(some, metadata.voltage.saturated_counts)], metadata.voltage)
     return np.asarray(volts[:, 0] + 1j * volts[:, 1])

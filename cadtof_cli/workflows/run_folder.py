@@ -167,6 +167,10 @@ class Run:
             raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
         yield from filter(None, map(report_of, lines))
 
+    @cached_property
+    def _known(self) -> frozenset[Path]:
+        return frozenset(self.files)
+
     def map_of(self, report: FrameReport, /) -> Path | None:
         """Return the map file of a frame in the run's folder, also after the folder was moved; None: the frame has no maps."""
         if report.output is None:
@@ -175,7 +179,7 @@ class Run:
         if self.record is None:
             # nothing says how the run called its folder: take the map in the most of the folders that the line names
             below = (self.folder.joinpath(*output.parts[first:]) for first in range(len(output.parts)))
-            return next((file for file in below if file in self.files), self.folder / output.name)
+            return next((file for file in below if file in self._known), self.folder / output.name)
         return self.folder / place_in(Path(str(self.record["arguments"].get("out", ""))), output)
 
     def wrote_into(self, place: Path, /) -> bool:

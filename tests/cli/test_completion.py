@@ -5,6 +5,7 @@ import pty
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -65,17 +66,33 @@ def test_bash_completes_commands_and_options(typed: tuple[str, ...], completed: 
     assert done.stdout.split() == [completed]
 
 
+def _full_disk() -> int:
+    return os.open("/dev/full", os.O_WRONLY)
+
+
+def _pipe_without_reader() -> int:
+    reader, writer = os.pipe()
+    os.close(reader)
+    return writer
+
+
 @pytest.mark.parametrize(
-    ("script", "status", "message"),
+    ("opened", "status", "message"),
     [
-        ("cadtof > /dev/full", 2, "Error: standard output: cannot be written: No space left on device\n"),
-        ("{ sleep 1; cadtof; echo $? >&2; } | true", 0, "141\n"),
+        (_full_disk, 2, "Error: standard output: cannot be written: No space left on device\n"),
+        (_pipe_without_reader, 141, ""),
     ],
 )
-def test_a_completion_script_that_cannot_be_written_is_reported(script: str, status: int, message: str) -> None:
-    environment = {**os.environ, "_CADTOF_COMPLETE": "bash_source"}
-    command = [needed_program("bash"), "-c", script]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+def test_a_completion_script_that_cannot_be_written_is_reported(
+    opened: Callable[[], int], status: int, message: str
+) -> None:
+    environment, output = {**os.environ, "_CADTOF_COMPLETE": "bash_source"}, opened()
+    try:
+        done = subprocess.run(
+            ["cadtof"], env=environment, stdout=output, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+        )
+    finally:
+        os.close(output)
     assert (done.returncode, done.stderr) == (status, message)
 
 

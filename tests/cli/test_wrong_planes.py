@@ -61,6 +61,17 @@ def test_planes_that_are_swapped_in_later_frames_are_told(tmp_path: Path) -> Non
     assert words not in cadtof("resolve", recorded.folder, "-o", tmp_path / "one", "--jobs", "1", "--order", "1").err
 
 
+def test_a_warning_about_one_capture_does_not_hide_frames_of_another(tmp_path: Path) -> None:
+    """Frames of the capture that the warning names are only counted. Later frames of the other one are named."""
+    first, other = (record(tmp_path / name, frames=3) for name in ("first", "other"))
+    for file in (*first.files, *other.files[1:]):
+        write_pages(file, tifffile.imread(file)[[1, 0, 3, 2]])
+    done = cadtof("resolve", first.folder, other.folder, "-o", tmp_path / "maps", "--jobs", "1")
+    told = [line.partition(": ")[0] for line in done.err.splitlines() if "with SC1 and SC2 swapped, they would" in line]
+    assert told == ["warning", *(str(tmp_path / f"maps/other/frame_{place}.tif") for place in (1, 2))]
+    assert f"{tmp_path / 'maps'}: 3 more maps: are the planes in the order" in done.err
+
+
 def test_noise_that_the_settings_do_not_explain_is_reported_where_noise_may_look_like_paths(
     recorded: Recorded, tmp_path: Path
 ) -> None:

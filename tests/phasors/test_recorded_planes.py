@@ -1,5 +1,6 @@
 """Frames of known light whose planes were copied, left out, or stored in another order or with another sign."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli import read_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
-from cadtof_cli.phasors.doubts import mistaken_order
+from cadtof_cli.phasors.doubts import doubt_of_planes, mistaken_order
 from cadtof_cli.phasors.plausible import FEWEST, no_recording
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
@@ -72,6 +73,18 @@ def test_strong_mpi_is_named_as_well_where_it_may_be_the_cause() -> None:
     assert also not in str(doubt_of_order(light(TWO)[:, ::-1]))
     mostly_mpi = np.where(np.arange(2000) % 4, light(TWO), light(TWO, mpi=0.9, delay_ns=16.0))
     assert str(doubt_of_order(mostly_mpi[:, ::-1])).endswith(also)
+
+
+def test_planes_of_a_frame_are_looked_at_without_a_copy_of_the_frame() -> None:
+    """A run does so with each frame in which few pixels have one path. Orders are views, also those of single pixels."""
+    metadata = CaptureMetadata(modulation=Modulation(periods_ns=TWO, amplitude_v=AMPLITUDE_V), voltage=COUNTS)
+    for mpi, swapped in ((0.9, False), (0.2, True)):
+        frame = counts(light(mpi=mpi, pixels=400_000)[:, :: -1 if swapped else 1]).reshape(2, 2, 500, 800)
+        tracemalloc.start()
+        told, (_, most) = doubt_of_planes(frame, metadata), tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert ("with SC1 and SC2 swapped" in str(told)) == swapped
+        assert most < frame.nbytes / 2
 
 
 @pytest.mark.parametrize("mpi", [0.0, 0.1, 0.2])

@@ -115,6 +115,15 @@ def test_files_to_be_exported_are_not_compared_with_each_other(tmp_path: Path, m
     assert len(set(made)) == MANY
 
 
+def test_the_maps_of_frames_are_found_without_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without `run.json`, the folders that the lines name are looked for among the maps."""
+    run = Run(tmp_path, tuple(tmp_path / f"{number}.tif" for number in range(MANY)), tmp_path, None)
+    reports = [FrameReport(f"{number}", f"old/out/{number}.tif", "ok", None, 0.0) for number in range(MANY)]
+    with _counted(monkeypatch, PurePath, "__eq__") as calls:
+        assert [run.map_of(report) for report in reports] == list(run.files)
+        assert calls() < 10 * MANY
+
+
 def test_the_optics_of_a_map_are_found_without_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The captures have folders of the same name, and lenses of their own."""
     captures = [

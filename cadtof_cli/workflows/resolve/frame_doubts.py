@@ -1,4 +1,4 @@
-"""What is likely wrong with a single frame of a run, in words. Nearly all frames are told to be sound in microseconds."""
+"""What is likely wrong with a single frame of a run, in words. Most frames are told to be sound in microseconds."""
 
 import numpy as np
 
@@ -24,10 +24,13 @@ have a sigma below the second: pixels without light have a larger one."""
 
 
 def frame_doubts(stored: Stored | None, maps: DepthMaps, counts: StatusCounts, plan: FramePlan, /) -> tuple[str, ...]:
-    """Return in words what is likely wrong with the maps of a frame, (H, 2, Y, X); `stored` is None for a mean of frames."""
-    answers, planes = counts.one_path + counts.two_paths + counts.diffuse, None
+    """Return in words what is likely wrong with a frame or its maps.
+
+    `stored` holds the frame's stored values, (H, 2, Y, X); None for a mean of frames, whose values are not looked at.
+    """
+    answers = counts.one_path + counts.two_paths + counts.more_paths + counts.diffuse
     stuck = None if stored is None else stuck_bit(stored, plan.metadata)
-    several = plan.resolver.order == "auto" and counts.one_path <= FEW_OF_ONE_PATH * answers
+    planes, several = None, plan.resolver.order == "auto" and counts.one_path <= FEW_OF_ONE_PATH * answers
     if stored is not None and several and not stuck:
         # a calibration shows that the planes are in order
         planes = doubt_of_planes(stored, plan.metadata, of_order=plan.calibration is None)

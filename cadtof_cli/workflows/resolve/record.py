@@ -224,11 +224,11 @@ class RunRecorder:
 
 def required_report(line: bytes, path: Path, /) -> FrameReport:
     """Return the report that a line of the `frames.jsonl` at `path` holds; raises OutputError if it holds none."""
-    report = report_of(line)
-    if report is None:
-        found = line[:40].decode(errors="replace").rstrip()
-        raise OutputError(f"{path}: not the record of a run, so it cannot be resumed (found: {found})")
-    return report
+    with resumable(path):
+        report = report_of(line)
+        if report is None:
+            raise ValueError(f"found: {line[:40].decode(errors='replace').rstrip()}")
+        return report
 
 
 def place_in(out: Path, output: Path, /) -> str:

@@ -186,7 +186,8 @@ def _dry_run(
 class _Run:
     """A run in progress, and the outcomes of its frames so far.
 
-    `taken` returns the names that no frame of a stack may get. `expected` is how many maps there will be in all.
+    `taken` returns the names that no frame of a stack may get. `expected` is how many maps there will be in all. `warned` are
+    the folders of captures with the doubts that the user was warned of before the run.
     """
 
     settings: ResolveSettings
@@ -197,15 +198,15 @@ class _Run:
     record: RunRecorder = field(init=False)
     expected: int = 0
     totals: RunTotals = field(default_factory=RunTotals)
+    warned: set[tuple[Path, str]] = field(default_factory=set)
     noted: Counter[str] = field(default_factory=Counter)
+    only_counted: Counter[str] = field(default_factory=Counter)
     began: float = field(default_factory=time.monotonic)
 
     def outcomes(self, plans: Sequence[CapturePlan]) -> Outcomes:
         """Return a generator of the outcomes of some captures' frames. If a cluster is to do the work, connect to it."""
         tasks, workers = self._tasks(plans), self.settings.workers
-        # the user was warned of these before the run, so frames that show them are only counted
-        for doubt in (doubt for one in plans for doubt in one.doubts):
-            self.noted.setdefault(_why(doubt), _NOTES_OF_A_KIND)
+        self.warned.update((one.capture.root, _why(doubt)) for one in plans for doubt in one.doubts)
         expected = sum(one.expected_maps for one in plans)
         if expected < workers.jobs and _are_worth_splitting(plans, self.settings):
             from cadtof_cli.workflows.resolve.split_frames import resolve_split
@@ -242,9 +243,8 @@ class _Run:
                         if isinstance(report, WorkerDied):
                             report = outcome.task.report("failed", _lost(outcome.task.sources[0], report), 0.0)
                         self.report(report)
-            for why, count in self.noted.items():
-                if count > _NOTES_OF_A_KIND:
-                    self.progress.say(f"{settings.out}: {counted(count - _NOTES_OF_A_KIND, 'more map')}: {why}")
+            for why, count in self.only_counted.items():
+                self.progress.say(f"{settings.out}: {counted(count, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
             with self._needed():
                 self.record.finish(totals.seconds)
@@ -264,8 +264,11 @@ class _Run:
         """
         if report.note is not None:
             why = _why(report.note)
-            self.noted[why] += 1
-            if self.noted[why] <= _NOTES_OF_A_KIND:
+            is_known = any((folder, why) in self.warned for folder in Path(report.source).parents)
+            if is_known or self.noted[why] == _NOTES_OF_A_KIND:
+                self.only_counted[why] += 1
+            else:
+                self.noted[why] += 1
                 self.progress.say(report.note)
         with self._needed():
             self.record.add(report)

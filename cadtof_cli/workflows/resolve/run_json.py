@@ -301,7 +301,7 @@ def read_record(folder: Path, /) -> RunRecord:
 
 @contextmanager
 def resumable(path: Path, /) -> Iterator[None]:
-    """Raise OutputError if the block finds that the content of a `run.json` is not the record of a run."""
+    """Raise OutputError if the block finds that the content of the file at `path` is not the record of a run."""
     try:
         yield
     except NOT_OF_A_RUN as error:

@@ -6,8 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.pipeline.plan import FramePlan
+from cadtof_cli.resolver.status import StatusCounts
+from cadtof_cli.workflows.resolve.frame_doubts import frame_doubts
 from tests.support.captures import TOML, write_frame
-from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS
+from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, step_frame
 from tests.support.run_cadtof import cadtof
 
 RANGE_M = C_M_PER_NS * T1_NS / 2.0
@@ -39,3 +44,15 @@ def test_a_surface_that_goes_on_beyond_the_range_is_told(
     assert done.status == 0
     assert (f"{out / 'frame.exr'}: {told}" in done.err) == is_told
     assert (told in (json.loads((out / "frames.jsonl").read_text())["reason"] or "")) == is_told
+
+
+@pytest.mark.parametrize(
+    ("counts", "is_told"), [((60, 60, 648), True), ((60, 348, 360), True), ((300, 60, 408), False)]
+)
+def test_planes_are_looked_at_if_few_answers_are_one_path(counts: tuple[int, int, int], is_told: bool) -> None:
+    """With `--paths 3`, wrong planes give most pixels more than two paths."""
+    metadata = CaptureMetadata(modulation=Modulation(amplitude_v=AMPLITUDE_V), pixel=Pixel(integration_length=1e5))
+    swapped, one_depth = step_frame(np.random.default_rng(2))[:, ::-1], np.ones((3, 24, 32), np.float32)
+    maps = DepthMaps(("direct.depth", "direct.sigma"), one_depth, np.zeros((24, 32), np.uint32))
+    told = frame_doubts(swapped, maps, StatusCounts(*counts, diffuse=0, invalid=0), FramePlan(metadata=metadata))
+    assert ["with SC1 and SC2 swapped" in one for one in told] == [True] * is_told
