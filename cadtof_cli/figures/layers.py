@@ -62,7 +62,8 @@ class Shown:
 
     def panel(self, name: str, /) -> Panel:
         """Return a layer as a panel."""
-        return Panel(name, self.values(name), self.status, one_path=not name.startswith("direct."))
+        lacking = PixelClass.FEWER_PATHS if name.startswith("path") else PixelClass.ONE_PATH
+        return Panel(name, self.values(name), self.status, lacking=None if name.startswith("direct.") else lacking)
 
 
 def scale_of(

@@ -11,7 +11,7 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.figures.layers import Shown
 from cadtof_cli.figures.page import Block, Classes, Panel, Scaled, draw_page
-from cadtof_cli.figures.pixel_classes import class_shares
+from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.figures.scales import DEPTHS, ERRORS, default_scale, limits_of, signed_limits
 from cadtof_cli.maps.comparison import difference
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH, error_unit
@@ -27,18 +27,18 @@ def draw_maps(
 
     `truth_m` are true direct depths, (Y, X), and `first_phasor_m` depths from the first phasor alone.
     """
-    direct = shown.values(DIRECT_DEPTH)
-    status = np.zeros(direct.shape, np.uint32) if shown.status is None else shown.status
+    direct, status = shown.values(DIRECT_DEPTH), shown.status
     known = {"direct": direct} if first_phasor_m is None else {"first phasor": first_phasor_m, "direct": direct}
     titles = {"direct": "direct depth", "first phasor": "first phasor alone"}
     depths = tuple(Panel(titles[name], depth, status) for name, depth in known.items())
-    mpi = Panel("MPI depth", shown.values(MPI_DEPTH), status, one_path=True)
+    mpi = Panel("MPI depth", shown.values(MPI_DEPTH), status, lacking=PixelClass.ONE_PATH)
     unit = shown.unit(DIRECT_DEPTH)
     upper: list[Block] = [
         Scaled(depths, unit, DEPTHS, limits_of(np.concatenate([panel.values.ravel() for panel in depths]))),
         Scaled((mpi,), unit, DEPTHS, limits_of(mpi.values)),
-        Classes.of(paths=status),
     ]
+    if status is not None:
+        upper.append(Classes.of(paths=status))
     lower: list[Block] = []
     if truth_m is not None:
         errors = {name: 100 * (depth - truth_m) for name, depth in known.items()}
@@ -56,7 +56,7 @@ def draw_maps(
         if name in OF_A_MAP or (name in shown.layers and truth_m is None):
             values = factor * shown.values(name)
             lower.append(Scaled((Panel(title, values, status),), unit, *default_scale(name, values)))
-    draw_page((upper, lower), path, title=shown.title, shares=class_shares(status))
+    draw_page((upper, lower), path, title=shown.title, shares=shown.shares())
 
 
 def _median(error: Float) -> str:
@@ -72,7 +72,7 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
     rows: list[list[Block]] = []
     for name in names:
         pair = tuple(
-            Panel(f"{letter}: {name}", shown.values(name), shown.status, one_path=True)
+            Panel(f"{letter}: {name}", shown.values(name), shown.status, lacking=PixelClass.ONE_PATH)
             for letter, shown in (("A", one), ("B", other))
         )
         both = np.concatenate([panel.values.ravel() for panel in pair])
@@ -80,7 +80,7 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
         change = factor * difference(one.layers[name], other.layers[name])
         in_one = np.isfinite(one.layers[name]) != np.isfinite(other.layers[name])
         # the status of A explains pixels that have no value in either map
-        panel = Panel("A − B", change, one.status, one_path=True, in_one=in_one)
+        panel = Panel("A − B", change, one.status, lacking=PixelClass.ONE_PATH, in_one=in_one)
         rows.append(
             [
                 Scaled(pair, one.unit(name), DEPTHS, limits_of(both)),

@@ -51,19 +51,19 @@ class Panel:
         title: name of the map; a second line replaces the unit below the name.
         values: (Y, X); NaN: no value.
         status: status bits, (Y, X), which say why a pixel has no value; None: not known.
-        one_path: whether a pixel may lack a value because it has one path.
+        lacking: class of the pixels that have an answer but no value here; None: there are none.
         in_one: of a difference, the pixels that have the colour of a value in only one of the two; whatever their status.
     """
 
     title: str
     values: NDArray[np.floating]
     status: Status | None = None
-    one_path: bool = False
+    lacking: PixelClass | None = None
     in_one: Bool | None = None
 
     def without_value(self) -> dict[PixelClass, Bool]:
         """Return, for each reason, the pixels that have no value."""
-        found = classes_of(self.status, np.isfinite(self.values), one_path=self.one_path)
+        found = classes_of(self.status, np.isfinite(self.values), lacking=self.lacking)
         reasons = {kind: pixels for kind, pixels in found.items() if kind in NO_VALUE}
         if self.in_one is not None:
             reasons = {kind: pixels & ~self.in_one for kind, pixels in reasons.items()}

@@ -10,13 +10,14 @@ from matplotlib.colors import to_rgba
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Status
-from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.status import StatusBit, has_answer
 
 
 class PixelClass(Enum):
     """A class of pixels: its name in the legend and its colour; in the order of the legend."""
 
     ONE_PATH = "one path", "#d9d9d9"
+    FEWER_PATHS = "fewer paths", "#d9d9d9"
     TWO_PATHS = "two paths", "#0072b2"
     ILL_CONDITIONED = "two paths, ill-conditioned", "#56b4e9"
     MORE_PATHS = "three paths or more", "#009e73"
@@ -41,18 +42,21 @@ class PixelClass(Enum):
         return np.array([round(255 * part) for part in to_rgba(self.colour)], np.uint8)
 
 
-NO_VALUE = frozenset({PixelClass.ONE_PATH, PixelClass.NO_ANSWER, PixelClass.SATURATED})
-"""Classes that explain why a pixel of a layer has no value. A pixel with one path has no value in layers of MPI."""
+NO_VALUE = frozenset({PixelClass.ONE_PATH, PixelClass.FEWER_PATHS, PixelClass.NO_ANSWER, PixelClass.SATURATED})
+"""Classes that explain why a pixel of a layer has no value. A pixel with one path has no value in layers of MPI, and one with
+fewer than K paths has none in layers of the K-th path."""
 
 
-def classes_of(status: Status | None, known: Bool | None = None, /, *, one_path: bool = True) -> dict[PixelClass, Bool]:
+def classes_of(
+    status: Status | None, known: Bool | None = None, /, *, lacking: PixelClass | None = None
+) -> dict[PixelClass, Bool]:
     """Return the pixels of each class; a pixel is in one class at most.
 
     Args:
         status: status bits, (Y, X); None: not known.
         known: pixels that have a value, (Y, X). They are in no class, and the classes are those of `NO_VALUE`. None:
             all classes are used, and every pixel is in one.
-        one_path: whether a pixel may lack a value because it has one path.
+        lacking: class of the pixels that have an answer but no value: ONE_PATH or FEWER_PATHS. None: there are none.
     """
     if status is None:
         assert known is not None
@@ -60,11 +64,14 @@ def classes_of(status: Status | None, known: Bool | None = None, /, *, one_path:
     left: Bool = np.ones(status.shape, np.bool_) if known is None else ~known
     found = {}
     for kind, bits in _BITS:
-        if known is not None and (kind not in NO_VALUE or (kind is PixelClass.ONE_PATH and not one_path)):
+        if known is not None and kind not in {PixelClass.SATURATED, lacking}:
             continue
         pixels = left & ((status & np.uint32(bits)) == np.uint32(bits))
         found[kind] = pixels
         left = left & ~pixels
+    if lacking is PixelClass.FEWER_PATHS:
+        found[lacking] = left & has_answer(status)
+        left = left & ~found[lacking]
     found[PixelClass.NO_ANSWER] = left
     return found
 

@@ -50,6 +50,10 @@ class PartialFile:
             self._descriptor = os.open(self.temporary, CREATE_FLAGS, 0o666)
         except OSError as error:
             raise not_written(path, error) from error
+        except BaseException:
+            # a signal came while the file was created
+            self.discard()
+            raise
 
     def commit(self, let_go: Callable[[], None] = lambda: None, /) -> int:
         """Write the parts, sync the file to the disk, rename it to `path`, and return its size in bytes.
@@ -88,8 +92,9 @@ class PartialFile:
 
     def discard(self) -> None:
         """Close and remove the temporary file."""
-        if self._descriptor is not None:
-            remove_and_close(self.temporary, self._descriptor)
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is not None:
+            remove_and_close(self.temporary, descriptor)
         else:
             with suppress(OSError):
                 self.temporary.unlink()
@@ -101,7 +106,7 @@ def atomic_write(path: Path, /) -> Iterator[Path]:
     partial = PartialFile(path)
     with partial.filling():
         yield partial.temporary
-    partial.commit()
+        partial.commit()
 
 
 @contextmanager
@@ -158,11 +163,11 @@ def make_folder(path: Path, /) -> None:
     probe = path / f".cadtof.{os.urandom(8).hex()}{PARTIAL_SUFFIX}"
     try:
         path.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(probe, CREATE_FLAGS)
         try:
-            os.close(descriptor)
+            os.close(os.open(probe, CREATE_FLAGS))
         finally:
-            probe.unlink()
+            # in this block, a signal that comes while the file is created leaves none
+            probe.unlink(missing_ok=True)
     except OSError as error:
         found = "found a file, " if isinstance(error, FileExistsError) else ""
         why = "" if found else f": {error.strerror}"

@@ -1,21 +1,19 @@
-"""Likely faults of a frame that may still be a recording: height and width swapped, planes in another order, no light,
-the same plane twice, values that are cut off.
+"""Likely faults of a frame that may still be a recording: height and width swapped, planes in another order, a wrong zero,
+no light, the same plane twice, values that are cut off.
 
 Order of planes: light of one path with the phase x has the phases x, 2x, … at the harmonics 1, 2, …, and the same
 amplitude at all of them, except that the pulse weakens higher harmonics more. Several paths shift phases and amplitudes,
 but hardly ever in nearly all pixels of a frame. Planes in another order shift them in nearly all pixels.
 
-No light: a scene makes every plane differ more over the frame than between neighbours. A channel that is not connected,
-or a harmonic that is not modulated, holds noise alone.
+No light: a scene makes every plane differ more over the frame than between neighbours. Without light there is noise alone.
 
 Height and width swapped, as in a wrong shape given for a raw dump: neighbours in a column should hold nearly the same
 values, and then they do not.
 
-The same plane twice: planes of one scene differ by far more than noise. If two pairs of planes do not, they are probably
-recordings of one plane each, as in a stack that holds all frames of a plane before those of the next plane.
+The same plane twice: planes of one scene differ by far more than noise. If two pairs of planes do not, each is probably one
+plane, as in a stack that holds all frames of a plane before those of the next plane.
 
-Values cut off: noise spreads the largest and the least values as it spreads all values. If many pixels hold exactly the
-largest value, or the least, a converter has cut values off there.
+Values cut off: noise spreads the outermost values, too. If many pixels hold one of them, a converter cut values off.
 """
 
 import math
@@ -28,9 +26,10 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float, Stored, median, plane_names
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
-from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, scatters
+from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT, scatters, stuck_bit
 from cadtof_cli.phasors.response import pulse_response
-from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored
+from cadtof_cli.phasors.shared_light import wrong_zero_in_words
+from cadtof_cli.phasors.voltages import ideal_phasor_map, sound_pixels, spread_over, volts_from_stored
 
 _NEAR_RAD = 0.45
 """Largest difference, in rad, between the phase of the second harmonic and the phase that follows from the fundamental,
@@ -49,7 +48,7 @@ odds in the order that was read. In 82 captures that are read correctly the rati
 that are read in a wrong order have 18 and more."""
 
 _SURE = 0.98
-"""Largest share that counts in the odds: a few pixels never look like one path, for other reasons."""
+"""Largest share that counts in the odds: a few pixels never look like one path."""
 
 _FITTING, _QUICK_LOOK = 0.8, 512
 """Share of so many pixels that look like one path above which `doubt_of_planes` doubts no more. With wrong planes it is .69
@@ -82,8 +81,7 @@ _SHEARED = 1.4
 """Threshold for height and width being swapped, on d(width)/d(height) divided by (longer side)/(shorter side). d(n) is
 the mean difference between pixels that are n places apart in the file: pixels in one column, if lines have n pixels.
 
-A slope without noise reaches (longer side)/(shorter side). In 332 captures of 4 to 3, d(width)/d(height) is .5 at most,
-and 2 and more with height and width swapped. Noise has 1."""
+In 332 captures of 4 to 3, d(width)/d(height) is .5 at most, and 2 and more with height and width swapped. Noise has 1."""
 
 _SLENDER = 2
 """Largest ratio of the two sides of a frame at which it is checked for being swapped: with longer lines, most pixels
@@ -141,23 +139,21 @@ def doubts(
         stored: the frame's stored values.
         metadata: of the capture.
         has_light: whether the frame shows a scene. If not, only values that are cut off are looked for.
-        of_order: whether to look for planes in another order. This is never done if some planes hold noise alone, or
-            show the same.
+        of_order: whether to look for planes in another order, and for a wrong zero. This is never done if some planes hold
+            noise alone, or show the same.
 
     Raises:
         SettingsError: see `volts_per_count`.
     """
     slanted = sheared(stored, metadata) if has_light else None
     planes = wrong_planes(stored, metadata) if has_light else None
-    mistaken = mistaken_order(stored, metadata) if has_light and of_order and not planes else None
-    return tuple(doubt for doubt in (slanted, planes, mistaken, cut_off(stored, metadata)) if doubt)
+    stuck = stuck_bit(stored, metadata) if has_light else None
+    mistaken = _zero_or_order(stored, metadata) if has_light and of_order and not planes and not stuck else None
+    return tuple(doubt for doubt in (slanted, planes, stuck, mistaken, cut_off(stored, metadata)) if doubt)
 
 
 def sheared(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return a message if height and width of a frame, (H, 2, Y, X), are likely swapped; else None.
-
-    NaN and saturated pixels are left out.
-    """
+    """Return a message if height and width of a frame, (H, 2, Y, X), are likely swapped; else None."""
     height, width = stored.shape[2:]
     short, long = sorted((height, width))
     stop = height * width - long
@@ -253,7 +249,14 @@ def doubt_of_planes(stored: Stored, metadata: CaptureMetadata, /, *, of_order: b
     """Return what `doubts` says of the planes of a frame, (H, 2, Y, X), and their order: quick if phases fit one path."""
     if of_order and _share_of_one_path(stored, metadata, count=_QUICK_LOOK) > _FITTING:
         return None
-    return wrong_planes(stored, metadata) or (mistaken_order(stored, metadata) if of_order else None)
+    return wrong_planes(stored, metadata) or (_zero_or_order(stored, metadata) if of_order else None)
+
+
+def _zero_or_order(stored: Stored, metadata: CaptureMetadata) -> str | None:
+    # a wrong zero turns phases, and another order may then fit better by chance
+    several = _share_of_one_path(stored, metadata, count=_QUICK_LOOK) <= _FITTING
+    zero = wrong_zero_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)) if several else None
+    return zero or mistaken_order(stored, metadata)
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:

@@ -17,7 +17,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of, scaled_to_one
 from cadtof_cli.phasors.noise import NoiseModel, ambient_noise_v, noise_model
-from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored, volts_per_count
+from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored, volts_per_count
 
 LOOKED_AT = 4096
 """A larger frame is judged by at least this many pixels, spread evenly over it."""
@@ -38,6 +38,14 @@ no other plane of that frame can hold one value everywhere."""
 _FEW_VALUES = 8
 """Two recorded planes may be the same in every pixel only if they hold at most this many different values, as planes of
 saturated pixels do."""
+
+_BIT_LOOKED_AT, _BIT_MATTERS = 1024, 0.004
+"""Pixels whose bits are looked at, at least, and the least bit, as a share of the modulation amplitude: it moves depths by
+millimetres."""
+
+_GAPS, _GAP_RANGE = 2, 1.25
+"""Fewest gaps that a stuck bit leaves between the values, and how many times the bit the largest of them may be. Values of
+distinct surfaces have other gaps. In 1270 sound frames nothing is told."""
 
 _HEAD = 16
 """Number of pixels at the start of each plane that are compared first: they show nearly all frames to be recordings."""
@@ -83,6 +91,39 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         f"{found}, which would be voltages up to {largest:.4g} V, beyond modulation.amplitude_v = {amplitude:g} V: "
         f"{likely_cause(found, voltage, amplitude)}"
     )
+
+
+def stuck_bit(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return a message if a bit of whole numbers, (H, 2, Y, X), is the same in all pixels and leaves gaps; else None.
+
+    Without the bit, values that rise steadily jump by twice its value, and the numbers between occur nowhere.
+    """
+    if stored.dtype.kind not in "iu":
+        return None
+    rows = spread_over(stored, _BIT_LOOKED_AT).reshape(2 * len(stored), -1)
+    mask = (1 << 8 * stored.itemsize) - 1
+    either, both = np.bitwise_or.reduce(rows, axis=1), np.bitwise_and.reduce(rows, axis=1)
+    changing = [one & mask for one in (either ^ both).tolist()]
+    changing.append(int(np.bitwise_or.reduce(either) ^ np.bitwise_and.reduce(both)) & mask)
+    least = _BIT_MATTERS * metadata.modulation.amplitude_v / abs(volts_per_count(metadata.voltage, stored.dtype))
+    names, groups = [*plane_names(metadata.modulation.harmonics), "all planes"], (*rows, rows)
+    for place in reversed(range(len(groups))):
+        for bit in range(max(1, math.ceil(math.log2(max(least, 1.0)))), changing[place].bit_length()):
+            # nearly all frames have no such bit
+            if not changing[place] >> bit & 1 and changing[place] & ((1 << bit) - 1) and _has_gaps(groups[place], bit):
+                return (
+                    f"bit {bit} ({1 << bit}) of {names[place]} is {int(groups[place].flat[0]) >> bit & 1} in every pixel, and "
+                    "the values jump there: a line of the converter or of its cable is stuck. Depths are wrong by centimetres to "
+                    "metres, and sigma does not say so"
+                )
+    return None
+
+
+def _has_gaps(values: Stored, bit: int) -> bool:
+    """Return whether whole numbers leave out the ranges that a stuck bit leaves out, and hardly more."""
+    there = np.unique(values).astype(np.int64)
+    gaps = np.diff(there)[np.diff(there >> bit) == 2]
+    return int(np.count_nonzero(gaps <= _GAP_RANGE * (1 << bit))) >= _GAPS
 
 
 class Copies:

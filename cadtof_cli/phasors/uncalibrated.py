@@ -1,5 +1,5 @@
 """What a frame shows of its camera's own errors, if no calibration takes them out: noise that the settings do not explain,
-offsets of rows or columns, harmonics of unequal amplitude, and light or offsets that all pixels share.
+offsets of rows, columns or halves, harmonics of unequal amplitude, and light or offsets that all pixels share.
 
 Nothing of this shows in a pixel alone. Offsets and amplitudes look like a second path, with a sigma that is far too small.
 """
@@ -52,6 +52,11 @@ _QUARTER_OF_NORMAL = 0.3186
 """First quartile of the magnitude of a normal distribution, in units of its standard deviation. Edges of the scene, such as
 posts and shelves, leave it nearly as it is while a quarter of the lines is free of them."""
 
+_STEP_SIGMAS, _STEP_ALIKE, _STEP = 8.0, 0.25, 0.004
+"""A step between the halves of a frame is an offset if it is more than so many of its standard deviations, the same in all
+planes up to this share, and more than this share of the modulation amplitude. Edges of a scene are other steps in each plane: no
+row or column of 270 sound frames looks like an offset."""
+
 _UNEQUAL = 0.03
 """Least relative difference of the amplitudes of two harmonics that is doubted: it moves depths by centimetres."""
 
@@ -76,7 +81,8 @@ def camera_doubts(stored: Stored, metadata: CaptureMetadata, /) -> tuple[str, ..
     found = (
         other_noise(stored, metadata),
         striped(stored, metadata, "rows"),
-        striped(stored, metadata, "columns"),
+        # each row or column with an offset of its own makes a step in the middle, too
+        striped(stored, metadata, "columns") or stepped(stored, metadata),
         unequal_harmonics(stored, metadata),
         shared_light_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)),
     )
@@ -149,6 +155,35 @@ def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | N
         "says. If they are the same in all frames, run calibrate dark; if not, something disturbs the read-out. Only a scene of "
         "fine stripes, such as a fence, looks like that, too"
     )
+
+
+def stepped(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return a message if a half or a quarter of a frame, (H, 2, Y, X), has an offset of its own; else None."""
+    for planes, side in ((stored, "left and right"), (stored.swapaxes(2, 3), "upper and lower")):
+        begin, lines = planes.shape[3] // 2 - 3, planes.shape[2]
+        if begin < 0 or lines < 2 * _LEAST_ALONG:
+            continue
+        across = planes[:, :, :, begin : begin + 6]
+        volts = volts_from_stored(across, metadata.voltage)
+        volts[:, :, ~sound_pixels(across, metadata.voltage.saturated_counts)] = np.nan
+        volts = volts.reshape(-1, lines, 6)
+        # the step in the middle that the slopes on both sides do not explain
+        steps = (volts[..., 3] - volts[..., 2]) - 0.25 * (volts[..., 5] - volts[..., 3] + volts[..., 2] - volts[..., 0])
+        for part in (steps[:, : lines // 2], steps[:, lines // 2 :]):
+            known = part[:, np.isfinite(part).all(axis=0)]
+            if known.shape[1] < _LEAST_ALONG:
+                continue
+            middle = median(known)
+            scatter = float(median(np.abs(known - middle[:, np.newaxis])).max()) / MAD_PER_SIGMA
+            sigma, step = scatter * math.sqrt(0.5 * math.pi / known.shape[1]), float(middle.mean())
+            least = max(_STEP_SIGMAS * sigma, _STEP * metadata.modulation.amplitude_v)
+            if abs(step) > least and np.abs(middle - step).max() < _STEP_ALIKE * abs(step):
+                return (
+                    f"the {side} halves differ by {1000.0 * step:.2g} mV in all planes where they meet: parts of the "
+                    "sensor have offsets of their own, which look like light. Depths of such a part are wrong by centimetres to "
+                    "metres, and sigma does not say so: run calibrate dark"
+                )
+    return None
 
 
 def unequal_harmonics(stored: Stored, metadata: CaptureMetadata, /) -> str | None:

@@ -171,8 +171,12 @@ class Run:
         """Return the map file of a frame in the run's folder, also after the folder was moved; None: the frame has no maps."""
         if report.output is None:
             return None
-        called = Path("" if self.record is None else str(self.record["arguments"].get("out", "")))
-        return self.folder / place_in(called, Path(report.output))
+        output = Path(report.output)
+        if self.record is None:
+            # nothing says how the run called its folder: take the map in the most of the folders that the line names
+            below = (self.folder.joinpath(*output.parts[first:]) for first in range(len(output.parts)))
+            return next((file for file in below if file in self.files), self.folder / output.name)
+        return self.folder / place_in(Path(str(self.record["arguments"].get("out", ""))), output)
 
     def wrote_into(self, place: Path, /) -> bool:
         """Return whether maps of the run were written into a folder, or into one below it."""

@@ -195,6 +195,8 @@ def test_frames_of_the_run_without_maps_are_counted(tmp_path: Path) -> None:
     (out / "frame_2.tif").unlink()
     done = cadtof("evaluate", out, "--truth", truth)
     assert done.err == f"{out}: 2 frames of the run without maps, not compared: see frames.jsonl\n"
+    done = cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr")
+    assert done.err == f"{out}: 2 frames of the run without maps, not compared: see frames.jsonl\n"
     # the maps are compared all the same if the record of the frames is lost
     (out / "frames.jsonl").unlink()
     (out / "frames.jsonl").mkdir()
@@ -215,8 +217,9 @@ def test_a_run_that_has_not_finished_is_told(tmp_path: Path) -> None:
     run = json.loads((out / "run.json").read_text())
     (out / "run.json").write_text(json.dumps({**run, "finished": False, "totals": None}))
     done = cadtof("evaluate", out, "--truth", truth, "--json")
-    told = f"{out}: the run has not finished: only the maps that it has written are compared\n"
+    told = f"{out}: the run has not finished, so frames may be missing; `cadtof resolve --resume` completes it\n"
     assert (done.status, done.err, json.loads(done.out)["frames"]) == (0, told, 1)
+    assert cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr").err == told
     assert cadtof("evaluate", out / "frame_0.tif", "--truth", truth).err == ""
 
 

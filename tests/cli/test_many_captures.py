@@ -177,6 +177,24 @@ def test_a_folder_that_cannot_be_listed_fails_alone(tree: Path) -> None:
     require_same_run(out, tree / "fresh")
 
 
+def test_maps_of_removed_frames_keep_their_folders_in_a_run_that_was_moved(
+    tree: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their lines are those of the earlier run, which called the folder of the run otherwise."""
+    command, moved = ("resolve", "--recursive", tree / "rec", "-j", 1, "-o"), tree / "moved"
+    write_frame(tree / "rec/b/one/frame_9.tif", step_frame(np.random.default_rng(9)))
+    monkeypatch.chdir(tree)
+    assert cadtof(*command, "out").status == 0
+    (tree / "out").rename(moved)
+    (tree / "rec/b/one/frame_9.tif").unlink()
+    for _ in range(2):
+        assert cadtof(*command, moved, "--resume").status == 0
+        lines = [json.loads(line)["output"] for line in (moved / "frames.jsonl").read_text().splitlines()]
+        assert sorted(lines) == [f"{moved}/{name}" for name in sorted([*MIRRORED, "b/one/frame_9.tif"])]
+    assert cadtof(*command, moved, "--overwrite").status == 0
+    assert _maps(moved) == MIRRORED
+
+
 def test_a_tree_that_has_grown_is_resumed(tree: Path) -> None:
     command = ("resolve", "--recursive", tree / "rec", "-j", 1, "-o")
     assert cadtof(*command, tree / "out").status == 0

@@ -23,6 +23,7 @@ from cadtof_cli.figures.petzval import draw_petzval
 from cadtof_cli.figures.profile import draw_profile
 from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import wall_range_m
+from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import unambiguous_range_m
 from tests.support.calibrations import PETZVAL_QUALITY, made_up_calibration
 from tests.support.captures import record, write_exr, write_frame
@@ -166,6 +167,37 @@ def test_truth_and_first_phasors_of_pixels_alone_are_drawn_as_points(figures: li
     for figure, marker in zip(figures, ("None", "."), strict=True):
         drawn = {one.get_label(): one.get_marker() for one in figure.axes[0].get_lines()}
         assert (drawn["truth"], drawn["first phasor"], drawn["a"]) == (marker, marker, "None")
+
+
+def _legend(figure: Figure) -> list[str]:
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def test_pixels_with_fewer_paths_are_not_said_to_have_no_answer(figures: list[Figure], tmp_path: Path) -> None:
+    """Pixels with one path, two, three, and without an answer, in the layers of the second and the third path."""
+    status = np.array(
+        [[StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.NOT_FINITE]], np.uint32
+    )
+    nan = np.nan
+    layers = {"direct": [1.0, 1.0, 1.0, nan], "mpi": [nan, 2.0, 2.0, nan], "path3": [nan, nan, 3.0, nan]}
+    depths = {f"{name}.depth": np.array([values], np.float32) for name, values in layers.items()}
+    write_exr(tmp_path / "a.exr", {**depths, "status": status})
+    for name in layers:
+        done = cadtof("preview", tmp_path / "a.exr", "--layer", f"{name}.depth", "-o", tmp_path / f"{name}.png")
+        assert (done.status, done.err) == (0, "")
+    none = "no answer: 25.0%"
+    assert [_legend(one) for one in figures] == [[none], ["one path: 25.0%", none], ["fewer paths", none]]
+
+
+def test_maps_without_status_are_not_said_to_have_no_answer(figures: list[Figure], tmp_path: Path) -> None:
+    """Maps of other programs may lack it: then no panel shows the paths of each pixel, and no share is given."""
+    depth = np.array([[1.0, 2.0], [3.0, np.nan]], np.float32)
+    write_exr(tmp_path / "a.exr", dict.fromkeys(("direct.depth", "mpi.depth", "confidence", "direct.sigma"), depth))
+    done = cadtof("preview", tmp_path / "a.exr", "-o", tmp_path / "a.png")
+    assert (done.status, done.err) == (0, "")
+    (figure,) = figures
+    assert _legend(figure) == ["no answer"]
+    assert "paths" not in [text.get_text() for text in figure.texts]
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 2), (1, 300), (2000, 4)])

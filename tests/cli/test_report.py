@@ -16,6 +16,8 @@ from tests.support.captures import record, write_exr
 from tests.support.forward import step_truth
 from tests.support.run_cadtof import ROOT, cadtof
 
+NO_RECORD = "no run.json beside the maps, so the first phasor is left out\n"
+
 ATTACK = "</script><script>alert(1)</script>"
 
 
@@ -190,6 +192,22 @@ def test_maps_alone_and_a_run_that_was_moved(tmp_path: Path) -> None:
     single = _page(out / "frame_1.tif")
     assert "frames1" in single.text.replace("\n", "")
     assert "Of 1 frame, the page holds all pixels of 1." in single.text
+
+
+def test_maps_of_captures_are_not_called_gone_without_a_record(tmp_path: Path) -> None:
+    """Without `run.json`, nothing says how the run called its folder; `frames.jsonl` names the maps from there on."""
+    for name in ("friday", "monday"):
+        record(tmp_path / "week" / name, frames=2)
+    out = tmp_path / "out"
+    assert cadtof("resolve", "-r", tmp_path / "week", "-o", out, "-j", 1, "-q").status == 0
+    (out / "run.json").unlink()
+    (out / "monday" / "frame_1.tif").unlink()
+    page = _page(out, message="no run.json beside the maps")
+    assert "frames4resolved4failed1" in page.text.replace("\n", "")
+    truth = write_exr(tmp_path / "truth.exr", {"direct.depth": step_truth().astype("float32")})
+    told = f"{out}: 1 frame of the run without maps, not compared: see frames.jsonl\n"
+    for arguments in (("--truth", truth), ("--over-time", tmp_path / "scatter.exr")):
+        assert cadtof("evaluate", out, *arguments).err.replace(NO_RECORD, "") == told
 
 
 def test_impossible_pages_are_refused(tmp_path: Path) -> None:

@@ -309,6 +309,45 @@ def test_means_of_other_frames_replace_those_of_the_earlier_run(tmp_path: Path, 
         require_same_run(out, fresh)
 
 
+def test_a_run_that_resolved_nothing_is_resumed(tmp_path: Path) -> None:
+    """Its `frames.jsonl` is empty, and stays so until there is a frame."""
+    capture, out = record(tmp_path / "A", frames=1), tmp_path / "out"
+    for resume in ([], ["--resume"]):
+        done = _resolve(capture.folder, "-o", out, "--frames", "1:", *resume)
+        told = "no frame was resolved: no capture has a frame in the range of --frames\n"
+        assert (done.status, done.err, lines_of(out), run_of(out)["finished"]) == (1, told, [], True)
+    write_frame(capture.folder / "frame_1.tif", step_frame(np.random.default_rng(1)))
+    assert _resolve(capture.folder, "-o", out, "--frames", "1:", "--resume").status == 0
+    assert len(lines_of(out)) == 1
+
+
+@pytest.mark.parametrize("last", [b"{}\n", b'{"source": "fr'])
+def test_a_moved_run_whose_last_line_is_no_report(last: bytes, tmp_path: Path) -> None:
+    """A line that was cut off is left out; any other is refused, and then nothing has been changed."""
+    capture, out, moved = record(tmp_path / "A"), tmp_path / "out", tmp_path / "moved"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    out.rename(moved)
+    for whole in ((moved / "frames.jsonl").read_bytes(), b""):
+        (moved / "frames.jsonl").write_bytes(whole + last)
+        done = _resolve(capture.folder, "-o", moved, "--resume")
+        if last.endswith(b"\n"):
+            assert (done.status, (moved / "frames.jsonl").read_bytes()) == (2, whole + last)
+        else:
+            assert (done.status, len(lines_of(moved))) == (0, 1)
+
+
+def test_a_folder_in_the_place_of_a_map_is_not_said_to_be_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, out = record(tmp_path / "A", frames=2), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    (out / "frame_0.tif").unlink()
+    (out / "frame_0.tif").mkdir()
+    monkeypatch.chdir(tmp_path)
+    done = _resolve("A", "-o", out, "--resume")
+    assert (done.status, "failed: " in done.err, "removed" in done.err) == (1, True, False)
+
+
 def test_a_folder_that_was_moved_and_copied_is_the_same_run(tmp_path: Path) -> None:
     capture, out, other = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "other"
     assert _resolve(capture.folder, "-o", out).status == 0

@@ -4,8 +4,9 @@ import errno
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -129,6 +130,23 @@ def test_a_folder_whose_disk_fails_on_closing_is_an_error(tmp_path: Path, monkey
     with pytest.raises(OutputError, match="expected a folder that can be written into: Stale file handle"):
         make_folder(tmp_path / "out")
     assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize("write", [make_folder, lambda path: write_text(path / "a.txt", "text")])
+def test_a_signal_while_a_file_is_created_leaves_no_file(
+    write: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python handles a signal when the call of the system returns: the file is there, and nobody has its descriptor yet."""
+    create = os.open
+
+    def interrupted(*arguments: Any) -> int:
+        create(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "open", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.fixture

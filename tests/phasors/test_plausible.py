@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
 from cadtof_cli.phasors.causes import range_of
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.plausible import FEWEST, Copies, implausible, is_without_noise
+from cadtof_cli.phasors.plausible import FEWEST, Copies, implausible, is_without_noise, stuck_bit
 
 AMPLITUDE_V = 0.2746
 ZERO, STEP = 8192.0, 6e-5
@@ -312,3 +312,31 @@ def test_frames_with_the_same_values_are_copies_of_the_first_unless_they_may_agr
     ]
     assert found == [None, None, "a", "a"]
     assert [copies.original_of(small, "z", name) for name in ("e", "f")] == [None, None]
+
+
+@pytest.mark.parametrize("value", [0, 1])
+@pytest.mark.parametrize(("plane", "which"), [(slice(None), "all planes"), (1, "H2.SC2")])
+def test_a_bit_that_is_stuck_is_told(value: int, plane: int | slice, which: str) -> None:
+    """Bit 9 moved depths by decimetres to metres, with a sigma of millimetres, in silence."""
+    known = CaptureMetadata(modulation=Modulation(amplitude_v=AMPLITUDE_V), voltage=COUNTS)
+    frame = counts().reshape(2, 2, 40, 100)
+    assert stuck_bit(frame, known) is None
+    # whole numbers of fewer bits have lower bits that never change
+    assert stuck_bit(frame & np.uint16(0xFFC0), known) is None
+    spoiled = frame.copy()
+    one = spoiled if isinstance(plane, slice) else spoiled[plane, plane]
+    one[...] = one | np.uint16(512) if value else one & ~np.uint16(512)
+    told = stuck_bit(spoiled, known)
+    assert told is not None
+    assert told.startswith(f"bit 9 (512) of {which} is {value} in every pixel")
+
+
+@pytest.mark.parametrize("bit", range(5, 12))
+def test_surfaces_of_few_depths_have_no_stuck_bit(bit: int) -> None:
+    """The bits of narrow values are the same by chance."""
+    known = CaptureMetadata(modulation=Modulation(amplitude_v=AMPLITUDE_V), voltage=COUNTS)
+    noise = np.random.default_rng(bit).normal(0.0, 8.0, (2, 2, 40, 100))
+    steps = np.array([[6500.0, 9200.0], [7000.0, 9900.0]])[..., np.newaxis, np.newaxis] + (1 << bit) * (
+        np.arange(100) // 50
+    )
+    assert stuck_bit(np.rint(steps + noise).astype(np.uint16), known) is None

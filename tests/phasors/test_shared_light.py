@@ -1,7 +1,9 @@
 """Light or an offset that all pixels of a frame share: fog, a dirty window, stray light of the lens, offsets that drifted."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli import simulate_scene
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pulse, Voltage
-from cadtof_cli.phasors.shared_light import shared_light, shared_light_in_words
+from cadtof_cli.phasors.shared_light import shared_light, shared_light_in_words, wrong_zero, wrong_zero_in_words
 from cadtof_cli.phasors.voltages import ideal_phasor_map
 from cadtof_cli.pipeline.frame import calibrated_doubts
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
@@ -171,3 +173,35 @@ def test_in_a_view_of_one_depth_nothing_is_told(seed: int) -> None:
     frame = card.frames[0]
     phasor_map = ideal_phasor_map(frame.metadata, frame.stored.dtype)
     assert shared_light_in_words(frame.stored, frame.metadata, phasor_map) is None
+
+
+@pytest.mark.parametrize("harmonics", HARMONICS)
+@pytest.mark.parametrize("off_v", [0.058, -0.02])
+def test_a_wrong_zero_is_found_in_views_of_one_depth(harmonics: tuple[int, ...], off_v: float) -> None:
+    """A flat wall came out up to 3 m off with a sigma of millimetres, in silence: 58 mV are more than its own light."""
+    wall = phasors(harmonics, (0.0,) * len(harmonics), range_m=np.full(SIZE, 3.0) + np.indices(SIZE)[1] * 2e-3)
+    unit = np.full(wall.shape, (1.0 + 1.0j) / AMPLITUDE_V)
+    found = wrong_zero(wall + off_v * unit, unit, harmonics)
+    assert found == pytest.approx(off_v, abs=2e-4)
+    assert wrong_zero(wall, unit, harmonics) is None
+
+
+@pytest.mark.parametrize("frames", [{}, {"distance_m": 1.0, "mpi_ratios": (0.5, 0.9), "separations_ns": (6.0, 9.0)}])
+def test_strong_mpi_in_a_view_of_one_depth_is_no_wrong_zero(frames: dict[str, Any]) -> None:
+    frame = simulate_scene("card", camera={"width": 80, "height": 60}, **frames).frames[0]
+    phasor_map = ideal_phasor_map(frame.metadata, frame.stored.dtype)
+    assert wrong_zero_in_words(frame.stored, frame.metadata, phasor_map) is None
+
+
+def test_a_wrong_zero_is_told_with_the_right_one_for_later_frames_too(tmp_path: Path) -> None:
+    """`info`, the warning of `resolve` before the first map and its note on the frame name the zero that fits."""
+    assert cadtof("simulate", "--scene", "wall", "--width", 80, "--height", 60, "-o", tmp_path / "wall").status == 0
+    settings = tmp_path / "wall" / "capture.toml"
+    settings.write_text(settings.read_text().replace("zero_counts = 8192.0", "zero_counts = 7500.0"))
+    told = "0 V is probably 819"
+    info = cadtof("info", tmp_path / "wall", "--jobs", 1)
+    assert (info.status, told in info.err) == (1, True)
+    done = cadtof("resolve", tmp_path / "wall", "-o", tmp_path / "maps", "--jobs", 1)
+    assert f"warning: {tmp_path / 'wall'}: all stored values seem to be +69" in done.err
+    assert f"{tmp_path / 'maps'}: 1 more map: correct zero_counts, " in done.err
+    assert told in json.loads((tmp_path / "maps" / "frames.jsonl").read_text())["reason"]

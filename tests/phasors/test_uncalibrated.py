@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
-from cadtof_cli.phasors.uncalibrated import camera_doubts, striped
+from cadtof_cli.phasors.uncalibrated import camera_doubts, stepped, striped
 from tests.support.captures import record
 from tests.support.run_cadtof import cadtof
 
@@ -209,3 +209,26 @@ def test_errors_are_doubted_in_a_frame_as_large_as_cameras_record() -> None:
     for words, found in errors.items():
         (doubt,) = camera_doubts(found, KNOWN)
         assert words in doubt
+
+
+@pytest.mark.parametrize("side", ["left and right", "upper and lower"])
+@pytest.mark.parametrize("offset_v", [0.02, -0.003])
+def test_a_part_of_the_sensor_with_an_offset_of_its_own_is_told(side: str, offset_v: float) -> None:
+    """A quarter that is 20 mV brighter was 1 to 4 m off, with a sigma of millimetres, in silence."""
+    # no edge of a box in the middle
+    volts = np.roll(frame(), 10, axis=3)
+    assert stepped(volts, KNOWN) is None
+    if side == "left and right":
+        volts[..., :40] += offset_v
+    else:
+        volts[..., 32:, :] += offset_v
+    told = stepped(volts, KNOWN)
+    assert told is not None
+    assert told.startswith(f"the {side} halves differ by ")
+    assert told in camera_doubts(volts, KNOWN)
+
+
+def test_an_edge_of_the_scene_in_the_middle_is_no_offset() -> None:
+    """All columns come to the middle in turn, and so do the edges of the boxes."""
+    volts = frame(n_av=1e7)
+    assert all(stepped(np.roll(volts, place, axis=3), KNOWN) is None for place in range(SIZE[1]))

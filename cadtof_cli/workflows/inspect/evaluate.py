@@ -1,6 +1,6 @@
 """`cadtof evaluate`: errors of a run's maps against truth, beside those of the first phasor alone; and scatter over time."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.layers import read_layers, write_layers
-from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.units import counted
@@ -22,7 +21,7 @@ from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
 from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE
-from cadtof_cli.workflows.run_folder import read_run
+from cadtof_cli.workflows.run_folder import Run, read_run
 
 
 @dataclass(frozen=True)
@@ -50,13 +49,7 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
     files = run.require_maps()
     known = Truth(truth, run)
     known.tell_of_captures(progress.say)
-    try:
-        if lost := run.frames_without_maps():
-            progress.say(f"{maps}: {counted(lost, 'frame')} of the run without maps, not compared: see {FRAMES_FILE}")
-    except CaptureError as error:
-        progress.say(f"frames of the run without maps are not counted: {error}")
-    if is_folder(maps) and run.record is not None and not run.record.get("finished"):
-        progress.say(f"{maps}: the run has not finished: only the maps that it has written are compared")
+    _tell_what_is_left_out(run, progress.say)
     recorded = first_phasors(run, progress.say)
     whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.advance(0, total=len(files))
@@ -73,6 +66,17 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
     if table is not None:
         _write_table(table, lines)
     return whole.summary()
+
+
+def _tell_what_is_left_out(run: Run, say: Callable[[str], None]) -> None:
+    """Say how many frames of the run have no maps, and whether it has not finished."""
+    if run.maps == run.folder and run.record is not None and not run.record.get("finished"):
+        say(f"{run.maps}: the run has not finished, so frames may be missing; `cadtof resolve --resume` completes it")
+    try:
+        if lost := run.frames_without_maps():
+            say(f"{run.maps}: {counted(lost, 'frame')} of the run without maps, not compared: see {FRAMES_FILE}")
+    except CaptureError as error:
+        say(f"frames of the run without maps are not counted: {error}")
 
 
 def _write_table(path: Path, lines: Mapping[str, Evaluation]) -> None:
@@ -108,6 +112,7 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
             f"{maps}: --over-time takes the maps of {run.captures_shown} captures for one scene at rest; the folder of one"
             " capture gives its own scatter"
         )
+    _tell_what_is_left_out(run, progress.say)
     for stranger in run.unnamed_files():
         progress.say(
             f"{stranger}: {FRAMES_FILE} does not name it, so it may be of another run; it is counted all the same"

@@ -10,7 +10,6 @@ from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
-from cadtof_cli.workflows.resolve.record import rename_lines
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
 from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN, RUN_FILE, RunRecord, read_record, resumable
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -55,15 +54,11 @@ class Arrivals:
     def keep_earlier(self, earlier: RunRecord, document: RunRecord, plans: Iterable[CapturePlan], /) -> None:
         """Add what is recorded of the run that is continued to the `document` of this run.
 
-        The lines of that run get the names that this run uses.
-
         Raises:
             OutputError: `earlier` is not the record of a run.
         """
-        out = self.settings.out
-        with resumable(out / RUN_FILE):
+        with resumable(self.settings.out / RUN_FILE):
             self.counted = document.continue_from(earlier, plans)
-            rename_lines(out, earlier)
 
     def begin(
         self,

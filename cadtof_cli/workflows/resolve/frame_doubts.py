@@ -6,7 +6,7 @@ from cadtof_cli.arrays import Bool, Stored
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MISFIT
 from cadtof_cli.phasors.doubts import doubt_of_planes
-from cadtof_cli.phasors.plausible import FEWEST
+from cadtof_cli.phasors.plausible import FEWEST, stuck_bit
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.status import StatusCounts
 from cadtof_cli.units import unambiguous_range_m
@@ -26,10 +26,12 @@ have a sigma below the second: pixels without light have a larger one."""
 def frame_doubts(stored: Stored | None, maps: DepthMaps, counts: StatusCounts, plan: FramePlan, /) -> tuple[str, ...]:
     """Return in words what is likely wrong with the maps of a frame, (H, 2, Y, X); `stored` is None for a mean of frames."""
     answers, planes = counts.one_path + counts.two_paths + counts.diffuse, None
-    if stored is not None and plan.resolver.order == "auto" and counts.one_path <= FEW_OF_ONE_PATH * answers:
+    stuck = None if stored is None else stuck_bit(stored, plan.metadata)
+    several = plan.resolver.order == "auto" and counts.one_path <= FEW_OF_ONE_PATH * answers
+    if stored is not None and several and not stuck:
         # a calibration shows that the planes are in order
         planes = doubt_of_planes(stored, plan.metadata, of_order=plan.calibration is None)
-    return tuple(told for told in (_wrapped_in_words(maps, plan), _misfit_in_words(maps, plan), planes) if told)
+    return tuple(told for told in (_wrapped_in_words(maps, plan), _misfit_in_words(maps, plan), stuck, planes) if told)
 
 
 def _misfit_in_words(maps: DepthMaps, plan: FramePlan) -> str | None:

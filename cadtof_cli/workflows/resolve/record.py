@@ -24,7 +24,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.units import first_of
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, report_of
-from cadtof_cli.workflows.resolve.run_json import RUN_FILE, RunRecord
+from cadtof_cli.workflows.resolve.run_json import RUN_FILE, RunRecord, resumable
 
 FRAMES_FILE = "frames.jsonl"
 
@@ -117,7 +117,11 @@ class RunRecorder:
         if self._removed:
             names = first_of(self._removed, 3)
             self.say(f"{self.path.parent}: removed {names}, because other maps show their recorded frames now")
-        if self.resumed or len(places) < len(self._places):
+        is_new_order = self.resumed or len(places) < len(self._places)
+        if is_new_order and not places:
+            # `atomic_write` refuses an empty file
+            self.lines.truncate(0)
+        elif is_new_order:
             with atomic_write(self.path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, places))
                 # some systems cannot replace an open file
@@ -161,7 +165,7 @@ class RunRecorder:
     def _stays(self, name: str, report: FrameReport) -> bool:
         """Return whether a line about the map called `name` stays. The map is removed if other maps show its frames now."""
         out = self.path.parent
-        if name in self._not_met and (out / name).exists():
+        if name in self._not_met and (out / name).is_file():
             frames = {Path(report.source).name, *(file.name for file in report.files or ())}
             folder = name.rpartition("/")[0]
             if not self._recorded.isdisjoint(f"{folder}/{frame}" for frame in frames):
@@ -170,10 +174,10 @@ class RunRecorder:
                 return False
         return (out / name).is_file()
 
-    def find_lines(self, out: Path, /) -> None:
+    def find_lines(self) -> None:
         """Find the lines of frames that have maps. Cut off a last line that is incomplete because the run was killed.
 
-        `out` is the path that the earlier run had for its folder.
+        The lines have been renamed (`rename_lines`): they call the folder of the run as this run does.
 
         Raises:
             OutputError: a line is not a report on a frame.
@@ -183,13 +187,10 @@ class RunRecorder:
             for line in lines:
                 if not line.endswith(b"\n"):
                     break
-                report = report_of(line)
-                if report is None:
-                    found = line[:40].decode(errors="replace").rstrip()
-                    raise OutputError(f"{self.path}: not the record of a run, so it cannot be resumed (found: {found})")
+                report = required_report(line, self.path)
                 self._earlier_places.append(end)
                 if report.output is not None:
-                    self._before[place_in(out, Path(report.output))] = end
+                    self._before[place_in(self.path.parent, Path(report.output))] = end
                 end += len(line)
             self.lines.truncate(end)
         self._not_met = set(self._before)
@@ -219,6 +220,15 @@ class RunRecorder:
         self.lines.close()
         self.lines = copy
         self.say(f"{self.path}: was removed or replaced while frames were resolved; written anew")
+
+
+def required_report(line: bytes, path: Path, /) -> FrameReport:
+    """Return the report that a line of the `frames.jsonl` at `path` holds; raises OutputError if it holds none."""
+    report = report_of(line)
+    if report is None:
+        found = line[:40].decode(errors="replace").rstrip()
+        raise OutputError(f"{path}: not the record of a run, so it cannot be resumed (found: {found})")
+    return report
 
 
 def place_in(out: Path, output: Path, /) -> str:
@@ -260,17 +270,19 @@ def rename_lines(out: Path, earlier: RunRecord, /) -> None:
     earlier run was started; `earlier` is the content of its `run.json`.
 
     Raises:
-        LookupError, TypeError: it is not the record of a run.
-        OutputError: the file cannot be written.
+        OutputError: `earlier` is not the record of a run, a line is not a report, or the file cannot be written.
     """
-    called, start = earlier.out, earlier.start_folder()
+    with resumable(out / RUN_FILE):
+        called, start = earlier.out, earlier.start_folder()
     is_here = start in (Path(), Path.cwd())
     path = out / FRAMES_FILE
-    if (called == out and is_here) or not path.is_file():
+    if (called == out and is_here) or not path.is_file() or not path.stat().st_size:
         return
     with writing(path), atomic_write(path) as temporary, path.open("rb") as lines, temporary.open("wb") as renamed:
         for line in lines:
-            if report := report_of(line):
+            # a last line without an end is incomplete, because the run was killed
+            if line.endswith(b"\n"):
+                report = required_report(line, path)
                 output = report.output and Path(report.output)
                 if output and output.is_relative_to(called):
                     report = replace(report, output=(out / output.relative_to(called)).as_posix())
@@ -282,30 +294,27 @@ def rename_lines(out: Path, earlier: RunRecord, /) -> None:
 
 @contextmanager
 def recorded_run(
-    out: Path, document: RunRecord, /, *, earlier: RunRecord | None, arriving: bool, say: Callable[[str], None]
+    out: Path, document: RunRecord, /, *, resume: bool, arriving: bool, say: Callable[[str], None]
 ) -> Iterator[RunRecorder]:
     """Write a run's `run.json`, and yield a recorder that holds its `frames.jsonl` open for the reports on its frames.
-
-    `earlier` is the record of the run that it continues; None: there is none.
 
     Raises:
         OutputError: one of the two cannot be written; or the `frames.jsonl` to be resumed holds other lines than reports.
     """
     path, run = out / FRAMES_FILE, out / RUN_FILE
-    if earlier is None:
+    if not resume:
         # the settings come first: without them, the lines would be taken for lines of the next run
         write_json(run, document)
     with writing(path):
-        if earlier is None:
+        if not resume:
             path.unlink(missing_ok=True)
         lines = os.fdopen(os.open(path, OPEN_OR_CREATE_FLAGS, 0o666), "r+b", buffering=0)
-    recorder = RunRecorder(path, document, lines, earlier is not None, arriving, say)
+    recorder = RunRecorder(path, document, lines, resume, arriving, say)
     try:
         if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
             raise not_written(path, OSError("found no regular file there"))
-        if earlier is not None:
-            # the lines of a run with arriving frames have been renamed (`rename_lines`)
-            recorder.find_lines(out if arriving else earlier.out)
+        if resume:
+            recorder.find_lines()
             write_json(run, document)
         try:
             yield recorder

@@ -39,7 +39,7 @@ from cadtof_cli.workflows.resolve.plans import (
     pooling_notes,
     use_calibration,
 )
-from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
+from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run, rename_lines
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, failed_input
 from cadtof_cli.workflows.resolve.run_json import run_document
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -106,9 +106,12 @@ def resolve_captures(
             first = run.outcomes(plans)
             if settings.overwrite:
                 remove_run(settings.out)
-            if earlier and arrivals:
-                arrivals.keep_earlier(earlier, document, plans)
-            record = recorded_run(settings.out, document, earlier=earlier, arriving=is_arriving, say=progress.say)
+            if earlier:
+                if arrivals:
+                    arrivals.keep_earlier(earlier, document, plans)
+                rename_lines(settings.out, earlier)
+            is_resumed = earlier is not None
+            record = recorded_run(settings.out, document, resume=is_resumed, arriving=is_arriving, say=progress.say)
             with record as run.record:
                 for report in failed:
                     run.report(report)
