@@ -247,14 +247,14 @@ def _same_planes(here: Float, noise: Float) -> tuple[int, int] | None:
 
 def doubt_of_planes(stored: Stored, metadata: CaptureMetadata, /, *, of_order: bool = True) -> str | None:
     """Return what `doubts` says of the planes of a frame, (H, 2, Y, X), and their order: quick if phases fit one path."""
-    if of_order and _share_of_one_path(stored, metadata, count=_QUICK_LOOK) > _FITTING:
+    if of_order and len(stored) > 1 and _share_of_one_path(stored, metadata, count=_QUICK_LOOK) > _FITTING:
         return None
     return wrong_planes(stored, metadata) or (_zero_or_order(stored, metadata) if of_order else None)
 
 
 def _zero_or_order(stored: Stored, metadata: CaptureMetadata) -> str | None:
     # a wrong zero turns phases, and another order may then fit better by chance
-    several = _share_of_one_path(stored, metadata, count=_QUICK_LOOK) <= _FITTING
+    several = len(stored) > 1 and _share_of_one_path(stored, metadata, count=_QUICK_LOOK) <= _FITTING
     zero = wrong_zero_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)) if several else None
     return zero or mistaken_order(stored, metadata)
 
