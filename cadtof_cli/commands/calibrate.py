@@ -184,10 +184,10 @@ def _dark_lines(figures: Mapping[str, Any]) -> list[str]:
 def _response_lines(figures: Mapping[str, Any]) -> list[str]:
     lines = ["distances: " + ", ".join(f"{distance:g} m" for distance in figures["distances_m"])]
     of_pixels = ("pixel_phase_std_rad", "pixel_phase_stderr_rad", "pixel_gain_std", "pixel_gain_stderr")
-    rows = zip(*(figures[name] for name in ("gain", "phase_rad", *of_pixels)), strict=True)
-    for index, (gain, phase, spread, error, gain_spread, gain_error) in enumerate(rows, start=1):
+    rows = zip(figures["terms"], *(figures[name] for name in ("gain", "phase_rad", *of_pixels)), strict=True)
+    for harmonic, gain, phase, spread, error, gain_spread, gain_error in rows:
         lines.append(
-            f"harmonic {index}: gain {gain:.4f}, phase {phase:+.4f} rad; pixel to pixel {spread:.4f} rad "
+            f"harmonic {harmonic.removeprefix('H')}: gain {gain:.4f}, phase {phase:+.4f} rad; pixel to pixel {spread:.4f} rad "
             f"(each known to {error:.4f}), {gain_spread:.2%} of gain (known to {gain_error:.2%})"
         )
     lines.append(f"residual over noise: {figures['residual']:.3f} (1: nothing but noise is left)")

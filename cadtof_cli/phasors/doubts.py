@@ -275,8 +275,6 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /, *, count: int =
     Raises:
         SettingsError: see `volts_per_count`.
     """
-    if len(stored) < 2:
-        return None
     some = spread_over(stored, count)
     as_read = _share_of_one_path(some, metadata)
     share = min(as_read, _SURE)
@@ -329,8 +327,10 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 def _share_of_one_path(some: Stored, metadata: CaptureMetadata, *, sign: float = 1.0) -> float:
     """Return the share of the sound ones of some pixels, (H, 2, n), that look like one path; 0 if too few are sound.
 
-    Only the first two harmonics are compared: several paths shift the phases of higher harmonics more, so these say less.
+    Only the first two harmonics are compared: several paths shift higher ones more. A single harmonic always looks like one path.
     """
+    if len(some) < 2:
+        return 1.0
     first, second = sign * _sound_phasors(some, metadata)
     if first.size < FEWEST:
         return 0.0

@@ -1,6 +1,7 @@
 """The noise of phasors, known from the integration length or estimated from a frame, and thresholds on χ²."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
@@ -197,6 +198,7 @@ def estimated_integration_length(
 
     The less ambient light a pixel has, the less noise. So each difference is divided by the deviation that `noise_model`
     expects of its pixels, over that of a pixel with the median of |p_h|². The variance is compared with that of such a pixel.
+    Phasors of a triangle are those of the pixel's channels: not turned by a calibrated delay.
     Returns infinity for a frame without noise, and NaN if fewer than 16 differences of a harmonic are finite.
 
     `quantised`: the values are whole numbers. Rounding to them is not noise of photons, so its variance is taken off.
@@ -213,13 +215,13 @@ def estimated_integration_length(
     else:
         difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
     seen = expected = 0.0
-    for plane, phasor, one in zip(difference, phasors, unit.each, strict=True):
+    quieter = _less_noise(phasors, unit.each, metadata.modulation.waveform)
+    for plane, less, one in zip(difference, quieter, unit.each, strict=True):
         if np.count_nonzero(np.isfinite(plane)) < FEWEST_DIFFERENCES:
             return math.nan
-        power = np.square(np.abs(phasor))
-        signal, least = float(median(power[np.isfinite(power)])), 2.0 * LEAST_SHARE * one.ambient_variance
-        typical = max(2.0 * one.ambient_variance - signal, least)
-        own = np.maximum(2.0 * one.ambient_variance - power, least) / typical
+        usual, least = float(median(less[np.isfinite(less)])), 2.0 * LEAST_SHARE * one.ambient_variance
+        typical = max(2.0 * one.ambient_variance - usual, least)
+        own = np.maximum(2.0 * one.ambient_variance - less, least) / typical
         own = own if variances is None else own * variances.reshape(own.shape)
         pairs = own[:-1] + own[1:]
         # the variance of each second difference
@@ -237,6 +239,26 @@ def estimated_integration_length(
     length = 0.5 * (1.0 + 1.0 / averaging)
     # 1/(2·n_av − 1) of one recording is that of the mean, times the number of recordings
     return length if samples == 1.0 else 0.5 * (1.0 + (2.0 * length - 1.0) / samples)
+
+
+def _less_noise(phasors: Complex, each: Sequence[HarmonicNoise], waveform: Waveform, /) -> Float:
+    """Return by how much less than ambient light's the variance of both channels is, of `phasors`' shape, times 2·n_av − 1.
+
+    The variance is the mean square of the samples less the square of their mean, |p|². Samples of a sine have the same mean
+    square at all times. With a triangle, all light of one path is a = |SC1| + |SC2|, and its mean square is |SC|²/a; over all
+    times it is 2/3. The less of the light that the harmonic with the largest sum shows is in a harmonic's sum, the more the
+    light is of several paths, and the nearer to 2/3 its mean square is taken to be.
+    """
+    power = np.square(np.abs(phasors))
+    if waveform == "sine":
+        return power
+    ambient = np.array([2.0 * one.ambient_variance for one in each])[:, np.newaxis, np.newaxis]
+    scale = np.sqrt(2.0 / 3.0 / ambient)
+    # in units of the triangle's amplitude
+    sums = scale * (np.abs(phasors.real) + np.abs(phasors.imag))
+    light = np.maximum(sums.max(axis=0), np.finfo(np.float64).tiny)
+    less: Float = power - (power - ambient * np.square(sums)) / light
+    return less
 
 
 def median_of_steps(sizes: Float, step: float, /) -> float:

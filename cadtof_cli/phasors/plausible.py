@@ -121,7 +121,8 @@ def stuck_bit(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
 
 def _has_gaps(values: Stored, bit: int) -> bool:
     """Return whether whole numbers leave out the ranges that a stuck bit leaves out, and hardly more."""
-    there = np.unique(values).astype(np.int64)
+    # `np.unique` would import numpy.ma
+    there = np.sort(values, axis=None).astype(np.int64)
     gaps = np.diff(there)[np.diff(there >> bit) == 2]
     return int(np.count_nonzero(gaps <= _GAP_RANGE * (1 << bit))) >= _GAPS
 

@@ -38,7 +38,11 @@ def estimated_noise(
     phasors[:, saturated_pixels(stored, metadata.voltage.saturated_counts)] = np.nan
     variances = None if samples is None else (recordings / samples).reshape(size)
 
+    response = stages.correction.response
+
     def noise_of(alike: Complex) -> NoiseModel:
+        if response is not None and metadata.modulation.waveform == "triangle":
+            alike = alike * np.array([[table.recorded_rotor] for table in response.stages[-1]])
         estimate = estimated_integration_length(
             alike.reshape(-1, *size), metadata, quantised=quantised, samples=recordings, variances=variances
         )
@@ -50,7 +54,6 @@ def estimated_noise(
         length = min(estimate, MOST_INTEGRATION)
         return noise_model(metadata, integration_length=length, quantised=quantised, estimated=True)
 
-    response = stages.correction.response
     if response is None or response.phase_rad is None:
         return noise_of(phasors)
     from cadtof_cli.resolver.response.as_sine import single_path, without_own_phases

@@ -100,6 +100,22 @@ def test_petzval_of_a_camera_without_other_defects(tmp_path: Path) -> None:
     assert "used" not in tomllib.loads((tmp_path / "camera" / "petzval.toml").read_text())
 
 
+@pytest.mark.parametrize("harmonics", [(1,), (1, 3)])
+def test_harmonics_that_cannot_tell_two_paths(tmp_path: Path, harmonics: tuple[int, ...]) -> None:
+    """They are calibrated for `resolve --solver one-path`, and named by their numbers, not by their places."""
+    periods = ",".join(f"{40.0 / h:.6f}" for h in harmonics)
+    seen = ("--periods-ns", periods, "--petzval", "0.06,-0.02", "--width", 80, "--height", 60, "--frames", 5)
+    assert cadtof("simulate", "--scene", "wall", *seen, "-o", tmp_path / "wall", "--quiet").status == 0
+    done = cadtof("calibrate", "petzval", tmp_path / "wall", "-o", tmp_path / "lens")
+    assert done.status == 0, done.err
+    found = tomllib.loads((tmp_path / "lens" / "petzval.toml").read_text())["coefficients"]
+    assert abs(found["k2_m"] - 0.06) < 3 * found["k2_stderr_m"] < 0.02
+    assert abs(found["k4_m"] + 0.02) < 3 * found["k4_stderr_m"] < 0.02
+    done = cadtof("calibrate", "response", tmp_path / "wall", "-o", tmp_path / "camera")
+    named = [line.split(":")[0] for line in map(str.strip, done.out.splitlines()) if line.startswith("harmonic ")]
+    assert named == [f"harmonic {h}" for h in harmonics]
+
+
 def test_a_part_is_replaced_only_with_overwrite(campaign: Campaign, calibrated: Path) -> None:
     before = (calibrated / "dark.toml").read_bytes()
     done = cadtof("calibrate", "dark", campaign.dark, "-o", calibrated)

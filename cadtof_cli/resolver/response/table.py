@@ -59,6 +59,14 @@ class ResponseTable:
         return {int(k): complex(series[k]) for k in signed if k != 1}
 
     @cached_property
+    def recorded_rotor(self) -> complex:
+        """Rotor that gives the phasors of a triangle their recorded phases back, up to quarter turns.
+
+        A delay φ of the channel pair turns its terms k by k·φ, and all of them are divided by that of k = 1.
+        """
+        return complex(np.exp(-0.25j * np.angle(self.other_terms.get(-3, 1.0))))
+
+    @cached_property
     def phases(self) -> Float:
         """The unwrapped phase of f at every entry and after a full turn, float64 (ENTRIES + 1,)."""
         phases = np.angle(self.planes[0].astype(np.float64) + 1j * self.planes[1])

@@ -16,7 +16,7 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import MeanVolts
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.settings import ResolverSettings, SolverName
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
@@ -56,12 +56,17 @@ def calibrate_petzval(
 
 
 def _wall(capture: Capture, mean: MeanVolts, folder: Path, earlier: Calibration | None) -> WallRanges:
-    """Resolve the mean of a wall's frames. Its noise is that of one frame, divided by the square root of their number."""
+    """Resolve the mean of a wall's frames. Its noise is that of one frame, divided by the square root of their number.
+
+    Harmonics that cannot tell one path from two give one path in each pixel.
+    """
     metadata = capture.source.metadata
     n_av = metadata.pixel.integration_length
     pixel = replace(metadata.pixel, integration_length=n_av * mean.frames if n_av is not None else None)
     use = CalibrationUse(folder, earlier.digest, curved=False) if earlier else None
-    settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"))
+    harmonics = metadata.modulation.harmonics
+    solver: SolverName = "two-path" if harmonics == (1, 2) or len(harmonics) > 2 else "one-path"
+    settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete", solver=solver))
     in_volts = replace(metadata, voltage=Voltage(), pixel=pixel)
     plan = FramePlan(metadata=in_volts, settings=settings, calibration=use)
     maps = resolve_frame(mean.volts, plan=plan, calibration=earlier).maps

@@ -75,6 +75,16 @@ def test_two_paths_of_a_triangle_scatter_as_their_sigmas_predict(
         assert np.mean(np.abs(scatter) < 2.0) == pytest.approx(0.954, abs=0.02)
 
 
+@pytest.mark.parametrize("delay_ns", [2.5, 9.0, 19.6])
+def test_the_length_is_estimated_from_a_triangle_at_one_distance_with_little_ambient_light(delay_ns: float) -> None:
+    """Light at a peak of both waves has 1.5 times the mean square of a triangle, light halfway between peaks .75 times."""
+    metadata, n_av = CaptureMetadata(modulation=TRIANGLE), 1e5
+    settings = ResolverSettings(order="1", mpi_model="discrete")
+    frame = drawn({delay_ns: 1.0}, 0.2, n_av, size=(96, 96))
+    resolved = resolve_frame(frame, plan=FramePlan(metadata=metadata, settings=MapSettings(resolver=settings)))
+    assert resolved.noise.integration_length == pytest.approx(n_av, rel=0.3)
+
+
 @pytest.mark.parametrize(
     ("fwhm_ns", "separation_ns", "least_share", "most_share"),
     [
