@@ -15,9 +15,15 @@ from cadtof_cli.records import dataclass
 
 _PLANE = r"(?i)(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?"
 
-_HARMONIC_WORD = r"(?i)(?<![a-z])h(?:arm(?:onic)?)?[\s._#:-]*0*([1-9]\d*)"
+_HARMONIC_WORD = r"(?i)(?<![a-z])h(?:arm(?:oni[a-z]+)?)?[\s._#:-]*0*([1-9]\d*)"
 _CHANNEL_WORD = r"(?i)(?<![a-z])sc[\s._#:-]*0*([12])(?!\d)"
-_COSINE_OR_SINE_WORD = r"(?i)(?<![a-z])(?:(i|cos(?:ine)?|in[\s_-]?phase)|(q|sin(?:e)?|quad(?:rature)?))(?![a-z])"
+_COSINE_OR_SINE = (
+    r"(?i)(?<![a-z])(?:(i|[ck]os(?:ine|inus)?|in[\s_-]?phase|real)|(q|sin(?:e|us)?|quad(?:rature)?|imag))(?![a-z])",
+    r"(?i)(?<![\d.,-])(?:(0)|(90))[\s_]?(?:deg|°)(?![a-z])",
+)
+"""Words for the first and the second channel. The second pattern counts in names without the words of the first: it may be the
+angle of a target."""
+
 _FREQUENCY_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*MHz(?![a-z])"
 _PERIOD_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*ns(?![a-z])"
 _CHANNEL_BEFORE_NUMBER = rf"{_CHANNEL_WORD}[\s._/:-]*"
@@ -112,7 +118,8 @@ def channel_in_words(name: str, /) -> int | None:
     number = _only(_CHANNEL_WORD, name)
     if number is not None:
         return int(number)
-    words = re.findall(_COSINE_OR_SINE_WORD, name) if len(name) <= _LONGEST_NAME else []
+    found = (re.findall(pattern, name) for pattern in _COSINE_OR_SINE) if len(name) <= _LONGEST_NAME else ()
+    words = next(filter(None, found), [])
     return (1 if words[0][0] else 2) if len(words) == 1 else None
 
 

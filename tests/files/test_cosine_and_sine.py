@@ -21,6 +21,10 @@ LAYOUT = FrameLayout((1, 2))
         ["h1 cos", "h2 cos", "h1 sin", "h2 sin"],
         ["in-phase, 25 MHz", "in-phase, 50 MHz", "quadrature, 25 MHz", "quadrature, 50 MHz"],
         ["I", "I", "Q", "Q"],
+        ["h1 real", "h2 real", "h1 imag", "h2 imag"],
+        ["Kosinus 25 MHz", "Kosinus 50 MHz", "Sinus 25 MHz", "Sinus 50 MHz"],
+        ["Harmonische 1_0°", "Harmonische 2_0°", "Harmonische 1_90°", "Harmonische 2_90°"],
+        ["target 90deg I h1", "target 90deg I h2", "target 90deg Q h1", "target 90deg Q h2"],
     ],
 )
 def test_cosine_and_sine_are_channels_1_and_2(names: list[str]) -> None:
@@ -29,7 +33,10 @@ def test_cosine_and_sine_are_channels_1_and_2(names: list[str]) -> None:
     assert table.tolist() == [[[0, 2], [1, 3]]]
 
 
-@pytest.mark.parametrize("name", ["index", "quiz", "I and Q", "rec_iq.tif", "cosine sine", "single", "sinus"])
+@pytest.mark.parametrize(
+    "name",
+    ["index", "quiz", "I and Q", "rec_iq.tif", "cosine sine", "single", "sinusoid", "100 deg", "190deg", "imaging"],
+)
 def test_other_words_are_no_channels(name: str) -> None:
     assert not is_of_a_plane(name)
 
