@@ -214,6 +214,25 @@ def test_names_of_planes_suggest_a_pattern(
 
 
 @pytest.mark.parametrize(
+    ("harmonics", "channels", "form"),
+    [
+        (("40", "20"), ("I", "Q"), "{}ns_{}.tif"),
+        (("25", "50"), ("real", "imag"), "a_{}MHz_{}.tif"),
+        (("40", "20"), ("1", "2"), "{}ns_tap{}.tif"),
+    ],
+)
+def test_a_suggested_pattern_has_the_planes_that_the_names_say(
+    harmonics: tuple[str, str], channels: tuple[str, str], form: str
+) -> None:
+    """In the order of letters and numbers, 20 ns comes before 40 ns, and imag before real."""
+    names = [form.format(harmonic, channel) for harmonic in harmonics for channel in channels]
+    found = layout_of_names(names, (1, 2))
+    assert found is not None
+    assert [label for label, _ in found.harmonic or ()] == list(harmonics)
+    assert tuple(found.channel or "12") == channels
+
+
+@pytest.mark.parametrize(
     ("names", "pattern"),
     [
         ("{f}_h{h}_sc{c}.tif", "{frame}_h{harmonic}_sc{channel}.tif"),
