@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
@@ -27,14 +27,13 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="leave out the whole condition")
     arguments = parser.parse_args()
     model = PixelModel(averaging=Averaging(integration_length=1.0e5))
-    weights = pixel_weights(model)
-    photons = 2 * weights.shape[1]
+    photons = 2 * pixel_weights(model).shape[1]
     phases = 2 * np.pi * np.random.default_rng(0).random(CHUNK)
     plain = _best(lambda: [(np.cos(phases), np.sin(phases)) for _ in range(photons // CHUNK)])
     print(f"numpy cos + sin, float64:    {photons / plain / 1e6:7.1f} M/s, {1e9 * plain / photons:5.1f} ns each")
     for asr, mpi_ratio in ((5.0, 0.3), (1.0, 0.3), (5.0, 0.0)):
         mix = Condition(asr=asr, mpi_ratio=mpi_ratio).mix(40.0)
-        ours = _best(partial(_record, model, mix, weights))
+        ours = _best(partial(_record, model, mix))
         print(
             f"photons, ASR {asr:g}, MPI {mpi_ratio:3g}:      {photons / ours / 1e6:7.1f} M/s, "
             f"{1e9 * ours / photons:5.1f} ns each, {ours / plain:.2f} of numpy (asked: 3 at most)"
@@ -50,8 +49,8 @@ def main() -> None:
         print(f"400 runs of 2 harmonics at n_av 1e5: {time.perf_counter() - begun:.1f} s on {jobs} cores")
 
 
-def _record(model: PixelModel, mix: PhotonMix, weights: Float32) -> Float:
-    return record_pixel(model, mix, weights, np.random.default_rng(1).spawn(2))
+def _record(model: PixelModel, mix: PhotonMix) -> Float:
+    return record_pixel(model, mix, np.random.default_rng(1).spawn(2))
 
 
 def _best(work: Callable[[], object]) -> float:

@@ -28,9 +28,9 @@ from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import format_by_name
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.layers import write_layers
+from cadtof_cli.simulation.pixel.averaging import averaging_gain
 from cadtof_cli.simulation.pixel.statistics import (
     VoltageStatistics,
-    averaging_gain,
     draw_voltages,
     sample_covariance,
     sample_mean,

@@ -13,7 +13,8 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, SolverName
-from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.simulation.pixel.averaging import averaging_gain
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 
 

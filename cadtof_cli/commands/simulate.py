@@ -23,7 +23,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.files.formats import format_by_name
-from cadtof_cli.simulation.pixel.pixel import require_traceable
+from cadtof_cli.simulation.pixel.evolution import require_traceable
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary

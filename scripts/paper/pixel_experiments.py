@@ -13,8 +13,9 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import plot_histogram, plot_phase, plot_voltages
 from cadtof_cli.files.documents import write_rows
 from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.evolution import evolution
 from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
+from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary
 from cadtof_cli.workflows.simulate.simulate import simulate_trials
 from cadtof_cli.workflows.simulate.sweep import SweepSettings, rows, sweep, table_text

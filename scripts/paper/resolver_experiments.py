@@ -16,8 +16,9 @@ from cadtof_cli.figures.sweep_maps import draw_path_maps
 from cadtof_cli.files.documents import write_rows
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.evolution import evolution
 from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
+from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
 from cadtof_cli.workflows.simulate.simulate import simulate_trials
 from cadtof_cli.workflows.simulate.sweep import SweepSettings, rows, sweep, table_text

@@ -20,7 +20,8 @@ from cadtof_cli.pipeline.frame import (
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import available_kernels
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
-from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.simulation.pixel.averaging import averaging_gain
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene

@@ -122,6 +122,11 @@ class Averaging:
         return np.stack([weights, weights if second == first else cascade_weights(second, ticks, photons)])
 
 
+def averaging_gain(integration_length: float) -> float:
+    """Return Σ w_i² = 1/(2 n_av − 1), the factor by which Eq. (1) reduces the variance of one sample."""
+    return 1.0 / (2.0 * integration_length - 1.0)
+
+
 def effective_length(weights: Float, /) -> float:
     """Return the n_av with which Eq. (1) has the same noise as the weights: (1/Σ w² + 1)/2 if the weights add up to 1."""
     return (float(weights.sum()) ** 2 / float((weights**2).sum()) + 1.0) / 2.0

@@ -1,19 +1,18 @@
-"""The pixel, photon by photon: each photon samples the modulation when it arrives, and the samples are averaged.
-
-A single recording can be followed from photon to photon, as in the paper's Fig. 2.
-"""
+"""The pixel: each photon samples the modulation when it arrives, and the samples are averaged by their weights."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32
-from cadtof_cli.capture.metadata import Modulation, Waveform
-from cadtof_cli.errors import SettingsError, require, require_memory_for_scipy
+from cadtof_cli.arrays import Float, Float32, sealed
+from cadtof_cli.capture.metadata import Modulation
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.arrivals import draw_detections, draw_phases
-from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.averaging import Averaging, averaging_gain, effective_length
 from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
 from cadtof_cli.simulation.pixel.waveforms import sampled_pair
 
@@ -22,12 +21,6 @@ PHOTONS_PER_LENGTH = 12.5
 
 FORGOTTEN_LENGTHS = 40.0
 """Photons that are older than this many n_av are not drawn, because their weights are smaller than rounding errors."""
-
-BINS = 128
-"""Number of bins of the histogram of arrival times in an evolution."""
-
-MOST_ROWS = 1000
-"""How many points in time of an evolution are kept; a picture shows no more."""
 
 CHUNK = 1 << 16
 """How many photons are drawn at once: their buffers stay in the processor's cache."""
@@ -98,85 +91,87 @@ class PixelModel:
         """Mean rate of arrivals."""
         return self.photons_per_cycle / (self.modulation.periods_ns[0] * 1e-9)
 
+    def read_out(self, voltages_v: Float, /) -> Float:
+        """Return averaged voltages, (..., 2), as the pixel reads them out: with gain mismatch and offsets."""
+        return np.asarray(voltages_v * np.array([1.0, 1.0 + self.gain_mismatch]) + np.array(self.offsets_v))
 
-def _require_few_photons(model: PixelModel) -> None:
+
+def require_few_photons(model: PixelModel, /) -> None:
+    """Raise a SettingsError if a harmonic has too many photons to simulate them one by one."""
     expected = f"{MOST_PHOTONS} or less: use a smaller integration length, or fewer --cycles or --photons-per-cycle"
     require(model.photons <= MOST_PHOTONS, "photons", f"{model.photons} in a harmonic", expected)
 
 
+@lru_cache(maxsize=2)
 def pixel_weights(model: PixelModel, /) -> Float32:
     """Return the weights of the photons that count, (2, n) float32, the latest photon last; they are the same in all runs.
 
     Too many photons to simulate one by one, or no photon that counts, raise a SettingsError.
     """
-    _require_few_photons(model)
+    require_few_photons(model)
     weights = model.averaging.weights(model.photons, photon_rate_hz=model.photon_rate_hz)
     if model.averaging.stages.drive == "dc":
         kept = math.ceil(FORGOTTEN_LENGTHS * model.averaging.integration_length)
         weights = weights[:, -min(kept, model.photons) :]
-    return np.ascontiguousarray(weights, dtype=np.float32)
+    return sealed(np.ascontiguousarray(weights, dtype=np.float32))
 
 
-def record_pixel(
-    model: PixelModel, mix: PhotonMix, weights: Float32, generators: list[np.random.Generator], /
-) -> Float:
-    """Return the final voltages of one run, (H, 2), in V, without keeping the trace; the weights are `pixel_weights`.
+def _weights_of_sc1(model: PixelModel) -> Float:
+    return np.asarray(pixel_weights(model)[0], np.float64)
+
+
+def weight_sums(model: PixelModel, /) -> tuple[float, float]:
+    """Return Σ w_i and Σ w_i² of the samples' weights w_i, in the settled average of Eq. (1) or in a switched cascade."""
+    if model.averaging.stages.drive == "dc":
+        return 1.0, averaging_gain(model.averaging.integration_length)
+    weights = _weights_of_sc1(model)
+    return float(weights.sum()), float((weights**2).sum())
+
+
+def noise_length(model: PixelModel, /, *, counted: bool = False) -> float:
+    """Return the integration length that describes the noise of the voltages relative to their mean, also of switched stages.
+
+    `counted`: photons are simulated one by one. If so few come that the average does not settle, the length is less.
+    """
+    if model.averaging.stages.drive == "dc" and (model.settles or not counted):
+        return model.averaging.integration_length
+    return effective_length(_weights_of_sc1(model))
+
+
+def seen_length(model: PixelModel, /) -> float:
+    """Return the integration length at which photons alone have the noise of the pixel, sample noise included.
+
+    `cadtof resolve` estimates this length from frames. A channel's variance is that of ambient light, A²/2, plus that of the
+    sample noise, both over 2·n_av − 1.
+    """
+    length = noise_length(model)
+    added = 2.0 * (model.sample_noise_v / model.modulation.amplitude_v) ** 2
+    return length - (length - 0.5) * (added / (1.0 + added))
+
+
+def record_pixel(model: PixelModel, mix: PhotonMix, generators: Sequence[np.random.Generator], /) -> Float:
+    """Return the final voltages of one run, photon by photon, (H, 2), in V, without keeping the trace.
 
     The mix has no pixel axes. It has no jitter either: the jitter of the model is used. Each harmonic has its own generator,
     because the harmonics are recorded one after the other.
     """
-    voltages = np.empty((len(model.modulation.harmonics), 2))
+    voltages, weights = np.empty((len(model.modulation.harmonics), 2)), pixel_weights(model)
     delays = model.motion.delays_ns(len(generators))
     for row, (harmonic, generator) in enumerate(zip(model.modulation.harmonics, generators, strict=True)):
         used, seen = weights, mix.later(delays[row])
         if model.dead_time_ns > 0:
-            phases = _detected_phases(model, seen, generator, harmonic)
+            phases = detected_phases(model, seen, generator, harmonic)
             used = weights[:, -len(phases) :]
             sums = _weighted(model, phases[-used.shape[1] :].astype(np.float32), used)
         else:
             sums = _weighted_arrivals(model, seen.jittered(model.jitter_ns), used, generator, harmonic)
         noise = model.sample_noise_v * np.sqrt((used.astype(np.float64) ** 2).sum(axis=1))
-        voltages[row] = _read_out(model, model.modulation.amplitude_v * sums + noise * generator.standard_normal(2))
-    return voltages
+        voltages[row] = model.modulation.amplitude_v * sums + noise * generator.standard_normal(2)
+    return model.read_out(voltages)
 
 
-def require_traceable(model: PixelModel, /) -> None:
-    """Raise a SettingsError if no recording of the pixel can be followed from photon to photon.
-
-    Then the stages are switched, or there are too many photons.
-    """
-    _require_few_photons(model)
-    if model.averaging.stages.drive == "switched":
-        raise SettingsError("stages: found switched stages, expected --stages dc for the evolution of voltages")
-
-
-def trace_pixel(
-    model: PixelModel, mix: PhotonMix, generator: np.random.Generator, /, *, harmonic: int
-) -> tuple[Float, Float]:
-    """Return one recording photon by photon, from 0 V on, for averaging by Eq. (1), with the stages closed (`dc`).
-
-    The first array has the arrival time of each photon within the period of the fundamental, in ns, (n,). The second
-    array has SC1 and SC2 after each photon, in V, (2, n). See `require_traceable` for what raises a SettingsError.
-    """
-    require_traceable(model)
-    if model.dead_time_ns > 0:
-        phases = _detected_phases(model, mix, generator, harmonic)
-    else:
-        jittered = mix.jittered(model.jitter_ns)
-        drawn = [draw_phases(jittered, generator, count=n, harmonic=1) for n in _chunks(model.photons)]
-        phases = np.concatenate(drawn).astype(np.float64) * harmonic
-    times = phases / (2.0 * math.pi * harmonic) * model.modulation.periods_ns[0]
-    samples = model.modulation.amplitude_v * np.stack(sampled_pair(model.modulation.waveform, phases))
-    samples += model.sample_noise_v * generator.standard_normal(samples.shape)
-    step = 1.0 / model.averaging.integration_length
-    require_memory_for_scipy()
-    from scipy.signal import lfilter
-
-    voltages = lfilter([step], [1.0, step - 1.0], samples, axis=1)
-    return np.mod(times, model.modulation.periods_ns[0]), _read_out(model, voltages)
-
-
-def _chunks(count: int) -> list[int]:
+def chunks(count: int, /) -> list[int]:
+    """Return how many of so many photons are drawn at once, one number per chunk."""
     return [CHUNK] * (count // CHUNK) + ([count % CHUNK] if count % CHUNK else [])
 
 
@@ -185,7 +180,7 @@ def _weighted_arrivals(
 ) -> Float:
     """Return the weighted sums of the samples of SC1 and of SC2 in units of A, (2,), computed a chunk of photons at a time."""
     sums, start = np.zeros(2), 0
-    for count in _chunks(weights.shape[1]):
+    for count in chunks(weights.shape[1]):
         phases = draw_phases(mix, generator, count=count, harmonic=harmonic)
         sums += _weighted(model, phases, weights[:, start : start + count])
         start += count
@@ -197,7 +192,8 @@ def _weighted(model: PixelModel, phases: Float32, weights: Float32) -> Float:
     return np.array([weights[0] @ first, weights[1] @ second], dtype=np.float64)
 
 
-def _detected_phases(model: PixelModel, mix: PhotonMix, generator: np.random.Generator, harmonic: int) -> Float:
+def detected_phases(model: PixelModel, mix: PhotonMix, generator: np.random.Generator, harmonic: int, /) -> Float:
+    """Return the phases of the harmonic at which a SPAD with dead time detects photons, (n,), in rad."""
     times = draw_detections(
         mix,
         generator,
@@ -207,57 +203,3 @@ def _detected_phases(model: PixelModel, mix: PhotonMix, generator: np.random.Gen
         jitter_ns=model.jitter_ns,
     )
     return 2.0 * math.pi * harmonic / mix.period_ns * np.mod(times, mix.period_ns)
-
-
-def _read_out(model: PixelModel, voltages_v: Float) -> Float:
-    """Apply gain mismatch and offsets to voltages (2, ...)."""
-    shape = (2, *[1] * (voltages_v.ndim - 1))
-    gain = np.array([1.0, 1.0 + model.gain_mismatch]).reshape(shape)
-    return np.asarray(gain * voltages_v + np.array(model.offsets_v).reshape(shape))
-
-
-@dataclass(frozen=True)
-class Evolution:
-    """One recording of the fundamental.
-
-    Attributes:
-        bin_ns: (BINS,), middle of each bin of the histogram.
-        counts: (BINS,), photons in each bin.
-        photons: (n,), numbers of photons sampled so far, evenly thinned.
-        voltages_v: (2, n), SC1 and SC2 after each of these numbers of photons.
-        period_ns: period of the modulation, which is the range of the histogram.
-        waveform: waveform of the modulation.
-    """
-
-    bin_ns: Float
-    counts: Float
-    photons: Float
-    voltages_v: Float
-    period_ns: float
-    waveform: Waveform
-
-    @property
-    def phase_deg(self) -> Float:
-        """Phase of the voltages, 0° to 360°, (n,)."""
-        return np.asarray(np.degrees(np.arctan2(self.voltages_v[1], self.voltages_v[0])) % 360.0)
-
-    @property
-    def settled_phase_deg(self) -> float:
-        """Phase of the mean voltages over the later half, when the average has settled."""
-        half = self.voltages_v.shape[1] // 2
-        first, second = self.voltages_v[:, half:].mean(axis=1)
-        return math.degrees(math.atan2(second, first)) % 360.0
-
-
-def evolution(model: PixelModel, mix: PhotonMix, generator: np.random.Generator, /) -> Evolution:
-    """Record the fundamental once, photon by photon, and return the data that a picture needs."""
-    seen = mix.later(model.motion.delays_ns(len(model.modulation.harmonics))[0])
-    times_ns, voltages_v = trace_pixel(model, seen, generator, harmonic=1)
-    period = model.modulation.periods_ns[0]
-    counts, _ = np.histogram(times_ns, bins=BINS, range=(0.0, period))
-    middles = np.linspace(0.5, BINS - 0.5, BINS) * (period / BINS)
-    count = voltages_v.shape[1]
-    kept = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(np.intp))
-    photons = (kept + 1).astype(np.float64)
-    waveform = model.modulation.waveform
-    return Evolution(middles, counts.astype(np.float64), photons, voltages_v[:, kept], period, waveform)

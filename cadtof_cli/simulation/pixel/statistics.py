@@ -41,10 +41,21 @@ class VoltageStatistics:
     means_v: Float
     covariances_v2: Float
 
+    @property
+    def confidence_v(self) -> Float:
+        """Magnitude of the mean voltages of the fundamental, (*pixels): A·r1/(1 + ASR) for one path and a sine."""
+        return np.asarray(np.hypot(self.means_v[0, 0], self.means_v[0, 1]))
 
-def averaging_gain(integration_length: float) -> float:
-    """Return Σ w_i² = 1/(2 n_av − 1), the factor by which Eq. (1) reduces the variance of one sample."""
-    return 1.0 / (2.0 * integration_length - 1.0)
+    @property
+    def phase_precision_rad(self) -> Float:
+        """Standard deviation of the first phasor's phase, to first order in the noise, (*pixels).
+
+        It is the standard deviation of the voltages at right angles to their mean, divided by the magnitude of the mean. For
+        one path, a sine and a short pulse it is √(ASR(1 + ASR)/(2(2 n_av − 1))).
+        """
+        c, s = self.means_v[0]
+        first, both, second = self.covariances_v2[0]
+        return np.asarray(np.sqrt(s * s * first - 2.0 * c * s * both + c * c * second) / (c * c + s * s))
 
 
 def sample_mean(moments: Complex, /, *, harmonic: int, waveform: Waveform) -> Complex:
@@ -131,44 +142,17 @@ def draw_voltages(statistics: VoltageStatistics, generator: np.random.Generator,
     return voltages
 
 
-def confidence_model_v(mix: PhotonMix, modulation: Modulation, /) -> Float:
-    """Return the analytical confidence, the magnitude of the mean voltages of the fundamental, in V (*pixels).
-
-    For one path and sine modulation this is A·r1/(1 + ASR).
-    """
-    statistics = voltage_statistics(mix, modulation, variance_gain=0.0)
-    return np.asarray(np.hypot(statistics.means_v[0, 0], statistics.means_v[0, 1]))
-
-
-def phase_precision_of_mix_rad(
-    mix: PhotonMix, modulation: Modulation, /, *, variance_gain: float, sample_noise_v: float = 0.0
-) -> Float:
-    """Return the standard deviation of the first phasor's phase for any mix, to first order in the noise, (*pixels).
-
-    It is the standard deviation of the voltages at right angles to their mean, divided by the magnitude of the mean. For one
-    path, a sine and a short pulse it is √(ASR(1 + ASR)/(2(2 n_av − 1))).
-    """
-    statistics = voltage_statistics(mix, modulation, variance_gain=variance_gain, sample_noise_v=sample_noise_v)
-    c, s = statistics.means_v[0]
-    first, both, second = statistics.covariances_v2[0]
-    return np.asarray(np.sqrt(s * s * first - 2.0 * c * s * both + c * c * second) / (c * c + s * s))
-
-
-def time_bounds_ns(
-    mix: PhotonMix, modulation: Modulation, /, *, variance_gain: float, sample_noise_v: float = 0.0
-) -> Float:
+def time_bounds_ns(mix: PhotonMix, modulation: Modulation, recorded: VoltageStatistics, /) -> Float:
     """Return the Cramér–Rao bound on each path's time in ns, (P,), if amplitudes and times of all paths are unknown.
 
-    Voltages are Gaussian with the exact covariance C of this mix, and J holds the derivatives of their means by
-    amplitudes and times. The bound is the root of the diagonal of (Σ_h Jᵀ C⁻¹ J)⁻¹ (Kay, Estimation Theory, 1993,
-    section 3.9, without the little information that the covariance itself has). It is infinite if paths coincide, and NaN for
-    paths without photons, because these are not unknown. The mix has no pixel axes; `variance_gain` is Σ w_i² of the averaging,
-    and `sample_noise_v` is the additional noise of every sample.
+    The recorded voltages of the mix, which has no pixel axes, are Gaussian with the exact covariance C. J holds the
+    derivatives of their means by amplitudes and times. The bound is the root of the diagonal of (Σ_h Jᵀ C⁻¹ J)⁻¹ (Kay,
+    Estimation Theory, 1993, section 3.9, without the little information that the covariance itself has). It is infinite if
+    paths coincide, and NaN for paths without photons, because these are not unknown.
     """
-    noise = voltage_statistics(mix, modulation, variance_gain=variance_gain, sample_noise_v=sample_noise_v)
     present = np.flatnonzero(mix.photons > 0)
     information = np.zeros((2 * len(present), 2 * len(present)))
-    for harmonic, (first, both, second) in zip(modulation.harmonics, noise.covariances_v2, strict=True):
+    for harmonic, (first, both, second) in zip(modulation.harmonics, recorded.covariances_v2, strict=True):
         slopes = modulation.amplitude_v * _slopes(mix, modulation, harmonic)[:, present].reshape(-1)
         variances, axes = np.linalg.eigh(np.array([[first, both], [both, second]]))
         along = axes.T @ np.stack([slopes.real, slopes.imag])

@@ -7,8 +7,9 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError, require
+from cadtof_cli.simulation.pixel.averaging import averaging_gain
 from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
-from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain, draw_voltages, voltage_statistics
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, draw_voltages, voltage_statistics
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.units import unambiguous_range_m

@@ -6,14 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.simulation.pixel.averaging import averaging_gain
 from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.statistics import (
-    averaging_gain,
-    confidence_model_v,
-    phase_precision_of_mix_rad,
-    time_bounds_ns,
-)
-from cadtof_cli.workflows.simulate.trials import Recordings, Trials, recorded_length
+from cadtof_cli.simulation.pixel.pixel import noise_length
+from cadtof_cli.simulation.pixel.statistics import time_bounds_ns, voltage_statistics
+from cadtof_cli.workflows.simulate.trials import Recordings, Trials
 
 SUCCESS_NS = 1.0
 """Half the width of the paper's success region, Fig. 7."""
@@ -78,9 +75,9 @@ def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
     """Return the statistics of all runs."""
     condition, modulation = trials.condition, trials.model.modulation
     mix = condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
-    gain, noise_v = averaging_gain(recorded_length(trials)), trials.model.sample_noise_v
-    bounds = time_bounds_ns(mix, modulation, variance_gain=gain, sample_noise_v=noise_v)
-    precision = phase_precision_of_mix_rad(mix, modulation, variance_gain=gain, sample_noise_v=noise_v)
+    gain = averaging_gain(noise_length(trials.model, counted=trials.photon_by_photon))
+    model = voltage_statistics(mix, modulation, variance_gain=gain, sample_noise_v=trials.model.sample_noise_v)
+    bounds = time_bounds_ns(mix, modulation, model)
     phasors = runs.voltages_v[:, 0, 0] + 1j * runs.voltages_v[:, 0, 1]
     lags = phasors * np.exp(-2j * math.pi * condition.direct_ns / trials.period_ns)
     # phases on both sides of ±π are those of one cluster
@@ -96,9 +93,9 @@ def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
             for times, (path, true_ns) in zip(found, true_times_ns(condition), strict=False)
         ),
         confidence_v=float(np.abs(phasors).mean()),
-        confidence_model_v=float(confidence_model_v(mix, modulation)),
+        confidence_model_v=float(model.confidence_v),
         phase_std_rad=float(np.std(lag, ddof=1)),
-        phase_model_std_rad=float(precision),
+        phase_model_std_rad=float(model.phase_precision_rad),
         phase_bias_rad=float(np.mean(lag)),
         impossible=float(np.mean(runs.impossible)),
         steps_per_start=float(np.mean(runs.steps)) if runs.steps.size else math.nan,

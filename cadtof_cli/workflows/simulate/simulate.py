@@ -9,7 +9,7 @@ from typing import Any
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.documents import plain, write_rows
-from cadtof_cli.simulation.pixel.pixel import evolution
+from cadtof_cli.simulation.pixel.evolution import evolution
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
 from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Recordings, Trials, recordings

@@ -3,11 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32, sealed
+from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pulse
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.maps.depth import beyond_light
@@ -18,10 +17,9 @@ from cadtof_cli.resolver.paper.solver import steps_of_starts
 from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.pixel.averaging import effective_length
 from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
-from cadtof_cli.simulation.pixel.statistics import averaging_gain, draw_voltages, voltage_statistics
+from cadtof_cli.simulation.pixel.pixel import PixelModel, record_pixel, seen_length, weight_sums
+from cadtof_cli.simulation.pixel.statistics import draw_voltages, voltage_statistics
 
 PHOTON_RUNS, STATISTICS_RUNS = 10, 1000
 """How many runs are drawn together in a block. This is fixed, so that results never depend on the number of processes."""
@@ -127,24 +125,14 @@ def recordings(trials: Trials, runs: range, /) -> Recordings:
     return resolved(trials, block_voltages(trials, runs), first=runs.start)
 
 
-@lru_cache(maxsize=2)
-def _weights(model: PixelModel) -> Float32:
-    return sealed(pixel_weights(model))
-
-
-def _sample_weights(model: PixelModel) -> Float:
-    """Return the weights of the samples at the fundamental, float64 (n,)."""
-    return np.asarray(_weights(model)[0], np.float64)
-
-
 def block_voltages(trials: Trials, runs: range, /) -> Float:
     """Return the voltages of a block of runs, (runs of the block, H, 2), in V."""
     model, mix = trials.model, trials.condition.mix(trials.period_ns)
     if trials.photon_by_photon:
         rows = range(len(model.modulation.harmonics))
         generators = ([trials.generator(_PHOTONS_KEY, run, row) for row in rows] for run in runs)
-        return np.stack([record_pixel(model, mix, _weights(model), of_run) for of_run in generators])
-    means, gain = _gains(model)
+        return np.stack([record_pixel(model, mix, of_run) for of_run in generators])
+    means, gain = weight_sums(model)
     statistics = voltage_statistics(
         mix.jittered(model.jitter_ns),
         model.modulation,
@@ -153,43 +141,7 @@ def block_voltages(trials: Trials, runs: range, /) -> Float:
         sample_noise_v=model.sample_noise_v,
         motion=model.motion,
     )
-    voltages = draw_voltages(statistics, trials.generator(_STATISTICS_KEY, runs.start), draws=len(runs))
-    return np.asarray(voltages * np.array([1.0, 1.0 + model.gain_mismatch]) + np.array(model.offsets_v))
-
-
-def _gains(model: PixelModel) -> tuple[float, float]:
-    """Return Σ w_i and Σ w_i² of the samples' weights w_i, in the settled average of Eq. (1) or in a switched cascade."""
-    if model.averaging.stages.drive == "dc":
-        return 1.0, averaging_gain(model.averaging.integration_length)
-    weights = _sample_weights(model)
-    return float(weights.sum()), float((weights**2).sum())
-
-
-def noise_length(model: PixelModel, /) -> float:
-    """Return the integration length that describes the noise of the pixel, also if its stages are switched."""
-    if model.averaging.stages.drive == "dc":
-        return model.averaging.integration_length
-    return effective_length(_sample_weights(model))
-
-
-def _seen_length(model: PixelModel) -> float:
-    """Return the integration length at which photons alone have the noise of the pixel, sample noise included.
-
-    `cadtof resolve` estimates this length from frames. A channel's variance is that of ambient light, A²/2, plus that of the
-    sample noise, both over 2·n_av − 1.
-    """
-    length = noise_length(model)
-    added = 2.0 * (model.sample_noise_v / model.modulation.amplitude_v) ** 2
-    return length - (length - 0.5) * (added / (1.0 + added))
-
-
-def recorded_length(trials: Trials, /) -> float:
-    """Return the integration length that describes the noise of the recordings relative to their mean.
-
-    It is less than `noise_length` if photons are counted and so few come that the average does not settle.
-    """
-    is_mean_unsettled = trials.photon_by_photon and not trials.model.settles
-    return effective_length(_sample_weights(trials.model)) if is_mean_unsettled else noise_length(trials.model)
+    return model.read_out(draw_voltages(statistics, trials.generator(_STATISTICS_KEY, runs.start), draws=len(runs)))
 
 
 def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
@@ -201,7 +153,7 @@ def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordi
     )
     stored = np.moveaxis(voltages_v, 0, -1)
     phasors = phasors_from_stored(stored, ideal_phasor_map(metadata, stored.dtype))
-    noise = noise_model(metadata, integration_length=_seen_length(model), quantised=False)
+    noise = noise_model(metadata, integration_length=seen_length(model), quantised=False)
     found = resolve_paths(
         phasors, status=np.zeros(len(voltages_v), np.uint32), settings=settings, noise=noise, first=first
     )

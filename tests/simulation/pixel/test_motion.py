@@ -11,8 +11,9 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.evolution import evolution
 from cadtof_cli.simulation.pixel.mix import Condition, Motion
-from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
+from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure, expose_band
 from cadtof_cli.simulation.scene.scenes import Wall

@@ -12,8 +12,9 @@ from cadtof_cli.figures.canvas import Figure
 from cadtof_cli.figures.pixel_evolution import plot_histogram
 from cadtof_cli.simulation.pixel.arrivals import detected, draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.evolution import evolution, trace_pixel
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
-from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution, pixel_weights, record_pixel, trace_pixel
+from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
 
 AMPLITUDE_V = 0.2746
 
@@ -27,7 +28,7 @@ def model(integration_length: float = 200.0, **settings: Any) -> PixelModel:
 
 
 def final(pixel: PixelModel, light: PhotonMix, seed: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    return record_pixel(pixel, light, pixel_weights(pixel), np.random.default_rng(seed).spawn(2))
+    return record_pixel(pixel, light, np.random.default_rng(seed).spawn(2))
 
 
 def test_trace_is_equation_1() -> None:

@@ -7,17 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.averaging import Averaging, averaging_gain
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
-from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
+from cadtof_cli.simulation.pixel.pixel import PixelModel, record_pixel
 from cadtof_cli.simulation.pixel.statistics import (
     VoltageStatistics,
-    averaging_gain,
-    confidence_model_v,
     draw_voltages,
-    phase_precision_of_mix_rad,
     sample_mean,
     time_bounds_ns,
     voltage_statistics,
@@ -48,9 +46,8 @@ def test_moments_are_the_fourier_integrals_of_the_arrival_density() -> None:
 def test_photon_by_photon_has_the_exact_mean_and_covariance(waveform: Waveform, asr: float) -> None:
     modulation = Modulation(waveform=waveform)
     model, mix = PixelModel(modulation=modulation, averaging=Averaging(integration_length=60.0)), paper_mix(asr)
-    weights = pixel_weights(model)
     streams = np.random.default_rng(20).spawn(2 * RUNS)
-    runs = np.stack([record_pixel(model, mix, weights, streams[2 * i : 2 * i + 2]) for i in range(RUNS)])
+    runs = np.stack([record_pixel(model, mix, streams[2 * i : 2 * i + 2]) for i in range(RUNS)])
     exact = voltage_statistics(mix, modulation, variance_gain=averaging_gain(60.0))
     for row in range(2):
         first, both, second = exact.covariances_v2[row]
@@ -60,6 +57,14 @@ def test_photon_by_photon_has_the_exact_mean_and_covariance(waveform: Waveform, 
         assert np.abs(difference / error).max() < 4.0
         mean_error = np.sqrt(np.array([first, second]) / RUNS)
         assert np.abs((runs[:, row].mean(axis=0) - exact.means_v[row]) / mean_error).max() < 4.0
+
+
+def recorded(mix: PhotonMix, variance_gain: float = 1e-5, *, sample_noise_v: float = 0.0) -> VoltageStatistics:
+    return voltage_statistics(mix, Modulation(), variance_gain=variance_gain, sample_noise_v=sample_noise_v)
+
+
+def bounds_ns(mix: PhotonMix, variance_gain: float = 1e-5, *, sample_noise_v: float = 0.0) -> Float:
+    return time_bounds_ns(mix, Modulation(), recorded(mix, variance_gain, sample_noise_v=sample_noise_v))
 
 
 def test_drawn_voltages_have_the_covariance_they_are_drawn_from() -> None:
@@ -79,7 +84,7 @@ def test_voltages_without_variance_are_drawn_as_their_mean() -> None:
 def test_confidence_of_one_path_follows_the_analytical_model() -> None:
     first = math.exp(-((2 * math.pi * 1.7 / 2.354820045 / 40) ** 2) / 2)
     for asr in (0.0, 1.0, 6.0):
-        confidence = float(confidence_model_v(paper_mix(asr, mpi_ratio=0.0), Modulation()))
+        confidence = float(recorded(paper_mix(asr, mpi_ratio=0.0)).confidence_v)
         assert confidence == pytest.approx(0.2746 * first / (1 + asr), rel=1e-12)
 
 
@@ -87,48 +92,44 @@ def test_confidence_of_one_path_follows_the_analytical_model() -> None:
 def test_confidence_is_the_length_of_the_mean_whatever_its_phase(direct_ns: float) -> None:
     """Both channels count: of light at 10 ns SC1 shows almost nothing, and of light at 0 ns SC2."""
     light = replace(paper_mix(2.0), delays_ns=np.array([direct_ns, direct_ns + 6.0]))
-    means = voltage_statistics(light, Modulation(), variance_gain=1e-6).means_v[0]
+    means = recorded(light).means_v[0]
     length = math.sqrt(means[0] ** 2 + means[1] ** 2)
-    assert float(confidence_model_v(light, Modulation())) == pytest.approx(length, rel=1e-12)
+    assert float(recorded(light).confidence_v) == pytest.approx(length, rel=1e-12)
     shift = replace(light, delays_ns=light.delays_ns + 5.0)
-    assert float(confidence_model_v(shift, Modulation())) == pytest.approx(length, rel=1e-12)
+    assert float(recorded(shift).confidence_v) == pytest.approx(length, rel=1e-12)
 
 
 def test_phase_precision_of_a_short_pulse_is_the_published_root() -> None:
     for asr in (0.5, 2.0, 6.0):
         expected = math.sqrt(asr * (1 + asr) / (2 * (2 * 4000 - 1)))
         short = paper_mix(asr, mpi_ratio=0.0, fwhm_ns=0.0)
-        found = phase_precision_of_mix_rad(short, Modulation(), variance_gain=averaging_gain(4000))
+        found = recorded(short, averaging_gain(4000)).phase_precision_rad
         assert float(found) == pytest.approx(expected, rel=1e-9)
 
 
 def test_phase_precision_is_right_for_one_path_and_for_a_mix() -> None:
     """One path has the variance (1 − r2/(1 + ASR))/2 across its phasor r1/(1 + ASR). Two paths: compare with draws."""
     r1, r2 = (math.exp(-((k * 2 * math.pi * 1.7 / 2.354820045 / 40) ** 2) / 2) for k in (1, 2))
-    alone = phase_precision_of_mix_rad(paper_mix(2.0, mpi_ratio=0.0), Modulation(), variance_gain=averaging_gain(4000))
+    alone = recorded(paper_mix(2.0, mpi_ratio=0.0), averaging_gain(4000)).phase_precision_rad
     single = math.sqrt((1 - r2 / 3) / 2 / (2 * 4000 - 1)) * 3 / r1
     assert float(alone) == pytest.approx(single, rel=1e-9)
-    mix, gain = paper_mix(0.5, mpi_ratio=0.8), averaging_gain(4000)
-    drawn = draw_voltages(
-        voltage_statistics(mix, Modulation(), variance_gain=gain), np.random.default_rng(5), draws=20_000
-    )
+    mixed = recorded(paper_mix(0.5, mpi_ratio=0.8), averaging_gain(4000))
+    drawn = draw_voltages(mixed, np.random.default_rng(5), draws=20_000)
     phase = np.angle(drawn[:, 0, 0] + 1j * drawn[:, 0, 1])
-    assert phase.std() == pytest.approx(
-        float(phase_precision_of_mix_rad(mix, Modulation(), variance_gain=gain)), rel=0.02
-    )
+    assert phase.std() == pytest.approx(float(mixed.phase_precision_rad), rel=0.02)
 
 
 def test_bound_is_that_of_table_1() -> None:
     """The bounds .049/.165, .032/.107, .157/.510 ns were derived independently, from the Fisher information."""
     for second, expected in ((16.0, (0.049, 0.165)), (25.0, (0.032, 0.107)), (11.0, (0.157, 0.510))):
-        bounds = time_bounds_ns(paper_mix(5.0, second_ns=second), Modulation(), variance_gain=averaging_gain(1e5))
+        bounds = bounds_ns(paper_mix(5.0, second_ns=second), averaging_gain(1e5))
         np.testing.assert_allclose(bounds, expected, atol=6e-4)
 
 
 def test_bound_contains_the_noise_of_the_samples() -> None:
     """If that noise is 100 times the photons', the covariance is its own: the bound of white noise, of docs/physics.md."""
     mix, sample_noise_v = replace(paper_mix(5.0), fwhm_ns=0.0), 100.0 * 0.2746
-    bounds = time_bounds_ns(mix, Modulation(), variance_gain=1e-9, sample_noise_v=sample_noise_v)
+    bounds = bounds_ns(mix, 1e-9, sample_noise_v=sample_noise_v)
     c, a = math.cos(2 * math.pi * 11.0 / 40.0), 0.2746 / 6.3
     shape = math.sqrt(13 + 20 * c + 12 * c * c) / (2 * (1 - c) * (2 + c)) * 40.0 / (2 * math.pi)
     sigma_v = sample_noise_v * math.sqrt(1e-9)
@@ -137,32 +138,28 @@ def test_bound_contains_the_noise_of_the_samples() -> None:
 
 def test_bound_is_infinite_where_paths_coincide_and_absent_without_photons() -> None:
     together = replace(paper_mix(5.0), delays_ns=np.array([5.0, 5.0]))
-    same = time_bounds_ns(together, Modulation(), variance_gain=1e-5)
+    same = bounds_ns(together)
     assert np.isinf(same).all()
-    alone = time_bounds_ns(paper_mix(5.0, mpi_ratio=0.0), Modulation(), variance_gain=1e-5)
+    alone = bounds_ns(paper_mix(5.0, mpi_ratio=0.0))
     assert np.isfinite(alone[0])
     assert np.isnan(alone[1])
 
 
 def test_bound_of_weak_mpi_is_finite_and_grows_as_the_mpi_becomes_weaker() -> None:
     """With an MPI ratio of 1e-6, both bounds were infinite, as if the paths coincided."""
-    weak, weaker = (
-        time_bounds_ns(paper_mix(1.0, mpi_ratio=ratio), Modulation(), variance_gain=1e-5) for ratio in (1e-4, 1e-6)
-    )
+    weak, weaker = (bounds_ns(paper_mix(1.0, mpi_ratio=ratio)) for ratio in (1e-4, 1e-6))
     np.testing.assert_allclose(weaker, weak * [1.0, 100.0], rtol=1e-3)
 
 
 def test_bound_without_any_noise_is_nothing() -> None:
     """Without ambient light and with a pulse of no length, all photons of one path give the same voltages."""
     mix = replace(paper_mix(0.0, mpi_ratio=0.0), fwhm_ns=0.0)
-    assert 0.0 < time_bounds_ns(mix, Modulation(), variance_gain=1e-5)[0] < 1e-4
+    assert 0.0 < bounds_ns(mix)[0] < 1e-4
 
 
 def test_bound_of_voltages_with_noise_in_one_direction_is_that_with_a_little_ambient_light() -> None:
     """Two paths, without ambient light and with a pulse of no length: the voltages vary along one line only."""
-    without, little = (
-        time_bounds_ns(replace(paper_mix(asr), fwhm_ns=0.0), Modulation(), variance_gain=1e-5) for asr in (0.0, 1e-5)
-    )
+    without, little = (bounds_ns(replace(paper_mix(asr), fwhm_ns=0.0)) for asr in (0.0, 1e-5))
     np.testing.assert_allclose(without, little, rtol=0.01)
 
 

@@ -15,14 +15,13 @@ from cadtof_cli.figures.sweep_maps import draw_confidence
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.simulation.pixel.pixel import PixelModel, noise_length
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
 from cadtof_cli.workflows.simulate.sweep import rows
 from cadtof_cli.workflows.simulate.trials import (
     Recordings,
     Trials,
     block_voltages,
-    noise_length,
     recordings,
     resolved,
 )
