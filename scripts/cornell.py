@@ -37,11 +37,10 @@ def recorded(periods_ns: tuple[float, ...]) -> Row:
         modulation=Modulation(periods_ns=periods_ns),
         pulse=Pulse(),
         integration_length=float(round(INTEGRATION_LENGTH / len(periods_ns))),
-        counts=True,
         seed=0,
     )
     with tempfile.TemporaryDirectory() as place:
-        record_scene(RecordSettings(exposure=exposure), Path(place) / "cornell")
+        record_scene(exposure, Path(place) / "cornell", settings=RecordSettings())
         (capture,) = find_captures([Path(place) / "cornell"])
         return measured(capture, "auto")
 

@@ -8,7 +8,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
@@ -27,17 +27,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "sample_data", help="folder of the captures")
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
-    for name, settings in captures().items():
+    for name, (exposure, settings) in captures().items():
         with tempfile.TemporaryDirectory(dir=out) as scratch:
-            record_scene(settings, Path(scratch) / name, workers=Workers(jobs=2))
+            record_scene(exposure, Path(scratch) / name, settings=settings, workers=Workers(jobs=2))
             shutil.rmtree(out / name, ignore_errors=True)
             (Path(scratch) / name).rename(out / name)
         size = sum(file.stat().st_size for file in (out / name).iterdir())
         print(f"{out / name}: {size / 1e6:.2f} MB")
 
 
-def captures() -> dict[str, RecordSettings]:
-    """Return the settings of every recording, by the name of its folder."""
+def captures() -> dict[str, tuple[Exposure, RecordSettings]]:
+    """Return every recording, and how it is stored, by the name of its folder."""
     petzval = Camera(petzval_m=(-0.06, 0.015))
     return {
         "card": _capture(Card(), frame_format="exr"),
@@ -49,16 +49,16 @@ def captures() -> dict[str, RecordSettings]:
 
 def _capture(
     scene: Scene, *, frame_format: str = "tif", camera: Camera | None = None, target_m: float | None = None
-) -> RecordSettings:
+) -> tuple[Exposure, RecordSettings]:
     camera = camera or Camera()
     metadata = CaptureMetadata(
         pixel=Pixel(integration_length=100_000.0),
         optics=camera.optics,
         target=Target(distance_m=target_m),
-        voltage=camera.voltage if frame_format == "tif" else Voltage(),
+        voltage=camera.voltage,
     )
     exposure = Exposure(scene=scene, camera=camera, metadata=metadata, seed=SEED)
-    return RecordSettings(exposure=exposure, frame_format=frame_format, compress=not isinstance(scene, Corner))
+    return exposure, RecordSettings(frame_format=frame_format, compress=not isinstance(scene, Corner))
 
 
 if __name__ == "__main__":

@@ -96,7 +96,8 @@ def _write(exposure: Exposure, whole: Band, folder: Path) -> None:
         write_capture(
             scratch,
             [frame_voltages(exposure, whole, 0)],
-            settings=RecordSettings(exposure=exposure),
+            exposure=exposure,
+            settings=RecordSettings(),
             truth=whole.truth,
             comments=(f"random room: {exposure.scene.summary}", f"scene: {exposure.scene!r}"),
         )

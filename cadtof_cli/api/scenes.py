@@ -69,17 +69,15 @@ def simulate_scene(
             modulation=_record(Modulation, modulation or {}),
             pulse=_record(Pulse, {"fwhm_ns": fwhm_ns}),
             integration_length=own["integration_length"],
-            counts=True,
             seed=own["seed"],
         )
     except InvalidValueError as error:
         raise SettingsError(str(error)) from error
-    settings = RecordSettings(exposure=exposure, frames=own["frames"])
+    settings = RecordSettings(frames=own["frames"])
     whole = expose(exposure)
-    voltages = frames_of(settings, whole)
     recorded = tuple(
         Frame(exposure.camera.counts_from_voltages(volts), exposure.metadata, f"frame_{index:04d}")
-        for index, volts in enumerate(voltages)
+        for index, volts in enumerate(frames_of(exposure, whole, settings.frames))
     )
     truth = {layer: np.asarray(plane) for layer, plane in whole.truth.items()}
     return SimulatedCapture(recorded, Maps(truth, {"depth": "radial range", "scene": exposure.scene.summary}))

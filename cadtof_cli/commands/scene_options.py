@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import RecordOptions, declared_options, number_option, setting_option
+from cadtof_cli.commands.options import RecordOptions, number_option, setting_option
 from cadtof_cli.commands.simulation_options import further_option
 from cadtof_cli.commands.values import NumberTuple, ParamType
 from cadtof_cli.simulation.pixel.mix import Condition
@@ -47,12 +47,12 @@ class LightOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """The options of a scene, its camera and its capture: values of fields of `RecordSettings` and of the scenes, by name.
+    """The options of a scene, its camera and its capture.
 
-    A value of `settings` is None if the option is not given.
+    `settings` holds values of fields of the scenes, by name; a value is None if the option is not given.
     """
 
-    recording: Mapping[str, Any]
+    recording: RecordSettings
     settings: Mapping[str, Any]
     camera: Camera
 
@@ -138,7 +138,7 @@ _scene = RecordOptions(
 scene_options = RecordOptions(
     "scenery",
     SceneOptions,
-    RecordOptions("recording", dict, *declared_options(RecordSettings).values()),
+    RecordOptions("recording", RecordSettings),
     _scene,
     RecordOptions("camera", Camera),
 )

@@ -22,8 +22,8 @@ from cadtof_cli.commands.values import PATH
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
-from cadtof_cli.files.formats import format_by_name
 from cadtof_cli.simulation.pixel.evolution import require_traceable
+from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary
@@ -116,11 +116,10 @@ def simulate(
         modulation=trial.modulation,
         pulse=Pulse(fwhm_ns=trial.fwhm_ns),
         integration_length=trial.averaging(light.integration_length).integration_length,
-        counts=format_by_name(scenery.recording["frame_format"]).recording == "counts",
         seed=seed,
         motion=trial.motion,
     )
-    _record_scene(scene, RecordSettings(exposure=exposure, **scenery.recording), out, workers, quiet=quiet)
+    _record_scene(scene, exposure, scenery.recording, out, workers, quiet=quiet)
 
 
 def _simulate_pixel(trials: Trials, out: Path | None, workers: Workers, *, quiet: bool, as_json: bool) -> None:
@@ -134,9 +133,11 @@ def _simulate_pixel(trials: Trials, out: Path | None, workers: Workers, *, quiet
     tell(*([json.dumps(json_report(outcome))] if as_json else _table(outcome)))
 
 
-def _record_scene(name: str, settings: RecordSettings, out: Path, workers: Workers, *, quiet: bool) -> None:
+def _record_scene(
+    name: str, exposure: Exposure, settings: RecordSettings, out: Path, workers: Workers, *, quiet: bool
+) -> None:
     with progress_bar(f"record {name}", "steps", quiet=quiet) as bar:
-        report = record_scene(settings, out, workers=workers, progress=bar)
+        report = record_scene(exposure, out, settings=settings, workers=workers, progress=bar)
     near, far = report.depths_m
     if not quiet:
         tell(

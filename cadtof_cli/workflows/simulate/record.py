@@ -28,9 +28,8 @@ from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 
 @dataclass(frozen=True, kw_only=True)
 class RecordSettings:
-    """A capture to be recorded. `exposure` holds scene, camera, metadata and seed. TIFF files hold counts, EXR files volts."""
+    """How a capture is stored: how many frames, and in which files. TIFF files hold counts, EXR files volts."""
 
-    exposure: Exposure
     frames: int = setting(1, "Number of frames of the capture.")
     frame_format: str = setting(TIFF.name, "File format of the frames.", option="--format", choices=FRAME_FORMATS)
     compress: bool = setting(False, "Compress the frames: Deflate in TIFF, ZIP in EXR.")
@@ -56,17 +55,16 @@ def scene_exposure(
     modulation: Modulation,
     pulse: Pulse,
     integration_length: float,
-    counts: bool,
     seed: int,
     motion: Motion = AT_REST,
 ) -> Exposure:
-    """Return the exposure of a scene, with the metadata for its `capture.toml`. `counts`: whether the frames hold counts."""
+    """Return the exposure of a scene, with the metadata for its `capture.toml`."""
     offset = getattr(scene, "lamp_offset_m", (0.0, 0.0, 0.0))
     metadata = CaptureMetadata(
         modulation=modulation,
         pixel=Pixel(integration_length=integration_length),
         pulse=pulse,
-        voltage=camera.voltage if counts else Voltage(),
+        voltage=camera.voltage,
         optics=replace(camera.optics, lamp_offset_m=offset) if any(offset) else camera.optics,
         target=Target(distance_m=scene.distance_m if isinstance(scene, Wall) else None),
     )
@@ -74,21 +72,27 @@ def scene_exposure(
 
 
 def record_scene(
-    settings: RecordSettings, out: Path, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS
+    exposure: Exposure,
+    out: Path,
+    /,
+    *,
+    settings: RecordSettings,
+    workers: Workers = ALONE,
+    progress: Progress = NO_PROGRESS,
 ) -> RecordReport:
     """Write the capture to `out`, which must be absent or an empty folder. The files are the same for any number of jobs.
 
     The steps of the progress are the bands of rows, then the frames. Raise OutputError if `out` holds something or cannot be
     written, SettingsError if the scene cannot be recorded.
     """
-    exposure = settings.exposure
     progress.advance(0, total=len(band_rows(exposure.camera.height)) + settings.frames)
     with new_folder(out) as folder:
         whole = expose(exposure, workers=workers, progress=progress)
         seen = np.isfinite(whole.truth["direct.depth"]).any()
         require(bool(seen), "scene", "nothing in view", "a surface there: bring the scene nearer")
-        frames = frames_of(settings, whole, progress=progress)
-        write_capture(folder, frames, settings=settings, truth=whole.truth, comments=_comments(settings))
+        frames = frames_of(exposure, whole, settings.frames, progress=progress)
+        comments = _comments(exposure, settings.frames)
+        write_capture(folder, frames, exposure=exposure, settings=settings, truth=whole.truth, comments=comments)
     depth, ratio = whole.truth["direct.depth"], whole.truth["mpi.ratio"]
     return RecordReport(float(np.nanmedian(ratio)), (float(np.nanmin(depth)), float(np.nanmax(depth))))
 
@@ -100,24 +104,22 @@ def expose(exposure: Exposure, /, *, workers: Workers = ALONE, progress: Progres
     return joined(list(bands))
 
 
-def frames_of(settings: RecordSettings, whole: Band, /, *, progress: Progress = NO_PROGRESS) -> Iterator[Float]:
-    """Yield the frames of a capture, voltages in V (H, 2, Y, X) each, drawn from the distribution of a frame's voltages."""
-    exposure = settings.exposure
+def frames_of(exposure: Exposure, whole: Band, count: int, /, *, progress: Progress = NO_PROGRESS) -> Iterator[Float]:
+    """Yield so many frames, voltages in V (H, 2, Y, X) each, drawn from the distribution of a frame's voltages."""
     camera, harmonics = exposure.camera, len(exposure.metadata.modulation.harmonics)
     offsets = camera.dark_offsets_v(exposure.seed, harmonics) if camera.dark_offset_v > 0 else None
-    for index in range(settings.frames):
+    for index in range(count):
         yield frame_voltages(exposure, whole, index, offsets_v=offsets)
         progress.advance()
 
 
-def _comments(settings: RecordSettings) -> tuple[str, ...]:
-    exposure = settings.exposure
+def _comments(exposure: Exposure, frames: int) -> tuple[str, ...]:
     return (
         f"simulated by cadtof {__version__}: {exposure.scene.summary}",
         f"scene: {exposure.scene!r}",
         f"camera: {exposure.camera!r}",
         *([f"motion: {exposure.motion!r}"] if exposure.motion.speed_m_s else []),
-        f"frames: {settings.frames}, seed: {exposure.seed}; truth per pixel in truth.exr",
+        f"frames: {frames}, seed: {exposure.seed}; truth per pixel in truth.exr",
     )
 
 
@@ -126,6 +128,7 @@ def write_capture(
     frames: Iterable[Float],
     /,
     *,
+    exposure: Exposure,
     settings: RecordSettings,
     truth: Mapping[str, Float],
     comments: tuple[str, ...] = (),
@@ -134,10 +137,11 @@ def write_capture(
 
     `truth` holds layers by name, (Y, X) each, NaN where the truth is unknown; `comments` are lines at the top of `capture.toml`.
     """
-    exposure, kind = settings.exposure, format_by_name(settings.frame_format)
-    (folder / FILE_NAME).write_text(toml_text(exposure.metadata, comments=comments), encoding="utf-8")
+    kind, metadata = format_by_name(settings.frame_format), exposure.metadata
+    metadata = metadata if kind.recording == "counts" else replace(metadata, voltage=Voltage())
+    (folder / FILE_NAME).write_text(toml_text(metadata, comments=comments), encoding="utf-8")
     write_layers(folder / "truth.exr", truth, lossy=True)
-    files, layout = kind.frames(), FrameLayout(exposure.metadata.modulation.harmonics)
+    files, layout = kind.frames(), FrameLayout(metadata.modulation.harmonics)
     for index, voltages_v in enumerate(frames):
         stored = exposure.camera.counts_from_voltages(voltages_v) if kind.recording == "counts" else voltages_v
         path = folder / f"frame_{index:04d}.{kind.name}"
