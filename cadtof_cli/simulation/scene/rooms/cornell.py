@@ -11,7 +11,7 @@ from cadtof_cli.errors import require
 from cadtof_cli.simulation.pixel.mix import require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
-from cadtof_cli.simulation.scene.rooms.room import light_in_room
+from cadtof_cli.simulation.scene.rooms.rendering import light_in_room
 from cadtof_cli.simulation.scene.rooms.solids import Box, Interior, Patch
 from cadtof_cli.simulation.scene.rooms.view import Room, View
 

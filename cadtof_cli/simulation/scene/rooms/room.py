@@ -1,12 +1,8 @@
-"""The scene of a room: what `simulate --scene room` and `--scene cornell` record."""
+"""The scene that `simulate --scene room` records: a room that a seed draws, perhaps with a net in it."""
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
-import numpy as np
-
-from cadtof_cli.arrays import Float
 from cadtof_cli.errors import require
 from cadtof_cli.simulation.pixel.mix import require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
@@ -14,13 +10,8 @@ from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.net import Net, drawn_net
 from cadtof_cli.simulation.scene.rooms.random_rooms import MOST_FURNITURE, random_room
-from cadtof_cli.simulation.scene.rooms.traced_rows import indirect_light
+from cadtof_cli.simulation.scene.rooms.rendering import light_in_room
 from cadtof_cli.simulation.scene.rooms.view import Room, View
-from cadtof_cli.units import C_M_PER_NS
-
-COARSE, FEWEST = 8, 15
-"""Largest step in rows and columns between the pixels from which the median of the direct light is taken, and the number of rows
-and of columns that these pixels fill at least: in small pictures, a few pixels do not tell the median."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,33 +91,3 @@ class RandomRoom:
             seed=self.tracing_seed,
         )
         return light_in_room(view, rows, asr=self.asr)
-
-
-def light_in_room(view: View, rows: slice, /, *, asr: float) -> Light:
-    """Return the light on rows of a camera in a room; photons are irradiance times albedo."""
-    lines = range(*rows.indices(view.camera.height))
-    shape = len(lines), view.camera.width
-    seen = view.meet(view.camera.rays(rows).reshape(3, -1))
-    ranges_m = seen.lengths_m.astype(np.float64)
-    direct_ns = (ranges_m + view.lamp.distances_m(seen.points_m)) / C_M_PER_NS
-    irradiance, moments = np.moveaxis(indirect_light(view, seen, lines), 1, 2)
-    later_ns = np.divide(moments, irradiance, out=np.zeros_like(moments), where=irradiance > 0)
-    photons = np.concatenate([view.direct(seen)[None], irradiance]) * seen.albedo.astype(np.float64)
-    ambient = asr * median_irradiance(view) * np.where(seen.albedo > 0, seen.albedo, 1.0)
-    # even with an ASR of 0, something makes the noise of pixels that see nothing
-    ambient = np.where(photons.any(axis=0) | (ambient > 0), ambient, 1.0)
-    return Light(
-        delays_ns=np.concatenate([direct_ns[None], direct_ns + later_ns]).reshape(-1, *shape),
-        photons=photons.reshape(-1, *shape),
-        ambient=ambient.reshape(shape),
-        ranges_m=ranges_m.reshape(shape),
-    )
-
-
-@lru_cache(maxsize=4)
-def median_irradiance(view: View, /) -> float:
-    """Return the median of the direct irradiance over what the camera sees, 1/m²."""
-    step = max(1, min(COARSE, view.camera.height // FEWEST, view.camera.width // FEWEST))
-    rays: Float = view.camera.rays(slice(None))[:, ::step, ::step].reshape(3, -1)
-    direct = view.direct(view.meet(rays))
-    return float(np.median(direct[direct > 0])) if (direct > 0).any() else 1.0

@@ -12,7 +12,8 @@ from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.cornell import SIZE_M, STAND_OFF_M, CornellBox
 from cadtof_cli.simulation.scene.rooms.random_rooms import FARTHEST_M, NEAREST_M
-from cadtof_cli.simulation.scene.rooms.room import RandomRoom, light_in_room, median_irradiance
+from cadtof_cli.simulation.scene.rooms.rendering import light_in_room, median_irradiance
+from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.simulation.scene.rooms.solids import Interior
 from cadtof_cli.simulation.scene.rooms.view import Room, View
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.camera import Camera
-from cadtof_cli.simulation.scene.rooms.room import median_irradiance
+from cadtof_cli.simulation.scene.rooms.rendering import median_irradiance
 from cadtof_cli.simulation.scene.rooms.solids import Interior
 from cadtof_cli.simulation.scene.rooms.view import Room, View
 

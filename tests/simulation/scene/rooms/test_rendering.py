@@ -14,9 +14,14 @@ from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp, LampLight, lamp_light
-from cadtof_cli.simulation.scene.rooms.room import light_in_room, median_irradiance
+from cadtof_cli.simulation.scene.rooms.rendering import (
+    STEP,
+    indirect_light,
+    light_in_room,
+    median_irradiance,
+    traced_row,
+)
 from cadtof_cli.simulation.scene.rooms.solids import Box, Interior
-from cadtof_cli.simulation.scene.rooms.traced_rows import STEP, indirect_light, traced_row
 from cadtof_cli.simulation.scene.rooms.tracing import Transients, transients
 from cadtof_cli.simulation.scene.rooms.view import Room, View
 
@@ -127,7 +132,7 @@ def test_light_that_is_kept_for_other_rows_cannot_be_changed(monkeypatch: pytest
         handed.append(known)
         return transients(interior, lamp, known, *places, **how)
 
-    monkeypatch.setattr("cadtof_cli.simulation.scene.rooms.traced_rows.transients", watched)
+    monkeypatch.setattr("cadtof_cli.simulation.scene.rooms.rendering.transients", watched)
     other = View(**{**vars(VIEW), "seed": 5})
     rows = (*traced_row(other, 0), *traced_row(other, 1))
     assert handed[0] is handed[1]

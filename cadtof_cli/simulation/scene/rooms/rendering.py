@@ -1,6 +1,6 @@
-"""Light by way of other surfaces on a camera's pixels: it is traced at some pixels and averaged for all pixels.
+"""The light on a camera's pixels in a room. Light by way of other surfaces is traced at some pixels and averaged for all.
 
-This light changes slowly along a surface; the more surfaces it has come by, the more slowly it changes. So it is traced only at
+Such light changes slowly along a surface; the more surfaces it has come by, the more slowly it changes. So it is traced only at
 every second row and column. Light by way of one other surface is averaged over a few traced pixels on the same face, and light
 by way of more surfaces over a wider neighbourhood. The surface that a pixel sees, its direct light and its shadows are not
 averaged.
@@ -11,11 +11,13 @@ from functools import lru_cache
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32, sealed
+from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.averages import Faces, Lattice, means_of_cells, neighbour_weights
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp, LampLight, lamp_light
 from cadtof_cli.simulation.scene.rooms.solids import Interior, Meetings
 from cadtof_cli.simulation.scene.rooms.tracing import Transients, transients
 from cadtof_cli.simulation.scene.rooms.view import View
+from cadtof_cli.units import C_M_PER_NS
 
 STEP = 2
 """Rows and columns from one traced pixel to the next."""
@@ -29,11 +31,45 @@ CELL = 4
 CELLS = 2
 """Number of cells to each side over which light by way of more surfaces is averaged."""
 
+COARSE, FEWEST = 8, 15
+"""Largest step in rows and columns between the pixels from which the median of the direct light is taken, and the number of rows
+and of columns that these pixels fill at least: in small pictures, a few pixels do not tell the median."""
+
 ROWS_KEPT = 32
 """Number of traced rows that are kept for the next band, which needs most of them again."""
 
 _GRID_KEY, _ALONE_KEY, _LAMP_KEY = 0, 1, 2
 """Branches of the seed: for traced rows, for pixels that are traced for themselves, and for the light from the lamp."""
+
+
+def light_in_room(view: View, rows: slice, /, *, asr: float) -> Light:
+    """Return the light on rows of a camera in a room; photons are irradiance times albedo."""
+    lines = range(*rows.indices(view.camera.height))
+    shape = len(lines), view.camera.width
+    seen = view.meet(view.camera.rays(rows).reshape(3, -1))
+    ranges_m = seen.lengths_m.astype(np.float64)
+    direct_ns = (ranges_m + view.lamp.distances_m(seen.points_m)) / C_M_PER_NS
+    irradiance, moments = np.moveaxis(indirect_light(view, seen, lines), 1, 2)
+    later_ns = np.divide(moments, irradiance, out=np.zeros_like(moments), where=irradiance > 0)
+    photons = np.concatenate([view.direct(seen)[None], irradiance]) * seen.albedo.astype(np.float64)
+    ambient = asr * median_irradiance(view) * np.where(seen.albedo > 0, seen.albedo, 1.0)
+    # even with an ASR of 0, something makes the noise of pixels that see nothing
+    ambient = np.where(photons.any(axis=0) | (ambient > 0), ambient, 1.0)
+    return Light(
+        delays_ns=np.concatenate([direct_ns[None], direct_ns + later_ns]).reshape(-1, *shape),
+        photons=photons.reshape(-1, *shape),
+        ambient=ambient.reshape(shape),
+        ranges_m=ranges_m.reshape(shape),
+    )
+
+
+@lru_cache(maxsize=4)
+def median_irradiance(view: View, /) -> float:
+    """Return the median of the direct irradiance over what the camera sees, 1/m²."""
+    step = max(1, min(COARSE, view.camera.height // FEWEST, view.camera.width // FEWEST))
+    rays: Float = view.camera.rays(slice(None))[:, ::step, ::step].reshape(3, -1)
+    direct = view.direct(view.meet(rays))
+    return float(np.median(direct[direct > 0])) if (direct > 0).any() else 1.0
 
 
 @lru_cache(maxsize=ROWS_KEPT)
