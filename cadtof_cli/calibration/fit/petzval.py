@@ -52,6 +52,9 @@ MANY_OUTLIERS = 0.05
 LARGEST_RESIDUAL = 1.5
 """Ratio of the residuals to the noise above which the user is warned."""
 
+_Q, _DISTANCES = 2, slice(3, None, 3)
+"""Places of q, and of the distances of the walls, among the parameters of the fit."""
+
 
 @dataclass(frozen=True, eq=False)
 class WallRanges:
@@ -71,11 +74,13 @@ class _Problem:
 
     With a `lamp` beside the camera, half the way of the light takes the place of the range: the lens lengthens the way.
 
-    Its parameters are k2, k4 and q, then distance D and tilt α, β of every wall; `free` marks the parameters that are
-    fitted, and `start` holds their first values. u and v are the pixel's distances from the principal `point`, over
-    `half_diagonal`, and q = (half diagonal / f)². `wall` is the index of the wall of each of the n ranges.
+    Its parameters are k2, k4 and q, then distance D and tilt α, β of every wall; `free` marks those that are unknown, and
+    `start` holds their first values. u and v are the pixel's distances from the principal `point`, over
+    `half_diagonal`, and q = (half diagonal / f)². `wall` is the index of the wall of each of the n ranges, which are those
+    of the `usable` pixels, (Y, X) per wall.
     """
 
+    usable: Sequence[Bool]
     u: Float
     v: Float
     wall: Index
@@ -89,14 +94,14 @@ class _Problem:
     lamp: LampBeside | None
 
     def residuals(self, parameters: Float) -> tuple[Float, Float]:
-        """Return the residuals of the ranges, (n,), and the model's derivatives by the free parameters, (n, p), both
-        over sigma."""
+        """Return the residuals of the ranges, (n,), and the model's derivatives by the parameters, (n, p), both over
+        sigma."""
         rho2 = self.u**2 + self.v**2
         slopes = np.zeros((rho2.size, parameters.size))
         slopes[:, 0], slopes[:, 1] = rho2, rho2**2
         curvature = slopes[:, 0] * parameters[0] + slopes[:, 1] * parameters[1]
-        q, stretch = parameters[2], np.sqrt(1.0 + parameters[2] * rho2)
-        distance, alpha, beta = parameters[3:].reshape(-1, 3)[self.wall].T
+        q, stretch = parameters[_Q], np.sqrt(1.0 + parameters[_Q] * rho2)
+        distance, alpha, beta = parameters[_Q + 1 :].reshape(-1, 3)[self.wall].T
         leaning = 1.0 + alpha * self.u + beta * self.v
         ranges = distance * stretch / leaning
         slopes[:, 2] = 0.5 * ranges * rho2 / (1.0 + q * rho2)
@@ -108,7 +113,7 @@ class _Problem:
         # ranges wrap at the unambiguous range, so the difference nearest to 0 counts
         half = 0.5 * self.unambiguous_m
         left = (self.range_m - (ranges + curvature) + half) % self.unambiguous_m - half
-        return left / self.sigma_m, slopes[:, self.free] / self.sigma_m[:, np.newaxis]
+        return left / self.sigma_m, slopes / self.sigma_m[:, np.newaxis]
 
 
 def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origin) -> PetzvalCalibration:
@@ -131,17 +136,16 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
         _require_distinct(walls)
     problem = _problem(usable, walls, optics, origin)
     fit = robust_fit(problem.residuals, problem.start, free=problem.free)
-    if not fit.parameters[2] > 0.0:
+    if not fit.parameters[_Q] > 0.0:
         raise SettingsError(
             "the focal length is unknown and cannot be found from the walls: the view is too narrow, or they are not flat: "
             "set focal_length_px under [optics] in capture.toml, or --focal-length-px"
         )
     distances = _doubtful_distances(problem, fit, origin)
-    _require_walls(problem, fit, usable, origin)
+    _require_walls(problem, fit, origin)
     _require_lens(problem, fit)
-    curved = np.arange(fit.parameters.size) < 2
-    without = replace(problem, free=problem.free & ~curved)
-    flat = robust_fit(without.residuals, np.where(curved, 0.0, fit.parameters), free=without.free)
+    curved = np.arange(fit.parameters.size) < _Q
+    flat = robust_fit(problem.residuals, np.where(curved, 0.0, fit.parameters), free=problem.free & ~curved)
     quality = _quality(problem, fit, flat)
     quality = replace(quality, findings=_findings(problem, quality, fit, optics) + distances)
     return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), problem.point, quality)
@@ -152,25 +156,23 @@ def _doubtful_distances(problem: _Problem, fit: RobustFit, origin: Origin) -> tu
 
     A distance that they contradict by more than `LARGEST_DISTANCE_ERROR_M` raises a SettingsError.
     """
-    given, findings = ~problem.free[3::3], []
-    if not given.any():
+    given, findings, free = np.flatnonzero(~problem.free[_DISTANCES]), [], problem.free.copy()
+    if not given.size:
         return ()
-    every = problem.free.copy()
-    every[3::3] = True
-    shown = robust_fit(replace(problem, free=every).residuals, fit.parameters, free=every)
-    errors = np.sqrt(np.diag(shown.covariance))
-    for index in np.flatnonzero(given):
-        place = 3 + 3 * index
-        distance, expected = float(shown.parameters[place]), float(fit.parameters[place])
-        if abs(distance - expected) > LARGEST_DISTANCE_ERROR_M + SURE * errors[place]:
+    free[_DISTANCES] = True
+    shown = robust_fit(problem.residuals, fit.parameters, free=free)
+    for index in given:
+        distance, expected = (float(one.parameters[_DISTANCES][index]) for one in (shown, fit))
+        off, unsure = abs(distance - expected), SURE * shown.stderr[_DISTANCES][index]
+        if off > LARGEST_DISTANCE_ERROR_M + unsure:
             raise SettingsError(
                 f"wall {index + 1} ({origin.captures[index]}): the frames show it at {distance:.3f} m, expected its given "
                 f"distance of {expected:g} m, within {1000 * LARGEST_DISTANCE_ERROR_M:.0f} mm: correct distance_m or "
                 "--distance, or leave it out; or run `calibrate response` first, if the camera delays all light"
             )
-        if abs(distance - expected) > DISTANCE_ERROR_M + SURE * errors[place]:
+        if off > DISTANCE_ERROR_M + unsure:
             findings.append(
-                f"warning: the frames show wall {index + 1} at {distance:.4f} m, {1000 * abs(distance - expected):.1f} mm from "
+                f"warning: the frames show wall {index + 1} at {distance:.4f} m, {1000 * off:.1f} mm from "
                 f"its given distance; if it were not given, k2 would be {shown.parameters[0]:.4f} m: leave it out, unless it is "
                 "exact"
             )
@@ -183,17 +185,16 @@ def _require_lens(problem: _Problem, fit: RobustFit) -> None:
     If a given distance is wrong by the unambiguous range, no phase shows it, and a curvature makes up for it: the ranges of
     a flat wall rise less towards the corners the farther it is.
     """
-    k2, error = abs(fit.parameters[0]), math.sqrt(fit.covariance[0, 0])
-    if k2 > LARGEST_K2_M + SURE * error:
+    if abs(fit.parameters[0]) > LARGEST_K2_M + SURE * fit.stderr[0]:
         raise SettingsError(
             f"k2 = {fit.parameters[0]:.3f} m is more than any lens has, expected {LARGEST_K2_M:g} m at most: correct distance_m "
             f"or --distance, which may be wrong by the unambiguous range of {problem.unambiguous_m:.3f} m, or the focal length"
         )
 
 
-def _require_walls(problem: _Problem, fit: RobustFit, usable: Sequence[Bool], origin: Origin) -> None:
+def _require_walls(problem: _Problem, fit: RobustFit, origin: Origin) -> None:
     """Make sure that most blocks of each capture lie on the wall that was fitted to it."""
-    for index, where in enumerate(usable):
+    for index, where in enumerate(problem.usable):
         here = problem.wall == index
         sigma = problem.sigma_m[here]
         off = fit.residual[here] * sigma
@@ -232,21 +233,21 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
         np.concatenate([values[good] for values, good in zip(planes, usable, strict=True)])
         for planes in ([wall.range_m for wall in walls], [wall.sigma_m for wall in walls])
     )
-    start, free = np.zeros(3 + 3 * len(walls)), np.ones(3 + 3 * len(walls), np.bool_)
-    start[2], free[2] = (0.5, True) if focal is None else ((half_diagonal / focal) ** 2, False)
-    unambiguous = unambiguous_range_m(origin.periods_ns[0])
+    q, unambiguous = 0.5 if focal is None else (half_diagonal / focal) ** 2, unambiguous_range_m(origin.periods_ns[0])
+    start, free = [0.0, 0.0, q], [True, True, focal is None]
     for index, wall in enumerate(walls):
         here = whose == index
-        shown = _median_distance_m(ranges[here], (u**2 + v**2)[here], start[2], unambiguous)
-        start[3 + 3 * index] = shown if wall.distance_m is None else wall.distance_m
+        shown = _median_distance_m(ranges[here], (u**2 + v**2)[here], q, unambiguous)
+        start += [shown if wall.distance_m is None else wall.distance_m, 0.0, 0.0]
         # a wall on one row or one column of pixels shows no tilt across it
-        free[3 + 3 * index :][:3] = wall.distance_m is None, np.ptp(u) > 0.0, np.ptp(v) > 0.0
+        free += [wall.distance_m is None, np.ptp(u) > 0.0, np.ptp(v) > 0.0]
     lamp = LampBeside.of(optics, origin.pixels)
     if lamp is not None:
         lamp = replace(lamp, along_m=np.concatenate([lamp.along_m[good.ravel()] for good in usable]))
         ranges = lamp.half_way_m(ranges)
         sigma_m = sigma_m / lamp.range_per_half_way(ranges, slice(None))
     return _Problem(
+        usable=usable,
         u=u,
         v=v,
         wall=whose,
@@ -255,8 +256,8 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
         point=point,
         half_diagonal=half_diagonal,
         unambiguous_m=unambiguous,
-        free=free,
-        start=start,
+        free=np.array(free),
+        start=np.array(start),
         lamp=lamp,
     )
 
@@ -271,9 +272,8 @@ def _median_distance_m(ranges: Float, rho2: Float, q: float, unambiguous_m: floa
 
 
 def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuality:
-    kept, sigma = fit.weights > 0.0, problem.sigma_m
+    kept, sigma, errors = fit.weights > 0.0, problem.sigma_m, fit.stderr
     after, before = fit.residual * sigma, flat.residual * sigma
-    errors = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.maximum(np.outer(errors, errors), np.finfo(np.float64).tiny)
     return PetzvalQuality(
         k2_stderr_m=float(errors[0]),
@@ -282,20 +282,20 @@ def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuali
         rms_after_m=_rms(after[kept]),
         noise_rms_m=_rms(sigma[kept]),
         correlation=float(np.abs(correlation[:2, 2:]).max(initial=0.0)),
-        focal_length_px=float(problem.half_diagonal / np.sqrt(fit.parameters[2])),
-        focal_length_known=not problem.free[2],
-        walls=tuple(_wall_fit(problem, index, fit, flat) for index in range(len(fit.parameters[3::3]))),
+        focal_length_px=float(problem.half_diagonal / np.sqrt(fit.parameters[_Q])),
+        focal_length_known=not problem.free[_Q],
+        walls=tuple(_wall_fit(problem, index, fit, flat) for index in range(len(problem.usable))),
     )
 
 
 def _wall_fit(problem: _Problem, index: int, fit: RobustFit, flat: RobustFit) -> WallFit:
-    place, here = 3 + 3 * index, (fit.weights > 0.0) & (problem.wall == index)
-    distance, alpha, beta = fit.parameters[place : place + 3]
-    lean, sigma = np.sqrt(fit.parameters[2]), problem.sigma_m[here]
+    here = (fit.weights > 0.0) & (problem.wall == index)
+    distance, alpha, beta = fit.parameters[_Q + 1 :].reshape(-1, 3)[index]
+    lean, sigma = np.sqrt(fit.parameters[_Q]), problem.sigma_m[here]
     return WallFit(
         distance_m=float(distance),
-        distance_stderr_m=float(np.sqrt(fit.covariance[place, place])),
-        distance_known=not problem.free[place],
+        distance_stderr_m=float(fit.stderr[_DISTANCES][index]),
+        distance_known=not problem.free[_DISTANCES][index],
         slopes=(float(alpha / lean), float(beta / lean)),
         rms_before_m=_rms(flat.residual[here] * sigma),
         rms_after_m=_rms(fit.residual[here] * sigma),

@@ -102,3 +102,9 @@ def two_way(values: Float, weights: Float, /) -> tuple[Float, Float]:
     mean = (harmonic * by_harmonic[:, np.newaxis]).sum(axis=0)
     target = (values * by_harmonic[:, np.newaxis]).sum(axis=1)
     return harmonic - harmonic[0], target - mean + harmonic[0]
+
+
+def mean_rotor(phase: Float, /) -> Complex:
+    """Return the mean phase of pixels, (…, n), as a rotor."""
+    total = np.exp(1j * phase).sum(axis=-1)
+    return np.asarray(total / np.abs(total))

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
-from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels
-from cadtof_cli.calibration.fit.robust import SURE, RobustFit, robust_fit, shape_rms
+from cadtof_cli.calibration.fit.field import FieldCurvature, field_curvature
+from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels, mean_rotor
+from cadtof_cli.calibration.fit.robust import shape_rms
 from cadtof_cli.calibration.fit.terms import LARGEST_RESIDUAL, TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics import LampBeside, curvature_m, squared_field_radius, wall_range_m
+from cadtof_cli.optics import LampBeside, curvature_m, wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.units import metres_per_radian
 
@@ -30,9 +31,6 @@ LEAST_USABLE = 0.05
 TERM_PIXELS = 6_000
 """About how many pixels the terms are fitted to, spread over the array. The maps use all pixels."""
 
-CURVATURE_SIGNIFICANCE = 4.0
-"""Field curvature is taken out of the phases if k2 or k4 is larger than this many standard errors."""
-
 LARGEST_MISFIT_M = 0.01
 """A target is refused if the root mean square of its blocks' residuals, as ranges, is larger than this. The residuals
 are those from the response that fits all targets."""
@@ -44,13 +42,6 @@ it is near 1. Offsets of frames without light have random phases, so it is near 
 LARGEST_OFFSET = 0.005
 """Largest offset that light of the laser is thought to bring with it, relative to k = 1. An offset of its own that is three times
 smaller, at 2 m, looks as large."""
-
-LARGEST_LEAN_M = 0.1
-"""Targets are refused if one side of the array sees them nearer than the other side by more than this."""
-
-LARGEST_SHAPE_M = 0.03
-"""Targets are refused if the root mean square of the blocks' departures from a wall, seen through a curved field, is
-larger."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +63,9 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     Raises:
         SettingsError: too few pixels see every target; or the targets are not flat walls that face the camera.
     """
-    known_optics = metadata.optics.focal_length_px is not None
-    per_metre = wall_range_m(metadata.optics, origin.pixels, distance_m=1.0) if known_optics else np.ones(origin.pixels)
-    ranges = np.stack([target.distance_m * per_metre.ravel() for target in targets])
-    lamp = LampBeside.of(metadata.optics, origin.pixels)
-    phase = (ranges if lamp is None else lamp.half_way_m(ranges)) / metres_per_radian(origin.periods_ns[0])
-    volts = np.stack([target.volts.reshape(len(origin.harmonics), -1) for target in targets])
-    noise = np.stack([target.noise_v for target in targets])
-    seen = _seen(volts, noise)
+    every = _observations(targets, metadata.optics, origin)
+    seen = _seen(every)
     usable = np.asarray(seen.all(axis=0))
-    every = Observations(volts, noise, phase, origin.harmonics)
     observed = every[usable]
     ideal = ideal_response(metadata)
     base = [{k: g / response.main for k, g in response.terms if k != 1} for response in ideal]
@@ -91,49 +75,45 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     pixels = fit_pixels(observed, terms.terms)
     _require_light(pixels)
     _require_one_response(pixels, usable.reshape(origin.pixels), origin, metadata.optics)
-    phase, log_gain = _of_all_pixels(every, seen, pixels, terms.terms)
-    findings = [*terms.findings, *_assumptions(seen, known_optics)]
-    findings += _other_distances(targets, terms)
-    curvature, errors = _curvature(pixels, usable, metadata, origin) if known_optics else ((0.0, 0.0), (0.0, 0.0))
-    if any(curvature):
-        added_m = curvature_m(origin.pixels, metadata.optics.principal_point(origin.pixels), curvature).ravel()
-        added_rad = added_m / metres_per_radian(origin.periods_ns[0])
-        phase -= np.array(origin.harmonics, np.float64)[:, np.newaxis] * added_rad
-        findings.append(
-            f"field curvature k2 = {curvature[0]:.4f} m, k4 = {curvature[1]:.4f} m was removed from the phase maps: `resolve` "
-            "corrects it by itself, or uses the field curvature of `calibrate petzval` instead"
-        )
-    if terms.residual > LARGEST_RESIDUAL:
-        findings.append(
-            f"warning: the residual is {terms.residual:.1f} times the noise: is the dark calibration in the folder, are the "
-            "distances right, and is the target flat, still and without multi-path interference?"
-        )
-    offset = max(abs(one.get(0, 0.0)) for one in terms.terms)
-    if offset > LARGEST_OFFSET:
-        findings.append(
-            f"warning: k = 0 is {offset:.2g} of k = 1, an offset in proportion to the laser's light: offsets that drifted since "
-            "calibrate dark, a dirty window or stray light look like that, and this response then makes depths of other scenes "
-            "wrong by decimetres. Repeat calibrate dark and this step at one temperature, with a clean window"
-        )
-    quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
-    responses, phases, gains = _terms_and_maps(phase, log_gain, seen, terms.terms, ideal)
+    own, log_gain = _of_all_pixels(every, seen, pixels, terms.terms)
+    point, known = metadata.optics.principal_point(origin.pixels), metadata.optics.focal_length_px is not None
+    curvature = field_curvature(pixels, usable, point=point, origin=origin) if known else FieldCurvature()
+    added_rad = curvature_m(origin.pixels, point, curvature.k_m).ravel() / metres_per_radian(origin.periods_ns[0])
+    own -= np.array(origin.harmonics, np.float64)[:, np.newaxis] * added_rad
+    responses, phases, gains = _terms_and_maps(own, log_gain, seen, terms.terms, ideal)
     shape = (len(ideal), *origin.pixels)
+    said = (*_assumptions(seen, known), *_other_distances(targets, terms), *_doubts(terms, curvature))
     return ResponseCalibration(
         origin,
         responses,
         phases.reshape(shape),
         gains.reshape(shape),
-        curvature,
-        metadata.optics.principal_point(origin.pixels),
-        quality,
+        curvature.k_m,
+        point,
+        _quality(pixels, terms, tuple(distances), curvature, terms.findings + said),
         metadata.optics.lamp_offset_m or ResponseCalibration.lamp_offset_m,
     )
 
 
-def _seen(volts: Complex, noise: Float) -> Bool:
+def _observations(targets: Sequence[TargetMean], optics: Optics, origin: Origin) -> Observations:
+    """Return the targets as seen by all pixels. Without a focal length, all pixels of a target count as equally far."""
+    known = optics.focal_length_px is not None
+    per_metre = wall_range_m(optics, origin.pixels, distance_m=1.0) if known else np.ones(origin.pixels)
+    ranges = np.stack([one.distance_m * per_metre.ravel() for one in targets])
+    lamp = LampBeside.of(optics, origin.pixels)
+    half_ways = ranges if lamp is None else lamp.half_way_m(ranges)
+    return Observations(
+        volts=np.stack([one.volts.reshape(len(origin.harmonics), -1) for one in targets]),
+        noise_v=np.stack([one.noise_v for one in targets]),
+        phase=half_ways / metres_per_radian(origin.periods_ns[0]),
+        harmonics=origin.harmonics,
+    )
+
+
+def _seen(every: Observations) -> Bool:
     """Return in which pixels each target gives a signal, (N, n)."""
     with np.errstate(invalid="ignore"):
-        seen = (np.abs(volts) > LEAST_SIGNAL * noise[:, :, np.newaxis]).all(axis=1)
+        seen = (np.abs(every.volts) > LEAST_SIGNAL * every.noise_v[:, :, np.newaxis]).all(axis=1)
     usable = seen.all(axis=0).mean()
     if usable < LEAST_USABLE:
         raise SettingsError(
@@ -189,41 +169,28 @@ def _other_distances(targets: Sequence[TargetMean], terms: TermFit) -> tuple[str
     )
 
 
-def _curvature(
-    pixels: PixelFit, usable: Bool, metadata: CaptureMetadata, origin: Origin
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the field curvature (k2, k4) in the phases, and its standard errors.
-
-    Curvature that is not significant is returned as 0. Its standard errors say how large it may be.
-    The lens delays all harmonics alike, and so does a delay of the pixel. They are told apart by the shape over the
-    array: the delay of the lens is a polynomial in the distance from the principal point.
-    """
-    point = metadata.optics.principal_point(origin.pixels)
-    squared = squared_field_radius(origin.pixels, point).ravel()[usable]
-    harmonics = np.array(origin.harmonics, np.float64)[:, np.newaxis]
-    centred = np.angle(np.exp(1j * pixels.phase) / _mean_rotor(pixels.phase)[:, np.newaxis])
-    weights = pixels.weights.sum(axis=0)
-    information = (weights * harmonics**2).sum(axis=0)
-    metres = metres_per_radian(origin.periods_ns[0])
-    ranges = metres * (weights * harmonics * centred).sum(axis=0) / information
-    sigma = metres / np.sqrt(information)
-    rows, columns = np.divmod(np.flatnonzero(usable), origin.pixels[1])
-    shapes = np.stack([squared, squared**2, np.ones_like(squared), columns, rows], axis=1)
-    shapes[:, 3:] /= max(origin.pixels)
-
-    # an array of one row or one column shows no lean across it
-    free = np.ptp(shapes, axis=0) > 0.0
-    free[2] = True
-
-    def residual(parameters: Float) -> tuple[Float, Float]:
-        return (ranges - shapes @ parameters) / sigma, shapes[:, free] / sigma[:, np.newaxis]
-
-    fit = robust_fit(residual, np.zeros(5), free=free)
-    _require_flat(fit, sigma, usable.reshape(origin.pixels))
-    (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:2].tolist(), np.sqrt(np.diag(fit.covariance)[:2]).tolist()
-    if abs(k2) <= CURVATURE_SIGNIFICANCE * k2_stderr and abs(k4) <= CURVATURE_SIGNIFICANCE * k4_stderr:
-        return (0.0, 0.0), (k2_stderr, k4_stderr)
-    return (k2, k4), (k2_stderr, k4_stderr)
+def _doubts(terms: TermFit, curvature: FieldCurvature) -> list[str]:
+    """Return in words what a user should know about the curvature, the residual and k = 0."""
+    said = []
+    if any(curvature.k_m):
+        k2, k4 = curvature.k_m
+        said.append(
+            f"field curvature k2 = {k2:.4f} m, k4 = {k4:.4f} m was removed from the phase maps: `resolve` corrects it by itself, "
+            "or uses the field curvature of `calibrate petzval` instead"
+        )
+    if terms.residual > LARGEST_RESIDUAL:
+        said.append(
+            f"warning: the residual is {terms.residual:.1f} times the noise: is the dark calibration in the folder, are the "
+            "distances right, and is the target flat, still and without multi-path interference?"
+        )
+    offset = max(abs(one.get(0, 0.0)) for one in terms.terms)
+    if offset > LARGEST_OFFSET:
+        said.append(
+            f"warning: k = 0 is {offset:.2g} of k = 1, an offset in proportion to the laser's light: offsets that drifted since "
+            "calibrate dark, a dirty window or stray light look like that, and this response then makes depths of other scenes "
+            "wrong by decimetres. Repeat calibrate dark and this step at one temperature, with a clean window"
+        )
+    return said
 
 
 def _require_light(pixels: PixelFit) -> None:
@@ -268,37 +235,11 @@ def _why_targets_differ(optics: Optics) -> str:
     )
 
 
-def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
-    """Make sure that the maps of phase and gain show no object of the scene: it would change every corrected frame."""
-    lean = float(np.hypot(*fit.parameters[3:]))
-    # pixels differ in their own delays, so a few rows seem to lean by chance
-    error = float(np.sqrt(fit.parameters[3:] @ fit.covariance[3:, 3:] @ fit.parameters[3:])) / lean if lean else 0.0
-    shape = shape_rms(fit.residual * sigma, where)
-    if lean > LARGEST_LEAN_M + SURE * error:
-        raise SettingsError(
-            f"one side of the array sees the targets {1000 * lean:.0f} mm nearer than the other, expected "
-            f"{1000 * LARGEST_LEAN_M:.0f} mm at most: the targets do not face the camera, or light comes by other ways on one "
-            "side (MPI: floor, side walls). Point the camera square at a plain wall, clear the sides, and record again"
-        )
-    if shape > LARGEST_SHAPE_M:
-        raise SettingsError(
-            f"the targets have a shape: parts of the array deviate from a flat wall by {1000 * shape:.0f} mm, expected "
-            f"{1000 * LARGEST_SHAPE_M:.0f} mm at most: they are not flat, something stands before them, or light comes by "
-            "other ways (MPI). Take a plain wall that fills the view, and record again"
-        )
-
-
-def _mean_rotor(phase: Float) -> Complex:
-    """Return the mean phase of pixels, (…, n), as a rotor."""
-    total = np.exp(1j * phase).sum(axis=-1)
-    return np.asarray(total / np.abs(total))
-
-
 def _quality(
     pixels: PixelFit,
     terms: TermFit,
     distances: tuple[float, ...],
-    curvature_stderr_m: tuple[float, float],
+    curvature: FieldCurvature,
     findings: tuple[str, ...],
 ) -> ResponseQuality:
     weights = pixels.weights
@@ -311,7 +252,7 @@ def _quality(
         phase_stderr_rad=tuple(float(np.median(one**-0.5)) for one in information),
         gain_stderr=tuple(gain),
         term_stderr=terms.stderr,
-        curvature_stderr_m=curvature_stderr_m,
+        curvature_stderr_m=curvature.stderr_m,
         findings=findings,
     )
 
@@ -326,7 +267,7 @@ def _terms_and_maps(
     nominal = abs(ideal[0].main)
     responses = []
     for row, response in enumerate(ideal):
-        rotor = _mean_rotor(own[row, usable])
+        rotor = mean_rotor(own[row, usable])
         gains = np.exp(log_gain[row]) * nominal
         middle = float(np.median(gains[usable]))
         phase[row, known] = np.angle(np.exp(1j * own[row, known]) / rotor)

@@ -52,6 +52,7 @@ class RobustFit:
     Attributes:
         parameters: (p,).
         covariance: (p, p), scaled by the robust variance of the residuals.
+        stderr: (p,), standard errors of the parameters.
         residual: (n,), in units of the observations' standard deviations.
         weights: (n,), from 0, for outliers, to 1.
         scale: robust standard deviation of `residual`; 1 if the observations' standard deviations are right.
@@ -60,6 +61,7 @@ class RobustFit:
 
     parameters: Float
     covariance: Float
+    stderr: Float
     residual: Float
     weights: Float
     scale: float
@@ -71,9 +73,9 @@ def robust_fit(
 ) -> RobustFit:
     """Fit parameters, (p,), from a start that need not be close if the model is nearly linear.
 
-    `model` returns, for given parameters, the residuals, (n,), and the derivatives of the modelled values by the free
-    parameters, (n, free), both in units of the observations' standard deviations. `free`, (p,), marks the parameters
-    that are fitted (None: all). The other parameters keep their value, and have no variance.
+    `model` returns, for given parameters, the residuals, (n,), and the derivatives of the modelled values by all
+    parameters, (n, p), both in units of the observations' standard deviations. `free`, (p,), marks the parameters that
+    are fitted (None: all). The other parameters keep their value, and have no variance.
 
     Raises:
         SettingsError: the observations do not determine the parameters.
@@ -81,19 +83,21 @@ def robust_fit(
     parameters, covariance = start.astype(np.float64), np.zeros((start.size, start.size))
     free = np.ones(start.size, np.bool_) if free is None else free
     for _ in range(MOST_STEPS):
-        residual, slopes = model(parameters)
+        residual, every = model(parameters)
         scale, weights = _weighted(residual)
+        slopes = every[:, free]
         normal = (slopes * weights[:, np.newaxis]).T @ slopes
         inverse, _ = _inverse(normal)
         change = inverse @ (slopes.T @ (weights * residual))
         parameters[free] += change
         if np.all(np.abs(change) <= CONVERGED * scale * np.sqrt(np.diag(inverse))):
             break
-    residual, slopes = model(parameters)
-    scale, kept = _weighted(residual)
-    inverse, condition = _inverse(slopes[kept > 0.0].T @ slopes[kept > 0.0])
+    residual, every = model(parameters)
+    scale, weights = _weighted(residual)
+    slopes, kept = every[:, free], weights > 0.0
+    inverse, condition = _inverse(slopes[kept].T @ slopes[kept])
     covariance[np.ix_(free, free)] = inverse * scale**2 / BIWEIGHT_EFFICIENCY
-    return RobustFit(parameters, covariance, residual, kept, scale, condition)
+    return RobustFit(parameters, covariance, np.sqrt(np.diag(covariance)), residual, weights, scale, condition)
 
 
 def centre_and_spread(values: Float, /) -> tuple[float, float]:
