@@ -117,10 +117,10 @@ def numbers(diary: Diary) -> dict[str, str]:
     bias, after = card_bias(diary, "before"), card_bias(diary, "after")
     single, two, converged = triangle(diary)
     return {
-        "k2": f"{petzval.k2_m:.4f} ± {petzval.quality.k2_stderr_m:.4f}",
-        "k4": f"{petzval.k4_m:.4f} ± {petzval.quality.k4_stderr_m:.4f}",
-        "k2_off": f"{abs(petzval.k2_m - 0.06) / petzval.quality.k2_stderr_m:.1f}",
-        "k4_off": f"{abs(petzval.k4_m + 0.02) / petzval.quality.k4_stderr_m:.1f}",
+        "k2": f"{petzval.curvature.k2_m:.4f} ± {petzval.curvature.k2_stderr_m:.4f}",
+        "k4": f"{petzval.curvature.k4_m:.4f} ± {petzval.curvature.k4_stderr_m:.4f}",
+        "k2_off": f"{abs(petzval.curvature.k2_m - 0.06) / petzval.curvature.k2_stderr_m:.1f}",
+        "k4_off": f"{abs(petzval.curvature.k4_m + 0.02) / petzval.curvature.k4_stderr_m:.1f}",
         "flatness": f"{flatness(diary):.3f}",
         "dark_within": f"{np.mean(off <= 3.0):.2%}",
         "bias_before": f"{bias:.2f}",

@@ -17,7 +17,7 @@ from cadtof_cli.calibration.store import load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
-from tests.support.calibrations import PETZVAL_QUALITY
+from tests.support.calibrations import PETZVAL_QUALITY, curved
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, record, write_exr, write_frame
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m
 from tests.support.run_cadtof import cadtof, program
@@ -61,7 +61,7 @@ def _calibration(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]
     defects = np.zeros(SHAPE, np.uint32)
     defects[3, 5] = 1
     save_part(folder, DarkCalibration(ORIGIN, offset, np.full_like(offset, 1e-4), defects))
-    save_part(folder, PetzvalCalibration(ORIGIN, 0.4, 0.1, (15.0, 10.0), PETZVAL_QUALITY))
+    save_part(folder, PetzvalCalibration(ORIGIN, curved(0.4, 0.1, (15.0, 10.0)), PETZVAL_QUALITY))
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     rho2 = ((x - 15.0) ** 2 + (y - 10.0) ** 2) / (np.hypot(*SHAPE) / 2) ** 2
     return offset.astype(np.float64), 0.4 * rho2 + 0.1 * rho2**2
@@ -120,7 +120,7 @@ def test_a_calibration_that_was_replaced_after_the_run_is_reported(command: str,
     _calibration(calibration)
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--calibration", calibration).status == 0
     write_exr(tmp_path / "truth.exr", {"direct.depth": np.full(SHAPE, 2.0, np.float32)})
-    save_part(calibration, PetzvalCalibration(ORIGIN, 0.3, 0.1, (15.0, 10.0), PETZVAL_QUALITY), overwrite=True)
+    save_part(calibration, PetzvalCalibration(ORIGIN, curved(0.3, 0.1, (15.0, 10.0)), PETZVAL_QUALITY), overwrite=True)
     before = json.loads((out / "run.json").read_text())["calibration"]["digest"]
     now = load_calibration(calibration).digest
     more = {"profile": ("--row", 3), "preview": ("-o", tmp_path / "a.png")}.get(command, ())

@@ -112,7 +112,7 @@ def frame_correction(
         phasor_map,
         tabulated_responses(responses, phase),
         dark.hot.ravel() if dark is not None and dark.hot.any() else None,
-        calibration.curvature.range_offset_m.ravel() if calibration.curvature else None,
+        calibration.curvature.added_m(pixels).ravel() if calibration.curvature else None,
         _noise(calibration, responses, metadata.modulation.amplitude_v),
     )
 

@@ -1,16 +1,19 @@
-"""What all parts of a calibration have in common: their origin, the check that they belong to a capture, the names of
-their maps."""
+"""What parts of a calibration have in common: their origin, the check that they belong to a capture, the field curvature,
+the names of their maps."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import WAVEFORMS, CaptureMetadata, Waveform
 from cadtof_cli.errors import MetadataError, SettingsError
+from cadtof_cli.optics import curvature_m
 from cadtof_cli.units import size_text
 from cadtof_cli.version import __version__
 
@@ -80,6 +83,39 @@ class Origin:
                     f"in the calibration, made {self.created} from {', '.join(self.captures)}; calibrate with captures of "
                     "the same camera settings"
                 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldCurvature:
+    """Field curvature of the lens: the length Δ(ρ) = k2 ρ² + k4 ρ⁴ that it adds to every range. The response and Petzval parts
+    hold it.
+
+    Attributes:
+        k2_m, k4_m: the coefficients; 0 if there is no significant curvature.
+        k2_stderr_m, k4_stderr_m: their standard errors.
+        principal_point_px: (column, row), from which ρ is measured.
+    """
+
+    k2_m: float = 0.0
+    k4_m: float = 0.0
+    k2_stderr_m: float = 0.0
+    k4_stderr_m: float = 0.0
+    principal_point_px: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, (self.k2_m, self.k4_m, *self.principal_point_px))):
+            raise ValueError(f"found k2 = {self.k2_m}, k4 = {self.k4_m}, expected finite numbers")
+
+    def added_m(self, pixels: tuple[int, int], /) -> Float:
+        """Return the length Δ that is added to the range of every pixel, (Y, X), in m."""
+        return curvature_m(pixels, self.principal_point_px, (self.k2_m, self.k4_m))
+
+    @classmethod
+    def from_tables(cls, coefficients: Mapping[str, Any], optics: Mapping[str, Any], /) -> Self:
+        """Build the curvature from the tables of its coefficients, with their standard errors, and of its principal point."""
+        column, row = optics["principal_point_px"]
+        numbers = {name: float(coefficients[name]) for name in ("k2_m", "k4_m", "k2_stderr_m", "k4_stderr_m")}
+        return cls(**numbers, principal_point_px=(float(column), float(row)))
 
 
 def _plane_names(what: str, harmonics: tuple[int, ...], channels: int) -> list[str]:

@@ -1,14 +1,12 @@
-"""Petzval calibration: the length that field curvature adds to every range, Δ(ρ) = k2 ρ² + k4 ρ⁴."""
+"""Petzval calibration: the length that field curvature adds to every range, measured from flat walls."""
 
-import math
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
 
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables
-from cadtof_cli.optics import curvature_m
+from cadtof_cli.calibration.parts import FieldCurvature, Maps, Origin, PartKind, Tables
 
 
 @dataclass(frozen=True)
@@ -30,10 +28,9 @@ class WallFit:
 
 @dataclass(frozen=True)
 class PetzvalQuality:
-    """How well the coefficients were measured.
+    """How well the walls were fitted.
 
     Attributes:
-        k2_stderr_m, k4_stderr_m: standard errors of the coefficients.
         rms_before_m: root mean square of the residuals of the best flat walls without curvature.
         rms_after_m: the same for the best flat walls with curvature.
         noise_rms_m: the same if there were only noise, of the frames and of the maps applied to them.
@@ -44,8 +41,6 @@ class PetzvalQuality:
         findings: assumptions and warnings, in words.
     """
 
-    k2_stderr_m: float
-    k4_stderr_m: float
     rms_before_m: float
     rms_after_m: float
     noise_rms_m: float
@@ -58,41 +53,35 @@ class PetzvalQuality:
 
 @dataclass(frozen=True, eq=False)
 class PetzvalCalibration:
-    """The coefficients, and the principal point (column, row) from which ρ is measured."""
+    """The field curvature, and how well it was measured."""
 
     kind: ClassVar[PartKind] = "petzval"
     has_maps: ClassVar[bool] = False
 
     origin: Origin
-    k2_m: float
-    k4_m: float
-    principal_point_px: tuple[float, float]
+    curvature: FieldCurvature
     quality: PetzvalQuality
-
-    def __post_init__(self) -> None:
-        if not all(map(math.isfinite, (self.k2_m, self.k4_m, *self.principal_point_px))):
-            raise ValueError(f"found k2 = {self.k2_m}, k4 = {self.k4_m}, expected finite numbers")
 
     @property
     def range_offset_m(self) -> Float:
         """The length Δ that is added to the range of every pixel, (Y, X), in m."""
-        return curvature_m(self.origin.pixels, self.principal_point_px, (self.k2_m, self.k4_m))
+        return self.curvature.added_m(self.origin.pixels)
 
     @property
     def summary(self) -> str:
         """The part in a few words."""
-        return f"k2 = {self.k2_m:.4f} m, k4 = {self.k4_m:.4f} m"
+        return f"k2 = {self.curvature.k2_m:.4f} m, k4 = {self.curvature.k4_m:.4f} m"
 
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return the coefficients with standard errors, the residuals without and with curvature, and every wall."""
-        quality = asdict(self.quality)
+        curvature, quality = asdict(self.curvature), asdict(self.quality)
+        point = curvature.pop("principal_point_px")
         walls, findings = quality.pop("walls"), quality.pop("findings")
-        errors = {name: quality.pop(name) for name in ("k2_stderr_m", "k4_stderr_m")}
         residual = {name: quality.pop(name) for name in ("rms_before_m", "rms_after_m", "noise_rms_m", "correlation")}
         tables: dict[str, dict[str, Any]] = {
-            "coefficients": {"k2_m": self.k2_m, "k4_m": self.k4_m, **errors},
+            "coefficients": curvature,
             "residual": residual,
-            "optics": {"principal_point_px": list(self.principal_point_px), **quality},
+            "optics": {"principal_point_px": list(point), **quality},
             "findings": {"text": list(findings)},
         }
         return tables | {f"wall_{index}": wall for index, wall in enumerate(walls, start=1)}
@@ -104,17 +93,14 @@ class PetzvalCalibration:
     @classmethod
     def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
         """Build the calibration from its tables."""
-        coefficients, optics = tables["coefficients"], dict(tables["optics"])
-        column, row = optics.pop("principal_point_px")
+        optics = dict(tables["optics"])
+        curvature = FieldCurvature.from_tables(tables["coefficients"], optics)
+        del optics["principal_point_px"]
         walls = [dict(tables[name]) for name in tables if name.startswith("wall_")]
         return cls(
             origin,
-            float(coefficients["k2_m"]),
-            float(coefficients["k4_m"]),
-            (float(column), float(row)),
+            curvature,
             PetzvalQuality(
-                k2_stderr_m=float(coefficients["k2_stderr_m"]),
-                k4_stderr_m=float(coefficients["k4_stderr_m"]),
                 walls=tuple(WallFit(**wall | {"slopes": tuple(wall["slopes"])}) for wall in walls),
                 findings=tuple(tables["findings"]["text"]),
                 **tables["residual"],

@@ -6,9 +6,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float, Float32, sealed
-from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
-from cadtof_cli.optics import curvature_m
+from cadtof_cli.arrays import Float32, sealed
+from cadtof_cli.calibration.parts import FieldCurvature, Maps, Origin, PartKind, Tables, named_planes, stacked
 from cadtof_cli.phasors.response import HarmonicResponse
 
 
@@ -21,7 +20,6 @@ class ResponseQuality:
         residual: root mean square of the residuals over their noise; 1 if only noise is left.
         phase_stderr_rad, gain_stderr: standard errors of one pixel's entry in the maps, one per harmonic.
         term_stderr: standard errors of the fitted terms, relative to G[h,1], one tuple per harmonic.
-        curvature_stderr_m: standard errors of k2 and k4; pixels' own phases may look like field curvature by chance.
         findings: why each term was taken or left, and what was assumed, in words.
     """
 
@@ -30,7 +28,6 @@ class ResponseQuality:
     phase_stderr_rad: tuple[float, ...]
     gain_stderr: tuple[float, ...]
     term_stderr: tuple[tuple[float, ...], ...]
-    curvature_stderr_m: tuple[float, float]
     findings: tuple[str, ...]
 
 
@@ -42,8 +39,8 @@ class ResponseCalibration:
     `phase_rad` and `gain` are float32 (H, Y, X). The phase is a delay of the modulation on its way over the array, so
     it stands inside the series. Its mean is 0, because G[h,1] contains the mean delay. The gain is relative to the
     first harmonic. The gain of the first harmonic is 1, because it cannot be told from the target's reflectivity.
-    `field_curvature_m` (k2, k4) describes the length that the lens adds to the range. It was taken out of the phase
-    maps; `resolve` uses it if there is no Petzval calibration. Its ρ counts from `principal_point_px` (column, row).
+    `curvature` was taken out of the phase maps; `resolve` uses it if there is no Petzval calibration. Its standard errors are
+    large, because pixels' own phases may look like field curvature by chance.
     `lamp_offset_m` is the place of the lamp with which the ways of the targets' light were computed.
     """
 
@@ -54,8 +51,7 @@ class ResponseCalibration:
     responses: tuple[HarmonicResponse, ...]
     phase_rad: Float32
     gain: Float32
-    field_curvature_m: tuple[float, float]
-    principal_point_px: tuple[float, float]
+    curvature: FieldCurvature
     quality: ResponseQuality
     lamp_offset_m: tuple[float, ...] = (0.0, 0.0, 0.0)
 
@@ -75,11 +71,6 @@ class ResponseCalibration:
             raise ValueError("gain: found 0 or less, expected gains above 0")
 
     @property
-    def range_offset_m(self) -> Float:
-        """The length Δ that the field curvature adds to the range of every pixel, (Y, X), in m."""
-        return curvature_m(self.origin.pixels, self.principal_point_px, self.field_curvature_m)
-
-    @property
     def summary(self) -> str:
         """The part in a few words: its orders k."""
         orders = sorted({k for one in self.responses for k, _ in one.terms}, key=lambda k: (abs(k), -k))
@@ -88,19 +79,14 @@ class ResponseCalibration:
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return the terms of every harmonic as [k, real part, imaginary part], the field curvature, and the quality of
         the fit."""
-        quality = asdict(self.quality)
-        k2_error, k4_error = quality.pop("curvature_stderr_m")
         tables: dict[str, dict[str, Any]] = {
             f"harmonic_{response.harmonic}": {"terms": [[k, g.real, g.imag] for k, g in response.terms]}
             for response in self.responses
         }
-        k2, k4 = self.field_curvature_m
-        tables["field_curvature"] = {"k2_m": k2, "k4_m": k4, "k2_stderr_m": k2_error, "k4_stderr_m": k4_error}
-        tables["optics"] = {
-            "principal_point_px": list(self.principal_point_px),
-            "lamp_offset_m": list(self.lamp_offset_m),
-        }
-        return tables | {"quality": quality}
+        tables["field_curvature"] = curvature = asdict(self.curvature)
+        point = curvature.pop("principal_point_px")
+        tables["optics"] = {"principal_point_px": list(point), "lamp_offset_m": list(self.lamp_offset_m)}
+        return tables | {"quality": asdict(self.quality)}
 
     def maps(self) -> dict[str, NDArray[Any]]:
         """Return phase and gain per harmonic."""
@@ -110,8 +96,7 @@ class ResponseCalibration:
     @classmethod
     def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
         """Build the calibration from its tables and maps."""
-        quality, curved = tables["quality"], tables["field_curvature"]
-        column, row = tables["optics"]["principal_point_px"]
+        quality = tables["quality"]
         return cls(
             origin,
             tuple(
@@ -120,15 +105,13 @@ class ResponseCalibration:
             ),
             stacked(maps, "phase", origin.harmonics),
             stacked(maps, "gain", origin.harmonics),
-            (float(curved["k2_m"]), float(curved["k4_m"])),
-            (float(column), float(row)),
+            FieldCurvature.from_tables(tables["field_curvature"], tables["optics"]),
             ResponseQuality(
                 tuple(quality["distances_m"]),
                 float(quality["residual"]),
                 tuple(quality["phase_stderr_rad"]),
                 tuple(quality["gain_stderr"]),
                 tuple(tuple(errors) for errors in quality["term_stderr"]),
-                (float(curved["k2_stderr_m"]), float(curved["k4_stderr_m"])),
                 tuple(quality["findings"]),
             ),
             tuple(map(float, tables["optics"]["lamp_offset_m"])),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.calibration.dark import DarkCalibration
-from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
+from cadtof_cli.calibration.parts import PART_KINDS, FieldCurvature, Origin, PartKind
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
@@ -68,17 +68,18 @@ class Calibration:
         return self.response is None or all(one.linear for one in self.response.responses)
 
     @property
-    def curvature(self) -> PetzvalCalibration | ResponseCalibration | None:
-        """The part whose field curvature counts: petzval; without it, the response, if it took curvature out of its maps."""
-        if self.petzval is None and self.response is not None and any(self.response.field_curvature_m):
-            return self.response
-        return self.petzval
+    def curvature(self) -> FieldCurvature | None:
+        """The field curvature that counts: that of petzval; without it, what the response took out of its maps, if any."""
+        if self.petzval is not None:
+            return self.petzval.curvature
+        found = self.response.curvature if self.response is not None else None
+        return found if found and (found.k2_m or found.k4_m) else None
 
     @property
     def summary(self) -> str:
         """The parts, with a few words about each, and whether the field curvature is that of the response."""
         said = {part.kind: part.summary for part in self.parts}
-        if self.response is not None and self.curvature is self.response:
+        if self.petzval is None and self.curvature is not None:
             said["response"] += "; with the field curvature it found"
         return ", ".join(f"{kind} ({words})" for kind, words in said.items())
 

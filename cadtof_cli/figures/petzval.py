@@ -28,15 +28,15 @@ def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: P
     """
     figure = Figure(figsize=(15.0, 3.4 * len(ranges_m) + 0.5), layout="constrained")
     axes = figure.subplots(len(ranges_m), 2, squeeze=False)
-    quality = petzval.quality
+    quality, curvature = petzval.quality, petzval.curvature
     figure.suptitle(
-        f"Field curvature: k2 = {_with_error_cm(petzval.k2_m, quality.k2_stderr_m)}, "
-        f"k4 = {_with_error_cm(petzval.k4_m, quality.k4_stderr_m)}; residual RMS "
+        f"Field curvature: k2 = {_with_error_cm(curvature.k2_m, curvature.k2_stderr_m)}, "
+        f"k4 = {_with_error_cm(curvature.k4_m, curvature.k4_stderr_m)}; residual RMS "
         f"{1000 * quality.rms_before_m:.2f} mm before, {1000 * quality.rms_after_m:.2f} mm after, "
         f"{1000 * quality.noise_rms_m:.2f} mm by noise",
         fontsize=10,
     )
-    optics = Optics(focal_length_px=quality.focal_length_px, principal_point_px=petzval.principal_point_px)
+    optics = Optics(focal_length_px=quality.focal_length_px, principal_point_px=curvature.principal_point_px)
     facing = wall_range_m(optics, petzval.origin.pixels, distance_m=1.0)
     for row, capture, range_m, wall in zip(axes, petzval.origin.captures, ranges_m, quality.walls, strict=True):
         name = Path(capture).name
@@ -61,7 +61,7 @@ def _with_error_cm(value_m: float, stderr_m: float) -> str:
 
 def _section(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:
     height = len(flat)
-    middle = min(max(round(petzval.principal_point_px[1]), 0), height - 1)
+    middle = min(max(round(petzval.curvature.principal_point_px[1]), 0), height - 1)
     rows = slice(max(middle - ROWS // 2, 0), min(middle + ROWS // 2 + 1, height))
     columns = np.arange(flat.shape[1])
     corrected = range_m - petzval.range_offset_m
@@ -74,7 +74,7 @@ def _section(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration,
 
 
 def _radial(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration, flat: Float) -> None:
-    rho = np.sqrt(squared_field_radius(petzval.origin.pixels, petzval.principal_point_px))
+    rho = np.sqrt(squared_field_radius(petzval.origin.pixels, petzval.curvature.principal_point_px))
     edges = np.linspace(0.0, float(rho.max()), 41)
     place = np.digitize(rho.ravel(), edges[1:-1])
     centres = 0.5 * (edges[1:] + edges[:-1])
@@ -83,7 +83,7 @@ def _radial(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration, 
     for values, label, colour in ((before, "before", "tab:red"), (after, "after", "tab:blue")):
         medians = [_median(values.ravel()[place == index]) for index in range(centres.size)]
         axes.plot(centres, medians, "o", markersize=3.5, color=colour, label=f"{label}, median of a ring")
-    curve = 100 * (petzval.k2_m * centres**2 + petzval.k4_m * centres**4)
+    curve = 100 * (petzval.curvature.k2_m * centres**2 + petzval.curvature.k4_m * centres**4)
     axes.plot(centres, curve, color="black", linewidth=1, label="k2 ρ² + k4 ρ⁴")
     axes.set(xlabel="ρ, distance from the principal point over half the diagonal", ylabel="range − flat wall, cm")
     _finish(axes, name)

@@ -21,7 +21,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Vol
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.phasors.response import HarmonicResponse
-from tests.support.calibrations import PETZVAL_QUALITY, made_up_calibration, response_quality
+from tests.support.calibrations import curved, made_up_calibration, response_quality
 
 SHAPE = (4, 6)
 
@@ -51,10 +51,8 @@ def petzval(used: dict[str, str] | None = None) -> PetzvalCalibration:
     )
     return PetzvalCalibration(
         origin(used=used or {}),
-        0.06,
-        -0.02,
-        (2.5, 1.5),
-        PetzvalQuality(0.1, 0.2, 1, 2, 3, 0.5, 70, True, walls, ("a finding",)),
+        curved(0.06, -0.02, (2.5, 1.5), k2_stderr_m=0.1, k4_stderr_m=0.2),
+        PetzvalQuality(1, 2, 3, 0.5, 70, True, walls, ("a finding",)),
     )
 
 
@@ -101,7 +99,7 @@ def test_maps_of_another_size_are_refused() -> None:
     with pytest.raises(ValueError, match="defects: found shape"):
         DarkCalibration(origin(), good, good, np.zeros((4, 5), np.uint32))
     with pytest.raises(ValueError, match="expected finite numbers"):
-        PetzvalCalibration(origin(), float("nan"), 0.0, (1.0, 1.0), PETZVAL_QUALITY)
+        curved(float("nan"), 0.0, (1.0, 1.0))
 
 
 @pytest.mark.parametrize("wrong", ["harmonics", "shape", "nan", "zero", "quality"])
@@ -116,7 +114,7 @@ def test_an_impossible_response_is_refused(wrong: str) -> None:
         gain[0, 0, 0] = 0.0
     quality = response_quality(2 - (wrong == "quality"))
     with pytest.raises(ValueError, match=r"found|gain"):
-        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), (0.0, 0.0), quality)
+        ResponseCalibration(origin(), responses, phase, gain, curved(0.0, 0.0, (0.0, 0.0)), quality)
 
 
 def test_a_part_measured_with_another_dark_part_is_stale() -> None:
@@ -251,16 +249,16 @@ def test_a_calibration_of_another_camera_corrects_no_frames() -> None:
 def test_a_part_creates_its_folder_and_is_replaced_only_with_overwrite(tmp_path: Path) -> None:
     folder = tmp_path / "cameras" / "first"
     save_part(folder, petzval())
-    other = replace(petzval(), k2_m=0.07)
+    other = replace(petzval(), curvature=curved(0.07, -0.02, (2.5, 1.5)))
     with pytest.raises(OutputError, match=r"petzval\.toml: already exists; add --overwrite"):
         save_part(folder, other)
     found = load_calibration(folder).petzval
     assert found is not None
-    assert found.k2_m == 0.06
+    assert found.curvature.k2_m == 0.06
     save_part(folder, other, overwrite=True)
     found = load_calibration(folder).petzval
     assert found is not None
-    assert found.k2_m == 0.07
+    assert found.curvature.k2_m == 0.07
 
 
 @pytest.mark.parametrize(
@@ -305,10 +303,10 @@ def test_a_response_measured_with_another_lamp_is_refused() -> None:
     replace(same, response=None).require_match(CaptureMetadata(), SHAPE)
 
 
-def test_a_response_keeps_principal_point_and_lamp(tmp_path: Path) -> None:
+def test_a_response_keeps_field_curvature_and_lamp(tmp_path: Path) -> None:
     made = made_up_calibration(CaptureMetadata(), SHAPE, ("response",)).response
     assert made is not None
     save_part(tmp_path, replace(made, lamp_offset_m=(0.1, -0.02, 0.03)))
     found = load_calibration(tmp_path).response
     assert found is not None
-    assert (found.principal_point_px, found.lamp_offset_m) == (made.principal_point_px, (0.1, -0.02, 0.03))
+    assert (found.curvature, found.lamp_offset_m) == (made.curvature, (0.1, -0.02, 0.03))

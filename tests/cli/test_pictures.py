@@ -25,7 +25,7 @@ from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import wall_range_m
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import unambiguous_range_m
-from tests.support.calibrations import PETZVAL_QUALITY, made_up_calibration
+from tests.support.calibrations import PETZVAL_QUALITY, curved, made_up_calibration
 from tests.support.captures import record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
 from tests.support.run_cadtof import cadtof
@@ -112,8 +112,8 @@ def test_pictures_of_simulations_are_whole(figures: list[Figure], tmp_path: Path
 def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) -> None:
     origin = Origin(captures=("wall", HOSTILE), frames=2, pixels=(24, 32), periods_ns=(40.0, 20.0), waveform="sine")
     wall = WallFit(2.0, 0.0, True, (0.0, 0.0), 0.01, 0.001, 0.001, 768)
-    quality = replace(PETZVAL_QUALITY, walls=(wall, wall), k2_stderr_m=3e-5)
-    petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, 11.0), quality)
+    quality = replace(PETZVAL_QUALITY, walls=(wall, wall))
+    petzval = PetzvalCalibration(origin, curved(0.05, -0.03, (15.0, 11.0), k2_stderr_m=3e-5), quality)
     flat = wall_range_m(Optics(focal_length_px=28.0, principal_point_px=(15.0, 11.0)), (24, 32), distance_m=2.0)
     # the second is as it is measured if the middle of the wall is nearer than the unambiguous range and its rim farther
     measured = flat + petzval.range_offset_m
@@ -138,7 +138,7 @@ def test_walls_of_a_part_of_an_array_are_drawn_next_to_a_principal_point_beside_
 ) -> None:
     origin = Origin(captures=("wall",), frames=1, pixels=(24, 32), periods_ns=(40.0, 20.0), waveform="sine")
     wall = WallFit(2.0, 0.0, True, (0.0, 0.0), 0.01, 0.001, 0.001, 768)
-    petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, row), replace(PETZVAL_QUALITY, walls=(wall,)))
+    petzval = PetzvalCalibration(origin, curved(0.05, -0.03, (15.0, row)), replace(PETZVAL_QUALITY, walls=(wall,)))
     draw_petzval([petzval.range_offset_m + 2.0], petzval, tmp_path / "a.png")
     assert figures[0].axes[0].get_title() == f"wall: {shown}"
 

@@ -19,7 +19,7 @@ from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from tests.support.calibrations import PETZVAL_QUALITY, response_quality
+from tests.support.calibrations import PETZVAL_QUALITY, curved, response_quality
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS
 
 F = NDArray[np.float64]
@@ -68,7 +68,7 @@ def ranges_m(seed: int = 0) -> F:
 
 
 def petzval(point_px: tuple[float, float] = POINT_PX) -> PetzvalCalibration:
-    return PetzvalCalibration(ORIGIN, K2_M, K4_M, point_px, PETZVAL_QUALITY)
+    return PetzvalCalibration(ORIGIN, curved(K2_M, K4_M, point_px), PETZVAL_QUALITY)
 
 
 @pytest.mark.parametrize("order", ["1", "2"])
@@ -117,7 +117,7 @@ def response(curvature: tuple[float, float], **maps: F) -> ResponseCalibration:
     responses = tuple(HarmonicResponse(h, ((1, complex(pulse)),)) for h, pulse in PULSE.items())
     phase = np.asarray(maps.get("phase", np.zeros((2, *SHAPE))), np.float32)
     gain = np.asarray(maps.get("gain", np.ones((2, *SHAPE))), np.float32)
-    return ResponseCalibration(ORIGIN, responses, phase, gain, curvature, POINT_PX, response_quality(2))
+    return ResponseCalibration(ORIGIN, responses, phase, gain, curved(*curvature, POINT_PX), response_quality(2))
 
 
 @pytest.mark.parametrize("point_px", [POINT_PX, (2.0, 7.0), None])

@@ -59,7 +59,7 @@ def field_curvature_m(measured: Measured, coefficients_m: tuple[float, float] | 
     of the Petzval part."""
     petzval = measured.calibration.petzval
     assert petzval is not None
-    k2, k4 = coefficients_m or (petzval.k2_m, petzval.k4_m)
+    k2, k4 = coefficients_m or (petzval.curvature.k2_m, petzval.curvature.k4_m)
     height, width = measured.camera.pixels
     y, x = np.mgrid[:height, :width]
     rho2 = ((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / (0.25 * (height**2 + width**2))
@@ -169,7 +169,7 @@ def test_response_truth_is_recovered(measured: Measured) -> None:
     sound = ~(drawn.hot | drawn.noisy)
     rad_per_m = 2.0 * np.pi / 40.0 * 2.0 / 0.299792458
     curved = rad_per_m * sensor.curvature_m()
-    found_curved = rad_per_m * field_curvature_m(measured, response.field_curvature_m)
+    found_curved = rad_per_m * field_curvature_m(measured, (response.curvature.k2_m, response.curvature.k4_m))
     for row, one in enumerate(response.responses):
         truth = drawn.phase_rad[row] + ALL_DEFECTS.phase_rad[row] + (row + 1) * curved
         found = response.phase_rad[row] + np.angle(one.main) + (row + 1) * found_curved
@@ -195,8 +195,8 @@ def test_imbalance_is_recovered(measured: Measured) -> None:
 def test_petzval_truth_is_recovered(measured: Measured) -> None:
     petzval = measured.calibration.petzval
     assert petzval is not None
-    assert abs(petzval.k2_m - 0.06) < 3.0 * petzval.quality.k2_stderr_m
-    assert abs(petzval.k4_m + 0.02) < 3.0 * petzval.quality.k4_stderr_m
+    assert abs(petzval.curvature.k2_m - 0.06) < 3.0 * petzval.curvature.k2_stderr_m
+    assert abs(petzval.curvature.k4_m + 0.02) < 3.0 * petzval.curvature.k4_stderr_m
     for wall, tilt in zip(petzval.quality.walls, ((3.0, -2.0), (-2.0, 4.0)), strict=True):
         np.testing.assert_allclose(wall.slopes, np.tan(np.radians(tilt)), atol=2e-3)
     assert [wall.distance_m for wall in petzval.quality.walls] == pytest.approx([1.0, 3.0], abs=2e-3)

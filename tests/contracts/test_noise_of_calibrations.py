@@ -23,7 +23,7 @@ from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages
 from cadtof_cli.simulation.scene.scenes import Card
 from cadtof_cli.workflows.simulate.record import expose
-from tests.support.calibrations import response_quality
+from tests.support.calibrations import curved, response_quality
 
 CAMERA = Camera(width=96, height=72)
 PERIODS_NS = (40.0, 20.0, 40 / 3)
@@ -63,8 +63,8 @@ def response(origin: Origin = ORIGIN) -> ResponseCalibration:
     shape = (len(PERIODS_NS), *origin.pixels)
     phase = np.random.default_rng(61312).normal(0.0, 0.0015, shape).astype(np.float32)
     quality = response_quality(3, phase_stderr_rad=0.0015)
-    gain, straight, point = np.ones(shape, np.float32), (0.0, 0.0), (0.0, 0.0)
-    return ResponseCalibration(origin, ideal_response(METADATA), phase, gain, straight, point, quality)
+    gain, straight = np.ones(shape, np.float32), curved(0.0, 0.0, (0.0, 0.0))
+    return ResponseCalibration(origin, ideal_response(METADATA), phase, gain, straight, quality)
 
 
 def resolved(folder: Path, parts: tuple[Part, ...], frames: int, metadata: CaptureMetadata = METADATA) -> ResolvedFrame:

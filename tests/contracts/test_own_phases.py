@@ -21,7 +21,7 @@ from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages
 from cadtof_cli.simulation.scene.scenes import Card
 from cadtof_cli.workflows.simulate.record import expose
-from tests.support.calibrations import response_quality
+from tests.support.calibrations import curved, response_quality
 
 CAMERA = Camera(width=96, height=72, fixed_delay_ns=0.1)
 SEED = 61320
@@ -51,7 +51,7 @@ def response() -> ResponseCalibration:
     delays = CAMERA.fixed_delays_ns(SEED)
     phase = np.stack([2.0 * np.pi / period * delays for period in origin.periods_ns]).astype(np.float32)
     return ResponseCalibration(
-        origin, ideal_response(METADATA), phase, np.ones_like(phase), (0.0, 0.0), (0.0, 0.0), response_quality(2)
+        origin, ideal_response(METADATA), phase, np.ones_like(phase), curved(0.0, 0.0, (0.0, 0.0)), response_quality(2)
     )
 
 

@@ -6,19 +6,28 @@ from dataclasses import replace
 import numpy as np
 
 from cadtof_cli.calibration.dark import DarkCalibration
-from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.parts import FieldCurvature, Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 
-PETZVAL_QUALITY = PetzvalQuality(0.001, 0.002, 0.01, 0.001, 0.001, 0.5, 28.0, True, ())
+PETZVAL_QUALITY = PetzvalQuality(0.01, 0.001, 0.001, 0.5, 28.0, True, ())
+
+
+def curved(
+    k2_m: float, k4_m: float, point_px: tuple[float, float], *, k2_stderr_m: float = 0.001, k4_stderr_m: float = 0.002
+) -> FieldCurvature:
+    """Return field curvature about a principal point."""
+    return FieldCurvature(
+        k2_m=k2_m, k4_m=k4_m, k2_stderr_m=k2_stderr_m, k4_stderr_m=k4_stderr_m, principal_point_px=point_px
+    )
 
 
 def response_quality(harmonics: int, *, phase_stderr_rad: float = 0.0) -> ResponseQuality:
     """Return the quality of a response of so many harmonics; each has this standard error of the phase."""
-    return ResponseQuality((), 1.0, (phase_stderr_rad,) * harmonics, (0.0,) * harmonics, (), (0.0, 0.0), ())
+    return ResponseQuality((), 1.0, (phase_stderr_rad,) * harmonics, (0.0,) * harmonics, (), ())
 
 
 def made_up_calibration(metadata: CaptureMetadata, pixels: tuple[int, int], parts: Collection[str], /) -> Calibration:
@@ -47,10 +56,9 @@ def made_up_calibration(metadata: CaptureMetadata, pixels: tuple[int, int], part
         responses,
         rng.normal(scale=0.05, size=shape).astype(np.float32),
         rng.uniform(0.9, 1.1, shape).astype(np.float32),
-        (0.03, -0.02),
-        (pixels[1] / 4, pixels[0] / 3),
+        curved(0.03, -0.02, (pixels[1] / 4, pixels[0] / 3)),
         response_quality(shape[0]),
     )
-    petzval = PetzvalCalibration(origin, 0.05, -0.03, (pixels[1] / 3, pixels[0] / 2), PETZVAL_QUALITY)
+    petzval = PetzvalCalibration(origin, curved(0.05, -0.03, (pixels[1] / 3, pixels[0] / 2)), PETZVAL_QUALITY)
     every = Calibration(dark, response, petzval)
     return replace(Calibration(), **{name: getattr(every, name) for name in parts})

@@ -1,13 +1,11 @@
 """What the phases of flat targets show over the array: the curvature of the lens's field, and that the targets were flat."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.calibration.fit.pixels import PixelFit, mean_rotor
 from cadtof_cli.calibration.fit.robust import SURE, RobustFit, robust_fit, shape_rms
-from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.parts import FieldCurvature, Origin
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.optics import squared_field_radius
 from cadtof_cli.units import metres_per_radian
@@ -23,20 +21,10 @@ LARGEST_SHAPE_M = 0.03
 larger."""
 
 
-@dataclass(frozen=True)
-class FieldCurvature:
-    """The coefficients (k2, k4) of the length that the lens adds to every range, in m, and their standard errors.
-
-    Curvature that is not significant is 0. Its standard errors say how large it may be.
-    """
-
-    k_m: tuple[float, float] = (0.0, 0.0)
-    stderr_m: tuple[float, float] = (0.0, 0.0)
-
-
 def field_curvature(pixels: PixelFit, usable: Bool, /, *, point: tuple[float, float], origin: Origin) -> FieldCurvature:
     """Return the field curvature in the phases of the `usable` pixels, (Y·X,); `point` (column, row) is the principal point.
 
+    Coefficients that are not significant are returned as 0. Their standard errors say how large they may be.
     The lens delays all harmonics alike, and so does a delay of the pixel. They are told apart by the shape over the
     array: the delay of the lens is a polynomial in the distance from the principal point.
 
@@ -66,8 +54,8 @@ def field_curvature(pixels: PixelFit, usable: Bool, /, *, point: tuple[float, fl
     _require_flat(fit, sigma, usable.reshape(origin.pixels))
     (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:2].tolist(), fit.stderr[:2].tolist()
     if abs(k2) <= CURVATURE_SIGNIFICANCE * k2_stderr and abs(k4) <= CURVATURE_SIGNIFICANCE * k4_stderr:
-        return FieldCurvature((0.0, 0.0), (k2_stderr, k4_stderr))
-    return FieldCurvature((k2, k4), (k2_stderr, k4_stderr))
+        k2, k4 = 0.0, 0.0
+    return FieldCurvature(k2_m=k2, k4_m=k4, k2_stderr_m=k2_stderr, k4_stderr_m=k4_stderr, principal_point_px=point)
 
 
 def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:

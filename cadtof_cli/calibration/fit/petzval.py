@@ -9,7 +9,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.calibration.fit.robust import SURE, RobustFit, blocks, robust_fit
-from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.parts import FieldCurvature, Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
@@ -148,7 +148,11 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     flat = robust_fit(problem.residuals, np.where(curved, 0.0, fit.parameters), free=problem.free & ~curved)
     quality = _quality(problem, fit, flat)
     quality = replace(quality, findings=_findings(problem, quality, fit, optics) + distances)
-    return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), problem.point, quality)
+    (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:_Q].tolist(), fit.stderr[:_Q].tolist()
+    curvature = FieldCurvature(
+        k2_m=k2, k4_m=k4, k2_stderr_m=k2_stderr, k4_stderr_m=k4_stderr, principal_point_px=problem.point
+    )
+    return PetzvalCalibration(origin, curvature, quality)
 
 
 def _doubtful_distances(problem: _Problem, fit: RobustFit, origin: Origin) -> tuple[str, ...]:
@@ -276,8 +280,6 @@ def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuali
     after, before = fit.residual * sigma, flat.residual * sigma
     correlation = fit.covariance / np.maximum(np.outer(errors, errors), np.finfo(np.float64).tiny)
     return PetzvalQuality(
-        k2_stderr_m=float(errors[0]),
-        k4_stderr_m=float(errors[1]),
         rms_before_m=_rms(before[kept]),
         rms_after_m=_rms(after[kept]),
         noise_rms_m=_rms(sigma[kept]),
@@ -313,12 +315,11 @@ def _findings(problem: _Problem, quality: PetzvalQuality, fit: RobustFit, optics
         )
     if not quality.focal_length_known:
         findings.append(f"no focal length given: fitted to the walls, {quality.focal_length_px:.1f} px")
-    k2, k4 = fit.parameters[:2]
-    uncertain = max(quality.k2_stderr_m, quality.k4_stderr_m) > LARGEST_STDERR_M
-    if quality.correlation > HIGH_CORRELATION or uncertain:
+    (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:_Q], fit.stderr[:_Q]
+    if quality.correlation > HIGH_CORRELATION or max(k2_stderr, k4_stderr) > LARGEST_STDERR_M:
         findings.append(
             "warning: curvature, distance and tilt can hardly be separated: "
-            f"k2 = {k2:.4f} ± {quality.k2_stderr_m:.4f} m, k4 = {k4:.4f} ± {quality.k4_stderr_m:.4f} m, correlation with the "
+            f"k2 = {k2:.4f} ± {k2_stderr:.4f} m, k4 = {k4:.4f} ± {k4_stderr:.4f} m, correlation with the "
             f"walls' parameters {quality.correlation:.5f}, condition {fit.condition:.2g}; known distances, more walls at other "
             "distances, or a wall that fills the whole view help"
         )

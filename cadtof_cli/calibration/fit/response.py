@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
-from cadtof_cli.calibration.fit.field import FieldCurvature, field_curvature
+from cadtof_cli.calibration.fit.field import field_curvature
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels, mean_rotor
 from cadtof_cli.calibration.fit.robust import shape_rms
 from cadtof_cli.calibration.fit.terms import LARGEST_RESIDUAL, TermFit, fit_terms
-from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.parts import FieldCurvature, Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics import LampBeside, curvature_m, wall_range_m
+from cadtof_cli.optics import LampBeside, wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.units import metres_per_radian
 
@@ -77,8 +77,12 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     _require_one_response(pixels, usable.reshape(origin.pixels), origin, metadata.optics)
     own, log_gain = _of_all_pixels(every, seen, pixels, terms.terms)
     point, known = metadata.optics.principal_point(origin.pixels), metadata.optics.focal_length_px is not None
-    curvature = field_curvature(pixels, usable, point=point, origin=origin) if known else FieldCurvature()
-    added_rad = curvature_m(origin.pixels, point, curvature.k_m).ravel() / metres_per_radian(origin.periods_ns[0])
+    curvature = (
+        field_curvature(pixels, usable, point=point, origin=origin)
+        if known
+        else FieldCurvature(principal_point_px=point)
+    )
+    added_rad = curvature.added_m(origin.pixels).ravel() / metres_per_radian(origin.periods_ns[0])
     own -= np.array(origin.harmonics, np.float64)[:, np.newaxis] * added_rad
     responses, phases, gains = _terms_and_maps(own, log_gain, seen, terms.terms, ideal)
     shape = (len(ideal), *origin.pixels)
@@ -88,9 +92,8 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
         responses,
         phases.reshape(shape),
         gains.reshape(shape),
-        curvature.k_m,
-        point,
-        _quality(pixels, terms, tuple(distances), curvature, terms.findings + said),
+        curvature,
+        _quality(pixels, terms, tuple(distances), terms.findings + said),
         metadata.optics.lamp_offset_m or ResponseCalibration.lamp_offset_m,
     )
 
@@ -172,8 +175,8 @@ def _other_distances(targets: Sequence[TargetMean], terms: TermFit) -> tuple[str
 def _doubts(terms: TermFit, curvature: FieldCurvature) -> list[str]:
     """Return in words what a user should know about the curvature, the residual and k = 0."""
     said = []
-    if any(curvature.k_m):
-        k2, k4 = curvature.k_m
+    k2, k4 = curvature.k2_m, curvature.k4_m
+    if k2 or k4:
         said.append(
             f"field curvature k2 = {k2:.4f} m, k4 = {k4:.4f} m was removed from the phase maps: `resolve` corrects it by itself, "
             "or uses the field curvature of `calibrate petzval` instead"
@@ -239,7 +242,6 @@ def _quality(
     pixels: PixelFit,
     terms: TermFit,
     distances: tuple[float, ...],
-    curvature: FieldCurvature,
     findings: tuple[str, ...],
 ) -> ResponseQuality:
     weights = pixels.weights
@@ -252,7 +254,6 @@ def _quality(
         phase_stderr_rad=tuple(float(np.median(one**-0.5)) for one in information),
         gain_stderr=tuple(gain),
         term_stderr=terms.stderr,
-        curvature_stderr_m=curvature.stderr_m,
         findings=findings,
     )
 

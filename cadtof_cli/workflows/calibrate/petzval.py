@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
-from cadtof_cli.calibration.petzval import PetzvalCalibration
+from cadtof_cli.calibration.parts import FieldCurvature
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Voltage
@@ -41,7 +41,7 @@ def calibrate_petzval(
     walls = [_wall(capture, mean, settings.out, earlier) for capture, mean in averaged.captures]
     petzval = fit_petzval(walls, optics=averaged.captures[0][0].source.metadata.optics, origin=averaged.origin)
     if earlier and earlier.response:
-        petzval = _with_shared_uncertainty(petzval, earlier.response.quality.curvature_stderr_m)
+        petzval = replace(petzval, curvature=_with_shared_uncertainty(petzval.curvature, earlier.response.curvature))
     tables, quality = petzval.tables(), petzval.quality
     figures = tables["coefficients"] | tables["residual"] | {"focal_length_px": quality.focal_length_px}
     report = save_with_report(
@@ -77,8 +77,10 @@ def _wall(capture: Capture, mean: MeanVolts, folder: Path, earlier: Calibration 
     return WallRanges(ranges, sigma, metadata.target.distance_m)
 
 
-def _with_shared_uncertainty(petzval: PetzvalCalibration, stderr_m: tuple[float, float]) -> PetzvalCalibration:
+def _with_shared_uncertainty(found: FieldCurvature, earlier: FieldCurvature) -> FieldCurvature:
     """Add the uncertainty of the response calibration, which cannot tell curvature from pixel phases that look like it."""
-    quality, (k2, k4) = petzval.quality, stderr_m
-    k2_stderr_m, k4_stderr_m = float(np.hypot(quality.k2_stderr_m, k2)), float(np.hypot(quality.k4_stderr_m, k4))
-    return replace(petzval, quality=replace(quality, k2_stderr_m=k2_stderr_m, k4_stderr_m=k4_stderr_m))
+    return replace(
+        found,
+        k2_stderr_m=float(np.hypot(found.k2_stderr_m, earlier.k2_stderr_m)),
+        k4_stderr_m=float(np.hypot(found.k4_stderr_m, earlier.k4_stderr_m)),
+    )

@@ -72,5 +72,5 @@ def _figures(response: ResponseCalibration) -> dict[str, Any]:
         "pixel_gain_std": response.gain.std(axis=(1, 2)).tolist(),
         "pixel_gain_stderr": list(response.quality.gain_stderr),
         "residual": response.quality.residual,
-        "field_curvature_m": list(response.field_curvature_m),
+        "field_curvature_m": [response.curvature.k2_m, response.curvature.k4_m],
     }

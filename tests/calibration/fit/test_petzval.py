@@ -51,11 +51,17 @@ def fitted(*walls: WallRanges, optics: Optics = OPTICS) -> PetzvalCalibration:
     return fit_petzval(walls, optics=optics, origin=origin)
 
 
+def errors_of(found: PetzvalCalibration) -> list[float]:
+    """Return the standard errors of the coefficients, then those of the distances of the walls."""
+    curvature, walls = found.curvature, found.quality.walls
+    return [curvature.k2_stderr_m, curvature.k4_stderr_m, *(wall.distance_stderr_m for wall in walls)]
+
+
 def deviations(found: PetzvalCalibration) -> tuple[float, float]:
     """Return how many standard errors the coefficients are off."""
     return (
-        abs(found.k2_m - K2_M) / found.quality.k2_stderr_m,
-        abs(found.k4_m - K4_M) / found.quality.k4_stderr_m,
+        abs(found.curvature.k2_m - K2_M) / found.curvature.k2_stderr_m,
+        abs(found.curvature.k4_m - K4_M) / found.curvature.k4_stderr_m,
     )
 
 
@@ -115,17 +121,17 @@ def test_standard_errors_with_a_lamp_beside_the_camera_follow_from_finite_differ
         half_way = way + np.random.default_rng(seed).normal(0.0, sigma_m, PIXELS)
         ranges = (half_way**2 - 0.035**2) / (half_way - along)
         walls.append(WallRanges(ranges, sigma_m * (2.0 * half_way - ranges) / (half_way - along), None))
-    quality = fitted(*walls, optics=optics).quality
+    made = fitted(*walls, optics=optics)
     slopes = least_squares(lambda p: half_ways(p).ravel(), truth, jac="3-point", max_nfev=1).jac
     errors = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))[[0, 1, 2, 5]]
-    found = np.array([quality.k2_stderr_m, quality.k4_stderr_m, *(wall.distance_stderr_m for wall in quality.walls)])
+    found = np.array(errors_of(made))
     np.testing.assert_allclose(found / found[0], errors / errors[0], rtol=1e-3)
 
 
 def test_the_standard_error_is_the_scatter_of_repetitions() -> None:
     runs = [fitted(measured_wall(1.0, seed=2 * s), measured_wall(3.0, seed=2 * s + 1)) for s in range(25)]
-    scatter = np.std([run.k2_m for run in runs])
-    assert scatter == pytest.approx(runs[0].quality.k2_stderr_m, rel=0.4)
+    scatter = np.std([run.curvature.k2_m for run in runs])
+    assert scatter == pytest.approx(runs[0].curvature.k2_stderr_m, rel=0.4)
 
 
 def test_a_known_distance_is_kept_and_makes_the_standard_error_smaller() -> None:
@@ -134,7 +140,7 @@ def test_a_known_distance_is_kept_and_makes_the_standard_error_smaller() -> None
     assert known.quality.walls[0].distance_m == 1.0
     assert known.quality.walls[0].distance_known
     assert known.quality.walls[0].distance_stderr_m == 0.0
-    assert known.quality.k2_stderr_m < free.quality.k2_stderr_m
+    assert known.curvature.k2_stderr_m < free.curvature.k2_stderr_m
     assert max(deviations(known)) < 3.0
 
 
@@ -183,7 +189,7 @@ def test_the_distance_is_that_of_the_middle_if_most_of_a_wall_wraps() -> None:
 def test_without_a_principal_point_the_middle_of_the_array_is_used_and_reported() -> None:
     """The principal point of these walls is at column 39.5 and row 29.5, the middle of 80 × 60 pixels."""
     found = fitted(measured_wall(1.0, seed=1), measured_wall(3.0, seed=2), optics=Optics(focal_length_px=70.0))
-    assert found.principal_point_px == (39.5, 29.5)
+    assert found.curvature.principal_point_px == (39.5, 29.5)
     assert max(deviations(found)) < 3.0
     assert any("column 39.5 and row 29.5, is taken" in text for text in found.quality.findings)
 
@@ -214,7 +220,7 @@ def test_a_wall_in_a_narrow_part_of_the_view_warns_with_the_numbers() -> None:
     found = fitted(WallRanges(ranges, wall.sigma_m, None))
     warned = [text for text in found.quality.findings if text.startswith("warning: curvature, distance and tilt")]
     assert len(warned) == 1
-    assert f"± {found.quality.k2_stderr_m:.4f} m" in warned[0]
+    assert f"± {found.curvature.k2_stderr_m:.4f} m" in warned[0]
     assert "condition" in warned[0]
 
 
@@ -277,10 +283,10 @@ def test_pixels_off_the_walls_are_reported_from_a_twentieth_on(share: float, war
 @pytest.mark.parametrize(("factor", "warned"), [(1.4, False), (1.7, True)])
 def test_residuals_beyond_one_and_a_half_times_the_noise_are_warned_of(factor: float, warned: bool) -> None:
     walls = [WallRanges(wall.range_m, wall.sigma_m / factor, None) for wall in two_walls()]
-    quality = fitted(*walls).quality
-    assert any(text.startswith("warning: the residual, 3.0") for text in quality.findings) == warned
+    found = fitted(*walls)
+    assert any(text.startswith("warning: the residual, 3.0") for text in found.quality.findings) == warned
     # the standard error follows the observed scatter, not the predicted noise
-    assert quality.k2_stderr_m == pytest.approx(fitted(*two_walls()).quality.k2_stderr_m, rel=0.02)
+    assert found.curvature.k2_stderr_m == pytest.approx(fitted(*two_walls()).curvature.k2_stderr_m, rel=0.02)
 
 
 def test_pixels_with_more_noise_have_less_weight() -> None:
@@ -295,14 +301,14 @@ def test_pixels_with_more_noise_have_less_weight() -> None:
         half[30:] = np.nan
         halves.append(WallRanges(half, wall.sigma_m, None))
     found, expected = fitted(*walls), fitted(*halves)
-    assert found.k2_m == pytest.approx(expected.k2_m, abs=0.3 * expected.quality.k2_stderr_m)
+    assert found.curvature.k2_m == pytest.approx(expected.curvature.k2_m, abs=0.3 * expected.curvature.k2_stderr_m)
     assert max(deviations(found)) < 3.0
 
 
 @pytest.mark.parametrize(("sigma_m", "warned"), [(0.04, False), (0.075, True)])
 def test_standard_errors_above_a_centimetre_are_warned_of(sigma_m: float, warned: bool) -> None:
     found = fitted(measured_wall(1.0, seed=1, sigma_m=sigma_m), measured_wall(3.0, seed=2, sigma_m=sigma_m))
-    largest = max(found.quality.k2_stderr_m, found.quality.k4_stderr_m)
+    largest = max(found.curvature.k2_stderr_m, found.curvature.k4_stderr_m)
     assert (0.01 < largest < 0.02) == warned
     assert any(text.startswith("warning: curvature, distance and tilt") for text in found.quality.findings) == warned
 
@@ -349,17 +355,17 @@ def ranges_of(parameters: NDArray[np.float64], focal_px: float | None) -> NDArra
 def test_standard_errors_and_correlation_follow_from_finite_differences(focal_px: float | None) -> None:
     """The expected covariance comes from scipy's finite differences of the ranges by all parameters."""
     walls = measured_wall(1.0, seed=1, sigma_m=1e-5), measured_wall(3.0, seed=2, normal=(-0.04, 0.07), sigma_m=1e-5)
-    quality = fitted(*walls, optics=replace(OPTICS, focal_length_px=focal_px)).quality
+    made = fitted(*walls, optics=replace(OPTICS, focal_length_px=focal_px))
     truth = [K2_M, K4_M, *([70.0] if focal_px is None else []), 1.0, 0.05, -0.03, 3.0, -0.04, 0.07]
     slopes = least_squares(lambda p: ranges_of(p, focal_px), truth, jac="3-point", max_nfev=1).jac
     covariance = np.linalg.inv(slopes.T @ slopes)
     errors = np.sqrt(np.diag(covariance))
-    found = [quality.k2_stderr_m, quality.k4_stderr_m, *(wall.distance_stderr_m for wall in quality.walls)]
+    found = errors_of(made)
     expected = errors[[0, 1, -6, -3]]
     np.testing.assert_allclose(np.array(found) / found[0], expected / expected[0], rtol=1e-3)
     assert found[0] == pytest.approx(1e-5 * errors[0], rel=0.06)
     correlation = np.abs(covariance / np.outer(errors, errors))[:2, 2:].max()
-    assert quality.correlation == pytest.approx(correlation, rel=1e-4)
+    assert made.quality.correlation == pytest.approx(correlation, rel=1e-4)
 
 
 def walls_with_columns_off(columns: int, off_m: float) -> tuple[WallRanges, WallRanges]:
