@@ -316,7 +316,8 @@ def _findings(problem: _Problem, quality: PetzvalQuality, fit: RobustFit, optics
     if not quality.focal_length_known:
         findings.append(f"no focal length given: fitted to the walls, {quality.focal_length_px:.1f} px")
     (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:_Q], fit.stderr[:_Q]
-    if quality.correlation > HIGH_CORRELATION or max(k2_stderr, k4_stderr) > LARGEST_STDERR_M:
+    uncertain = max(k2_stderr, k4_stderr) > LARGEST_STDERR_M
+    if quality.correlation > HIGH_CORRELATION or uncertain:
         findings.append(
             "warning: curvature, distance and tilt can hardly be separated: "
             f"k2 = {k2:.4f} ± {k2_stderr:.4f} m, k4 = {k4:.4f} ± {k4_stderr:.4f} m, correlation with the "
