@@ -19,8 +19,8 @@ from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target
 from cadtof_cli.errors import FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
+from cadtof_cli.files.digests import content_digest
 from cadtof_cli.files.frames import CHANNELS
-from cadtof_cli.files.maps import content_digest
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import MeanVolts, mean_volts
