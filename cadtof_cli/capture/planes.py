@@ -10,7 +10,7 @@ from cadtof_cli.capture.checks import InvalidValueError
 from cadtof_cli.capture.frames import Capture, FrameSource, natural_key
 from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.formats import detect_format
+from cadtof_cli.files.frame_files import read_plane
 from cadtof_cli.files.frames import CHANNELS, harmonic_labels
 from cadtof_cli.files.named_planes import channel_in_words, harmonics_in_words
 from cadtof_cli.records import dataclass
@@ -70,7 +70,7 @@ def hint_of_planes(capture: Capture, /) -> tuple[str, Layout | None] | None:
         return None
     path = capture.frames[0].paths[0]
     try:
-        detect_format(path).frames().read_plane(path, layout)
+        read_plane(path, layout)
     except FrameError:
         return None
     guess = layout_of_names([frame.paths[0].name for frame in capture.frames], layout.harmonics)

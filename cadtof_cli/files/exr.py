@@ -169,8 +169,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """
     parts = read_parts(path)
     planes = _planes(path, parts, voltage_places(parts, layout, where=str(path)))
-    stored = planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:])
-    yield Frames(1, stored.shape, stored.dtype, lambda _: stored)
+    yield Frames.of(planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:]))
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:

@@ -12,7 +12,7 @@ import numpy as np
 
 from cadtof_cli.calibration.store import is_calibration_folder
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
+from cadtof_cli.capture.frames import Capture, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.capture.planes import hint_of_planes
 from cadtof_cli.errors import CadtofError
@@ -199,8 +199,7 @@ def _looks(
             hint, facts.guessed_layout = of_planes
             facts.problems.append(hint)
             continue
-        if typical and not typical.is_plain:
-            facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
+        facts.lossy_compression = capture.lossy_compression
         implausible[place] = []
         for source in single_frames(capture):
             yield FrameLook(place, source, capture.layout, metadata, typical.pixels if typical else None)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.phasors.doubts import doubts
@@ -46,7 +46,6 @@ class CapturePlan:
         settings: settings of the run.
         pixels: size (Y, X) of most frames; None if no file can be opened.
         stack_frame_bytes: bytes per frame of a stack; None if each file holds one frame.
-        lossy_compression: name of the files' compression if it changes values; else None.
         doubts: what is likely wrong with its values, planes or metadata, in words.
     """
 
@@ -55,7 +54,6 @@ class CapturePlan:
     settings: ResolveSettings
     pixels: tuple[int, int] | None
     stack_frame_bytes: float | None = None
-    lossy_compression: str | None = None
     doubts: tuple[str, ...] = ()
 
     @cached_property
@@ -124,9 +122,9 @@ class CapturePlan:
             yield f"{root}: {taken}"
         if source.metadata.pixel.integration_length is None:
             yield f"{root}: pixel.integration_length is not given, so the noise is estimated from each frame"
-        if self.lossy_compression is not None:
+        if lossy := self.capture.lossy_compression:
             yield (
-                f"warning: {root}: recorded with lossy compression ({self.lossy_compression}), which changes voltages and so"
+                f"warning: {root}: recorded with lossy compression ({lossy}), which changes voltages and so"
                 " depths; record without compression, or with a lossless one: deflate, LZW, Zstandard; in EXR ZIP or PIZ"
             )
         for doubt in self.doubts:
@@ -166,7 +164,6 @@ def plan_captures(
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
-        lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
         # a calibration shows that the planes are in order
         doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
         # what `read_frames` reads, for one path, may be calibrated later
@@ -174,7 +171,7 @@ def plan_captures(
             doubtful = calibrated_doubts(stored, plan, use) if use else camera_doubts(stored, plan.metadata)
         if of_unit := plan.metadata.mistaken_unit(typical.pixels):
             doubtful += (of_unit,)
-        plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))
+        plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, doubtful))
     return plans
 
 

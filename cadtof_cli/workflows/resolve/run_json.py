@@ -86,7 +86,7 @@ class RunRecord(dict[str, Any]):
                     "files": 0,
                     "metadata": asdict(capture.source.metadata),
                     "origins": dict(capture.source.origins),
-                    "lossy_compression": one.lossy_compression,
+                    "lossy_compression": capture.lossy_compression,
                 }
                 self["captures"].append(known)
             known["files"] += new_frames(capture.frames, counted)
