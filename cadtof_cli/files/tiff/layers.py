@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader, NotMapsError, require_different_names
 from cadtof_cli.files.system import BLOCK_BYTES, codes_of_the_system
 from cadtof_cli.files.tiff.envelope import Envelope
-from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
+from cadtof_cli.files.tiff.images import TiffImages
 from cadtof_cli.files.tiff.names import GDAL_METADATA, PAGE_NAME, parsed
+from cadtof_cli.files.tiff.remarks import reading_tiff
 
 _ASCII = 2
 
