@@ -101,7 +101,7 @@ def toml_text(metadata: CaptureMetadata, *, comments: tuple[str, ...] = ()) -> s
     """Return the text of a `capture.toml` with comment lines at the top; keys without a value are left out."""
     tables: dict[str, dict[str, Any]] = {}
     for key in KEYS.values():
-        value = getattr(getattr(metadata, key.table), key.name)
+        value = key.value_in(metadata)
         if value is not None:
             tables.setdefault(key.table, {})[key.name] = dict(value) if key.kind == "numbers by name" else value
     return toml_from_tables(tables, comments=comments)

@@ -10,6 +10,7 @@ from typing import Any
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames
+from cadtof_cli.capture.mistaken_units import mistaken_unit
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.phasors.doubts import doubts
@@ -169,7 +170,7 @@ def plan_captures(
         # what `read_frames` reads, for one path, may be calibrated later
         if stored is not None and not doubtful and plan.resolver.max_paths > 1:
             doubtful = calibrated_doubts(stored, plan, use) if use else camera_doubts(stored, plan.metadata)
-        if of_unit := plan.metadata.mistaken_unit(typical.pixels):
+        if of_unit := mistaken_unit(plan.metadata, typical.pixels):
             doubtful += (of_unit,)
         plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, doubtful))
     return plans
