@@ -6,7 +6,6 @@ A frame lies in a file of any format, in a stack, or in several files of one pla
 import functools
 import itertools
 import os
-import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -31,8 +30,6 @@ _SIZES_COMPARED = 1000
 
 _FILES_OPENED = 15
 """The most of these files that are opened."""
-
-_DIGITS = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,16 +92,6 @@ class FrameFileList(Sequence[FrameSource]):
             return replace(self, files=self.files[place])
         file = self.files[place]
         return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
-
-
-def natural_key(name: str) -> str:
-    """Return a sort key by which frame_2 comes before frame_10. Keys are single texts: there may be thousands."""
-    pieces = _DIGITS.split(name.casefold())
-    # each number becomes the count of its digits, then its digits; a name that ends before a number comes first
-    for place in range(1, len(pieces), 2):
-        digits = str(int(pieces[place]))
-        pieces[place] = f"\0{len(digits):04}{digits}"
-    return f"{''.join(pieces)}\0\0{name}"
 
 
 @dataclass(frozen=True)

@@ -219,6 +219,11 @@ class Layout(Table):
         "whole number", "bytes before the first value of a raw dump", Check(lambda n: n >= 0, "0 or more")
     )
 
+    @property
+    def depth(self) -> int:
+        """The number of folders in the pattern: how far below the folder of the capture its planes lie."""
+        return (self.pattern or "").count("/")
+
 
 _NEEDED_BESIDE = (
     ("channel", "pattern"),

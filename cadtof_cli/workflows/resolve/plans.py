@@ -154,7 +154,7 @@ def plan_captures(
         with _of_capture(capture):
             plan = FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use)
         if typical is None:
-            from cadtof_cli.capture.planes import hint_of_planes
+            from cadtof_cli.capture.suggested_layout import hint_of_planes
 
             if found := hint_of_planes(capture):
                 raise CaptureError(found[0])
