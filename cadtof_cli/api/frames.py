@@ -16,9 +16,9 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
-from cadtof_cli.capture.mistaken_units import mistaken_unit
 from cadtof_cli.capture.toml import MetadataSource, load_metadata
 from cadtof_cli.doubts.frame import doubts
+from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.array_frames import transpositions

@@ -14,8 +14,8 @@ from cadtof_cli.calibration.store import is_calibration_folder
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
-from cadtof_cli.capture.mistaken_units import mistaken_unit
 from cadtof_cli.capture.suggested_layout import hint_of_planes
+from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied

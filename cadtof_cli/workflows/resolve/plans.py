@@ -10,8 +10,8 @@ from typing import Any
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames
-from cadtof_cli.capture.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.frame import doubts_before_run
+from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format

@@ -3,7 +3,7 @@
 import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics
-from cadtof_cli.capture.mistaken_units import mistaken_unit
+from cadtof_cli.doubts.mistaken_units import mistaken_unit
 
 
 def test_periods_that_are_hardly_in_ns_raise_a_doubt() -> None:
