@@ -1,6 +1,7 @@
 """What the name of a channel, page, band or file says about the plane that it holds: its harmonic and its channel."""
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -57,8 +58,9 @@ def plane_label(name: str, /) -> PlaneLabel | None:
 def plane_labels(names: Sequence[str], layout: FrameLayout, *, where: str) -> dict[int, PlaneLabel]:
     """Return the labels that the names of a file's planes give, by the place of the name; empty if names say nothing.
 
-    If some names are labels in our form (H1.SC2), only these count. If not, all names must give one in other words: of
-    harmonic and channel, or else of the channel alone, or else of the harmonic alone.
+    If some names are labels in our form (H1.SC2), only these count. If not, names in other words count: all must give
+    harmonic and channel, or else all the channel (`SC1 A`, `I`), or else all the harmonic (`H1 A`, `50 MHz B`). What names
+    give alone must be given equally often.
 
     Raises:
         FrameError: the names give frequencies, but not those of the capture.
@@ -67,8 +69,15 @@ def plane_labels(names: Sequence[str], layout: FrameLayout, *, where: str) -> di
     if ours or not names:
         return ours
     require_own_frequencies(names, layout, where=where)
-    whole = labels_in_words(names, layout.harmonics)
-    return dict(enumerate(whole or _channels_in_words(names) or _harmonics_alone_in_words(names, layout.harmonics)))
+    if whole := labels_in_words(names, layout.harmonics):
+        return dict(enumerate(whole))
+    channels = [channel_in_words(name) for name in names]
+    if _equally_often(channels, CHANNELS):
+        return {place: PlaneLabel(None, channel) for place, channel in enumerate(channels)}
+    numbers = harmonics_in_words(names, layout.harmonics)
+    if len(layout.harmonics) > 1 and _equally_often(numbers, len(layout.harmonics)):
+        return {place: PlaneLabel(number, None) for place, number in enumerate(numbers)}
+    return {}
 
 
 def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[PlaneLabel, ...]:
@@ -86,25 +95,10 @@ def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[
     return labels if len(labels) == len(names) and wanted == set(labels) else ()
 
 
-def _channels_in_words(names: Sequence[str]) -> tuple[PlaneLabel, ...]:
-    """Return the labels that names such as `SC1 A` or `I` give, which give only the channel.
-
-    Every name must give exactly one channel, and all channels must be named equally often. If not, the result is empty.
-    """
-    channels = [channel for name in names if (channel := channel_in_words(name))]
-    even = all(channels.count(channel) * CHANNELS == len(names) for channel in range(1, CHANNELS + 1))
-    return tuple(PlaneLabel(None, channel) for channel in channels) if even else ()
-
-
-def _harmonics_alone_in_words(names: Sequence[str], harmonics: Sequence[int]) -> tuple[PlaneLabel, ...]:
-    """Return the labels that names such as `H1 A` or `50 MHz B` give, which give only the harmonic.
-
-    Every name must give exactly one harmonic, and all harmonics, at least two, must be named equally often. If not, the
-    result is empty.
-    """
-    numbers = harmonics_in_words(names, harmonics) if len(harmonics) > 1 else ()
-    even = all(numbers.count(number) * len(harmonics) == len(names) for number in set(numbers))
-    return tuple(PlaneLabel(number, None) for number in numbers) if even else ()
+def _equally_often(said: Sequence[int | None], kinds: int) -> bool:
+    """Return whether every name says a number, of which there are so many different ones, each equally often."""
+    counts = Counter(said)
+    return None not in counts and len(counts) == kinds and len(set(counts.values())) == 1
 
 
 def channel_in_words(name: str, /) -> int | None:
