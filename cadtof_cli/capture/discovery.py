@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.checks import InvalidValueError
-from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource
+from cadtof_cli.capture.frames import TRUTH, Capture, FrameFileList, FrameSource
 from cadtof_cli.capture.metadata import Layout
-from cadtof_cli.capture.no_frames import TRUTH, expected_names, first_names, no_frames
+from cadtof_cli.capture.no_frames import expected_names, first_names, no_frames
 from cadtof_cli.capture.planes import grouped_planes
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata, nearest_settings
 from cadtof_cli.errors import CaptureError, UnlistedError

@@ -25,6 +25,9 @@ from cadtof_cli.files.named_planes import require_own_frequencies
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import size_text
 
+TRUTH = "truth"
+"""Name of the files of truth, without suffix; these files are no frames."""
+
 _SIZES_COMPARED = 1000
 """The most files of a capture, spread evenly over it, whose sizes are compared to find the typical file."""
 
@@ -200,6 +203,9 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
     with open_frames(source, layout) as frames:
         if source.index is None and frames.count != 1:
             raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
+        if (source.index or 0) >= frames.count:
+            # a stack whose frames were counted before
+            raise FrameError(f"{source}: was cut off or replaced while it was read; expected a complete file")
         stored = frames.read(source.index or 0)
     found = stored.shape[2:]
     if size is not None and found != size:

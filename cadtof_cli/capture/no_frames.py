@@ -3,15 +3,13 @@
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from cadtof_cli.capture.frames import TRUTH
 from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.capture.planes import hint_of_words
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FORMATS, RAW, frame_suffixes
 from cadtof_cli.files.reading import entries_of, natural_key
 from cadtof_cli.units import first_of
-
-TRUTH = "truth"
-"""Name of the files of truth, without suffix; these files are no frames."""
 
 
 def no_frames(root: Path, layout: Layout, /, among: Sequence[str] | None = None) -> CaptureError:

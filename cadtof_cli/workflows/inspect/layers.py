@@ -7,8 +7,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from cadtof_cli.capture.frames import TRUTH
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.capture.no_frames import TRUTH
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import NotMapsError
