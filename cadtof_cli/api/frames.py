@@ -21,7 +21,7 @@ from cadtof_cli.doubts.frame import doubts
 from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
-from cadtof_cli.files.array_frames import transpositions
+from cadtof_cli.files.axis_orders import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
