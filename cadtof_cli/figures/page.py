@@ -21,6 +21,7 @@ from cadtof_cli.arrays import Bool, Status
 from cadtof_cli.figures.canvas import Figure, add_title
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_classes import NO_VALUE, PixelClass, classes_of
+from cadtof_cli.figures.scales import Scale
 
 Image = NDArray[np.uint8]
 
@@ -73,25 +74,18 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """Panels that are compared: they share a unit, a scale and a bar of colours.
-
-    `ends` are texts for the two ends of the bar, which replace its numbers. `reach` is the lowest and the highest value of all
-    frames, if other frames of a film or sheet share the bar.
-    """
+    """Panels that are compared: they share a unit, a scale and a bar of colours."""
 
     panels: tuple[Panel, ...]
     unit: str
-    colours: str
-    limits: tuple[float, float]
-    ends: tuple[str, ...] = ()
-    reach: tuple[float, float] | None = None
+    scale: Scale
 
     def painted(self, panel: Panel, /) -> Image:
         """Return the colours of a panel, RGBA, (Y, X, 4)."""
-        low, high = self.limits
+        low, high = self.scale.limits
         known = np.isfinite(panel.values)
         shares = Normalize(low, high, clip=True)(np.where(known, panel.values, low))
-        image: Image = mpl.colormaps[self.colours](shares, bytes=True)
+        image: Image = mpl.colormaps[self.scale.colours](shares, bytes=True)
         for kind, pixels in panel.without_value().items():
             image[pixels] = kind.rgba
         return image
@@ -270,16 +264,16 @@ def _bar(figure: Figure, cell: _Cell, cells: Sequence[_Cell], page: _Page) -> No
 
 def add_bar(figure: Figure, block: Scaled, place: tuple[float, float, float, float], /, *, length: float) -> None:
     """Add the bar of colours of a block at a place of the figure; `length` is its length in hundredths of an inch."""
-    low, high = block.limits
+    scale, (low, high) = block.scale, block.scale.limits
     values = np.concatenate([one.values[np.isfinite(one.values)].ravel() for one in block.panels])
-    lowest, highest = block.reach or ((values.min(), values.max()) if values.size else block.limits)
+    lowest, highest = scale.reach or ((values.min(), values.max()) if values.size else scale.limits)
     beyond = bool(lowest < low), bool(highest > high)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, "neither")
-    mappable = ScalarMappable(Normalize(low, high), mpl.colormaps[block.colours])
+    mappable = ScalarMappable(Normalize(low, high), mpl.colormaps[scale.colours])
     ticks = MaxNLocator(max(2, min(8, int(length / 28))))
     bar = figure.colorbar(mappable, cax=figure.add_axes(place), extend=extend, extendfrac=0.03, ticks=ticks)
-    if block.ends:
-        bar.set_ticks(block.limits, labels=block.ends)
+    if scale.ends:
+        bar.set_ticks(scale.limits, labels=scale.ends)
     bar.ax.tick_params(labelsize=7, length=2.5)
     bar.set_label(block.unit.rpartition(", ")[2], fontsize=8, labelpad=2)
 

@@ -173,7 +173,7 @@ def _palette(block: Block) -> Image:
     """Return 256 colours, RGB, (256, 3): those of pixel classes, those of the scale, and greys for letters."""
     greys = np.linspace(0, 255, 32).round().astype(np.uint8)[:, None].repeat(3, axis=1)
     classes = np.stack([kind.rgba[:3] for kind in PixelClass])
-    name = block.colours if isinstance(block, Scaled) else "gray"
+    name = block.scale.colours if isinstance(block, Scaled) else "gray"
     scale = mpl.colormaps[name](np.linspace(0.0, 1.0, 256 - len(greys) - len(classes)), bytes=True)[:, :3]
     return np.concatenate([classes, scale, greys])
 
