@@ -45,7 +45,7 @@ class FrameFacts:
         saturated: share of saturated pixels.
         not_finite: share of pixels with values that are not finite.
         integration_length_seen: the n_av that its noise shows.
-        implausible: why its values cannot be voltages of the capture, or why its planes are hardly what they are read as.
+        implausible: its name, and why its values cannot be voltages of the capture or its planes hardly what they are read as.
     """
 
     problem: str | None = None
@@ -77,7 +77,7 @@ def facts_of_frame(look: FrameLook, /) -> FrameFacts:
     try:
         stored = read_stored(source, layout, size=look.pixels)
         container = detect_format(source.paths[0], raw=layout.raw is not None).name
-        return _facts(stored, container, layout, look.metadata)
+        return _facts(stored, container, look)
     except NotAFrameError as error:
         return FrameFacts(problem=str(error), skipped=True)
     except CadtofError as error:
@@ -86,12 +86,13 @@ def facts_of_frame(look: FrameLook, /) -> FrameFacts:
         return FrameFacts(problem=str(no_memory_for(source)))
 
 
-def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: CaptureMetadata) -> FrameFacts:
+def _facts(stored: Stored, container: str, look: FrameLook) -> FrameFacts:
+    metadata = look.metadata
     planes = stored.reshape(*stored.shape[:2], -1)
     finite = [plane[np.isfinite(plane)] for channels in planes for plane in channels]
     ranges = {
         name: (float(plane.min()), float(plane.max()))
-        for name, plane in zip(layout.plane_names, finite, strict=True)
+        for name, plane in zip(look.layout.plane_names, finite, strict=True)
         if plane.size
     }
     saturated = saturated_pixels(planes, metadata.voltage.saturated_counts)
@@ -110,15 +111,17 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
         return facts
     phasors = phasors_from_stored(planes, phasor_map)
     phasors[:, saturated] = np.nan
+    why = (
+        implausible(stored, metadata)
+        or (why_no_answer(np.array([StatusBit.NOT_FINITE], np.uint16)) if facts.not_finite == 1.0 else None)
+        or "; ".join(doubts(stored, metadata))
+    )
     return replace(
         facts,
         integration_length_seen=estimated_integration_length(
             phasors.reshape(-1, *stored.shape[2:]), metadata, quantised=stored.dtype.kind in "iu"
         ),
-        implausible=implausible(stored, metadata)
-        or (why_no_answer(np.array([StatusBit.NOT_FINITE], np.uint16)) if facts.not_finite == 1.0 else None)
-        or "; ".join(doubts(stored, metadata))
-        or None,
+        implausible=f"{look.source}: {why}" if why else None,
     )
 
 

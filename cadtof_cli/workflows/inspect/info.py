@@ -164,62 +164,69 @@ def _error_of(search: Callable[[Sequence[Path]], Sequence[Capture]], path: Path)
 
 def _facts_of_captures(captures: Sequence[Capture], workers: Workers, progress: Progress) -> list[CaptureFacts]:
     """Return what each capture holds. The same processes read the frames of all captures: there may be thousands of captures."""
-    found: list[CaptureFacts] = []
-    implausible: dict[int, list[str]] = {}
+    looked = [_LookedInto(place, capture) for place, capture in enumerate(captures)]
     shared = [part for one in captures for part in (one.layout, one.source.metadata)]
-    looks = _looks(captures, found, implausible)
-    with closing(run_ordered(facts_of_frame, looks, workers=workers, shared=shared)) as outcomes:
+    frames = (look for one in looked for look in one.frames())
+    with closing(run_ordered(facts_of_frame, frames, workers=workers, shared=shared)) as outcomes:
         for outcome in outcomes:
             look, result = outcome.task, outcome.result
             if isinstance(result, WorkerDied):
                 result = FrameFacts(problem=f"{look.source}: the process that read it died, twice")
-            found[look.place].add(result)
-            if result.implausible is not None:
-                implausible[look.place].append(f"{look.source}: {result.implausible}")
+            looked[look.place].add(result)
             progress.advance()
-    for place, wrong in implausible.items():
-        _complete(found[place], captures[place], wrong)
-    return found
+    return [one.completed() for one in looked]
 
 
-def _looks(
-    captures: Sequence[Capture], found: list[CaptureFacts], implausible: dict[int, list[str]]
-) -> Iterator[FrameLook]:
-    """Yield the frames to be read. Begin the facts of each capture, and a list of its implausible frames if it is read."""
-    for place, capture in enumerate(captures):
-        metadata, typical = capture.source.metadata, capture.typical
-        facts = CaptureFacts(
+class _LookedInto:
+    """A capture whose frames are being read, and what is known of it so far."""
+
+    def __init__(self, place: int, capture: Capture, /) -> None:
+        metadata, origins = capture.source.metadata, capture.source.origins
+        self._place, self._capture, self._implausible = place, capture, list[str]()
+        self._facts = CaptureFacts(
             str(capture.root), unambiguous_range_m=unambiguous_range_m(metadata.modulation.periods_ns[0])
         )
-        found.append(facts)
         for key in KEYS.values():
             value = getattr(getattr(metadata, key.table), key.name)
-            facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
+            self._facts.metadata[key.path] = {"value": value, "from": origins[key.path]}
+
+    def frames(self) -> Iterator[FrameLook]:
+        """Yield the frames to be read: none if the files are planes, and nothing says which plane each is."""
+        capture, facts = self._capture, self._facts
+        typical = capture.typical
         if typical is None and (of_planes := hint_of_planes(capture)):
             hint, facts.guessed_layout = of_planes
             facts.problems.append(hint)
-            continue
+            return
         if typical and not typical.is_plain:
             facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
-        implausible[place] = []
         for source in single_frames(capture):
-            yield FrameLook(place, source, capture.layout, metadata, typical.pixels if typical else None)
+            size = typical.pixels if typical else None
+            yield FrameLook(self._place, source, capture.layout, capture.source.metadata, size)
 
+    def add(self, frame: FrameFacts, /) -> None:
+        """Count one more frame."""
+        self._facts.add(frame)
+        if frame.implausible is not None:
+            self._implausible.append(frame.implausible)
 
-def _complete(facts: CaptureFacts, capture: Capture, implausible: Sequence[str]) -> None:
-    """Add to the facts of a capture what all of its frames tell."""
-    metadata = capture.source.metadata
-    if implausible:
-        more = f" (and {counted(len(implausible) - 1, 'more frame')})" if len(implausible) > 1 else ""
-        facts.problems.append(f"{implausible[0]}{more}")
-    if capture.typical and (doubt := metadata.mistaken_unit(capture.typical.pixels)):
-        facts.problems.append(f"{capture.root}: {doubt}")
-    n_av = metadata.pixel.integration_length or facts.integration_length_seen
-    if n_av is not None:
-        facts.noise_mv = 1000.0 * ambient_noise_v(metadata, integration_length=n_av)
-    try:
-        FramePlan(metadata=metadata)
-        for dtype in facts.types:
-            volts_per_count(metadata.voltage, np.dtype(dtype))
-    except CadtofError as error:
-        facts.problems.append(f"{capture.root}: {error}")
+    def completed(self) -> CaptureFacts:
+        """Return the facts, together with what all frames tell if they were read."""
+        facts, capture, metadata = self._facts, self._capture, self._capture.source.metadata
+        if facts.guessed_layout is not None:
+            return facts
+        if self._implausible:
+            first, *others = self._implausible
+            facts.problems.append(f"{first} (and {counted(len(others), 'more frame')})" if others else first)
+        if capture.typical and (doubt := metadata.mistaken_unit(capture.typical.pixels)):
+            facts.problems.append(f"{capture.root}: {doubt}")
+        n_av = metadata.pixel.integration_length or facts.integration_length_seen
+        if n_av is not None:
+            facts.noise_mv = 1000.0 * ambient_noise_v(metadata, integration_length=n_av)
+        try:
+            FramePlan(metadata=metadata)
+            for dtype in facts.types:
+                volts_per_count(metadata.voltage, np.dtype(dtype))
+        except CadtofError as error:
+            facts.problems.append(f"{capture.root}: {error}")
+        return facts
