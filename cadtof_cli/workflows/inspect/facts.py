@@ -26,7 +26,7 @@ from cadtof_cli.phasors.noise import estimated_integration_length
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit, why_no_answer
-from cadtof_cli.workflows.inspect.layers import first_sound_layers
+from cadtof_cli.workflows.inspect.run_map import first_sound_layers
 from cadtof_cli.workflows.map_files import map_files
 from cadtof_cli.workflows.run_folder import is_run_folder, read_run
 

@@ -13,18 +13,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.files.reading import real_path
-from cadtof_cli.maps.layers import without_offset
+from cadtof_cli.maps.layers import DIRECT_DEPTH, without_offset
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline.frame import prepare_frame, stages_of
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.response.as_sine import first_phase
+from cadtof_cli.workflows.inspect.run_map import RunMap
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
 from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN
 from cadtof_cli.workflows.run_folder import NOT_EVALUATED, Run
@@ -67,12 +67,13 @@ class FirstPhasors:
     say: Callable[[str], None]
     digests: Mapping[str, str] = field(default_factory=dict)
 
-    def depth(self, file: Path, direct: NDArray[np.floating], /) -> Float | None:
+    def depth(self, one: RunMap, /) -> Float | None:
         """Return the first phasor's depth of a map's frame, float64 (Y, X) in m; NaN where the direct depth of the map is NaN.
 
         None if no frame is known. None, with a note, if this frame is not known, cannot be read any more, or has changed.
+        Raises CaptureError if the map has no direct depth.
         """
-        name = self.run.name(file)
+        direct, file, name = one.layer(DIRECT_DEPTH), one.file, self.run.name(one.file)
         task = self.tasks.get(name)
         if task is None:
             if self.tasks:

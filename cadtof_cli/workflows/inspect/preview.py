@@ -34,11 +34,10 @@ from cadtof_cli.figures.sequence import (
     require_film,
     thumbnail_size,
 )
-from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import require_same_depth
 from cadtof_cli.workflows.inspect.pictured import Pictured, pictured
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
+from cadtof_cli.workflows.inspect.run_map import RunMap, require_same_depth
 from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 
@@ -115,9 +114,9 @@ def _figure(one: Pictured, out: Path, settings: PreviewSettings, progress: Progr
     elif settings.truth is None:
         draw_maps(shown, out)
     else:
-        direct = shown.values(DIRECT_DEPTH)
-        known = Truth(settings.truth, one.run).depth(one.file, direct)
-        first = first_phasors(one.run, progress.say).depth(one.file, direct)
+        a_map = RunMap(one.run, one.file, shown.layers)
+        known = Truth(settings.truth, one.run).depth(a_map)
+        first = first_phasors(one.run, progress.say).depth(a_map)
         draw_maps(shown, out, truth_m=known, first_phasor_m=first)
 
 

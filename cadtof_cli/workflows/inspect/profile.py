@@ -11,16 +11,15 @@ from cadtof_cli.arrays import Float, Index
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
-from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import planar_per_range
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import (
+from cadtof_cli.workflows.inspect.run_map import (
     GivenOptics,
-    layer_of,
+    RunMap,
     require_same_depth,
     require_same_part,
     require_same_size,
@@ -101,17 +100,19 @@ def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress
     found: list[Curve] = []
     size: tuple[int, ...] = ()
     for run, file, name in zip(runs, files, _names(runs, files), strict=True):
-        layers = read_layers(file)
-        values = layer_of(layers, settings.layer, file)
+        one = RunMap.read(run, file)
+        values = one.layer(settings.layer)
         size = size or values.shape
         require_same_size(values, size, file, files[0])
         rows, columns = where = settings.pixels(*values.shape)
-        sigma = layers.get(settings.layer.replace(".depth", ".sigma")) if settings.layer.endswith(".depth") else None
+        sigma = (
+            one.layers.get(settings.layer.replace(".depth", ".sigma")) if settings.layer.endswith(".depth") else None
+        )
         first = None
         if settings.layer == DIRECT_DEPTH and settings.first_phasor and run.record is not None:
-            first = first_phasors(run, progress.say).depth(file, values)
+            first = first_phasors(run, progress.say).depth(one)
         along = values[where].astype(np.float64)
-        beside = (None if one is None else one[where].astype(np.float64) for one in (sigma, first))
+        beside = (None if plane is None else plane[where].astype(np.float64) for plane in (sigma, first))
         found.append(Curve(name, along, *beside))
     known = _truth(settings.truth, runs[0], files[0], settings.layer, size)[rows, columns] if settings.truth else None
     # the legend names the folder, which is enough if it holds only one map

@@ -7,7 +7,6 @@ from pathlib import Path
 from cadtof_cli.arrays import Float
 from cadtof_cli.errors import CadtofError, FrameError, OutputError, require
 from cadtof_cli.files.atomic import require_new
-from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
@@ -26,8 +25,8 @@ from cadtof_cli.report.frames import (
 )
 from cadtof_cli.report.page import ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
-from cadtof_cli.workflows.inspect.layers import GivenOptics, layer_of
 from cadtof_cli.workflows.inspect.report_text import page_text
+from cadtof_cli.workflows.inspect.run_map import GivenOptics, RunMap
 from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
@@ -156,18 +155,18 @@ class _Gathered:
         """Yield the frames with maps that can be read; for the others, keep the reason in `problems`."""
         for file in files:
             try:
-                planes = self._planes(file)
+                one = RunMap.read(self.run, file)
+                planes = self._planes(one)
             except CadtofError as error:
                 problems[file] = str(error)
                 continue
             truth_file = self.truth.file(file) if self.truth else None
-            truth_m = self.truth.depth(file, planes[DIRECT_DEPTH]) if self.truth else None
+            truth_m = self.truth.depth(one) if self.truth else None
             yield _Frame(file, planes, truth_file, truth_m)
 
-    def _planes(self, file: Path) -> Planes:
+    def _planes(self, one: RunMap) -> Planes:
         """Return a map's layers, and the first phasor's depth if the recorded frame is there and can be compared."""
-        layers = {name: plane for name, plane in read_layers(file).items() if plane.ndim == 2}
-        first = self.recorded.depth(file, layer_of(layers, DIRECT_DEPTH, file))
+        layers, first = dict(one.layers), self.recorded.depth(one)
         status = {STATUS: layers.pop(STATUS)} if STATUS in layers else {}
         return layers | ({} if first is None else {FIRST_PHASOR: first}) | status
 
