@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
+from cadtof_cli.doubts.frame import frame_doubts
+from cadtof_cli.doubts.plausible import Copies, require_plausible
 from cadtof_cli.errors import (
     CadtofError,
     FrameError,
@@ -24,13 +26,11 @@ from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import DepthMaps, Digest, content_digest, file_digest, stage_maps
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.phasors.plausible import Copies, require_plausible
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status
-from cadtof_cli.workflows.resolve.frame_doubts import frame_doubts
 from cadtof_cli.workflows.resolve.reports import FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:
