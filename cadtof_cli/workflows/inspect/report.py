@@ -1,6 +1,6 @@
 """`cadtof report`: the folder of a run → one HTML page."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.errors import CadtofError, FrameError, OutputError, require
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS
-from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
+from cadtof_cli.maps.evaluation import EvaluationTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.records import setting
 from cadtof_cli.report.colours import Limits, small_plane, widen
@@ -85,12 +85,13 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     gathered.gather(progress)
     if run.record is None and not gathered.shown:
         raise FrameError(next(iter(gathered.problems.values())))
+    errors = gathered.against_truth.summary()
     text = page_text(
         run,
         viewed=gathered.shown,
         depth_limits_m=gathered.limits.get(DIRECT_DEPTH, (0.0, 0.0))[:2],
         problems=gathered.problems,
-        errors=gathered.errors(),
+        errors=errors.in_words if errors.frames else {},
     )
     write_page(out, text, frames=gathered.shown.values(), truth=gathered.truths.values(), limits=gathered.limits)
 
@@ -144,12 +145,6 @@ class _Gathered:
             if frame.file in shown_files:
                 self._show(frame, plan)
             progress.advance()
-
-    def errors(self) -> Mapping[str, DepthErrors]:
-        """Return the errors against truth of the direct path, and of the first phasor if every map has one, by these names."""
-        found = self.against_truth.summary()
-        errors = {"first phasor": found.first_phasor, "direct path": found.direct} if found.frames else {}
-        return {name: one for name, one in errors.items() if one is not None}
 
     def _frames(self, files: Sequence[Path], problems: dict[Path, str]) -> Iterator[_Frame]:
         """Yield the frames with maps that can be read; for the others, keep the reason in `problems`."""
