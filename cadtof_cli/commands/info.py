@@ -71,8 +71,8 @@ def info(
       1  an input has a problem, reported on stderr
       2  wrong usage, or nothing to show
     """
-    from cadtof_cli.workflows.inspect.facts import CalibrationFacts, MapFacts
-    from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into
+    from cadtof_cli.workflows.inspect.capture_facts import CaptureFacts
+    from cadtof_cli.workflows.inspect.info import CalibrationFacts, MapFacts, look_into
 
     shown: dict[type, tuple[str, Callable[[Any], Iterator[str]]]] = {
         CaptureFacts: ("capture", _capture_lines),
