@@ -14,7 +14,7 @@ from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.layers import write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
-from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
+from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.run_map import RunMap, require_same_size
@@ -54,7 +54,7 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
     whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.advance(0, total=len(files))
     for one in (RunMap.read(run, file) for file in files):
-        depth, sigma = one.layer(DIRECT_DEPTH), one.layers.get(DIRECT_SIGMA)
+        depth, sigma = one.layer(DIRECT_DEPTH), one.sigma(DIRECT_DEPTH)
         expected, alone, of_frame = known.depth(one), recorded.depth(one), EvaluationTally()
         for tally in (whole, of_frame) if table is not None else (whole,):
             tally.add(depth, expected, sigma_m=sigma, first_phasor_m=alone)
@@ -123,7 +123,7 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
         require_same_size(one.layer(DIRECT_DEPTH), shape, one.file, files[0])
         for name, tally in tallies.items():
             values = one.layers.get(name, np.full(shape, np.nan))
-            tally.add(values, one.layers.get(name.replace(".depth", ".sigma")))
+            tally.add(values, one.sigma(name))
         progress.advance()
     planes: dict[str, NDArray[Any]] = {}
     for name, tally in tallies.items():

@@ -1,6 +1,7 @@
 """`cadtof profile`: maps along a row, a column or any line, beside the first phasor and truth."""
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,24 +98,15 @@ def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress
         if all(one.record is not None or one.roi for one in (runs[0], run)):
             require_same_part(runs[0], run)
     files = [_chosen(run, settings) for run in runs]
+    first = RunMap.read(runs[0], files[0])
+    size = first.layer(settings.layer).shape
+    rows, columns = where = settings.pixels(*size)
+    others = (RunMap.read(run, file) for run, file in zip(runs[1:], files[1:], strict=True))
     found: list[Curve] = []
-    size: tuple[int, ...] = ()
-    for run, file, name in zip(runs, files, _names(runs, files), strict=True):
-        one = RunMap.read(run, file)
-        values = one.layer(settings.layer)
-        size = size or values.shape
-        require_same_size(values, size, file, files[0])
-        rows, columns = where = settings.pixels(*values.shape)
-        sigma = (
-            one.layers.get(settings.layer.replace(".depth", ".sigma")) if settings.layer.endswith(".depth") else None
-        )
-        first = None
-        if settings.layer == DIRECT_DEPTH and settings.first_phasor and run.record is not None:
-            first = first_phasors(run, progress.say).depth(one)
-        along = values[where].astype(np.float64)
-        beside = (None if plane is None else plane[where].astype(np.float64) for plane in (sigma, first))
-        found.append(Curve(name, along, *beside))
-    known = _truth(settings.truth, runs[0], files[0], settings.layer, size)[rows, columns] if settings.truth else None
+    for one, name in zip(itertools.chain((first,), others), _names(runs, files), strict=True):
+        require_same_size(one.layer(settings.layer), size, one.file, first.file)
+        found.append(_curve(one, name, where, settings=settings, say=progress.say))
+    known = _truth(settings.truth, first, settings.layer)[rows, columns] if settings.truth else None
     # the legend names the folder, which is enough if it holds only one map
     of_frame = f" of {runs[0].name(files[0])}" if len(runs[0].files) > 1 else ""
     axis = "row" if settings.column is not None else "along the line" if settings.row is None else "column"
@@ -138,6 +130,18 @@ def _chosen(run: Run, settings: ProfileSettings) -> Path:
     return files[settings.frame]
 
 
+def _curve(
+    one: RunMap, name: str, where: tuple[Index, Index], *, settings: ProfileSettings, say: Callable[[str], None]
+) -> Curve:
+    """Return a map along the line, whose pixels are `where`; with the first phasor if it is wanted and there is a record."""
+    first = None
+    if settings.layer == DIRECT_DEPTH and settings.first_phasor and one.run.record is not None:
+        first = first_phasors(one.run, say).depth(one)
+    values = one.layer(settings.layer)[where].astype(np.float64)
+    beside = (one.sigma(settings.layer), first)
+    return Curve(name, values, *(None if plane is None else plane[where].astype(np.float64) for plane in beside))
+
+
 def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
     """Return different names for the curves: those of the folders, else folders with maps, else numbers with files."""
     for names in (
@@ -149,14 +153,15 @@ def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
     return [f"{number}: {file}" for number, file in enumerate(files, start=1)]
 
 
-def _truth(truth: Path, run: Run, file: Path, layer: str, size: tuple[int, ...]) -> Float:
-    """Return the truth of the layer, (Y, X). Depths are of the kind that the maps hold: radial range, or planar depth."""
+def _truth(truth: Path, one: RunMap, layer: str) -> Float:
+    """Return the truth of a map's layer, (Y, X). Depths are of the kind that the map holds: radial range, or planar depth."""
     require_truth(truth)
+    run = one.run
     whole = true_layer(run, layer, truth)
     known = run.cropped(whole)
-    require_same_size(known, size, truth, file)
+    require_same_size(known, one.layer(layer).shape, truth, one.file)
     if run.depth_kind == "z" and layer.endswith(".depth"):
-        optics = run.optics(file)
+        optics = run.optics(one.file)
         if run.roi is not None and known.shape == whole.shape:
             # truth of a part: pixels count from its corner, and it does not tell the middle of the frame
             if optics.principal_point_px is None:
@@ -164,7 +169,7 @@ def _truth(truth: Path, run: Run, file: Path, layer: str, size: tuple[int, ...])
                     f"{truth}: holds only the pixels of --roi, and run.json names no principal point, so z depth cannot be "
                     "computed; give truth of whole frames, or resolve with --principal-point-px"
                 )
-            optics = GivenOptics().optics(run, file)
+            optics = GivenOptics().optics(run, one.file)
         known = known * run.cropped(planar_per_range(optics, (whole.shape[0], whole.shape[1])))
     return known
 

@@ -42,6 +42,10 @@ class RunMap:
             raise CaptureError(f"{self.file}: found layers {', '.join(self.layers)}; expected {name}{hint}")
         return self.layers[name]
 
+    def sigma(self, depth: str, /) -> NDArray[Any] | None:
+        """Return the standard deviations of a layer of depths; None if the map has none, or the layer holds no depths."""
+        return self.layers.get(depth.removesuffix(".depth") + ".sigma") if depth.endswith(".depth") else None
+
 
 @dataclass(frozen=True, kw_only=True)
 class GivenOptics:
