@@ -17,7 +17,7 @@ from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
-from cadtof_cli.figures.page import Panel, Scaled, draw_page
+from cadtof_cli.figures.page import Block, Panel, draw_page
 from cadtof_cli.figures.scales import ERRORS, SIGMAS, Scale
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import noise_model
@@ -184,8 +184,8 @@ def draw(capture: Capture, path: Path) -> None:
     errors = tuple(Panel(f"{name}\nerror, cm", 100 * (depth - truth), auto.status) for name, depth in depths.items())
     sigma = Panel("predicted tail\nsigma, cm", 100 * auto.layer(DIRECT_SIGMA), auto.status)
     blocks = (
-        Scaled(errors, "cm", Scale(ERRORS, (-FIGURE_CM, FIGURE_CM))),
-        Scaled((sigma,), "cm", Scale(SIGMAS, (0.0, FIGURE_CM))),
+        Block(errors, "cm", Scale(ERRORS, (-FIGURE_CM, FIGURE_CM))),
+        Block((sigma,), "cm", Scale(SIGMAS, (0.0, FIGURE_CM))),
     )
     draw_page((blocks,), path, title=f"{capture.root.name}: direct depth against truth")
 

@@ -8,7 +8,7 @@ from cadtof_cli.arrays import Float, plane_name
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.figures.page import Block, Panel, Scaled, draw_page
+from cadtof_cli.figures.page import Block, Panel, draw_page
 from cadtof_cli.figures.scales import Scale
 
 
@@ -22,7 +22,7 @@ def draw_calibration(calibration: Calibration, path: Path, /, *, title: str) -> 
     if calibration.petzval is not None:
         offset = 100.0 * calibration.petzval.range_offset_m
         scale = Scale.of_differences(offset, share=100.0)
-        block = Scaled((Panel("field curvature", offset),), "added to the range, cm", scale)
+        block = Block((Panel("field curvature", offset),), "added to the range, cm", scale)
         if rows and sum(len(one.panels) for one in rows[-1]) < 4:
             rows[-1].append(block)
         else:
@@ -37,8 +37,8 @@ def _dark_rows(dark: DarkCalibration) -> list[list[Block]]:
     of_offset, of_noise = Scale.of_layer("dark.offset", offset), Scale.of_layer("dark.noise", noise)
     return [
         [
-            Scaled(_channels("dark offset", harmonic, offset[row]), "mV", of_offset),
-            Scaled(_channels("dark noise", harmonic, noise[row]), "of a frame, mV", of_noise),
+            Block(_channels("dark offset", harmonic, offset[row]), "mV", of_offset),
+            Block(_channels("dark noise", harmonic, noise[row]), "of a frame, mV", of_noise),
         ]
         for row, harmonic in enumerate(dark.origin.harmonics)
     ]
@@ -57,6 +57,6 @@ def _response_row(response: ResponseCalibration) -> list[Block]:
     of_phase = tuple(Panel(f"phase H{h}", plane) for h, plane in zip(harmonics, phase, strict=True))
     of_gain = tuple(Panel(f"gain H{h}", plane) for h, plane in zip(harmonics, gain, strict=True))
     return [
-        Scaled(of_phase, "added by the pixel, °", Scale.of_differences(phase, share=99.5)),
-        Scaled(of_gain, "times", Scale.of_layer("gain", gain)),
+        Block(of_phase, "added by the pixel, °", Scale.of_differences(phase, share=99.5)),
+        Block(of_gain, "times", Scale.of_layer("gain", gain)),
     ]

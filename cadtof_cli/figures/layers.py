@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Status
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.page import Block, Classes, Panel, Rows, Scaled, draw_page, page_figure
+from cadtof_cli.figures.page import Block, Panel, Rows, draw_page, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass, class_shares
 from cadtof_cli.figures.scales import Scale
 from cadtof_cli.files.maps import STATUS
@@ -66,15 +66,15 @@ class Shown:
         return Panel(name, self.values(name), self.status, lacking=None if name.startswith("direct.") else lacking)
 
 
-def on_one_scale(name: str, panels: tuple[Panel, ...], unit: str, /, scale: Scale | None = None) -> Scaled:
+def on_one_scale(name: str, panels: tuple[Panel, ...], unit: str, /, scale: Scale | None = None) -> Block:
     """Return panels of a layer, or of layers like it, on one scale; None: the one that suits them."""
-    return Scaled(panels, unit, scale or Scale.of_layer(name, *(panel.values for panel in panels)))
+    return Block(panels, unit, scale or Scale.of_layer(name, *(panel.values for panel in panels)))
 
 
 def block_of(shown: Shown, name: str, /, scale: Scale | None = None) -> Block:
     """Return one layer as a block of a page. The layer `status` is shown as the class of each pixel."""
     if name == "status" and shown.status is not None:
-        return Classes.of(status=shown.status)
+        return Block.of_classes(status=shown.status)
     return on_one_scale(name, (shown.panel(name),), shown.unit(name), scale)
 
 
@@ -118,6 +118,6 @@ def draw_recorded(shown: Shown, path: Path, /) -> None:
     of_light = Scale.of_layer("H1.amplitude", *(shown.values(f"{one}.amplitude") for one in harmonics))
     for one in harmonics:
         names = f"{one}.SC1", f"{one}.SC2"
-        volts = Scaled(tuple(map(shown.panel, names)), shown.unit(names[0]), of_volts)
+        volts = Block(tuple(map(shown.panel, names)), shown.unit(names[0]), of_volts)
         rows.append([volts, block_of(shown, f"{one}.amplitude", of_light), block_of(shown, f"{one}.phase")])
     draw_page(rows, path, title=shown.title)

@@ -10,7 +10,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.figures.layers import Shown, on_one_scale
-from cadtof_cli.figures.page import Block, Classes, Panel, Scaled, draw_page
+from cadtof_cli.figures.page import Block, Panel, draw_page
 from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.figures.scales import Scale
 from cadtof_cli.maps.comparison import difference
@@ -35,7 +35,7 @@ def draw_maps(
     unit = shown.unit(DIRECT_DEPTH)
     upper: list[Block] = [on_one_scale(DIRECT_DEPTH, depths, unit), on_one_scale(MPI_DEPTH, (mpi,), unit)]
     if status is not None:
-        upper.append(Classes.of(paths=status))
+        upper.append(Block.of_classes(paths=status))
     lower: list[Block] = []
     if truth_m is not None:
         errors = {name: 100 * (depth - truth_m) for name, depth in known.items()}
@@ -44,7 +44,7 @@ def draw_maps(
             Panel(f"{name} − truth\n{_median(error)}", error, status, in_one=untold & np.isfinite(known[name]))
             for name, error in errors.items()
         )
-        lower.append(Scaled(panels, "cm", Scale.of_differences(*errors.values())))
+        lower.append(Block(panels, "cm", Scale.of_differences(*errors.values())))
     for name, title, unit, factor in (
         (DIRECT_SIGMA, "σ of direct depth", "predicted, cm", 100),
         (CONFIDENCE, "confidence", "first phasor, mV", 1000),
@@ -77,15 +77,15 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
         in_one = np.isfinite(one.layers[name]) != np.isfinite(other.layers[name])
         # the status of A explains pixels that have no value in either map
         panel = Panel("A − B", change, one.status, lacking=PixelClass.ONE_PATH, in_one=in_one)
-        of_change = Scaled((panel,), unit, Scale.of_differences(change))
+        of_change = Block((panel,), unit, Scale.of_differences(change))
         # layers other than depths have the scale of depths here too
         rows.append([on_one_scale(DIRECT_DEPTH, pair, one.unit(name)), of_change])
     if one.status is not None and other.status is not None:
         changed = np.where(one.status != other.status, 1.0, 0.0)
         rows.append(
             [
-                Classes.of(**{"A: paths": one.status, "B: paths": other.status}),
-                Scaled((Panel("status differs", changed),), "any bit", Scale("magma", (0.0, 1.0), ends=("no", "yes"))),
+                Block.of_classes(**{"A: paths": one.status, "B: paths": other.status}),
+                Block((Panel("status differs", changed),), "any bit", Scale("magma", (0.0, 1.0), ends=("no", "yes"))),
             ]
         )
     draw_page(rows, path, title=title)
