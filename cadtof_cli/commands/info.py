@@ -10,16 +10,8 @@ from typing import Any
 import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.options import (
-    CAPTURE_HEADING,
-    RecordOptions,
-    capture_options,
-    input_paths,
-    jobs_option,
-    note_given,
-    refuse_given,
-    settings_option,
-)
+from cadtof_cli.commands.map_options import CAPTURE_HEADING, capture_options, settings_option
+from cadtof_cli.commands.options import RecordOptions, input_paths, jobs_option, note_given, refuse_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import INPUT, PATH
 from cadtof_cli.execution.workers import Workers
