@@ -1,7 +1,7 @@
 """`cadtof export`: maps as other software reads them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -68,9 +68,9 @@ def export_maps(
         CadtofError: the maps cannot be read or lack layers, points need optics that are unknown, a file cannot be written, or
             a file is there already and may not be replaced.
     """
-    write = WRITERS.get(out.suffix.lower())
-    if write is None:
-        raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(WRITERS)}")
+    format = FORMATS.get(out.suffix.lower())
+    if format is None:
+        raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(FORMATS)}")
     found = [(run, file) for run in map(read_run, maps) for file in run.require_maps()]
     by_output: dict[Path, tuple[Run, Path]] = {}
     for run, file in found:
@@ -86,7 +86,7 @@ def export_maps(
     progress.advance(0, total=len(found))
     for output, (run, file) in by_output.items():
         kind, optics = _kind(run, settings), settings.optics(run, file)
-        write(_Exported(run, file, read_layers(file), settings.layer, kind, optics), output)
+        format.write(_Exported(run, file, read_layers(file), settings.layer, kind, optics), output)
         progress.advance()
     return tuple(by_output)
 
@@ -158,17 +158,22 @@ def _texts(values: NDArray[Any]) -> NDArray[np.str_]:
     return texts
 
 
-WRITERS: dict[str, Callable[[_Exported, Path], None]] = {
-    ".ply": _write_points,
-    ".pcd": _write_points,
-    ".png": _write_png,
-    ".npz": _write_npz,
-    ".csv": _write_csv,
+@dataclass(frozen=True)
+class ExportFormat:
+    """A format: the function that writes a map, and the names of the settings that have no effect on its files."""
+
+    write: Callable[[_Exported, Path], None]
+    unused: tuple[str, ...] = ()
+
+
+_FOR_POINTS = tuple(one.name for one in fields(GivenOptics))
+_FOR_DEPTHS = "layer", "depth", *_FOR_POINTS
+
+FORMATS = {
+    ".ply": ExportFormat(_write_points),
+    ".pcd": ExportFormat(_write_points),
+    ".png": ExportFormat(_write_png, _FOR_POINTS),
+    ".npz": ExportFormat(_write_npz, _FOR_DEPTHS),
+    ".csv": ExportFormat(_write_csv, _FOR_DEPTHS),
 }
-"""The function that writes a map, by the suffix of the file."""
-
-WHOLE = (".npz", ".csv")
-"""Suffixes of the files that hold all layers."""
-
-OPTICS_FREE = (".png", *WHOLE)
-"""Suffixes of the files that hold no points in space, and so need no optics."""
+"""The registry of formats by the suffix of the file."""
