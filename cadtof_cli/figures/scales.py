@@ -1,4 +1,4 @@
-"""Scales of colours: the colours and the limits that suit a layer."""
+"""Scales of colours: the colours and the limits that suit a layer; and the colours of the parts of a pixel's light."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -12,6 +12,10 @@ ERRORS: Final = "RdBu_r"
 VOLTAGES: Final = "inferno"
 ANGLES: Final = "twilight"
 """Names of colour maps. They are perceptually uniform, and colour-blind people can tell their colours apart."""
+
+DIRECT_COLOUR, MPI_COLOUR, OTHER_COLOUR = "#1b6ca8", "#d1495b", "#7a5195"
+MEASURED_COLOUR, AMBIENT_COLOUR = "#222222", "#b8b8b8"
+"""Colours of the direct path, the MPI and further paths, and of what is recorded, in pictures of a single pixel."""
 
 
 @dataclass(frozen=True)
