@@ -21,10 +21,10 @@ from cadtof_cli.figures.page import Block, Panel, draw_page
 from cadtof_cli.figures.scales import ERRORS, SIGMAS, Scale
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import noise_model
+from cadtof_cli.pipeline.first_phasor import first_phasor_depth
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
 SHARES = (0.55, 0.95)
 """Sigma is called true if the share of errors within one predicted sigma lies between these limits. It is 0.68 if
