@@ -43,7 +43,7 @@ class ExportSettings(GivenOptics):
         require(is_depth, "--layer", repr(self.layer), "a layer of depths such as direct.depth")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Exported(RunMap):
     """A map to be exported, with its optics. `name` is the layer of depths to be exported, and `kind` their kind."""
 

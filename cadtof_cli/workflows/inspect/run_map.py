@@ -22,7 +22,7 @@ Layers = Mapping[str, NDArray[Any]]
 """Layers of a map by name, (Y, X) each, as they are stored."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RunMap:
     """A map of a run: its file, and the layers that the file holds."""
 
