@@ -44,13 +44,13 @@ def field_curvature(pixels: PixelFit, usable: Bool, /, *, point: tuple[float, fl
     shapes[:, 3:] /= max(origin.pixels)
 
     # an array of one row or one column shows no lean across it
-    free = np.ptp(shapes, axis=0) > 0.0
-    free[2] = True
+    given = np.where(np.ptp(shapes, axis=0) > 0.0, np.nan, 0.0)
+    given[2] = np.nan
 
     def residual(parameters: Float) -> tuple[Float, Float]:
         return (ranges - shapes @ parameters) / sigma, shapes / sigma[:, np.newaxis]
 
-    fit = robust_fit(residual, np.zeros(5), free=free)
+    fit = robust_fit(residual, np.zeros(5), given=given)
     _require_flat(fit, sigma, usable.reshape(origin.pixels))
     (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:2].tolist(), fit.stderr[:2].tolist()
     if abs(k2) <= CURVATURE_SIGNIFICANCE * k2_stderr and abs(k4) <= CURVATURE_SIGNIFICANCE * k4_stderr:

@@ -74,10 +74,10 @@ class _Problem:
 
     With a `lamp` beside the camera, half the way of the light takes the place of the range: the lens lengthens the way.
 
-    Its parameters are k2, k4 and q, then distance D and tilt α, β of every wall; `free` marks those that are unknown, and
-    `start` holds their first values. u and v are the pixel's distances from the principal `point`, over
-    `half_diagonal`, and q = (half diagonal / f)². `wall` is the index of the wall of each of the n ranges, which are those
-    of the `usable` pixels, (Y, X) per wall.
+    Its parameters are k2, k4 and q, then distance D and tilt α, β of every wall. `start` holds what the frames show at first
+    sight, `given` the values that are known, and NaN for others. u and v are the pixel's distances from the principal
+    `point`, over `half_diagonal`, and q = (half diagonal / f)². `wall` is the index of the wall of each of the n ranges,
+    which are those of the `usable` pixels, (Y, X) per wall.
     """
 
     usable: Sequence[Bool]
@@ -89,8 +89,8 @@ class _Problem:
     point: tuple[float, float]
     half_diagonal: float
     unambiguous_m: float
-    free: Bool
     start: Float
+    given: Float
     lamp: LampBeside | None
 
     def residuals(self, parameters: Float) -> tuple[Float, Float]:
@@ -135,17 +135,17 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     if optics.focal_length_px is None:
         _require_distinct(walls)
     problem = _problem(usable, walls, optics, origin)
-    fit = robust_fit(problem.residuals, problem.start, free=problem.free)
+    distances = _doubtful_distances(problem, origin)
+    fit = robust_fit(problem.residuals, problem.start, given=problem.given)
     if not fit.parameters[_Q] > 0.0:
         raise SettingsError(
             "the focal length is unknown and cannot be found from the walls: the view is too narrow, or they are not flat: "
             "set focal_length_px under [optics] in capture.toml, or --focal-length-px"
         )
-    distances = _doubtful_distances(problem, fit, origin)
     _require_walls(problem, fit, origin)
     _require_lens(problem, fit)
-    curved = np.arange(fit.parameters.size) < _Q
-    flat = robust_fit(problem.residuals, np.where(curved, 0.0, fit.parameters), free=problem.free & ~curved)
+    without = np.where(np.arange(fit.parameters.size) < _Q, 0.0, problem.given)
+    flat = robust_fit(problem.residuals, fit.parameters, given=without)
     quality = _quality(problem, fit, flat)
     quality = replace(quality, findings=_findings(problem, quality, fit, optics) + distances)
     (k2, k4), (k2_stderr, k4_stderr) = fit.parameters[:_Q].tolist(), fit.stderr[:_Q].tolist()
@@ -155,18 +155,18 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     return PetzvalCalibration(origin, curvature, quality)
 
 
-def _doubtful_distances(problem: _Problem, fit: RobustFit, origin: Origin) -> tuple[str, ...]:
+def _doubtful_distances(problem: _Problem, origin: Origin) -> tuple[str, ...]:
     """Return a finding for each given distance that the frames contradict: the curvature makes up for its error.
 
     A distance that they contradict by more than `LARGEST_DISTANCE_ERROR_M` raises a SettingsError.
     """
-    given, findings, free = np.flatnonzero(~problem.free[_DISTANCES]), [], problem.free.copy()
-    if not given.size:
+    given, others, findings = problem.given[_DISTANCES], problem.given.copy(), []
+    if np.isnan(given).all():
         return ()
-    free[_DISTANCES] = True
-    shown = robust_fit(problem.residuals, fit.parameters, free=free)
-    for index in given:
-        distance, expected = (float(one.parameters[_DISTANCES][index]) for one in (shown, fit))
+    others[_DISTANCES] = np.nan
+    shown = robust_fit(problem.residuals, problem.start, given=others)
+    for index in np.flatnonzero(~np.isnan(given)):
+        distance, expected = float(shown.parameters[_DISTANCES][index]), float(given[index])
         off, unsure = abs(distance - expected), SURE * shown.stderr[_DISTANCES][index]
         if off > LARGEST_DISTANCE_ERROR_M + unsure:
             raise SettingsError(
@@ -225,8 +225,8 @@ def _require_distinct(walls: Sequence[WallRanges]) -> None:
 
 
 def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, origin: Origin) -> _Problem:
-    """Return the problem for the usable pixels. The fit starts at walls that face the camera, at their known or median
-    distance."""
+    """Return the problem for the usable pixels. It starts at walls that face the camera, at their median distance. A given
+    distance says by how many unambiguous ranges this is farther than the frames show."""
     point, half_diagonal = optics.principal_point(origin.pixels), 0.5 * math.hypot(*origin.pixels)
     focal = optics.focal_length_px
     pixels = [np.nonzero(good) for good in usable]
@@ -238,13 +238,16 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
         for planes in ([wall.range_m for wall in walls], [wall.sigma_m for wall in walls])
     )
     q, unambiguous = 0.5 if focal is None else (half_diagonal / focal) ** 2, unambiguous_range_m(origin.periods_ns[0])
-    start, free = [0.0, 0.0, q], [True, True, focal is None]
+    start, given = [0.0, 0.0, q], [np.nan, np.nan, np.nan if focal is None else q]
     for index, wall in enumerate(walls):
         here = whose == index
         shown = _median_distance_m(ranges[here], (u**2 + v**2)[here], q, unambiguous)
-        start += [shown if wall.distance_m is None else wall.distance_m, 0.0, 0.0]
+        if wall.distance_m is not None:
+            shown += unambiguous * round((wall.distance_m - shown) / unambiguous)
+        start += [shown, 0.0, 0.0]
         # a wall on one row or one column of pixels shows no tilt across it
-        free += [wall.distance_m is None, np.ptp(u) > 0.0, np.ptp(v) > 0.0]
+        tilts = (np.nan if np.ptp(one) > 0.0 else 0.0 for one in (u, v))
+        given += [np.nan if wall.distance_m is None else wall.distance_m, *tilts]
     lamp = LampBeside.of(optics, origin.pixels)
     if lamp is not None:
         lamp = replace(lamp, along_m=np.concatenate([lamp.along_m[good.ravel()] for good in usable]))
@@ -260,8 +263,8 @@ def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, or
         point=point,
         half_diagonal=half_diagonal,
         unambiguous_m=unambiguous,
-        free=np.array(free),
         start=np.array(start),
+        given=np.array(given),
         lamp=lamp,
     )
 
@@ -285,7 +288,7 @@ def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuali
         noise_rms_m=_rms(sigma[kept]),
         correlation=float(np.abs(correlation[:2, 2:]).max(initial=0.0)),
         focal_length_px=float(problem.half_diagonal / np.sqrt(fit.parameters[_Q])),
-        focal_length_known=not problem.free[_Q],
+        focal_length_known=not np.isnan(problem.given[_Q]),
         walls=tuple(_wall_fit(problem, index, fit, flat) for index in range(len(problem.usable))),
     )
 
@@ -297,7 +300,7 @@ def _wall_fit(problem: _Problem, index: int, fit: RobustFit, flat: RobustFit) ->
     return WallFit(
         distance_m=float(distance),
         distance_stderr_m=float(fit.stderr[_DISTANCES][index]),
-        distance_known=not problem.free[_DISTANCES][index],
+        distance_known=not np.isnan(problem.given[_DISTANCES][index]),
         slopes=(float(alpha / lean), float(beta / lean)),
         rms_before_m=_rms(flat.residual[here] * sigma),
         rms_after_m=_rms(fit.residual[here] * sigma),

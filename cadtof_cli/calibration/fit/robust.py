@@ -69,19 +69,20 @@ class RobustFit:
 
 
 def robust_fit(
-    model: Callable[[Float], tuple[Float, Float]], start: Float, /, *, free: Bool | None = None
+    model: Callable[[Float], tuple[Float, Float]], start: Float, /, *, given: Float | None = None
 ) -> RobustFit:
     """Fit parameters, (p,), from a start that need not be close if the model is nearly linear.
 
     `model` returns, for given parameters, the residuals, (n,), and the derivatives of the modelled values by all
-    parameters, (n, p), both in units of the observations' standard deviations. `free`, (p,), marks the parameters that
-    are fitted (None: all). The other parameters keep their value, and have no variance.
+    parameters, (n, p), both in units of the observations' standard deviations. `given`, (p,), holds the values of known
+    parameters, which have no variance, and NaN for those that are fitted (None: all).
 
     Raises:
         SettingsError: the observations do not determine the parameters.
     """
-    parameters, covariance = start.astype(np.float64), np.zeros((start.size, start.size))
-    free = np.ones(start.size, np.bool_) if free is None else free
+    given = np.full(start.size, np.nan) if given is None else given
+    free, covariance = np.isnan(given), np.zeros((start.size, start.size))
+    parameters = np.where(free, start, given)
     for _ in range(MOST_STEPS):
         residual, every = model(parameters)
         scale, weights = _weighted(residual)

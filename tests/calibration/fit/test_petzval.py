@@ -506,12 +506,13 @@ def test_a_given_distance_that_the_frames_contradict_is_refused(wrong_m: float) 
 
 
 def test_of_several_given_distances_the_contradicted_one_is_refused() -> None:
-    walls = [measured_wall(distance_m, seed=seed, known=True) for seed, distance_m in enumerate((1.0, 2.0, 3.0))]
-    walls[1] = replace(walls[1], distance_m=2.04)
-    with pytest.raises(
-        SettingsError, match=r"wall 2 \(wall_1\): the frames show it at 2\.00\d m, .* given distance of 2\.04 m"
-    ):
-        fitted(*walls)
+    """If the distance is far off, all of that wall's ranges are outliers: "a wall or distance has no usable pixels" was said."""
+    for wrong_m in (2.04, 1.4):
+        walls = [measured_wall(distance_m, seed=seed, known=True) for seed, distance_m in enumerate((1.0, 2.0, 3.0))]
+        walls[1] = replace(walls[1], distance_m=wrong_m)
+        message = rf"wall 2 \(wall_1\): the frames show it at 2\.00\d m, .* given distance of {wrong_m:g} m"
+        with pytest.raises(SettingsError, match=message):
+            fitted(*walls)
 
 
 @pytest.mark.parametrize("wrong_m", [-0.004, 0.0, 0.004])

@@ -160,7 +160,7 @@ def test_a_fit_ends_when_its_parameters_no_longer_change() -> None:
 def test_a_known_parameter_is_kept_and_the_others_are_fitted() -> None:
     """The fit is as if the known parameter's part had been subtracted from the observations."""
     y, free = observed(6), np.array([True, False, True])
-    fit = robust_fit(parabola(y), np.array([0.0, -1.3, 0.0]), free=free)
+    fit = robust_fit(parabola(y), np.zeros(3), given=np.array([np.nan, -1.3, np.nan]))
     others = COLUMNS[:, free]
     alone = robust_fit(lambda p: ((y + 1.3 * X - others @ p) / SIGMA, others / SIGMA), np.zeros(2))
     assert fit.parameters[1] == -1.3
