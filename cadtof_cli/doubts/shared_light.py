@@ -6,6 +6,8 @@ a pixel alone. Where depths differ, the phasors of many pixels tell q_h: least s
 Another zero adds one number to all stored values. The right one is that with which one path explains most pixels far better.
 """
 
+import math
+
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Stored, even_step, median
@@ -37,6 +39,10 @@ sound views of one depth, such as `simulate --scene card` with three periods."""
 _TAIL_RAD = 2.5
 """What comes up to this phase after the surfaces is not doubted: in small rooms, most MPI is the same in all pixels. In 15 of 90
 rooms it is, by `_EXPLAINED`, and comes .6 to 2.2 rad late. `resolve` predicts it."""
+
+_MOVED = 4.0
+"""What all pixels share must explain so many times more than a delay of each harmonic, such as motion between their recordings
+makes. In views of few depths the two look much the same."""
 
 _FARTHEST, _TRIED, _WORTHWHILE = 0.7, 51, 4.0
 """Longest phasor of a wrong zero that is tried, either way, how many are, and how many times smaller the misfit must be with the
@@ -88,6 +94,7 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
     h = np.array(harmonics, np.float64)[:, np.newaxis]
     shared = np.zeros((len(h), 1), np.complex128)
     misfits, condition = list[float](), np.inf
+    delays = np.angle(np.sum(_turned_by_phase(phasors, h)[0], axis=1, keepdims=True))
     for _ in range(_STEPS):
         turned, back = _turned_by_phase(phasors - shared, h)
         change, misfit, condition = _least_squares_step(turned, back, h)
@@ -98,6 +105,8 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
     surfaces = (phasors - shared)[0]
     share = shared[:, 0] / median(np.abs(surfaces))
     if not (misfits[0] > _EXPLAINED * misfits[-1] and condition < _TOLD and _MATTERS < np.abs(share).max() < _MOST):
+        return None
+    if float(median(_squared_misfits(phasors * np.exp(-1j * delays), h))) < _MOVED * misfits[-1]:
         return None
     late = float(np.angle(share[0] * np.conj(np.sum(surfaces / np.abs(surfaces)))))
     return None if 0.0 < late < _TAIL_RAD else share
@@ -136,7 +145,7 @@ def wrong_zero(phasors: Complex, unit: Complex, harmonics: tuple[int, ...], /) -
     some = slice(None, None, max(1, phasors.shape[1] // FEWEST))
     misfits = _misfits(phasors[:, some], unit[:, some], h, step * steps)
     # nearly all sound frames end here
-    if float(misfits[_TRIED // 2]) < _WORTHWHILE * float(misfits.min()):
+    if float(misfits[_TRIED // 2]) <= _WORTHWHILE * float(misfits.min()):
         return None
     off = step * float(steps[np.argmin(misfits)])
     for _ in range(2):
@@ -158,9 +167,26 @@ def _misfits(phasors: Complex, unit: Complex, h: Float, tried: Float) -> Float:
     """Return the median squared misfit of one path over the median power, (m,), without the numbers tried, (m,), times `unit`."""
     light = phasors[:, np.newaxis] - tried[:, np.newaxis] * unit[:, np.newaxis]
     flat = light.reshape(len(light), -1)
-    squares = sum((rest * rest).sum(axis=0) for rest in _left_over(_turned_by_phase(flat, h)[0], h))
     power = median((np.abs(light) ** 2).sum(axis=0))
-    return median(np.reshape(squares, light.shape[1:])) / np.maximum(power, 1e-30)
+    return median(np.reshape(_squared_misfits(flat, h), light.shape[1:])) / np.maximum(power, 1e-30)
+
+
+def _squared_misfits(phasors: Complex, h: Float, /) -> Float:
+    """Return the squared misfit of one path of each pixel, (H, n) → (n,)."""
+    real, imaginary = _left_over(_turned_by_phase(phasors, h)[0], h)
+    return np.asarray((real * real).sum(axis=0) + (imaginary * imaginary).sum(axis=0))
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def left_by_one_path(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex:
+    """Return what one path leaves over of phasors of two harmonics or more, complex (H, n), with as much noise as they have.
+
+    Surfaces of any depth and brightness leave nothing but noise, so texture and edges of a scene do not show.
+    """
+    h = np.array(harmonics, np.float64)[:, np.newaxis]
+    real, imaginary = _left_over(_turned_by_phase(phasors, h)[0], h)
+    # amplitude and phase take up one of H real and one of H imaginary parts
+    return np.asarray(math.sqrt(len(h) / (len(h) - 1.0)) * (real + 1j * imaginary))
 
 
 def _spread_phasors(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap, /) -> tuple[Complex, Complex]:

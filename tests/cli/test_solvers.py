@@ -27,7 +27,7 @@ def resolve(capture: Path, out: Path, *options: object) -> Finished:
 
 
 def test_light_that_two_paths_do_not_explain_is_told(tmp_path: Path) -> None:
-    told = "its paths do not explain the light (median chi_squared above 10), so errors are larger than sigma"
+    told = "its paths do not explain the light (median chi_squared above 10), so errors are larger than sigma: was there motion"
     capture = write_capture(tmp_path / "three", THREE, harmonics=(1, 2, 3), n_av=1e6)
     done = cadtof("resolve", capture, "-o", tmp_path / "out", "--jobs", 1)
     assert f"frame_0000.tif: {told}" in done.err

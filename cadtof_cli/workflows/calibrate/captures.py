@@ -16,8 +16,9 @@ from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_cali
 from cadtof_cli.capture.checks import shown
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
-from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target
+from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target, Voltage
 from cadtof_cli.doubts.frame import doubts
+from cadtof_cli.doubts.planes import mistaken_order
 from cadtof_cli.doubts.plausible import Copies, require_plausible
 from cadtof_cli.errors import FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
@@ -98,10 +99,11 @@ def averaged_captures(
     _require_same_modulation(captures)
     progress.advance(0, total=sum(len(one.frames) * (one.typical.frames if one.typical else 1) for one in captures))
     averaged: list[tuple[Capture, MeanVolts]] = []
+    has_light, has_dark = kind == "response", os.path.lexists(settings.out / "dark.toml")
     for capture in captures:
         if taken := capture.source.defaults_in_words():
             progress.say(f"{capture.root}: {taken}")
-        frames = _frames(capture, progress, has_light=kind == "response")
+        frames = _frames(capture, progress, has_light=has_light, of_order=not has_dark)
         mean = mean_volts(frames, voltage=capture.source.metadata.voltage)
         if doubt := _too_much_scatter(capture, mean):
             progress.say(f"warning: {capture.root}: {doubt}")
@@ -112,9 +114,14 @@ def averaged_captures(
         averaged.append((capture, mean))
     metadata, pixels = captures[0].source.metadata, averaged[0][1].pixels
     earlier = _earlier_parts(settings.out, kind, metadata, pixels, progress)
-    for one in captures:
+    for one, mean in averaged:
         if earlier and (doubt := earlier.doubt(one.source.metadata)):
             progress.say(f"warning: {one.root}: {doubt}")
+        if has_light and earlier and earlier.dark:
+            # offsets of all pixels look like another order
+            in_volts = replace(one.source.metadata, voltage=Voltage())
+            if doubt := mistaken_order(mean.volts - earlier.dark.offset_v, in_volts):
+                progress.say(f"warning: {one.root}: {doubt}")
     origin = Origin(
         captures=tuple(str(one.root) for one in captures),
         frames=sum(mean.frames for _, mean in averaged),
@@ -131,8 +138,9 @@ def predicted_noise_v(metadata: CaptureMetadata, /) -> float:
     return ambient_noise_v(metadata, integration_length=metadata.pixel.integration_length or ASSUMED_LENGTH)
 
 
-def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterator[Stored]:
-    """Yield the frames of a capture. Warn if the first is likely wrong; `has_light`: look at its size and planes too.
+def _frames(capture: Capture, progress: Progress, *, has_light: bool, of_order: bool) -> Iterator[Stored]:
+    """Yield the frames of a capture. Warn if the first is likely wrong; `has_light`: look at its size and planes too, and
+    `of_order`: at their order.
 
     Raises:
         FrameError: a frame cannot be read or is no recording; or it is a copy of an earlier frame, which would make the
@@ -149,7 +157,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
                 "remove the copy, or record again"
             )
         if number == 0:
-            for doubt in doubts(stored, metadata, has_light=has_light):
+            for doubt in doubts(stored, metadata, has_light=has_light, of_order=of_order):
                 progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()

@@ -216,7 +216,7 @@ def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object
     maps = resolved.maps.cropped(roi) if roi else resolved.maps
     counts = count_status(maps.status)
     if counts.invalid == maps.status.size:
-        raise FrameError(f"{source}: {why_no_answer(maps.status)}")
+        raise FrameError(f"{source}: {why_no_answer(maps.status, noise_estimated=resolved.noise.estimated)}")
     return maps, counts
 
 
