@@ -23,9 +23,11 @@ from cadtof_cli.phasors.voltages import (
     volts_per_count,
 )
 
-_MORE_NOISE, _LESS_NOISE = 8.0, 4.0
+_MORE_NOISE, _MORE_LEFT, _LESS_NOISE = 8.0, 5.0, 4.0
 """The noise of a frame is doubted if its variance is more than 8 times as large as the integration length explains, or
-more than 4 times smaller. Texture adds scatter: up to a factor of 5 in rendered rooms. Nothing makes scatter smaller."""
+more than 4 times smaller. Texture adds scatter: up to a factor of 5 in rendered rooms. Nothing makes scatter smaller.
+
+Without depth and brightness, the variance must be more than 5 times as large: not all of an offset is left then."""
 
 _LEAST_NOISE = 0.1
 """Least variance of a pixel's noise, over that of a pixel in ambient light, that is reckoned with."""
@@ -109,10 +111,10 @@ def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if lengths.size < FEWEST or not median(lengths) < _FULLY_LIT:
         return None
     seen = estimated_integration_length(phasors.reshape(len(phasors), 2, -1), metadata, quantised=whole)
-    if seen < n_av / _MORE_NOISE and _tells_scene(metadata):
-        # not more: too little noise is not seen here
-        seen = max(seen, min(_length_without_scene(phasors, metadata, quantised=whole), n_av))
-    if seen < n_av / _MORE_NOISE:
+    more = seen < n_av / _MORE_NOISE
+    if more and _tells_scene(metadata):
+        more = not _length_without_scene(phasors, metadata, quantised=whole) >= n_av / _MORE_LEFT
+    if more:
         return (
             f"neighbouring pixels scatter as with integration_length = {seen:.2g} instead of {n_av:g}: standard deviations "
             f"are about {math.sqrt(n_av / seen):.2g} times too small, and noise is taken for light and for second paths. "

@@ -94,7 +94,7 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
     h = np.array(harmonics, np.float64)[:, np.newaxis]
     shared = np.zeros((len(h), 1), np.complex128)
     misfits, condition = list[float](), np.inf
-    delays = np.angle(np.sum(_turned_by_phase(phasors, h)[0], axis=1, keepdims=True))
+    delays = median(np.angle(_turned_by_phase(phasors, h)[0]))[:, np.newaxis]
     for _ in range(_STEPS):
         turned, back = _turned_by_phase(phasors - shared, h)
         change, misfit, condition = _least_squares_step(turned, back, h)
