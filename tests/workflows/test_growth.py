@@ -93,10 +93,11 @@ class _Root:
 def test_captures_of_a_run_are_recorded_without_a_search() -> None:
     source = load_metadata(None)
     captures = [
-        SimpleNamespace(root=_Root(f"c{number % MANY}"), source=source, frames=[0]) for number in range(2 * MANY)
+        SimpleNamespace(root=_Root(f"c{number % MANY}"), source=source, frames=[0], lossy_compression=None)
+        for number in range(2 * MANY)
     ]
     document = RunRecord(captures=[])
-    document.add_captures([SimpleNamespace(capture=one, lossy_compression=None) for one in captures])  # type: ignore[misc]
+    document.add_captures([SimpleNamespace(capture=one) for one in captures])  # type: ignore[misc]
     assert [(one["root"], one["files"]) for one in document["captures"]] == [
         (f"c{number}", 2) for number in range(MANY)
     ]

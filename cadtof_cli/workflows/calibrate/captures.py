@@ -22,8 +22,8 @@ from cadtof_cli.doubts.planes import mistaken_order
 from cadtof_cli.doubts.plausible import Copies, require_plausible
 from cadtof_cli.errors import FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
+from cadtof_cli.files.digests import content_digest
 from cadtof_cli.files.frames import CHANNELS
-from cadtof_cli.files.maps import content_digest
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.phasors.frame_mean import MeanVolts, mean_volts
 from cadtof_cli.phasors.noise import ambient_noise_v
@@ -196,7 +196,7 @@ def _at_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> 
 def _require_same_modulation(captures: Sequence[Capture]) -> None:
     keys = [key for key in KEYS.values() if key.table in {"modulation", "pulse", "optics"}]
     for capture, key in itertools.product(captures[1:], keys):
-        values = [getattr(getattr(one.source.metadata, key.table), key.name) for one in (capture, captures[0])]
+        values = [key.value_in(one.source.metadata) for one in (capture, captures[0])]
         if values[0] != values[1]:
             found, expected = ("not given" if value is None else shown(value) for value in values)
             raise SettingsError(

@@ -12,9 +12,10 @@ import numpy as np
 
 from cadtof_cli.calibration.store import is_calibration_folder
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
+from cadtof_cli.capture.frames import Capture, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
-from cadtof_cli.capture.planes import hint_of_planes
+from cadtof_cli.capture.suggested_layout import hint_of_planes
+from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied
@@ -193,14 +194,12 @@ def _looks(
         )
         found.append(facts)
         for key in KEYS.values():
-            value = getattr(getattr(metadata, key.table), key.name)
-            facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
+            facts.metadata[key.path] = {"value": key.value_in(metadata), "from": capture.source.origins[key.path]}
         if typical is None and (of_planes := hint_of_planes(capture)):
             hint, facts.guessed_layout = of_planes
             facts.problems.append(hint)
             continue
-        if typical and not typical.is_plain:
-            facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
+        facts.lossy_compression = capture.lossy_compression
         implausible[place] = []
         for source in single_frames(capture):
             yield FrameLook(place, source, capture.layout, metadata, typical.pixels if typical else None)
@@ -212,7 +211,7 @@ def _complete(facts: CaptureFacts, capture: Capture, implausible: Sequence[str])
     if implausible:
         more = f" (and {counted(len(implausible) - 1, 'more frame')})" if len(implausible) > 1 else ""
         facts.problems.append(f"{implausible[0]}{more}")
-    if capture.typical and (doubt := metadata.mistaken_unit(capture.typical.pixels)):
+    if capture.typical and (doubt := mistaken_unit(metadata, capture.typical.pixels)):
         facts.problems.append(f"{capture.root}: {doubt}")
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:

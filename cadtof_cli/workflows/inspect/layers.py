@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import TRUTH
+from cadtof_cli.capture.frames import TRUTH
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.layers import read_layers

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.discovery import TRUTH
+from cadtof_cli.capture.frames import TRUTH
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_layers

@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 
-from cadtof_cli.capture.discovery import absolute, find_captures, is_existing_folder, placed_captures
+from cadtof_cli.capture.discovery import find_captures, is_existing_folder, placed_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
-from cadtof_cli.files.reading import is_folder
+from cadtof_cli.files.reading import absolute, is_folder
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input

@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.checks import converted
-from cadtof_cli.capture.discovery import absolute
 from cadtof_cli.capture.frames import FrameSource
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.reading import read_text, real_path
+from cadtof_cli.files.reading import absolute, read_text, real_path
 from cadtof_cli.files.system import path_from
 from cadtof_cli.pipeline.plan import CalibrationUse, MapSettings
 from cadtof_cli.resolver.kernels import chosen_kernel
@@ -86,7 +85,7 @@ class RunRecord(dict[str, Any]):
                     "files": 0,
                     "metadata": asdict(capture.source.metadata),
                     "origins": dict(capture.source.origins),
-                    "lossy_compression": one.lossy_compression,
+                    "lossy_compression": capture.lossy_compression,
                 }
                 self["captures"].append(known)
             known["files"] += new_frames(capture.frames, counted)
