@@ -16,7 +16,7 @@ from cadtof_cli.capture import discovery
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.workflows.inspect import first_phasors, info
+from cadtof_cli.workflows.inspect import capture_facts, first_phasors, info
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 from cadtof_cli.workflows.progress import NO_PROGRESS
 from cadtof_cli.workflows.resolve import arrivals
@@ -189,7 +189,7 @@ def test_info_reads_all_captures_with_the_same_processes(tmp_path: Path, monkeyp
         )
 
     alone = [looked(folder)[0] for folder in folders]
-    with _counted(monkeypatch, info, "run_ordered") as calls:
+    with _counted(monkeypatch, capture_facts, "run_ordered") as calls:
         assert looked(tmp_path / "rec", recursive=True) == alone
         assert calls() == 1
     assert [len(one.problems) for one in alone] == [0, 1, 0]
