@@ -10,8 +10,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Stored, median, plane_names, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, scatters, sound_phasors, sound_values
-from cadtof_cli.doubts.shared_light import left_by_one_path
+from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, left_by_one_path, scatters, sound_phasors, sound_values
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.voltages import (
     ideal_phasor_map,
