@@ -11,7 +11,7 @@ import pytest
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.resolve import frame_task
+from cadtof_cli.workflows import recording
 from cadtof_cli.workflows.resolve import resolve as resolve_workflow
 from tests.support.forward import depth_m
 from tests.support.mixture_captures import read_maps, write_capture
@@ -155,7 +155,7 @@ def test_the_time_of_a_frame_includes_its_reading(tmp_path: Path, jobs: int, mon
         return read_stored(*arguments, **named)
 
     capture = write_capture(tmp_path / "capture", TWO)
-    monkeypatch.setattr(frame_task, "read_stored", slowly)
+    monkeypatch.setattr(recording, "read_stored", slowly)
     monkeypatch.setattr(resolve_workflow, "WORTH_SPLITTING_S", 0.0)
     assert resolve(capture, tmp_path / "out", "--jobs", jobs).status == 0
     assert json.loads((tmp_path / "out" / "frames.jsonl").read_text())["seconds"] > 0.2

@@ -172,7 +172,7 @@ def test_settings_are_compared_with_those_of_the_capture_alone(tmp_path: Path, *
     recorded = {f"{number}": (one, tuple(one.frames)) for number, one in enumerate(found)}
     object.__setattr__(run, "recorded_frames", lambda _: recorded)
     said = list[str]()
-    assert len(first_phasors.first_phasors(run, said.append).tasks) == MANY
+    assert len(first_phasors.first_phasors(run, said.append).recorded) == MANY
     assert said == []
     assert _Read.times < 10 * MANY
 

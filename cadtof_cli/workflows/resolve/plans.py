@@ -20,6 +20,7 @@ from cadtof_cli.pipeline.frame import calibrated_doubts
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
+from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -69,6 +70,26 @@ class CapturePlan:
             frames = len(range(*self.settings.frames.indices(frames)))
         return -(-frames // self.settings.maps.average)
 
+    @cached_property
+    def reader(self) -> FrameReader:
+        """How its frames are read."""
+        return FrameReader(self.capture.layout, self.plan.metadata, self.pixels)
+
+    def groups(self, *, taken: Callable[[], Collection[str]] | None = None) -> Iterator[tuple[FrameSource, ...]]:
+        """Yield the frames of each map: one, or those whose mean it shows. Each frame of a stack counts as a frame.
+
+        Args:
+            taken: returns the names that no frame of a stack may get (see `single_frames`).
+
+        Raises:
+            CaptureError: nothing tells how many frames come before those of `--frames`.
+        """
+        frames = single_frames(self.capture, taken=taken)
+        if self.settings.frames is not None:
+            frames = self._chosen(frames, self.settings.frames)
+        while sources := tuple(itertools.islice(frames, self.settings.maps.average)):
+            yield sources
+
     def tasks(
         self,
         *,
@@ -76,25 +97,19 @@ class CapturePlan:
         before: Callable[[Path], FrameReport | None] = lambda _: None,
         token: str = "",
     ) -> Iterator[FrameTask]:
-        """Yield a task for each map file that is to be made. Each frame of a stack counts as a frame (see `single_frames`).
+        """Yield a task for each map file that is to be made (see `groups`).
 
         Args:
             taken: returns the names that no frame of a stack may get.
             before: returns the report of an earlier run on the maps at a path; None: there is none.
             token: marks temporary files.
-
-        Raises:
-            CaptureError: nothing tells how many frames come before those of `--frames`.
         """
-        settings, layout = self.settings, self.capture.layout
-        frames = single_frames(self.capture, taken=taken)
-        if settings.frames is not None:
-            frames = self._chosen(frames, settings.frames)
-        while sources := tuple(itertools.islice(frames, settings.maps.average)):
+        settings = self.settings
+        for sources in self.groups(taken=taken):
             form = map_format(settings.map_format, sources[0].paths[0])
             output = settings.out / f"{sources[0].name}.{form.name}"
             earlier = before(output) if settings.resume else None
-            yield FrameTask(sources, layout, self.plan, self.pixels, output, settings.resume, earlier, token)
+            yield FrameTask(sources, self.reader, self.plan, output, settings.resume, earlier, token)
 
     def _chosen(self, frames: Iterator[FrameSource], chosen: slice) -> Iterator[FrameSource]:
         """Yield the frames that `--frames` chooses: all frames are counted, so stacks before these must be readable."""

@@ -218,7 +218,7 @@ class _Run:
             for one in plans:
                 one.load_map_files()
         probe = None if workers.scheduler == LOCAL else self._probe()
-        shared = [part for one in plans for part in (one.plan, one.capture.layout)]
+        shared = [part for one in plans for part in (one.plan, one.reader)]
         return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self.progress.say)
 
     def _probe(self) -> Path:
