@@ -1,6 +1,6 @@
 """The folder of a run, as later commands read it: a map file per frame, `run.json`, and `frames.jsonl` with a line per frame.
 
-`resolve/record.py` writes the two records; `resolve/run_json.py` knows what is in the first.
+`resolve/record.py` writes the two records; `resolve/run_json.py` knows what is in the first, `resolve/lines.py` in the second.
 """
 
 import io
@@ -23,7 +23,7 @@ from cadtof_cli.files.reading import is_folder, read_bytes
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.map_files import map_files
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, place_in
+from cadtof_cli.workflows.resolve.lines import FRAMES_FILE, place_in
 from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN, RUN_FILE, RunRecord, optics_of, read_record
 

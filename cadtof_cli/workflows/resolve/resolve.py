@@ -1,11 +1,10 @@
 """`cadtof resolve`: captures in, one file of maps per frame out, with a record of the run beside them."""
 
-import itertools
 import math
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import field
 from functools import partial
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cadtof_cli.capture.discovery import find_captures, placed_captures
-from cadtof_cli.capture.frames import Capture, FrameSource, frame_names
+from cadtof_cli.capture.frames import Capture, FrameSource
 from cadtof_cli.errors import CaptureError, OutputError, RunStoppedError
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import Outcome, WorkerDied
@@ -23,15 +22,10 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import NUMPY, numpy_note
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.resolve.earlier import earlier_run, remove_run
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.output import (
-    earlier_run,
-    locked,
-    remove_run,
-    require_inside,
-    require_own_names,
-    require_own_places,
-)
+from cadtof_cli.workflows.resolve.lock import locked
+from cadtof_cli.workflows.resolve.output import MapNames, map_names, require_inside
 from cadtof_cli.workflows.resolve.plans import (
     AppliedCalibration,
     CapturePlan,
@@ -39,7 +33,7 @@ from cadtof_cli.workflows.resolve.plans import (
     pooling_notes,
     use_calibration,
 )
-from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run, rename_lines
+from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, failed_input
 from cadtof_cli.workflows.resolve.run_json import run_document
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -48,6 +42,9 @@ if TYPE_CHECKING:
     from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
 Outcomes = Generator[Outcome[FrameTask, FrameReport], None, None]
+
+Batch = tuple[Sequence[FrameReport], Sequence[CapturePlan]]
+"""Reports on inputs that failed, and the plans of captures: of one batch of paths that arrive during a run."""
 
 WORTH_SPLITTING_S = 0.5
 """Expected seconds per frame above which each part of a frame is worth a process: its pixels have to go there and back."""
@@ -83,43 +80,36 @@ def resolve_captures(
     captures, base, arrivals, failed = _first_captures(inputs, settings, arriving)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
-    require_own_places(captures, settings.out)
+    names = map_names(captures, settings.out)
     document = run_document(inputs, settings, plans, calibration, base)
-    is_arriving = arrivals is not None
-    find_earlier = partial(earlier_run, captures, document, settings=settings, arriving=is_arriving)
+    find_earlier = partial(earlier_run, names, document, settings=settings, arriving=arrivals is not None)
     if settings.dry_run:
         find_earlier()
-        return _dry_run(plans, settings, captures, failed, on_frame)
+        return _dry_run(plans, names, settings, failed, on_frame)
     make_folder(settings.out)
     with locked(settings.out):
         earlier = find_earlier()
-        same_name = require_own_names(captures, settings.out)
+        names.tell_letters_apart()
         if settings.overwrite or settings.resume:
             remove_partial_files(settings.out)
         # files of two folders that are named in turn are many captures of the same folders
         for note in dict.fromkeys(_notes(plans, calibration, settings, kernel=document["kernel"])):
             progress.say(note)
-        taken = arrivals.sources.keys if arrivals else partial(frame_names, captures)
-        run = _Run(settings, progress, on_frame, taken)
+        run = _Run(settings, progress, on_frame, names)
         try:
             # if a cluster does not answer, this fails before anything is written
             first = run.outcomes(plans)
             if settings.overwrite:
                 remove_run(settings.out)
-            if earlier:
-                if arrivals:
-                    arrivals.keep_earlier(earlier, document, plans)
-                rename_lines(settings.out, earlier)
-            is_resumed = earlier is not None
-            record = recorded_run(settings.out, document, resume=is_resumed, arriving=is_arriving, say=progress.say)
+            later: Iterable[Batch] = ()
+            if arrivals:
+                arrivals.begin(plans, calibration, names, document, earlier)
+                later = arrivals.plans(document)
+            record = recorded_run(
+                settings.out, document, earlier=earlier, arriving=arrivals is not None, say=progress.say
+            )
             with record as run.record:
-                for report in failed:
-                    run.report(report)
-                later: Iterable[Outcomes] = ()
-                if arrivals:
-                    arrivals.begin(plans, calibration, run.report, same_name)
-                    later = (run.outcomes(more) for more in arrivals.plans(document))
-                return run.report_all(itertools.chain([first], later))
+                return run.report_all(failed, first, later)
         finally:
             # maps bear the token of the run, and the two records bear the number of this process
             remove_partial_files(settings.out, tokens={run.token, str(os.getpid())})
@@ -130,13 +120,13 @@ def _first_captures(
 ) -> tuple[Sequence[Capture], Path, "Arrivals | None", Sequence[FrameReport]]:
     """Return the captures that are there, and the folder whose tree OUT mirrors; what meets the captures that arrive during
     the run; and reports on inputs that failed."""
-    failed = list[FrameReport]()
     if arriving is not None:
         # imported only when it is needed: each module takes a third of a millisecond
         from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
-        arrivals = Arrivals(settings, arriving, failed.append)
-        return *arrivals.first_captures(inputs), arrivals, failed
+        arrivals = Arrivals(settings, arriving)
+        return *arrivals.first_captures(inputs), arrivals, arrivals.failed
+    failed = list[FrameReport]()
     found = find_captures(
         inputs,
         overrides=settings.overrides,
@@ -162,8 +152,8 @@ def _notes(
 
 def _dry_run(
     plans: Sequence[CapturePlan],
+    names: MapNames,
     settings: ResolveSettings,
-    captures: Sequence[Capture],
     failed: Iterable[FrameReport],
     on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
@@ -173,7 +163,7 @@ def _dry_run(
         totals.add(report)
         on_frame(report)
     for one in plans:
-        for task in one.tasks(taken=partial(frame_names, captures)):
+        for task in one.tasks(taken=names.taken):
             report = task.report("ok", None, 0.0)
             if settings.resume and task.output.exists():
                 report = task.kept(report, 0.0)
@@ -186,14 +176,14 @@ def _dry_run(
 class _Run:
     """A run in progress, and the outcomes of its frames so far.
 
-    `taken` returns the names that no frame of a stack may get. `expected` is how many maps there will be in all. `warned` are
+    `names` are those of the maps so far. `expected` is how many maps there will be in all. `warned` are
     the folders of captures with the doubts that the user was warned of before the run.
     """
 
     settings: ResolveSettings
     progress: Progress
     on_frame: Callable[[FrameReport], None]
-    taken: Callable[[], Collection[str]]
+    names: MapNames
     token: str = field(default_factory=lambda: os.urandom(8).hex())
     record: RunRecorder = field(init=False)
     expected: int = 0
@@ -227,7 +217,7 @@ class _Run:
         probe.write_text(self.token)
         return probe
 
-    def report_all(self, batches: Iterable[Outcomes]) -> RunTotals:
+    def report_all(self, failed: Iterable[FrameReport], first: Outcomes, later: Iterable[Batch]) -> RunTotals:
         """Record, count and show the outcomes of all frames; return the totals of this run.
 
         Raises:
@@ -236,13 +226,9 @@ class _Run:
         """
         settings, totals = self.settings, self.totals
         try:
-            for batch in batches:
-                with closing(batch) as outcomes:
-                    for outcome in outcomes:
-                        report = outcome.result
-                        if isinstance(report, WorkerDied):
-                            report = outcome.task.report("failed", _lost(outcome.task.sources[0], report), 0.0)
-                        self.report(report)
+            self._report_batch(failed, first)
+            for failures, plans in later:
+                self._report_batch(failures, self.outcomes(plans))
             for why, count in self.only_counted.items():
                 self.progress.say(f"{settings.out}: {counted(count, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
@@ -255,6 +241,16 @@ class _Run:
             told = f"{totals.ok + totals.already_there} of {self.expected} frames are resolved; {again} goes on"
             raise KeyboardInterrupt(told) from interrupt
         return totals
+
+    def _report_batch(self, failed: Iterable[FrameReport], batch: Outcomes) -> None:
+        for report in failed:
+            self.report(report)
+        with closing(batch) as outcomes:
+            for outcome in outcomes:
+                found, task = outcome.result, outcome.task
+                if isinstance(found, WorkerDied):
+                    found = task.report("failed", _lost(task.sources[0], found), 0.0)
+                self.report(found)
 
     def report(self, report: FrameReport) -> None:
         """Record, count and show the report on a frame.
@@ -302,7 +298,7 @@ class _Run:
         self.progress.advance(0, total=self.expected)
         for one in plans:
             number = 0
-            tasks = one.tasks(taken=self.taken, before=self.record.before, token=self.token)
+            tasks = one.tasks(taken=self.names.taken, before=self.record.before, token=self.token)
             try:
                 for number, task in enumerate(tasks, start=1):
                     if number > one.expected_maps:

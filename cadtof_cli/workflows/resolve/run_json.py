@@ -1,10 +1,9 @@
-"""The content of `run.json`, the record of a run: written, read and compared here, so that its keys are named in one place.
+"""The content of `run.json`, the record of a run: written and read here, so that its keys are named in one place.
 
 A record may be of another version, which has other keys, and it may come from anywhere.
 """
 
 import json
-import math
 import operator
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -34,23 +33,6 @@ RUN_FILE = "run.json"
 
 NOT_OF_A_RUN = (ValueError, LookupError, TypeError, AttributeError, OverflowError)
 """What is raised by looks into a JSON object that is not the record of a run."""
-
-_CHANGES_NO_MAP = frozenset(
-    (
-        "inputs",
-        "absolute_inputs",
-        "inputs_from_out",
-        "out",
-        "overrides",
-        "calibration",
-        "recursive",
-        "settings",
-        "frames",
-    )
-)
-"""Arguments that may differ when a run is resumed. What they lead to is compared instead, such as the metadata of captures."""
-
-_INPUTS, _FOLDERS, _VERSION = "resolved_inputs", "folders of the frames", "version of cadtof"
 
 
 class RunRecord(dict[str, Any]):
@@ -187,24 +169,6 @@ class RunRecord(dict[str, Any]):
                 return Path(*Path(whole).parts[: -len(Path(typed).parts) or None])
         return Path()
 
-    def what_decides_maps(self) -> dict[str, Any]:
-        """Return all that decides the maps of a run (inputs, options, metadata, calibration), by names that a user knows."""
-        captures = self["captures"]
-        deciding: dict[str, Any] = {_VERSION: self["cadtof"]}
-        deciding[_FOLDERS] = [str(capture.get("resolved_root")) for capture in captures]
-        arguments = self["arguments"]
-        deciding |= {name: value for name, value in arguments.items() if name not in _CHANGES_NO_MAP}
-        deciding["digest of the calibration"] = (self["calibration"] or {}).get("digest")
-        for capture in captures:
-            for table, keys in capture["metadata"].items():
-                deciding |= {f"{capture.get('resolved_root')}: {table}.{key}": value for key, value in keys.items()}
-        return deciding
-
-    def range_of_frames(self) -> tuple[float, float]:
-        """Return where a range of `--frames` begins and ends."""
-        first, end = self["arguments"].get("frames") or (None, None)
-        return float(first or 0), math.inf if end is None else float(end)
-
 
 def run_document(
     inputs: Sequence[Path],
@@ -306,42 +270,3 @@ def resumable(path: Path, /) -> Iterator[None]:
         yield
     except NOT_OF_A_RUN as error:
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
-
-
-def earlier_record(out: Path, document: RunRecord, /, *, arriving: bool) -> RunRecord:
-    """Return the content of the `run.json` of the run in a folder, after checking that the run of `document` can continue it.
-
-    `arriving`: see `output.py: earlier_run`.
-
-    Raises:
-        OutputError: it cannot be read, or is not the record of a run; or that run had other inputs or settings.
-    """
-    path = out / RUN_FILE
-    with resumable(path):
-        try:
-            earlier = read_record(out)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
-        before = earlier.what_decides_maps()
-        # needed to find the lines of frames
-        _ = earlier.out
-        frames, frames_now = (one.range_of_frames() for one in (earlier, document))
-    # the lines of frames that are left out would be lost, while their maps would stay
-    if frames_now[0] > frames[0] or frames_now[1] < frames[1]:
-        raise OutputError(
-            f"{path}: cannot resume: --frames leaves out frames of the earlier run; give the same frames or more, or --overwrite"
-        )
-    now = RunRecord(json.loads(json.dumps(document, default=str))).what_decides_maps()
-    if arriving:
-        del now[_INPUTS]
-    if arriving or set(before[_FOLDERS]).issubset(now[_FOLDERS]):
-        # a tree of captures may have grown; nothing is recorded of the new ones
-        del now[_FOLDERS]
-        now = {name: value for name, value in now.items() if name in before}
-    for name, value in now.items():
-        if before.get(name) != value:
-            raise OutputError(
-                f"{path}: cannot resume: {name} was {before.get(name)!r} and is {value!r} now; "
-                f"{'use that version' if name == _VERSION else 'give the same options'}, or --overwrite"
-            )
-    return earlier
