@@ -4,14 +4,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 
-from cadtof_cli.capture.discovery import absolute, find_captures, is_existing_folder, placed_captures
+from cadtof_cli.capture.discovery import absolute, is_existing_folder
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.earlier import earlier_shared_folder
 from cadtof_cli.workflows.resolve.output import MapNames
-from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
+from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, captures_in, plan_captures
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
 from cadtof_cli.workflows.resolve.run_json import RUN_FILE, RunRecord, resumable
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -116,17 +116,9 @@ class Arrivals:
 
     def _captures(self, paths: Sequence[Path], *, last: bool = False) -> tuple[Capture, ...]:
         """Return the captures of paths. Unless these are the last paths, frames that lack files wait for them."""
-        settings = self.settings
-        found = find_captures(
-            paths,
-            overrides=settings.overrides,
-            settings_file=settings.settings_file,
-            recursive=settings.recursive,
-            on_unlisted=lambda folder, error: self.failed.append(failed_input(folder, error)),
-        )
-        captures, self.base = placed_captures(found, paths, base=self.base)
+        captures, self.base = captures_in(paths, self.settings, self.failed, base=self.base)
         if not last:
-            captures, waiting = _without_incomplete_frames(captures, paths, settings)
+            captures, waiting = _without_incomplete_frames(captures, paths, self.settings)
             self.waiting += waiting
         return captures
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
@@ -22,7 +23,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
-from cadtof_cli.workflows.resolve.reports import FrameReport
+from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 _SLOW_RUN_S = 10.0
@@ -151,6 +152,23 @@ class CapturePlan:
             yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view that is 60° wide"
         if resolver.may_be_diffuse((1, 2)) and not resolver.may_be_diffuse(harmonics):
             yield f"{root}: half of the first period was not recorded, so all MPI is taken for separate paths, in rooms too"
+
+
+def captures_in(
+    inputs: Sequence[Path], settings: ResolveSettings, failed: list[FrameReport], /, *, base: Path | None = None
+) -> tuple[tuple[Capture, ...], Path]:
+    """Return the captures in inputs, and the folder `base` whose tree OUT mirrors (see `find_captures`, `placed_captures`).
+
+    For each folder that cannot be listed, a report is added to `failed`.
+    """
+    found = find_captures(
+        inputs,
+        overrides=settings.overrides,
+        settings_file=settings.settings_file,
+        recursive=settings.recursive,
+        on_unlisted=lambda folder, error: failed.append(failed_input(folder, error)),
+    )
+    return placed_captures(found, inputs, base=base)
 
 
 def plan_captures(
