@@ -140,10 +140,10 @@ class Arrivals:
         """Return a plan without the frames whose maps would replace those of another frame. Each is reported as failed."""
         own = []
         for frame in plan.capture.frames:
-            first, other = frame.paths[0], self.names.file_of(frame.name)
-            if other is None or other == first or absolute(other) == absolute(first):
+            first = frame.paths[0]
+            other = self.names.take(frame.name, first)
+            if other == first or absolute(other) == absolute(first):
                 own.append(frame)
-                self.names.add(frame.name, first)
                 continue
             error = OutputError(f"{first} would be written as {self.settings.out}/{frame.name}, as {other} was")
             self.failed.append(failed_input(frame, error))

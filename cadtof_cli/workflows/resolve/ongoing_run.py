@@ -173,18 +173,17 @@ class OngoingRun:
         self.progress.advance(0, total=self.expected)
         for one in plans:
             number = 0
-            tasks = one.tasks(taken=self.names.taken, before=self.record.before, token=self.token)
             try:
-                for number, task in enumerate(tasks, start=1):
+                for number, sources in enumerate(one.groups(taken=self.names.taken), start=1):
                     if number > one.expected_maps:
                         self.expected += 1
-                    if self.record.resumed:
-                        self.record.meet(task)
-                    if "/" in task.sources[0].name:
-                        require_inside(self.settings.out, task.output.parent)
-                        with self._needed(), writing(task.output.parent):
-                            task.output.parent.mkdir(parents=True, exist_ok=True)
-                    yield task
+                    output = one.output(sources)
+                    before = self.record.meet(sources, output) if self.record.resumed else None
+                    if "/" in sources[0].name:
+                        require_inside(self.settings.out, output.parent)
+                        with self._needed(), writing(output.parent):
+                            output.parent.mkdir(parents=True, exist_ok=True)
+                    yield FrameTask(sources, one.reader, one.plan, output, self.settings.resume, before, self.token)
             except CaptureError as error:
                 self.report(failed_input(one.capture.root, error))
             self.expected += min(number - one.expected_maps, 0)
@@ -207,7 +206,7 @@ def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings
     """Return whether frames are so slow that the pixels of each should be spread over the processes."""
     if settings.workers.scheduler != LOCAL:
         return False
-    sizes = [(math.prod(one.pixels or (0,)), len(one.plan.metadata.modulation.harmonics)) for one in plans]
+    sizes = [(math.prod(one.reader.pixels or (0,)), len(one.plan.metadata.modulation.harmonics)) for one in plans]
     per_pixel = settings.maps.resolver.seconds_per_pixel
     seconds = max((pixels * per_pixel(harmonics) for pixels, harmonics in sizes), default=0.0)
     return seconds > WORTH_SPLITTING_S and max(sizes)[0] <= MOST_PIXELS

@@ -28,13 +28,10 @@ class MapNames:
     files: dict[str, Path] = field(default_factory=dict)
     same: Callable[[str], str] = str
 
-    def file_of(self, name: str, /) -> Path | None:
-        """Return the recorded file of the map with this name; None: no map has it."""
-        return self.files.get(self.same(name))
-
-    def add(self, name: str, file: Path, /) -> None:
-        """Take a name for the map of a recorded file."""
-        self.files[name] = self.files[self.same(name)] = file
+    def take(self, name: str, file: Path, /) -> Path:
+        """Take a name for the map of a recorded file, and return the file that has it: another one if the name was taken."""
+        owner = self.files.setdefault(self.same(name), file)
+        return self.files.setdefault(name, owner)
 
     def taken(self) -> Collection[str]:
         """Return the names that no frame of a stack may get."""
@@ -59,12 +56,11 @@ class MapNames:
     def require_different(self, named: Iterable[tuple[str, Path]], because: str = "", /) -> None:
         """Add names with their recorded files; raises OutputError if two frames would be written to one file."""
         for name, file in named:
-            if (other := self.file_of(name)) is not None:
+            if (other := self.take(name, file)) is not file:
                 raise OutputError(
                     f"{other} and {file} would both be written as {self.out}/{name}{because}; "
                     "resolve them into folders of their own, one command each"
                 )
-            self.add(name, file)
 
 
 def map_names(captures: Sequence[Capture], out: Path, /) -> MapNames:

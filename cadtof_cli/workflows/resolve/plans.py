@@ -22,7 +22,6 @@ from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.recording import FrameReader
-from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -44,18 +43,18 @@ class CapturePlan:
 
     Attributes:
         capture: folder, metadata and frames.
+        reader: how its frames are read.
         plan: everything that decides its maps.
         settings: settings of the run.
-        pixels: size (Y, X) of most frames; None if no file can be opened.
         stack_frame_bytes: bytes per frame of a stack; None if each file holds one frame.
         lossy_compression: name of the files' compression if it changes values; else None.
         doubts: what is likely wrong with its values, planes or metadata, in words.
     """
 
     capture: Capture
+    reader: FrameReader
     plan: FramePlan
     settings: ResolveSettings
-    pixels: tuple[int, int] | None
     stack_frame_bytes: float | None = None
     lossy_compression: str | None = None
     doubts: tuple[str, ...] = ()
@@ -70,11 +69,6 @@ class CapturePlan:
         if self.settings.frames is not None:
             frames = len(range(*self.settings.frames.indices(frames)))
         return -(-frames // self.settings.maps.average)
-
-    @cached_property
-    def reader(self) -> FrameReader:
-        """How its frames are read."""
-        return FrameReader(self.capture.layout, self.plan.metadata, self.pixels)
 
     def groups(self, *, taken: Callable[[], Collection[str]] | None = None) -> Iterator[tuple[FrameSource, ...]]:
         """Yield the frames of each map: one, or those whose mean it shows. Each frame of a stack counts as a frame.
@@ -91,26 +85,10 @@ class CapturePlan:
         while sources := tuple(itertools.islice(frames, self.settings.maps.average)):
             yield sources
 
-    def tasks(
-        self,
-        *,
-        taken: Callable[[], Collection[str]] | None = None,
-        before: Callable[[Path], FrameReport | None] = lambda _: None,
-        token: str = "",
-    ) -> Iterator[FrameTask]:
-        """Yield a task for each map file that is to be made (see `groups`).
-
-        Args:
-            taken: returns the names that no frame of a stack may get.
-            before: returns the report of an earlier run on the maps at a path; None: there is none.
-            token: marks temporary files.
-        """
-        settings = self.settings
-        for sources in self.groups(taken=taken):
-            form = map_format(settings.map_format, sources[0].paths[0])
-            output = settings.out / f"{sources[0].name}.{form.name}"
-            earlier = before(output) if settings.resume else None
-            yield FrameTask(sources, self.reader, self.plan, output, settings.resume, earlier, token)
+    def output(self, sources: Sequence[FrameSource], /) -> Path:
+        """Return the file of the map of some frames, which has the name of the first frame."""
+        form = map_format(self.settings.map_format, sources[0].paths[0])
+        return self.settings.out / f"{sources[0].name}.{form.name}"
 
     def _chosen(self, frames: Iterator[FrameSource], chosen: slice) -> Iterator[FrameSource]:
         """Yield the frames that `--frames` chooses: all frames are counted, so stacks before these must be readable."""
@@ -187,12 +165,13 @@ def plan_captures(
         typical = capture.typical
         with _of_capture(capture):
             plan = FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use)
+        reader = FrameReader(capture.layout, plan.metadata, typical.pixels if typical else None)
         if typical is None:
             from cadtof_cli.capture.planes import hint_of_planes
 
             if found := hint_of_planes(capture):
                 raise CaptureError(found[0])
-            plans.append(CapturePlan(capture, plan, settings, None))
+            plans.append(CapturePlan(capture, reader, plan, settings))
             continue
         size = file_size(typical.source.paths[0])
         frame_bytes = max(size / typical.frames, 1.0) if typical.frames > 1 else None
@@ -207,7 +186,7 @@ def plan_captures(
             doubtful = calibrated_doubts(stored, plan, use) if use else camera_doubts(stored, plan.metadata)
         if of_unit := plan.metadata.mistaken_unit(typical.pixels):
             doubtful += (of_unit,)
-        plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, lossy, doubtful))
+        plans.append(CapturePlan(capture, reader, plan, settings, frame_bytes, lossy, doubtful))
     return plans
 
 
@@ -250,7 +229,7 @@ def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) ->
     maps, seconds = sum(one.expected_maps for one in plans), 0.0
     for one in plans:
         noise = noise_model(one.plan.metadata, integration_length=1e5, quantised=False)
-        seconds += one.expected_maps * pooling_seconds(one.pixels or (0, 0), noise, window=settings.maps.pool)
+        seconds += one.expected_maps * pooling_seconds(one.reader.pixels or (0, 0), noise, window=settings.maps.pool)
     seconds /= settings.workers.at_most(maps).jobs
     if seconds > _SLOW_RUN_S:
         told = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

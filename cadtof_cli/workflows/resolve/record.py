@@ -5,17 +5,17 @@ However a run ends, the record of all finished frames is on the disk, and anothe
 
 import json
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, field, replace
 from pathlib import Path
 
+from cadtof_cli.capture.frames import FrameSource
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import write_json, writing
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import first_of
 from cadtof_cli.workflows.resolve.earlier import rename_lines
-from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.lines import FRAMES_FILE, LineFile, open_lines, place_in, remove_map, required_report
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, report_of
 from cadtof_cli.workflows.resolve.run_json import RUN_FILE, RunRecord
@@ -57,15 +57,15 @@ class RunRecorder:
     _recorded: set[str] = field(default_factory=set)
     _removed: list[str] = field(default_factory=list)
 
-    def before(self, output: Path, /) -> FrameReport | None:
-        """Return the report of an earlier run on the frame whose maps it wrote into `output`; None: there is none."""
+    def meet(self, sources: Sequence[FrameSource], output: Path, /) -> FrameReport | None:
+        """Return the report of an earlier run on the map in `output`, which frames will have; None: there is none.
+
+        The frames are remembered: other maps of the earlier run may show them.
+        """
+        folder = place_in(self.out, output).rpartition("/")[0]
+        self._recorded.update(f"{folder}/{Path(str(source)).name}" for source in sources)
         place = self._known_place(str(output))
         return None if place is None else self._report_at(place)
-
-    def meet(self, task: FrameTask, /) -> None:
-        """Remember the recorded frames of a task: maps of the earlier run may show the same frames."""
-        folder = place_in(self.out, task.output).rpartition("/")[0]
-        self._recorded.update(f"{folder}/{Path(str(source)).name}" for source in task.sources)
 
     def add(self, report: FrameReport, /) -> None:
         """Append a frame's line. If the maps were kept, the line may be there already; then nothing is written.

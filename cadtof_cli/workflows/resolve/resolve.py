@@ -12,6 +12,7 @@ from cadtof_cli.files.atomic import make_folder, remove_partial_files
 from cadtof_cli.resolver.kernels import NUMPY, numpy_note
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.earlier import earlier_run, remove_run
+from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.lock import locked
 from cadtof_cli.workflows.resolve.ongoing_run import Batch, OngoingRun
 from cadtof_cli.workflows.resolve.output import MapNames, map_names
@@ -133,7 +134,8 @@ def _dry_run(
         totals.add(report)
         on_frame(report)
     for one in plans:
-        for task in one.tasks(taken=names.taken):
+        for sources in one.groups(taken=names.taken):
+            task = FrameTask(sources, one.reader, one.plan, one.output(sources))
             report = task.report("ok", None, 0.0)
             if settings.resume and task.output.exists():
                 report = task.kept(report, 0.0)
