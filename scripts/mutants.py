@@ -23,7 +23,7 @@ from mutation.runs import KERNEL_LIBRARY, Bench, Outcome
 
 ROOT = Path(__file__).resolve().parent.parent
 
-ROOMS = ("optics", "phasors", "resolver", "maps", "calibration", "simulation")
+ROOMS = ("optics", "phasors", "resolver", "maps", "calibration", "simulation", "doubts")
 
 NAMED = Path(__file__).with_name("mutation") / "named.toml"
 

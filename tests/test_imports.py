@@ -30,9 +30,10 @@ ALLOWED: dict[str, set[str]] = {
     "calibration": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "simulation": {"capture", "optics"},
     "pipeline": {"calibration", "capture", "files", "maps", "optics", "phasors", "resolver"},
+    "doubts": {"calibration", "capture", "files", "maps", "phasors", "pipeline", "resolver"},
     "report": {"capture", "files", "maps", "optics", "resolver"},
     "api": {
-        *("calibration", "capture", "files", "maps", "phasors", "pipeline", "resolver", "simulation"),
+        *("calibration", "capture", "doubts", "files", "maps", "phasors", "pipeline", "resolver", "simulation"),
         "workflows",
     },
     "figures": {"calibration", "capture", "files", "maps", "optics", "pipeline", "resolver", "simulation"},

@@ -18,11 +18,11 @@ from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import FrameSource, frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
 from cadtof_cli.capture.toml import MetadataSource, load_metadata
+from cadtof_cli.doubts.frame import doubts
+from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.array_frames import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
-from cadtof_cli.phasors.doubts import doubts
-from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.recording import FrameReader

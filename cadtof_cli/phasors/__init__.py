@@ -1,1 +1,1 @@
-"""Stored values → voltages → phasors: whether they can be a recording, their scale, response, noise, and means."""
+"""Stored values → voltages → phasors: their scale, response and noise, and means of them."""

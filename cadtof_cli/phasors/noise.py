@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32, SomePixels, median
+from cadtof_cli.arrays import Complex, Float, Float32, SomePixels, Stored, median
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
 from cadtof_cli.phasors.response import ideal_response, pulse_response
 from cadtof_cli.phasors.rotors import Rotor
@@ -43,6 +43,9 @@ threshold stays finite."""
 
 FEWEST_DIFFERENCES = 16
 """Fewest differences between neighbours from which noise is estimated."""
+
+FEWEST_ALIKE = 16
+"""Least number of pixels in a frame that cannot all hold the same values by accident."""
 
 _COARSE = 0.4
 """Share of pixels with the value of their neighbour above which counts are so coarse that noise leaves many neighbours the
@@ -299,6 +302,20 @@ def _recorded(phasors: Complex, down: int, right: int) -> Complex:
         return phasors
     repeated = [np.mean(phasor.real[others[0]][kept] == phasor.real[first][kept]) for phasor in phasors]
     return phasors if max(repeated) > _COARSE else np.where(left_out, np.nan, phasors)
+
+
+def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
+    """Return whether all pixels, (H, 2, n), hold the same values although noise makes that impossible.
+
+    Noise makes it impossible if it is more than half a step of the stored values and the pixels are not just a few. If
+    the noise is estimated from these pixels, it tells nothing, and they are taken for none that a camera recorded.
+    """
+    count = stored.shape[2]
+    # two values are enough to tell for nearly all frames
+    if count < FEWEST_ALIKE or stored[0, 0, 0] != stored[0, 0, 1] or not (stored == stored[:, :, :1]).all():
+        return False
+    # the floor is the variance of rounding to steps of s, s²/12: the rest is then more than 3·s²/12 = (s/2)²
+    return noise.estimated or all(one.dark_variance > 4.0 * one.floor for one in noise.each)
 
 
 @lru_cache(maxsize=64)

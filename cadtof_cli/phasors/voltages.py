@@ -157,10 +157,3 @@ def spread_over(stored: Stored, count: int, /) -> Stored:
     """
     planes = stored.reshape(*stored.shape[:2], -1)
     return planes[:, :, :: max(1, planes.shape[2] // count)]
-
-
-def spread_over_views(planes: Stored, count: int, /) -> Stored:
-    """Return what `spread_over` does, without a copy of planes, (H, 2, Y, X), whose pixels are not side by side in memory."""
-    height, width = planes.shape[2:]
-    rows, columns = np.divmod(np.arange(0, height * width, max(1, height * width // count)), width)
-    return np.ascontiguousarray(planes[:, :, rows, columns])

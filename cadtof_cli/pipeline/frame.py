@@ -16,11 +16,9 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
 from cadtof_cli.maps.layers import AVERAGED, DIRECT_DEPTH, DIRECT_SIGMA, IN_KERNEL
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.phasors.noise import NoiseModel, with_repeated_rounding
-from cadtof_cli.phasors.plausible import is_without_noise
-from cadtof_cli.phasors.shared_light import shared_light_in_words
+from cadtof_cli.phasors.noise import NoiseModel, is_without_noise, with_repeated_rounding
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored
-from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
+from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.pipeline.stages import (
     SEARCHED_BLOCK_PIXELS,
     FramePixels,
@@ -95,17 +93,6 @@ def stages_of(frame: Stored | FrameMean, /, plan: FramePlan, calibration: "Calib
     """
     height, width = (frame.stored if isinstance(frame, FrameMean) else frame).shape[2:]
     return frame_stages(plan, calibration, frame.dtype, (height, width))
-
-
-def calibrated_doubts(stored: Stored, plan: FramePlan, use: CalibrationUse, /) -> tuple[str, ...]:
-    """Return in words what is likely wrong with a frame, (H, 2, Y, X), although its plan uses a calibration."""
-    from cadtof_cli.calibration.store import cached_calibration
-
-    if not use.sine:
-        return ()
-    stages = stages_of(stored, plan, cached_calibration(use.folder, use.digest))
-    found = shared_light_in_words(stored, plan.metadata, stages.correction.phasor_map)
-    return (found,) if found else ()
 
 
 def prepare_frame(frame: Stored | FrameMean, stages: FrameStages, /) -> FramePixels:

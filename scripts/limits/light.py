@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cadtof_cli import Frame, resolve
-from cadtof_cli.phasors.doubts import doubts
-from cadtof_cli.phasors.uncalibrated import camera_doubts
+from cadtof_cli.doubts.frame import camera_doubts, doubts
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import C_M_PER_NS
 from limits.drawn import markdown, write_csv

@@ -8,37 +8,21 @@ not converge. The caller passes a `Problem`. The loop drops problems that have s
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index, Int64
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, contiguous
-from cadtof_cli.resolver.likelihood.normal_equations import Triangle, cholesky, entry, solve
-
-if TYPE_CHECKING:
-    from cadtof_cli.resolver.likelihood.mixture import WeightedFit, WhiteFit
-
-WHITE, WEIGHTED = range(2)
-"""Kinds of problems, numbered as in `enum kind` of `_levenberg_marquardt.h`."""
-
-MOST_PATHS, MOST_ROWS, MOST_HARMONIC = 4, 8, 16
-"""Largest sizes that the compiled search has room for; numpy solves larger problems."""
+from cadtof_cli.resolver.kernels import chosen_kernel, contiguous
+from cadtof_cli.resolver.likelihood.kernel import compiled_search
+from cadtof_cli.resolver.likelihood.mixture import WeightedFit, WhiteFit
+from cadtof_cli.resolver.likelihood.normal_equations import Linearised, Triangle, cholesky, entry, solve
 
 SHRINK_BELOW = 0.75
 """Stopped problems are dropped when the share still at work falls below this: copying costs a fifth of a step."""
 
 MOST_DAMPING = 1e12
 """Damping at which a problem stops, because its steps have shrunk to nothing."""
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """A problem at its points: `matrix` JᵀWJ as a triangle, `gradient` JᵀW·residual, (M, n), `cost` rᵀWr, (n,)."""
-
-    matrix: Triangle
-    gradient: Float
-    cost: Float
 
 
 class Problem(Protocol):
@@ -169,7 +153,7 @@ class Descent(ABC):
 class LevenbergMarquardt(Descent):
     """The method with damping in units of the matrix's diagonal."""
 
-    def solve(self, problem: "WhiteFit | WeightedFit", starts: Float, /, *, samples: Float | None = None) -> Minimum:
+    def solve(self, problem: WhiteFit | WeightedFit, starts: Float, /, *, samples: Float | None = None) -> Minimum:
         """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge.
 
         `samples`, (n,): each problem is the mean of so many recordings, and the cost is in units of the noise of one
@@ -181,7 +165,7 @@ class LevenbergMarquardt(Descent):
         return Minimum(end.points, end.cost, end.matrix, end.converged)
 
     def _compiled_ends(
-        self, compiled: ModuleType, problem: "WhiteFit | WeightedFit", starts: Float, samples: Float | None
+        self, compiled: ModuleType, problem: WhiteFit | WeightedFit, starts: Float, samples: Float | None
     ) -> Minimum:
         measured, count, size = problem.measured, starts.shape[1], len(starts) // 3 * 2
         ends = Minimum(
@@ -230,19 +214,3 @@ class LevenbergMarquardt(Descent):
         eased = own * np.maximum(1.0 - twice * twice * twice, 0.1)
         down = drop > 0.0
         return np.array([np.where(down, eased, own * growth), np.where(down, 2.0, 2.0 * growth)])
-
-
-def compiled_search(harmonics: tuple[int, ...], /, *, paths: int) -> ModuleType | None:
-    """Return the extension module, or None if numpy must do the work.
-
-    Numpy must if it is the chosen kernel, or if the module has no room for these paths and harmonics.
-    """
-    if chosen_kernel() == NUMPY or not 0 < paths <= MOST_PATHS:
-        return None
-    if not (0 < len(harmonics) <= MOST_ROWS and max(harmonics) <= MOST_HARMONIC):
-        return None
-    try:
-        from cadtof_cli.resolver.likelihood import _likelihood
-    except ImportError:
-        return None
-    return _likelihood

@@ -13,8 +13,8 @@ from cadtof_cli.arrays import Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor, powers, product, unit_rotor
 from cadtof_cli.resolver.kernels import chosen_kernel
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import WEIGHTED, WHITE, Linearised, compiled_search
-from cadtof_cli.resolver.likelihood.normal_equations import entry
+from cadtof_cli.resolver.likelihood.kernel import WEIGHTED, WHITE, compiled_search
+from cadtof_cli.resolver.likelihood.normal_equations import Linearised, entry
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,8 @@ All operations are elementwise over the last axis, so that the answer of a pixel
 LAPACK would take a microsecond per matrix.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cadtof_cli.arrays import Float
@@ -13,6 +15,15 @@ Triangle = Float
 
 LEAST_PIVOT = 1e-14
 """Floor for the pivots of a factorisation, as a share of the diagonal: a singular system gives a long step, not NaN."""
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """A problem at its points: `matrix` JᵀWJ as a triangle, `gradient` JᵀW·residual, (M, n), `cost` rᵀWr, (n,)."""
+
+    matrix: Triangle
+    gradient: Float
+    cost: Float
 
 
 def entry(i: int, j: int, /) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from cadtof_cli.arrays import Float, Index, Int64
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel, contiguous
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import compiled_search
+from cadtof_cli.resolver.likelihood.kernel import compiled_search
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture
 from cadtof_cli.resolver.likelihood.pisarenko import pisarenko, strongest_of
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths

@@ -13,8 +13,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Index
 from cadtof_cli.phasors.rotors import Rotor, powers, unit_rotor
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
-from cadtof_cli.resolver.likelihood.normal_equations import entry
+from cadtof_cli.resolver.likelihood.normal_equations import Linearised, entry
 
 
 @dataclass(frozen=True)

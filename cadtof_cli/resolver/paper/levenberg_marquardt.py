@@ -14,7 +14,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index, Int64
 from cadtof_cli.resolver.kernels import chosen_kernel
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State, compiled_search
+from cadtof_cli.resolver.likelihood.kernel import compiled_search
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.starts import RandomStarts

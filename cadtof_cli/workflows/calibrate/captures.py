@@ -17,14 +17,14 @@ from cadtof_cli.capture.checks import shown
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, single_frames
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target
+from cadtof_cli.doubts.frame import doubts
+from cadtof_cli.doubts.plausible import Copies
 from cadtof_cli.errors import FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.files.reading import real_path
-from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.frame_mean import MeanVolts, mean_volts
 from cadtof_cli.phasors.noise import ambient_noise_v
-from cadtof_cli.phasors.plausible import Copies
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress

@@ -14,6 +14,8 @@ from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
+from cadtof_cli.doubts.frame import doubts
+from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CadtofError, CaptureError, no_memory_for
 from cadtof_cli.files.documents import plain
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format
@@ -21,9 +23,7 @@ from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.layers import read_facts, read_layers
 from cadtof_cli.files.maps import STATUS, is_map_layer
 from cadtof_cli.maps.layers import layer_unit
-from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import estimated_integration_length
-from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit, why_no_answer
 from cadtof_cli.workflows.inspect.layers import first_sound_layers

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from cadtof_cli.capture.frames import FrameSource
+from cadtof_cli.doubts.frame import frame_doubts
 from cadtof_cli.errors import (
     CadtofError,
     FrameError,
@@ -28,7 +29,6 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status
 from cadtof_cli.workflows.recording import FrameReader, Recording, files_of
-from cadtof_cli.workflows.resolve.frame_doubts import frame_doubts
 from cadtof_cli.workflows.resolve.reports import FrameReport, FrameStatus
 
 Result = TypeVar("Result")

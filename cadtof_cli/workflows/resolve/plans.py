@@ -11,13 +11,11 @@ from typing import Any
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
+from cadtof_cli.doubts.frame import doubts_before_run
+from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
-from cadtof_cli.phasors.doubts import doubts
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.plausible import implausible
-from cadtof_cli.phasors.uncalibrated import camera_doubts
-from cadtof_cli.pipeline.frame import calibrated_doubts
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
@@ -179,11 +177,7 @@ def plan_captures(
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
-        # a calibration shows that the planes are in order
-        doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
-        # what `read_frames` reads, for one path, may be calibrated later
-        if stored is not None and not doubtful and plan.resolver.max_paths > 1:
-            doubtful = calibrated_doubts(stored, plan, use) if use else camera_doubts(stored, plan.metadata)
+        doubtful = () if stored is None else doubts_before_run(stored, plan)
         if of_unit := plan.metadata.mistaken_unit(typical.pixels):
             doubtful += (of_unit,)
         plans.append(CapturePlan(capture, reader, plan, settings, frame_bytes, lossy, doubtful))

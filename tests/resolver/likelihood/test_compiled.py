@@ -9,12 +9,8 @@ import pytest
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.kernels import NUMPY
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import (
-    WHITE,
-    LevenbergMarquardt,
-    Minimum,
-    compiled_search,
-)
+from cadtof_cli.resolver.likelihood.kernel import WHITE, compiled_search
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.starts import scanned
 from cadtof_cli.resolver.resolve import resolve_paths

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Float, Index
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Linearised
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt
+from cadtof_cli.resolver.likelihood.normal_equations import Linearised
 
 SOLVER = LevenbergMarquardt(max_steps=200, absolute=1e-20)
 

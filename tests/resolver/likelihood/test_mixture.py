@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
+from cadtof_cli.resolver.likelihood.normal_equations import Linearised
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from tests.support.mixtures import C, F, noise_of
 

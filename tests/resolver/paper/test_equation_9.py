@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
+from cadtof_cli.resolver.likelihood.normal_equations import Linearised
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath, rotors_of
 from cadtof_cli.resolver.paper.levenberg_marquardt import DAMPED
 from cadtof_cli.resolver.paper.solver import TwoShares, steps_of_starts, two_shares

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from cadtof_cli import read_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
-from cadtof_cli.phasors.doubts import doubt_of_planes, mistaken_order
-from cadtof_cli.phasors.plausible import FEWEST, no_recording
+from cadtof_cli.doubts.frame import doubt_of_planes
+from cadtof_cli.doubts.pixels import FEWEST
+from cadtof_cli.doubts.planes import mistaken_order
+from cadtof_cli.doubts.plausible import no_recording
+from cadtof_cli.pipeline.plan import FramePlan
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 
@@ -81,7 +84,7 @@ def test_planes_of_a_frame_are_looked_at_without_a_copy_of_the_frame() -> None:
     for mpi, swapped in ((0.9, False), (0.2, True)):
         frame = counts(light(mpi=mpi, pixels=400_000)[:, :: -1 if swapped else 1]).reshape(2, 2, 500, 800)
         tracemalloc.start()
-        told, (_, most) = doubt_of_planes(frame, metadata), tracemalloc.get_traced_memory()
+        told, (_, most) = doubt_of_planes(frame, FramePlan(metadata=metadata)), tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert ("with SC1 and SC2 swapped" in str(told)) == swapped
         assert most < frame.nbytes / 2

@@ -13,20 +13,12 @@ from itertools import combinations
 import numpy as np
 
 from cadtof_cli.arrays import Stored, even_step, plane_names
-from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.doubts.causes import FULL_SCALES, LONGEST, SCALED_TO_ONE, all_saturated, likely_cause, range_of
+from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, scatters
 from cadtof_cli.errors import FrameError
-from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of, scaled_to_one
-from cadtof_cli.phasors.noise import NoiseModel, ambient_noise_v, noise_model
-from cadtof_cli.phasors.voltages import sound_pixels, spread_over, volts_from_stored, volts_per_count
-
-LOOKED_AT = 4096
-"""A larger frame is judged by at least this many pixels, spread evenly over it."""
-
-FEWEST_ALIKE = 16
-"""Least number of pixels in a frame that cannot all hold the same values by accident."""
-
-FEWEST = 64
-"""Least number of pixels from which a fault of the planes is concluded."""
+from cadtof_cli.phasors.noise import ambient_noise_v, is_without_noise, noise_model
+from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored, volts_per_count
 
 TOO_MANY = 0.25
 """Largest share of the sound pixels that may have too long a phasor at one harmonic: a few pixels may be bad."""
@@ -39,16 +31,15 @@ _FEW_VALUES = 8
 """Two recorded planes may be the same in every pixel only if they hold at most this many different values, as planes of
 saturated pixels do."""
 
-_BIT_LOOKED_AT, _BIT_MATTERS = 1024, 0.004
-"""Pixels whose bits are looked at, at least, and the least bit, as a share of the modulation amplitude: it moves depths by
-millimetres."""
-
-_GAPS, _GAP_RANGE = 2, 1.25
-"""Fewest gaps that a stuck bit leaves between the values, and how many times the bit the largest of them may be. Values of
-distinct surfaces have other gaps. In 1270 sound frames nothing is told."""
-
 _HEAD = 16
 """Number of pixels at the start of each plane that are compared first: they show nearly all frames to be recordings."""
+
+_ROUNDING = 5e-7
+"""Counts that were divided and stored as float32 differ from multiples of the step by less than this share of their value.
+A step of 1/65536, which volts may have, differs from 1/65535 by 30 times that."""
+
+_FEW_MULTIPLES = 8
+"""So few different values may be multiples of the same number by chance."""
 
 
 def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
@@ -64,7 +55,7 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     some = every[:, :, :: even_step(every.shape[2], stored.shape[-1], count=LOOKED_AT)]
     voltage, together = metadata.voltage, np.ascontiguousarray(some)
     n_av, amplitude = metadata.pixel.integration_length, metadata.modulation.amplitude_v
-    if wrong := no_recording(together, metadata.modulation.harmonics) or scaled_to_one(together, voltage):
+    if wrong := no_recording(together, metadata.modulation.harmonics) or _scaled_to_one(together, voltage):
         return wrong
     if _shows_no_noise(together, metadata):
         return "all pixels hold the same values, but noise makes pixels differ: the frame was not recorded"
@@ -93,62 +84,32 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
 
 
-def stuck_bit(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return a message if a bit of whole numbers, (H, 2, Y, X), is the same in all pixels and leaves gaps; else None.
-
-    Without the bit, values that rise steadily jump by twice its value, and the numbers between occur nowhere.
-    """
-    if stored.dtype.kind not in "iu":
-        return None
-    rows = spread_over(stored, _BIT_LOOKED_AT).reshape(2 * len(stored), -1)
-    mask = (1 << 8 * stored.itemsize) - 1
-    either, both = np.bitwise_or.reduce(rows, axis=1), np.bitwise_and.reduce(rows, axis=1)
-    changing = [one & mask for one in (either ^ both).tolist()]
-    changing.append(int(np.bitwise_or.reduce(either) ^ np.bitwise_and.reduce(both)) & mask)
-    least = _BIT_MATTERS * metadata.modulation.amplitude_v / abs(volts_per_count(metadata.voltage, stored.dtype))
-    names, groups = [*plane_names(metadata.modulation.harmonics), "all planes"], (*rows, rows)
-    for place in reversed(range(len(groups))):
-        for bit in range(max(1, math.ceil(math.log2(max(least, 1.0)))), changing[place].bit_length()):
-            # nearly all frames have no such bit
-            if not changing[place] >> bit & 1 and changing[place] & ((1 << bit) - 1) and _has_gaps(groups[place], bit):
-                return (
-                    f"bit {bit} ({1 << bit}) of {names[place]} is {int(groups[place].flat[0]) >> bit & 1} in every pixel, and "
-                    "the values jump there: a line of the converter or of its cable is stuck. Depths are wrong by centimetres to "
-                    "metres, and sigma does not say so"
-                )
-    return None
-
-
-def _has_gaps(values: Stored, bit: int) -> bool:
-    """Return whether whole numbers leave out the ranges that a stuck bit leaves out, and hardly more."""
-    # `np.unique` would import numpy.ma
-    there = np.sort(values, axis=None).astype(np.int64)
-    gaps = np.diff(there)[np.diff(there >> bit) == 2]
-    return int(np.count_nonzero(gaps <= _GAP_RANGE * (1 << bit))) >= _GAPS
-
-
-class Copies:
-    """Finds copies among the frames of a capture: a copy adds nothing to a mean, which would seem to have less noise than
-    it has."""
-
-    def __init__(self) -> None:
-        self._originals: dict[str, str] = {}
-
-    def original_of(self, stored: Stored, digest: str, name: object, /) -> str | None:
-        """Return the name of the earlier frame with the same values, by their digest; None: there is none.
-
-        Frames of one pixel, or of a few, may agree by chance: they are never taken for copies.
-        """
-        original = self._originals.get(digest)
-        if original is None:
-            self._originals[digest] = str(name)
-        return original if stored.size >= FEWEST else None
-
-
 def require_plausible(stored: Stored, metadata: CaptureMetadata, /, *, of: object) -> None:
     """Raise FrameError, which names the frame that the stored values are `of`, if they are not plausible."""
     if wrong := implausible(stored, metadata):
         raise FrameError(f"{of}: {wrong}")
+
+
+def _scaled_to_one(planes: Stored, voltage: Voltage) -> str | None:
+    """Return a message if floats that pass for volts, (H, 2, n), are counts that a program divided by the largest value of
+    16, 14, 12 or 10 bits; None if they are not.
+
+    Such values are not negative, and all are multiples of the step: if the camera has fewer bits than that, they are within
+    any amplitude.
+    """
+    if planes.dtype.kind != "f" or planes.dtype.itemsize < 4 or voltage.volts_per_count is not None:
+        return None
+    finite = planes[np.isfinite(planes)]
+    if not finite.size or finite.min() < 0.0 or finite.max() > 1.0:
+        return None
+    values = np.unique(finite).astype(np.float64)
+    scales = [
+        full for full in FULL_SCALES if np.allclose(values, np.rint(values * full) / full, rtol=_ROUNDING, atol=0.0)
+    ]
+    if not scales or values.size <= _FEW_MULTIPLES:
+        return None
+    what = f"{range_of(finite)}, all of them multiples of 1/{scales[-1]:.0f}"
+    return f"{what}: they look {SCALED_TO_ONE} (--volts-per-count 1 if they are volts)"
 
 
 def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
@@ -177,30 +138,6 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
     return None
 
 
-def scatters(rows: Stored, steps_of_whole_numbers: float, /) -> bool:
-    """Return whether the median difference between neighbours, in any of the planes (planes, n), exceeds so many steps
-    of whole numbers; for floating-point values, whether it exceeds 0."""
-    least = steps_of_whole_numbers if rows.dtype.kind in "iu" else 0.0
-    with np.errstate(invalid="ignore"):
-        steps = np.abs(np.diff(rows.astype(np.float64), axis=1))
-    known = (row[np.isfinite(row)] for row in steps)
-    return any(float(np.median(row)) > least for row in known if row.size)
-
-
-def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
-    """Return whether all pixels, (H, 2, n), hold the same values although noise makes that impossible.
-
-    Noise makes it impossible if it is more than half a step of the stored values and the pixels are not just a few. If
-    the noise is estimated from these pixels, it tells nothing, and they are taken for none that a camera recorded.
-    """
-    count = stored.shape[2]
-    # two values are enough to tell for nearly all frames
-    if count < FEWEST_ALIKE or stored[0, 0, 0] != stored[0, 0, 1] or not (stored == stored[:, :, :1]).all():
-        return False
-    # the floor is the variance of rounding to steps of s, s²/12: the rest is then more than 3·s²/12 = (s/2)²
-    return noise.estimated or all(one.dark_variance > 4.0 * one.floor for one in noise.each)
-
-
 def _shows_no_noise(planes: Stored, metadata: CaptureMetadata) -> bool:
     """Return whether all pixels, (H, 2, n), hold the same sound values although the capture's noise makes that impossible.
 
@@ -212,3 +149,21 @@ def _shows_no_noise(planes: Stored, metadata: CaptureMetadata) -> bool:
     if not sound_pixels(planes[:, :, :1], metadata.voltage.saturated_counts).all():
         return False
     return is_without_noise(planes, noise_model(metadata, integration_length=n_av or 1.0, quantised=is_whole))
+
+
+class Copies:
+    """Finds copies among the frames of a capture: a copy adds nothing to a mean, which would seem to have less noise than
+    it has."""
+
+    def __init__(self) -> None:
+        self._originals: dict[str, str] = {}
+
+    def original_of(self, stored: Stored, digest: str, name: object, /) -> str | None:
+        """Return the name of the earlier frame with the same values, by their digest; None: there is none.
+
+        Frames of one pixel, or of a few, may agree by chance: they are never taken for copies.
+        """
+        original = self._originals.get(digest)
+        if original is None:
+            self._originals[digest] = str(name)
+        return original if stored.size >= FEWEST else None

@@ -1,5 +1,5 @@
-"""What a frame shows of its camera's own errors, if no calibration takes them out: noise that the settings do not explain,
-offsets of rows, columns or halves, harmonics of unequal amplitude, and light or offsets that all pixels share.
+"""Errors of the camera that a frame shows: noise that the settings do not explain, rows, columns or halves with offsets of their
+own, harmonics of unequal amplitude, and a converter that cuts values off or one bit of which is stuck.
 
 Nothing of this shows in a pixel alone. Offsets and amplitudes look like a second path, with a sigma that is far too small.
 """
@@ -8,11 +8,10 @@ import math
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored, median, quantiles
+from cadtof_cli.arrays import Stored, median, plane_names, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, scatters, sound_phasors, sound_values
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
-from cadtof_cli.phasors.plausible import FEWEST, LOOKED_AT
-from cadtof_cli.phasors.shared_light import shared_light_in_words
 from cadtof_cli.phasors.voltages import (
     ideal_phasor_map,
     phasors_from_stored,
@@ -68,25 +67,20 @@ in the second harmonic, or it comes with phases three tenths of it and more."""
 _ONE_DEPTH = 0.95
 """Length of the mean of unit phasors above which the scene has one depth: MPI may then be the same in all pixels."""
 
+_BIT_LOOKED_AT, _BIT_MATTERS = 1024, 0.004
+"""Pixels whose bits are looked at, at least, and the least bit, as a share of the modulation amplitude: it moves depths by
+millimetres."""
 
-@np.errstate(over="ignore", invalid="ignore")
-def camera_doubts(stored: Stored, metadata: CaptureMetadata, /) -> tuple[str, ...]:
-    """Return in words which errors of the camera a frame, (H, 2, Y, X), shows that is not calibrated.
+_GAPS, _GAP_RANGE = 2, 1.25
+"""Fewest gaps that a stuck bit leaves between the values, and how many times the bit the largest of them may be. Values of
+distinct surfaces have other gaps. In 1270 sound frames nothing is told."""
 
-    NaN and saturated pixels are left out.
+_PILED_UP = 8
+"""Values are likely cut off if the outermost value occurs more than this many times as often as the next value."""
 
-    Raises:
-        SettingsError: see `volts_per_count`.
-    """
-    found = (
-        other_noise(stored, metadata),
-        striped(stored, metadata, "rows"),
-        # each row or column with an offset of its own makes a step in the middle, too
-        striped(stored, metadata, "columns") or stepped(stored, metadata),
-        unequal_harmonics(stored, metadata),
-        shared_light_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)),
-    )
-    return tuple(doubt for doubt in found if doubt)
+_NOISE_STEPS = 0.5
+"""Whole numbers are not judged for being cut off if the median difference between neighbours is at most this many steps
+in every plane: the noise then does not spread values, and many pixels hold the same value for that reason."""
 
 
 def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
@@ -191,9 +185,7 @@ def unequal_harmonics(stored: Stored, metadata: CaptureMetadata, /) -> str | Non
     modulation = metadata.modulation
     if modulation.waveform != "sine":
         return None
-    some = spread_over(stored, LOOKED_AT)
-    sound = some[:, :, sound_pixels(some, metadata.voltage.saturated_counts)]
-    phasors = phasors_from_stored(sound, ideal_phasor_map(metadata, stored.dtype))
+    phasors = sound_phasors(spread_over(stored, LOOKED_AT), metadata)
     if phasors.shape[1] < 2 * FEWEST:
         return None
     length = np.abs(phasors[0])
@@ -212,4 +204,62 @@ def unequal_harmonics(stored: Stored, metadata: CaptureMetadata, /) -> str | Non
                 "every pixel: run calibrate response, or correct fwhm_ns. Until then, --order 1 gives better depths where MPI "
                 "is weak"
             )
+    return None
+
+
+def stuck_bit(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return a message if a bit of whole numbers, (H, 2, Y, X), is the same in all pixels and leaves gaps; else None.
+
+    Without the bit, values that rise steadily jump by twice its value, and the numbers between occur nowhere.
+    """
+    if stored.dtype.kind not in "iu":
+        return None
+    rows = spread_over(stored, _BIT_LOOKED_AT).reshape(2 * len(stored), -1)
+    mask = (1 << 8 * stored.itemsize) - 1
+    either, both = np.bitwise_or.reduce(rows, axis=1), np.bitwise_and.reduce(rows, axis=1)
+    changing = [one & mask for one in (either ^ both).tolist()]
+    changing.append(int(np.bitwise_or.reduce(either) ^ np.bitwise_and.reduce(both)) & mask)
+    least = _BIT_MATTERS * metadata.modulation.amplitude_v / abs(volts_per_count(metadata.voltage, stored.dtype))
+    names, groups = [*plane_names(metadata.modulation.harmonics), "all planes"], (*rows, rows)
+    for place in reversed(range(len(groups))):
+        for bit in range(max(1, math.ceil(math.log2(max(least, 1.0)))), changing[place].bit_length()):
+            # nearly all frames have no such bit
+            if not changing[place] >> bit & 1 and changing[place] & ((1 << bit) - 1) and _has_gaps(groups[place], bit):
+                return (
+                    f"bit {bit} ({1 << bit}) of {names[place]} is {int(groups[place].flat[0]) >> bit & 1} in every pixel, and "
+                    "the values jump there: a line of the converter or of its cable is stuck. Depths are wrong by centimetres to "
+                    "metres, and sigma does not say so"
+                )
+    return None
+
+
+def _has_gaps(values: Stored, bit: int) -> bool:
+    """Return whether whole numbers leave out the ranges that a stuck bit leaves out, and hardly more."""
+    # `np.unique` would import numpy.ma
+    there = np.sort(values, axis=None).astype(np.int64)
+    gaps = np.diff(there)[np.diff(there >> bit) == 2]
+    return int(np.count_nonzero(gaps <= _GAP_RANGE * (1 << bit))) >= _GAPS
+
+
+def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return a message that names the stored value at which the values of a frame, (H, 2, Y, X), are likely cut off, if
+    the limits of the metadata do not say so already; else None."""
+    some = spread_over(stored, 4 * LOOKED_AT)
+    values = sound_values(some, metadata)
+    if values.shape[2] < FEWEST:
+        return None
+    for name, outermost in (("smallest", np.min), ("largest", np.max)):
+        there = values == outermost(values)
+        # nearly all frames end here
+        if np.count_nonzero(there) < FEWEST:
+            continue
+        pixels = np.count_nonzero(there.any(axis=(0, 1)))
+        if pixels >= FEWEST and not there.all() and scatters(values.reshape(-1, values.shape[2]), _NOISE_STEPS):
+            following = outermost(values[~there])
+            if np.count_nonzero(there) > _PILED_UP * np.count_nonzero(values == following):
+                return (
+                    f"{pixels / values.shape[2]:.1%} of the pixels hold {outermost(values):g}, the {name} stored value; if the "
+                    "camera or a program cuts values off there, these pixels are saturated: set saturated_counts under "
+                    "[voltage] in capture.toml, or --saturated-counts"
+                )
     return None

@@ -1,15 +1,16 @@
-"""Light or an offset that all pixels of a frame share: fog, a dirty window, light that the lens scatters, offsets that drifted.
+"""What all pixels of a frame share: light, as in fog, behind a dirty window or scattered by the lens; an offset; another zero.
 
-A surface gives the phasors a·exp(ihx). Light that the lens scatters over the picture adds the same q_h to every pixel, and so
-does an offset of all pixels. In a pixel alone, this looks like a second path. Where depths differ, the phasors of many pixels
-tell q_h: least squares over all pixels find it.
+A surface gives the phasors a·exp(ihx) at the harmonics h. If the same q_h is added to every pixel, it looks like a second path in
+a pixel alone. Where depths differ, the phasors of many pixels tell q_h: least squares over all pixels find it.
+
+Another zero adds one number to all stored values. The right one is that with which one path explains most pixels far better.
 """
 
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Stored, even_step, median
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.phasors.plausible import FEWEST
+from cadtof_cli.doubts.pixels import FEWEST
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored, sound_pixels
 
 _LOOKED_AT = 512
@@ -20,7 +21,7 @@ _BRIGHT, _LONGEST = 0.3, 4.0
 
 _STEPS, _HOPELESS = 12, 4
 """Steps, and from which of them on the frame must tell something. The misfit must then be as many times smaller as there were
-steps. So must that of the best zero of those that are tried first."""
+steps."""
 
 _EXPLAINED = 10.0
 """How many times smaller the median squared misfit of one path becomes if what all pixels share is taken out."""
@@ -37,9 +38,9 @@ _TAIL_RAD = 2.5
 """What comes up to this phase after the surfaces is not doubted: in small rooms, most MPI is the same in all pixels. In 15 of 90
 rooms it is, by `_EXPLAINED`, and comes .6 to 2.2 rad late. `resolve` predicts it."""
 
-
-_FARTHEST, _TRIED = 0.7, 51
-"""Longest phasor of a wrong zero that is tried, either way, and how many are."""
+_FARTHEST, _TRIED, _WORTHWHILE = 0.7, 51, 4.0
+"""Longest phasor of a wrong zero that is tried, either way, how many are, and how many times smaller the misfit must be with the
+best of them."""
 
 _ZERO_EXPLAINS, _ZERO_ALONE = 50.0, 0.15
 """How many times smaller the misfit becomes with the right zero, and what all pixels may share then, over what the zero was off.
@@ -55,9 +56,7 @@ def shared_light_in_words(stored: Stored, metadata: CaptureMetadata, phasor_map:
     if metadata.modulation.waveform != "sine":
         # the further terms of a triangle differ from pixel to pixel
         return None
-    phasors, _ = _some_phasors(stored, metadata, phasor_map)
-    if wrong := wrong_zero_in_words(stored, metadata, phasor_map):
-        return wrong
+    phasors, _ = _spread_phasors(stored, metadata, phasor_map)
     share = shared_light(phasors, metadata.modulation.harmonics)
     if share is None:
         return None
@@ -71,14 +70,47 @@ def shared_light_in_words(stored: Stored, metadata: CaptureMetadata, phasor_map:
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")
+def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | None:
+    """Return what all pixels share at each harmonic, complex (H,), over the median |p_1| of the rest; None: nothing is found.
+
+    Args:
+        phasors: complex (H, n). NaN and dark pixels are left out.
+        harmonics: the numbers of the harmonics.
+    """
+    phasors = phasors[:, (np.abs(phasors) < _LONGEST).all(axis=0)]
+    length = np.abs(phasors[0])
+    if len(harmonics) < 2 or length.size < FEWEST:
+        return None
+    phasors = phasors[:, length > _BRIGHT * median(length)]
+    if phasors.shape[1] < FEWEST:
+        return None
+    h = np.array(harmonics, np.float64)[:, np.newaxis]
+    shared = np.zeros((len(h), 1), np.complex128)
+    misfits, condition = list[float](), np.inf
+    for _ in range(_STEPS):
+        turned, back = _turned_by_phase(phasors - shared, h)
+        change, misfit, condition = _least_squares_step(turned, back, h)
+        misfits.append(misfit)
+        if len(misfits) >= _HOPELESS and (condition > _FLAT or misfits[0] < min(len(misfits), _EXPLAINED) * misfit):
+            return None
+        shared = shared + change
+    surfaces = (phasors - shared)[0]
+    share = shared[:, 0] / median(np.abs(surfaces))
+    if not (misfits[0] > _EXPLAINED * misfits[-1] and condition < _TOLD and _MATTERS < np.abs(share).max() < _MOST):
+        return None
+    late = float(np.angle(share[0] * np.conj(np.sum(surfaces / np.abs(surfaces)))))
+    return None if 0.0 < late < _TAIL_RAD else share
+
+
 def wrong_zero_in_words(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap, /) -> str | None:
     """Return a message if all values of a frame, (H, 2, Y, X), are off by the same number; else None.
 
-    See `shared_light_in_words` for the rest.
+    `phasor_map` makes phasors of the stored values. NaN and saturated pixels are left out. Triangle waves tell nothing.
     """
     if metadata.modulation.waveform != "sine":
         return None
-    off = wrong_zero(*_some_phasors(stored, metadata, phasor_map), metadata.modulation.harmonics)
+    off = wrong_zero(*_spread_phasors(stored, metadata, phasor_map), metadata.modulation.harmonics)
     if off is None:
         return None
     zero = metadata.voltage.zero + off
@@ -104,7 +136,7 @@ def wrong_zero(phasors: Complex, unit: Complex, harmonics: tuple[int, ...], /) -
     some = slice(None, None, max(1, phasors.shape[1] // FEWEST))
     misfits = _misfits(phasors[:, some], unit[:, some], h, step * steps)
     # nearly all sound frames end here
-    if float(misfits[_TRIED // 2]) < _HOPELESS * float(misfits.min()):
+    if float(misfits[_TRIED // 2]) < _WORTHWHILE * float(misfits.min()):
         return None
     off = step * float(steps[np.argmin(misfits)])
     for _ in range(2):
@@ -117,7 +149,7 @@ def wrong_zero(phasors: Complex, unit: Complex, harmonics: tuple[int, ...], /) -
     bright = np.abs(surfaces[0]) > _BRIGHT * median(np.abs(surfaces[0]))
     if np.count_nonzero(bright) < FEWEST:
         return None
-    left, _, _ = _least_squares(*_turned_by_phase(surfaces[:, bright], h), h)
+    left, _, _ = _least_squares_step(*_turned_by_phase(surfaces[:, bright], h), h)
     other = float(np.abs(left).max() / np.abs(off * unit).max())
     return float(off) if other < _ZERO_ALONE else None
 
@@ -126,12 +158,12 @@ def _misfits(phasors: Complex, unit: Complex, h: Float, tried: Float) -> Float:
     """Return the median squared misfit of one path over the median power, (m,), without the numbers tried, (m,), times `unit`."""
     light = phasors[:, np.newaxis] - tried[:, np.newaxis] * unit[:, np.newaxis]
     flat = light.reshape(len(light), -1)
-    squares = sum((rest * rest).sum(axis=0) for rest in _rests(_turned_by_phase(flat, h)[0], h))
+    squares = sum((rest * rest).sum(axis=0) for rest in _left_over(_turned_by_phase(flat, h)[0], h))
     power = median((np.abs(light) ** 2).sum(axis=0))
     return median(np.reshape(squares, light.shape[1:])) / np.maximum(power, 1e-30)
 
 
-def _some_phasors(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap) -> tuple[Complex, Complex]:
+def _spread_phasors(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap, /) -> tuple[Complex, Complex]:
     """Return phasors of sound pixels, spread over a frame, and what a step of 1 in all their stored values adds, both (H, n)."""
     planes = stored.reshape(*stored.shape[:2], -1)
     every = slice(None, None, even_step(planes.shape[2], stored.shape[3], count=_LOOKED_AT))
@@ -142,40 +174,7 @@ def _some_phasors(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorM
     return phasors[:, sound], (phasors_from_stored(some.astype(np.float64) + 1.0, here) - phasors)[:, sound]
 
 
-@np.errstate(over="ignore", invalid="ignore")
-def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | None:
-    """Return what all pixels share at each harmonic, complex (H,), over the median |p_1| of the rest; None: nothing is found.
-
-    Args:
-        phasors: complex (H, n). NaN and dark pixels are left out.
-        harmonics: the numbers of the harmonics.
-    """
-    phasors = phasors[:, (np.abs(phasors) < _LONGEST).all(axis=0)]
-    length = np.abs(phasors[0])
-    if len(harmonics) < 2 or length.size < FEWEST:
-        return None
-    phasors = phasors[:, length > _BRIGHT * median(length)]
-    if phasors.shape[1] < FEWEST:
-        return None
-    h = np.array(harmonics, np.float64)[:, np.newaxis]
-    shared = np.zeros((len(h), 1), np.complex128)
-    misfits, condition = list[float](), np.inf
-    for _ in range(_STEPS):
-        turned, back = _turned_by_phase(phasors - shared, h)
-        change, misfit, condition = _least_squares(turned, back, h)
-        misfits.append(misfit)
-        if len(misfits) >= _HOPELESS and (condition > _FLAT or misfits[0] < min(len(misfits), _EXPLAINED) * misfit):
-            return None
-        shared = shared + change
-    surfaces = (phasors - shared)[0]
-    share = shared[:, 0] / median(np.abs(surfaces))
-    if not (misfits[0] > _EXPLAINED * misfits[-1] and condition < _TOLD and _MATTERS < np.abs(share).max() < _MOST):
-        return None
-    late = float(np.angle(share[0] * np.conj(np.sum(surfaces / np.abs(surfaces)))))
-    return None if 0.0 < late < _TAIL_RAD else share
-
-
-def _turned_by_phase(phasors: Complex, h: Float) -> tuple[Complex, Complex]:
+def _turned_by_phase(phasors: Complex, h: Float, /) -> tuple[Complex, Complex]:
     """Return phasors, (H, n), turned back by the phase x of the one path that fits each pixel, and exp(−ihx)."""
     phase = np.angle(phasors[0])
     for _ in range(2):
@@ -188,13 +187,13 @@ def _turned_by_phase(phasors: Complex, h: Float) -> tuple[Complex, Complex]:
     return phasors * back, back
 
 
-def _least_squares(turned: Complex, back: Complex, h: Float) -> tuple[Complex, float, float]:
+def _least_squares_step(turned: Complex, back: Complex, h: Float, /) -> tuple[Complex, float, float]:
     """Return the change of what all pixels share, (H, 1), the median squared misfit before it, and the condition.
 
     Amplitude and phase of the path take up the mean of the real parts and what is in proportion to h of the imaginary parts.
     The rest is the misfit. Pixels with a large one, such as those with MPI, count less.
     """
-    count, kept, rest = len(h), _kept(h), _rests(turned, h)
+    count, kept, rest = len(h), _left_over_projections(h), _left_over(turned, h)
     squares = rest[0] ** 2 + rest[1] ** 2
     squares = squares.sum(axis=0)
     misfit = float(median(squares))
@@ -211,12 +210,12 @@ def _least_squares(turned: Complex, back: Complex, h: Float) -> tuple[Complex, f
     return change[:, :1] + 1j * change[:, 1:], misfit, float(singular[0] / max(singular[-1], 1e-30))
 
 
-def _kept(h: Float) -> tuple[Float, Float]:
+def _left_over(turned: Complex, h: Float, /) -> tuple[Float, Float]:
+    """Return what amplitude and phase of a path leave over of the real and of the imaginary parts of turned phasors, (H, n)."""
+    real, imaginary = _left_over_projections(h)
+    return real @ turned.real, imaginary @ turned.imag
+
+
+def _left_over_projections(h: Float, /) -> tuple[Float, Float]:
     """Return the projections, (H, H), of real and of imaginary parts onto what amplitude and phase of a path leave over."""
     return np.eye(len(h)) - 1.0 / len(h), np.eye(len(h)) - h * h.T / (h * h).sum()
-
-
-def _rests(turned: Complex, h: Float) -> tuple[Float, Float]:
-    """Return what amplitude and phase of a path leave over of the real and of the imaginary parts of turned phasors, (H, n)."""
-    real, imaginary = _kept(h)
-    return real @ turned.real, imaginary @ turned.imag

@@ -18,20 +18,13 @@ numbers."""
 _FULL_SCALE, _BYTE = 65535.0, 255.0
 """Largest value of 16 bits, and of 8 bits."""
 
-_FULL_SCALES = (_FULL_SCALE, 16383.0, 4095.0, 1023.0)
+FULL_SCALES = (_FULL_SCALE, 16383.0, 4095.0, 1023.0)
 """Numbers by which a program may have divided counts: the largest value of 16, 14, 12 and 10 bits. A multiple of 1/255 is
 one of 1/65535 also."""
 
-_ROUNDING = 5e-7
-"""Counts that were divided and stored as float32 differ from multiples of the step by less than this share of their value.
-A step of 1/65536, which volts may have, differs from 1/65535 by 30 times that."""
-
-_FEW_VALUES = 8
-"""So few different values may be multiples of the same number by chance."""
-
 _SCALED_VALUES = "or give --zero-counts and --volts-per-count of the scaled values"
 
-_SCALED_TO_ONE = f"scaled to 0 … 1, as ImageMagick writes floats: export whole numbers, {_SCALED_VALUES}"
+SCALED_TO_ONE = f"scaled to 0 … 1, as ImageMagick writes floats: export whole numbers, {_SCALED_VALUES}"
 
 
 @dataclass(frozen=True)
@@ -80,28 +73,6 @@ def all_saturated(planes: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
 
 
-def scaled_to_one(planes: Stored, voltage: Voltage, /) -> str | None:
-    """Return a message if floats that pass for volts, (H, 2, n), are counts that a program divided by the largest value of
-    16, 14, 12 or 10 bits; None if they are not.
-
-    Such values are not negative, and all are multiples of the step: if the camera has fewer bits than that, they are within
-    any amplitude.
-    """
-    if planes.dtype.kind != "f" or planes.dtype.itemsize < 4 or voltage.volts_per_count is not None:
-        return None
-    finite = planes[np.isfinite(planes)]
-    if not finite.size or finite.min() < 0.0 or finite.max() > 1.0:
-        return None
-    values = np.unique(finite).astype(np.float64)
-    scales = [
-        full for full in _FULL_SCALES if np.allclose(values, np.rint(values * full) / full, rtol=_ROUNDING, atol=0.0)
-    ]
-    if not scales or values.size <= _FEW_VALUES:
-        return None
-    what = f"{range_of(finite)}, all of them multiples of 1/{scales[-1]:.0f}"
-    return f"{what}: they look {_SCALED_TO_ONE} (--volts-per-count 1 if they are volts)"
-
-
 def likely_cause(found: StoredRange, voltage: Voltage, amplitude_v: float, /) -> str:
     """Return the probable cause in words, and the options that mend it."""
     if voltage.volts_per_count is None:
@@ -131,12 +102,12 @@ def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float)
     if zero == 0.0:
         return f"zero_counts is 0 or not given: give --zero-counts (the middle of the values is {found.middle:.6g})"
     is_scaled = found.dtype.kind == "f" and found.low >= 0.0 and found.high <= 1.0
-    is_scaled = is_scaled and any(around_zero(found.middle * full) for full in (*_FULL_SCALES, _BYTE))
+    is_scaled = is_scaled and any(around_zero(found.middle * full) for full in (*FULL_SCALES, _BYTE))
     if found.dtype.kind == "f" and found.largest <= LONGEST * amplitude_v:
         likely = "like volts already: leave out zero_counts, volts_per_count and saturated_counts"
-        likely += f"; or {_SCALED_TO_ONE}" if is_scaled else ""
+        likely += f"; or {SCALED_TO_ONE}" if is_scaled else ""
     elif is_scaled:
-        likely = _SCALED_TO_ONE
+        likely = SCALED_TO_ONE
     elif found.dtype == np.uint8 or (found.largest <= _BYTE and around_zero(found.middle * _FULL_SCALE / _BYTE)):
         likely = f"scaled to 8 bits, as ImageMagick does with -depth 8: export 16 bits, {_SCALED_VALUES}"
     elif found.dtype.kind != "u" and found.largest * step <= LONGEST * amplitude_v:

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from cadtof_cli import read_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
-from cadtof_cli.phasors.doubts import cut_off, doubts, sheared, wrong_planes
-from cadtof_cli.phasors.plausible import FEWEST
+from cadtof_cli.doubts.camera import cut_off
+from cadtof_cli.doubts.frame import doubts
+from cadtof_cli.doubts.pixels import FEWEST
+from cadtof_cli.doubts.planes import sheared, wrong_planes
 
 ZERO, STEP = 8192.0, 6e-5
 COUNTS = Voltage(zero_counts=ZERO, volts_per_count=STEP)

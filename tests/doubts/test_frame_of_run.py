@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.doubts.frame import frame_doubts
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.status import StatusCounts
-from cadtof_cli.workflows.resolve.frame_doubts import frame_doubts
 from tests.support.captures import TOML, write_frame
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, step_frame
 from tests.support.run_cadtof import cadtof

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.capture.metadata import Voltage
-from cadtof_cli.phasors.causes import likely_cause, range_of
+from cadtof_cli.doubts.causes import likely_cause, range_of
 
 VOLTAGE = Voltage(zero_counts=8192.0, volts_per_count=6.0e-5)
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli import simulate_scene
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pulse, Voltage
-from cadtof_cli.phasors.shared_light import shared_light, shared_light_in_words, wrong_zero, wrong_zero_in_words
+from cadtof_cli.doubts.frame import doubts_before_run
+from cadtof_cli.doubts.shared_light import shared_light, shared_light_in_words, wrong_zero, wrong_zero_in_words
 from cadtof_cli.phasors.voltages import ideal_phasor_map
-from cadtof_cli.pipeline.frame import calibrated_doubts
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.units import C_M_PER_NS
 from tests.support.run_cadtof import cadtof
@@ -138,7 +138,7 @@ def test_triangle_waves_tell_nothing_and_no_response_with_further_terms() -> Non
     assert _told(volts, metadata)
     assert not _told(volts, replace(metadata, modulation=Modulation(waveform="triangle")))
     use = CalibrationUse(Path("is not read"), "", sine=False)
-    assert calibrated_doubts(volts, FramePlan(metadata=metadata, calibration=use), use) == ()
+    assert doubts_before_run(volts, FramePlan(metadata=metadata, calibration=use)) == ()
 
 
 def test_resolve_tells_of_offsets_that_drift_after_the_calibration(tmp_path: Path) -> None:

@@ -5,9 +5,11 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
-from cadtof_cli.phasors.causes import range_of
-from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.plausible import FEWEST, Copies, implausible, is_without_noise, stuck_bit
+from cadtof_cli.doubts.camera import stuck_bit
+from cadtof_cli.doubts.causes import range_of
+from cadtof_cli.doubts.pixels import FEWEST
+from cadtof_cli.doubts.plausible import Copies, implausible
+from cadtof_cli.phasors.noise import is_without_noise, noise_model
 
 AMPLITUDE_V = 0.2746
 ZERO, STEP = 8192.0, 6e-5

@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
-from cadtof_cli.phasors.uncalibrated import camera_doubts, stepped, striped
+from cadtof_cli.doubts.camera import stepped, striped
+from cadtof_cli.doubts.frame import camera_doubts
 from tests.support.captures import record
 from tests.support.run_cadtof import cadtof
 
