@@ -138,8 +138,8 @@ def _what_decides_maps(record: RunRecord) -> dict[str, Any]:
 
 def _range_of_frames(record: RunRecord) -> tuple[float, float]:
     """Return where a range of `--frames` begins and ends."""
-    first, end = record["arguments"].get("frames") or (None, None)
-    return float(first or 0), math.inf if end is None else float(end)
+    chosen = record.frames
+    return float(chosen.start or 0), math.inf if chosen.stop is None else float(chosen.stop)
 
 
 def earlier_shared_folder(out: Path, /) -> Path | None:

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.checks import converted
-from cadtof_cli.capture.discovery import absolute
-from cadtof_cli.capture.frames import FrameSource
+from cadtof_cli.capture.discovery import absolute, find_captures, placed_captures
+from cadtof_cli.capture.frames import Capture, FrameSource
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.reading import read_text, real_path
 from cadtof_cli.files.system import path_from
-from cadtof_cli.pipeline.plan import CalibrationUse, MapSettings
+from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, MapSettings
 from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -51,6 +51,33 @@ class RunRecord(dict[str, Any]):
         """The folder whose tree the run's folder mirrors; None: not recorded, as in runs of 0.1.0."""
         shared = self.get("shared_folder")
         return Path(shared) if shared else None
+
+    @property
+    def captures(self) -> list[dict[str, Any]]:
+        """The captures: folder, number of files, metadata."""
+        captures: list[dict[str, Any]] = self.get("captures", [])
+        return captures
+
+    @property
+    def roi(self) -> Sequence[int] | None:
+        """The region of interest, as X0, Y0, X1, Y1; None: whole frames."""
+        roi: Sequence[int] | None = self["arguments"].get("roi")
+        return roi
+
+    @property
+    def depth_kind(self) -> DepthKind:
+        """The kind of depth in the maps."""
+        return "z" if self["arguments"].get("depth") == "z" else "range"
+
+    @property
+    def frames(self) -> slice:
+        """The frames of each capture that were chosen."""
+        return slice(*(self["arguments"].get("frames") or (None,)))
+
+    @property
+    def average(self) -> int:
+        """How many frames each map is the mean of."""
+        return int(self["arguments"].get("average", 1))
 
     def add_captures(self, plans: "Iterable[CapturePlan]", counted: Collection[str] = (), /) -> None:
         """Add captures; of a capture that is there already, only the number of files grows.
@@ -119,7 +146,7 @@ class RunRecord(dict[str, Any]):
                 raise ValueError(f"found the roi {roi}")
         for path in (*arguments["inputs"], *arguments.get("absolute_inputs", ())):
             Path(path)
-        for capture in self.get("captures", []):
+        for capture in self.captures:
             Path(capture["root"])
             optics_of(capture)
         return self
@@ -129,8 +156,8 @@ class RunRecord(dict[str, Any]):
         arguments = self["arguments"]
         known = {one.name for one in fields(ResolverSettings)} & arguments.keys() - {"min_confidence"}
         resolver = ResolverSettings(**{name: arguments[name] for name in known})
-        depth, pool, average = arguments["depth"], arguments.get("pool", 1), arguments.get("average", 1)
-        return MapSettings(resolver=resolver, depth=depth, pool=pool, average=average)
+        depth, pool = arguments["depth"], arguments.get("pool", 1)
+        return MapSettings(resolver=resolver, depth=depth, pool=pool, average=self.average)
 
     def input_paths(self, out: Path, /) -> list[Path]:
         """Return the paths of the inputs of the run, which lies in `out` now.
@@ -144,6 +171,26 @@ class RunRecord(dict[str, Any]):
             moved = [out.absolute() / path for path in arguments["inputs_from_out"]]
             known = moved if all(path.exists() for path in moved) else known
         return known
+
+    def recorded_captures(self, out: Path, /) -> tuple[Capture, ...]:
+        """Return the captures of the run as they are now, with frames named as their maps are. The run lies in `out` now.
+
+        Raises:
+            CadtofError: they are no longer where they were.
+        """
+        arguments, inputs = self["arguments"], self.input_paths(out)
+        settings = arguments.get("settings")
+        # inputs that were moved with the run lie below another folder
+        is_moved = list(map(str, inputs)) != arguments.get("absolute_inputs")
+        found = find_captures(
+            inputs,
+            overrides=arguments["overrides"],
+            settings_file=Path(settings) if settings else None,
+            recursive=bool(arguments.get("recursive")),
+            on_unlisted=lambda *_: None,
+        )
+        captures, _ = placed_captures(found, inputs, base=None if is_moved else self.shared_folder)
+        return captures
 
     def calibration(self, out: Path, /) -> CalibrationUse | None:
         """Return the calibration that the run applied, in the place where it lies now; None: none. The run lies in `out` now."""
