@@ -29,6 +29,7 @@ class Arrivals:
         failed: reports on inputs that cannot be resolved; the run continues.
         calibration: the calibration that is applied; None: none.
         names: names of the maps of all captures that have come so far.
+        document: content of `run.json`, to which inputs and captures are added.
         counted: inputs of an earlier run that is continued, with links resolved.
         known: plans of the captures that have come so far, by the folder of the capture.
     """
@@ -40,6 +41,7 @@ class Arrivals:
     failed: list[FrameReport] = field(default_factory=list)
     calibration: AppliedCalibration | None = None
     names: MapNames = field(init=False)
+    document: RunRecord = field(init=False)
     counted: frozenset[str] = frozenset()
     known: dict[Path, CapturePlan] = field(default_factory=dict)
 
@@ -60,12 +62,12 @@ class Arrivals:
         earlier: RunRecord | None,
         /,
     ) -> None:
-        """Remember the plans of the first captures. Add what is recorded of an earlier run that is continued to the `document`.
+        """Remember what is known of the first captures. Add to the `document` what an earlier run, which is continued, recorded.
 
         Raises:
             OutputError: `earlier` is not the record of a run.
         """
-        self.calibration, self.names = calibration, names
+        self.calibration, self.names, self.document = calibration, names, document
         for one in plans:
             self.known.setdefault(one.capture.root, one)
         if earlier is not None:
@@ -86,22 +88,20 @@ class Arrivals:
                 self.failed.append(failed_input(path, error))
         return there
 
-    def plans(self, document: RunRecord, /) -> Iterator[tuple[list[FrameReport], list[CapturePlan]]]:
-        """Yield reports on failures and the plans for each batch of paths, and add the batch to the content of `run.json`.
+    def plans(self) -> Iterator[tuple[list[FrameReport], list[CapturePlan]]]:
+        """Yield reports on failures and the plans for each batch of paths, and add the batch to the document.
 
         A frame of several files waits for all of its files.
         """
-        inputs = set(document["arguments"]["resolved_inputs"])
+        inputs = set(self.document["arguments"]["resolved_inputs"])
         for paths in self.batches:
-            document.add_inputs(paths, inputs, self.settings.out)
-            yield self._planned(paths, document)
+            self.document.add_inputs(paths, inputs, self.settings.out)
+            yield self._planned(paths)
         while self.waiting:
             # no more files will come: each frame is tried with the files that are there
-            yield self._planned((), document, last=True)
+            yield self._planned((), last=True)
 
-    def _planned(
-        self, paths: Iterable[Path], document: RunRecord, *, last: bool = False
-    ) -> tuple[list[FrameReport], list[CapturePlan]]:
+    def _planned(self, paths: Iterable[Path], *, last: bool = False) -> tuple[list[FrameReport], list[CapturePlan]]:
         self.failed = []
         there = self._existing((*self.waiting, *paths))
         self.waiting = []
@@ -111,7 +111,7 @@ class Arrivals:
                 found += self._known(self._captures(named, last=last))
             except CadtofError as error:
                 self.failed.append(failed_input(folder if len(named) > 1 else named[0], error))
-        document.add_captures(found, self.counted)
+        self.document.add_captures(found, self.counted)
         return self.failed, found
 
     def _captures(self, paths: Sequence[Path], *, last: bool = False) -> tuple[Capture, ...]:

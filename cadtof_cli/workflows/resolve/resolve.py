@@ -81,7 +81,7 @@ def resolve_captures(
             batches: Iterator[Batch] = iter([(failed, first)])
             if arrivals:
                 arrivals.begin(plans, calibration, names, document, earlier)
-                later = ((failures, run.outcomes(more)) for failures, more in arrivals.plans(document))
+                later = ((failures, run.outcomes(more)) for failures, more in arrivals.plans())
                 batches = itertools.chain(batches, later)
             record = recorded_run(
                 settings.out, document, earlier=earlier, arriving=arrivals is not None, say=progress.say
