@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frames import FrameSource, read_stored
+from cadtof_cli.capture.frames import Capture, FrameSource, read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.doubts.plausible import Copies, require_plausible
 from cadtof_cli.errors import FrameError
@@ -64,6 +64,12 @@ class FrameReader:
     layout: FrameLayout
     metadata: CaptureMetadata
     pixels: tuple[int, int] | None = None
+
+    @classmethod
+    def of(cls, capture: Capture, /) -> "FrameReader":
+        """Return how the frames of a capture are read."""
+        typical = capture.typical
+        return cls(capture.layout, capture.source.metadata, typical.pixels if typical else None)
 
     def read(self, sources: Sequence[FrameSource], /) -> Recording:
         """Return a frame, or the mean of all those of several frames that can be read.

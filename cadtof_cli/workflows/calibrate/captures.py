@@ -138,9 +138,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
         FrameError: a frame cannot be read or is no recording; or it is a copy of an earlier frame, which would make the
             noise that is measured too small.
     """
-    size = capture.typical.pixels if capture.typical else None
-    metadata, copies = capture.source.metadata, Copies()
-    reader = FrameReader(capture.layout, metadata, size)
+    reader, copies = FrameReader.of(capture), Copies()
     for number, source in enumerate(single_frames(capture)):
         stored, digest = reader.one(source)
         if original := copies.original_of(stored, digest, source):
@@ -149,7 +147,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterato
                 "remove the copy, or record again"
             )
         if number == 0:
-            for doubt in doubts(stored, metadata, has_light=has_light):
+            for doubt in doubts(stored, reader.metadata, has_light=has_light):
                 progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()

@@ -28,6 +28,7 @@ from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, s
 from cadtof_cli.resolver.status import StatusBit, why_no_answer
 from cadtof_cli.workflows.inspect.layers import first_sound_layers
 from cadtof_cli.workflows.map_files import map_files
+from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.run_folder import is_run_folder, read_run
 
 
@@ -62,22 +63,20 @@ class FrameFacts:
 
 @dataclass(frozen=True)
 class FrameLook:
-    """A frame to be read: of the capture in this place, whose frames have the size `pixels`, (Y, X); None: any size."""
+    """A frame to be read: of the capture in this place, whose frames are read by the `reader`."""
 
     place: int
     source: FrameSource
-    layout: FrameLayout
-    metadata: CaptureMetadata
-    pixels: tuple[int, int] | None
+    reader: FrameReader
 
 
 def facts_of_frame(look: FrameLook, /) -> FrameFacts:
     """Read one frame and return what it holds. Every error becomes its `problem`."""
-    source, layout = look.source, look.layout
+    source, reader = look.source, look.reader
     try:
-        stored = read_stored(source, layout, size=look.pixels)
-        container = detect_format(source.paths[0], raw=layout.raw is not None).name
-        return _facts(stored, container, layout, look.metadata)
+        stored = read_stored(source, reader.layout, size=reader.pixels)
+        container = detect_format(source.paths[0], raw=reader.layout.raw is not None).name
+        return _facts(stored, container, reader.layout, reader.metadata)
     except NotAFrameError as error:
         return FrameFacts(problem=str(error), skipped=True)
     except CadtofError as error:

@@ -34,6 +34,7 @@ from cadtof_cli.workflows.inspect.facts import (
     is_map,
 )
 from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.run_folder import is_run_folder
 
 _LARGEST_RATIO = 2.0
@@ -202,8 +203,9 @@ def _looks(
         if typical and not typical.is_plain:
             facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
         implausible[place] = []
+        reader = FrameReader.of(capture)
         for source in single_frames(capture):
-            yield FrameLook(place, source, capture.layout, metadata, typical.pixels if typical else None)
+            yield FrameLook(place, source, reader)
 
 
 def _complete(facts: CaptureFacts, capture: Capture, implausible: Sequence[str]) -> None:

@@ -113,13 +113,13 @@ class OngoingRun:
         try:
             for failed, batch in batches:
                 for report in failed:
-                    self.report(report)
+                    self._report(report)
                 with closing(batch) as outcomes:
                     for outcome in outcomes:
                         found, task = outcome.result, outcome.task
                         if isinstance(found, WorkerDied):
                             found = task.report("failed", _lost(task.sources[0], found), 0.0)
-                        self.report(found)
+                        self._report(found)
             for why, count in self.notes.only_counted.items():
                 self.progress.say(f"{settings.out}: {counted(count, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
@@ -133,7 +133,7 @@ class OngoingRun:
             raise KeyboardInterrupt(told) from interrupt
         return totals
 
-    def report(self, report: FrameReport) -> None:
+    def _report(self, report: FrameReport) -> None:
         """Record, count and show the report on a frame.
 
         Raises:
@@ -185,7 +185,7 @@ class OngoingRun:
                             output.parent.mkdir(parents=True, exist_ok=True)
                     yield FrameTask(sources, one.reader, one.plan, output, self.settings.resume, before, self.token)
             except CaptureError as error:
-                self.report(failed_input(one.capture.root, error))
+                self._report(failed_input(one.capture.root, error))
             self.expected += min(number - one.expected_maps, 0)
             self.progress.advance(0, total=self.expected)
 

@@ -163,7 +163,7 @@ def plan_captures(
         typical = capture.typical
         with _of_capture(capture):
             plan = FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use)
-        reader = FrameReader(capture.layout, plan.metadata, typical.pixels if typical else None)
+        reader = FrameReader.of(capture)
         if typical is None:
             from cadtof_cli.capture.planes import hint_of_planes
 

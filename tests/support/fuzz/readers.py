@@ -102,8 +102,8 @@ def read_frame(path: Path, layout: FrameLayout = _LAYOUT, others: tuple[Path, ..
     if height * width > FEW_PIXELS:
         return
     source = source if count == 1 else source.expanded(count)[0]
-    facts_of_frame(FrameLook(0, source, layout, _METADATA, None))
     reader = FrameReader(layout, _METADATA)
+    facts_of_frame(FrameLook(0, source, reader))
     task = FrameTask((source,), reader, FramePlan(metadata=_METADATA), path.parent / "frame_out.tif")
     report = resolve_file(task)
     if isinstance(report, Later):
