@@ -21,6 +21,7 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 from cadtof_cli.workflows.progress import NO_PROGRESS
 from cadtof_cli.workflows.resolve import arrivals
 from cadtof_cli.workflows.resolve.reports import FrameReport
+from cadtof_cli.workflows.resolve.run_document import RunDocument
 from cadtof_cli.workflows.resolve.run_json import RunRecord
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import Run
@@ -94,7 +95,7 @@ def test_captures_of_a_run_are_recorded_without_a_search() -> None:
     captures = [
         SimpleNamespace(root=_Root(f"c{number % MANY}"), source=source, frames=[0]) for number in range(2 * MANY)
     ]
-    document = RunRecord(captures=[])
+    document = RunDocument(captures=[])
     document.add_captures([SimpleNamespace(capture=one, lossy_compression=None) for one in captures])  # type: ignore[misc]
     assert [(one["root"], one["files"]) for one in document["captures"]] == [
         (f"c{number}", 2) for number in range(MANY)

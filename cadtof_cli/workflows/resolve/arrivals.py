@@ -13,6 +13,7 @@ from cadtof_cli.workflows.resolve.earlier import earlier_shared_folder
 from cadtof_cli.workflows.resolve.output import MapNames
 from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, captures_in, plan_captures
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
+from cadtof_cli.workflows.resolve.run_document import RunDocument
 from cadtof_cli.workflows.resolve.run_json import RUN_FILE, RunRecord, resumable
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -41,7 +42,7 @@ class Arrivals:
     failed: list[FrameReport] = field(default_factory=list)
     calibration: AppliedCalibration | None = None
     names: MapNames = field(init=False)
-    document: RunRecord = field(init=False)
+    document: RunDocument = field(init=False)
     counted: frozenset[str] = frozenset()
     known: dict[Path, CapturePlan] = field(default_factory=dict)
 
@@ -58,7 +59,7 @@ class Arrivals:
         plans: Sequence[CapturePlan],
         calibration: AppliedCalibration | None,
         names: MapNames,
-        document: RunRecord,
+        document: RunDocument,
         earlier: RunRecord | None,
         /,
     ) -> None:
@@ -95,7 +96,7 @@ class Arrivals:
         """
         inputs = set(self.document["arguments"]["resolved_inputs"])
         for paths in self.batches:
-            self.document.add_inputs(paths, inputs, self.settings.out)
+            self.document.add_inputs(paths, inputs)
             yield self._planned(paths)
         while self.waiting:
             # no more files will come: each frame is tried with the files that are there

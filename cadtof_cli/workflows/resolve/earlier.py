@@ -17,6 +17,7 @@ from cadtof_cli.units import first_of
 from cadtof_cli.workflows.resolve.lines import FRAMES_FILE, place_in, remove_map, required_report
 from cadtof_cli.workflows.resolve.output import MapNames
 from cadtof_cli.workflows.resolve.reports import report_of
+from cadtof_cli.workflows.resolve.run_document import RunDocument
 from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN, RUN_FILE, RunRecord, read_record, resumable
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -41,7 +42,7 @@ _INPUTS, _FOLDERS, _VERSION = "resolved_inputs", "folders of the frames", "versi
 
 
 def earlier_run(
-    names: MapNames, document: RunRecord, /, *, settings: ResolveSettings, arriving: bool
+    names: MapNames, document: RunDocument, /, *, settings: ResolveSettings, arriving: bool
 ) -> RunRecord | None:
     """Return the record of the earlier run that a run continues, after checking that no files get lost. Nothing is changed.
 
@@ -83,7 +84,7 @@ def _existing_outputs(names: MapNames) -> list[str]:
     return replaced
 
 
-def _continued_record(out: Path, document: RunRecord, /, *, arriving: bool) -> RunRecord:
+def _continued_record(out: Path, document: RunDocument, /, *, arriving: bool) -> RunRecord:
     """Return the content of the `run.json` of the run in a folder, after checking that the run of `document` can continue it.
 
     `arriving`: see `earlier_run`.

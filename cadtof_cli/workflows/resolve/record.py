@@ -18,6 +18,7 @@ from cadtof_cli.units import first_of
 from cadtof_cli.workflows.resolve.earlier import rename_lines
 from cadtof_cli.workflows.resolve.lines import FRAMES_FILE, LineFile, open_lines, place_in, remove_map, required_report
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, report_of
+from cadtof_cli.workflows.resolve.run_document import RunDocument
 from cadtof_cli.workflows.resolve.run_json import RUN_FILE, RunRecord
 
 
@@ -43,7 +44,7 @@ class RunRecorder:
     """
 
     out: Path
-    document: RunRecord
+    document: RunDocument
     lines: LineFile
     resumed: bool
     arriving: bool
@@ -165,7 +166,7 @@ class RunRecorder:
 
 @contextmanager
 def recorded_run(
-    out: Path, document: RunRecord, /, *, earlier: RunRecord | None, arriving: bool, say: Callable[[str], None]
+    out: Path, document: RunDocument, /, *, earlier: RunRecord | None, arriving: bool, say: Callable[[str], None]
 ) -> Iterator[RunRecorder]:
     """Write a run's `run.json`, and yield a recorder that holds its `frames.jsonl` open for the reports on its frames.
 

@@ -26,7 +26,7 @@ from cadtof_cli.workflows.resolve.plans import (
 )
 from cadtof_cli.workflows.resolve.record import recorded_run
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
-from cadtof_cli.workflows.resolve.run_json import run_document
+from cadtof_cli.workflows.resolve.run_document import run_document
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:

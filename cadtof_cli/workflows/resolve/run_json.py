@@ -1,33 +1,24 @@
-"""The content of `run.json`, the record of a run: written and read here, so that its keys are named in one place.
+"""The content of `run.json`, the record of a run, as later runs and commands read it. `run_document.py` writes it.
 
 A record may be of another version, which has other keys, and it may come from anywhere.
 """
 
 import json
 import operator
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, fields
-from datetime import UTC, datetime
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cadtof_cli.capture.checks import converted
 from cadtof_cli.capture.discovery import absolute, find_captures, placed_captures
-from cadtof_cli.capture.frames import Capture, FrameSource
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.reading import read_text, real_path
-from cadtof_cli.files.system import path_from
+from cadtof_cli.files.reading import read_text
 from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, MapSettings
-from cadtof_cli.resolver.kernels import chosen_kernel
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.version import __version__
-
-if TYPE_CHECKING:
-    from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan
-    from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 RUN_FILE = "run.json"
 
@@ -78,58 +69,6 @@ class RunRecord(dict[str, Any]):
     def average(self) -> int:
         """How many frames each map is the mean of."""
         return int(self["arguments"].get("average", 1))
-
-    def add_captures(self, plans: "Iterable[CapturePlan]", counted: Collection[str] = (), /) -> None:
-        """Add captures; of a capture that is there already, only the number of files grows.
-
-        Frames are not counted again if their first file is among those that an earlier run has `counted`.
-        """
-        by_root = {entry["root"]: entry for entry in self["captures"]}
-        for one in plans:
-            capture = one.capture
-            known = by_root.get(str(capture.root))
-            if known is None:
-                known = by_root[str(capture.root)] = {
-                    "root": str(capture.root),
-                    "resolved_root": real_path(capture.root),
-                    "files": 0,
-                    "metadata": asdict(capture.source.metadata),
-                    "origins": dict(capture.source.origins),
-                    "lossy_compression": one.lossy_compression,
-                }
-                self["captures"].append(known)
-            known["files"] += new_frames(capture.frames, counted)
-
-    def add_inputs(self, paths: Iterable[Path], known: set[str], out: Path, /) -> None:
-        """Add paths to the inputs, each path once; `known` are the inputs there, links resolved."""
-        for path in paths:
-            if (real := real_path(path)) not in known:
-                known.add(real)
-                for name, values in input_arguments([path], out).items():
-                    self["arguments"][name].extend(values)
-
-    def continue_from(self, earlier: "RunRecord", plans: "Iterable[CapturePlan]", /) -> frozenset[str]:
-        """Put the inputs and captures of the run that is continued before those of this run.
-
-        Paths of a run that was started in another folder become absolute. Return the inputs of that run, with links resolved.
-        """
-        then, now = earlier["arguments"], self["arguments"]
-        known = frozenset[str](then["resolved_inputs"])
-        is_here = [str(Path(typed).absolute()) for typed in then["inputs"]] == then["absolute_inputs"]
-        new = [place for place, real in enumerate(now["resolved_inputs"]) if real not in known]
-        for name in input_arguments((), Path()):
-            before = then["absolute_inputs"] if name == "inputs" and not is_here else then[name]
-            now[name] = [*before, *(now[name][place] for place in new)]
-        captures = {one["resolved_root"]: one for one in earlier["captures"]}
-        if not is_here:
-            folders = zip(earlier["captures"], earlier.capture_folders(), strict=True)
-            captures = {one["resolved_root"]: {**one, "root": str(folder)} for one, folder in folders}
-        for one, plan in zip(self["captures"], plans, strict=True):
-            before = captures.get(one["resolved_root"], {"files": 0})
-            one["files"] = max(before["files"] + new_frames(plan.capture.frames, known), one["files"])
-            captures[one["resolved_root"]] = one
-        self["captures"][:] = captures.values()
-        return known
 
     def checked(self) -> "RunRecord":
         """Return the record, after a check of the entries that other commands read; optics may raise a MetadataError."""
@@ -215,78 +154,6 @@ class RunRecord(dict[str, Any]):
             if typed != whole:
                 return Path(*Path(whole).parts[: -len(Path(typed).parts) or None])
         return Path()
-
-
-def run_document(
-    inputs: Sequence[Path],
-    settings: "ResolveSettings",
-    plans: "Sequence[CapturePlan]",
-    calibration: "AppliedCalibration | None",
-    shared_folder: Path,
-) -> RunRecord:
-    """Return the content of `run.json` when a run begins. The arguments in it have the names of the options.
-
-    `shared_folder` is the folder whose tree the run's folder mirrors.
-    """
-    maps, applied = settings.maps, None
-    if calibration is not None:
-        folder = calibration.use.folder
-        applied = {
-            "folder": str(folder),
-            "digest": calibration.use.digest,
-            "applied": dict(calibration.parts),
-            "absolute_folder": str(folder.absolute()),
-            "folder_from_out": path_from(settings.out, folder),
-        }
-    document = RunRecord(
-        {
-            "cadtof": __version__,
-            "started": datetime.now(UTC).isoformat(timespec="seconds"),
-            "finished": False,
-            "kernel": chosen_kernel(),
-            "arguments": {
-                **input_arguments(inputs, settings.out),
-                "out": settings.out.as_posix(),
-                **asdict(maps.resolver),
-                "min_confidence": maps.min_confidence_v,
-                # every setting must be here, because --resume compares them
-                **{
-                    one: value
-                    for one, value in vars(maps).items()
-                    if one not in {"resolver", "min_confidence_v", "roi"}
-                },
-                "calibration": settings.calibration and str(settings.calibration),
-                "map_format": settings.map_format,
-                "roi": maps.roi,
-                "recursive": settings.recursive,
-                "settings": settings.settings_file and str(settings.settings_file.absolute()),
-                "frames": settings.frames and [settings.frames.start, settings.frames.stop],
-                "overrides": dict(settings.overrides),
-            },
-            "shared_folder": str(shared_folder),
-            "captures": list[dict[str, Any]](),
-            "calibration": applied,
-            "layers": {name: unit for one in plans for name, unit in one.plan.header.units.items()},
-            "status_bits": {bit.name: int(bit) for bit in StatusBit},
-        }
-    )
-    document.add_captures(plans)
-    return document
-
-
-def input_arguments(inputs: Sequence[Path], out: Path, /) -> dict[str, list[str]]:
-    """Return the arguments in `run.json` that name inputs: as typed, absolute, from the run's folder, and with links resolved."""
-    return {
-        "inputs": [str(path) for path in inputs],
-        "absolute_inputs": [str(path.absolute()) for path in inputs],
-        "inputs_from_out": [path_from(out, path) for path in inputs],
-        "resolved_inputs": [real_path(path) for path in inputs],
-    }
-
-
-def new_frames(frames: Sequence[FrameSource], counted: Collection[str], /) -> int:
-    """Return how many frames have a first file that is none of the files in `counted`, whose links are resolved."""
-    return sum(real_path(frame.paths[0]) not in counted for frame in frames) if counted else len(frames)
 
 
 def optics_of(capture: Mapping[str, Any], /) -> Optics:
