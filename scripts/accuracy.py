@@ -15,13 +15,13 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, noise_model
 from cadtof_cli.phasors.response import pulse_response
+from cadtof_cli.pipeline.first_phasor import first_phasor_depth
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
-from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
 ROOT = Path(__file__).resolve().parent.parent
 T1_NS = 40.0

@@ -17,14 +17,14 @@ from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
-from cadtof_cli.figures.page import Panel, Scaled, draw_page
-from cadtof_cli.figures.scales import ERRORS, SIGMAS
+from cadtof_cli.figures.page import Block, Panel, draw_page
+from cadtof_cli.figures.scales import ERRORS, SIGMAS, Scale
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import noise_model
+from cadtof_cli.pipeline.first_phasor import first_phasor_depth
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
 SHARES = (0.55, 0.95)
 """Sigma is called true if the share of errors within one predicted sigma lies between these limits. It is 0.68 if
@@ -184,8 +184,8 @@ def draw(capture: Capture, path: Path) -> None:
     errors = tuple(Panel(f"{name}\nerror, cm", 100 * (depth - truth), auto.status) for name, depth in depths.items())
     sigma = Panel("predicted tail\nsigma, cm", 100 * auto.layer(DIRECT_SIGMA), auto.status)
     blocks = (
-        Scaled(errors, "cm", ERRORS, (-FIGURE_CM, FIGURE_CM)),
-        Scaled((sigma,), "cm", SIGMAS, (0.0, FIGURE_CM)),
+        Block(errors, "cm", Scale(ERRORS, (-FIGURE_CM, FIGURE_CM))),
+        Block((sigma,), "cm", Scale(SIGMAS, (0.0, FIGURE_CM))),
     )
     draw_page((blocks,), path, title=f"{capture.root.name}: direct depth against truth")
 

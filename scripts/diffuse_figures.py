@@ -20,8 +20,8 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.pipeline.first_phasor import first_phasor_depth
 from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
 PATCH = 8
 """Side of a patch in frames of 160 × 120 pixels."""

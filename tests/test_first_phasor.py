@@ -15,8 +15,8 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.pipeline.first_phasor import first_phasor_depth
 from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 from tests.support.calibrations import PETZVAL_QUALITY
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, record, write_exr, write_frame
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m

@@ -19,9 +19,10 @@ from cadtof_cli.capture.frames import FrameSource, frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
 from cadtof_cli.capture.toml import MetadataSource, load_metadata
 from cadtof_cli.doubts.frame import doubts
+from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
-from cadtof_cli.files.array_frames import transpositions
+from cadtof_cli.files.axis_orders import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -197,7 +198,7 @@ def _log_notes(stored: Stored, source: MetadataSource, /, *, of: str) -> None:
     _kinds.add(kind)
     if taken := source.defaults_in_words():
         _log.warning(f"{of}: {taken}")
-    for doubt in (*doubtful, *filter(None, [known.mistaken_unit((stored.shape[2], stored.shape[3]))])):
+    for doubt in (*doubtful, *filter(None, [mistaken_unit(known, (stored.shape[2], stored.shape[3]))])):
         _log.warning(f"warning: {of}: {doubt}")
 
 

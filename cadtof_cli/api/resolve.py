@@ -16,7 +16,8 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.doubts.plausible import Copies, require_plausible
 from cadtof_cli.errors import FrameError, SettingsError
-from cadtof_cli.files.maps import STATUS, content_digest
+from cadtof_cli.files.digests import content_digest
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, FramePlan, MapSettings

@@ -15,32 +15,18 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.checks import InvalidValueError
-from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
+from cadtof_cli.capture.frames import TRUTH, Capture, FrameFileList, FrameSource
 from cadtof_cli.capture.metadata import Layout
-from cadtof_cli.capture.planes import grouped_planes, hint_of_words
-from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
+from cadtof_cli.capture.no_frames import expected_names, first_names, no_frames
+from cadtof_cli.capture.planes import grouped_planes
+from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata, nearest_settings
 from cadtof_cli.errors import CaptureError, UnlistedError
-from cadtof_cli.files.formats import FORMATS, FRAME_SUFFIXES, RAW, frame_suffixes
-from cadtof_cli.files.reading import entries_of
+from cadtof_cli.files.formats import FRAME_SUFFIXES, frame_suffixes
+from cadtof_cli.files.reading import absolute, entries_of, natural_key
 from cadtof_cli.files.system import common_folder, path_from
-from cadtof_cli.units import first_of
 
 OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that mark a folder of maps, or a calibration: no file in it or below it is a recorded frame."""
-
-TRUTH = "truth"
-"""Name of the files of truth, without suffix; these files are no frames."""
-
-_MISNAMED = (
-    "Capture.toml",
-    "CAPTURE.TOML",
-    "capture.TOML",
-    "capture.toml.txt",
-    "Capture.toml.txt",
-    "capture.toml.toml",
-)
-"""Wrong names that editors and other systems give to `capture.toml`."""
-
 
 OnUnlisted = Callable[[Path, UnlistedError], None]
 """Called with each folder of a tree that cannot be listed; the search goes on with the other folders."""
@@ -84,26 +70,13 @@ def find_captures(
     source_of = functools.cache(lambda folder: loaded(settings_file or nearest_settings(folder)))
     captures: list[tuple[Capture, bool]] = []
     for (root, is_whole), group in itertools.groupby(inputs, key=lambda path: _root(path, source_of)):
-        if recursive and is_whole:
-            below = list(_below(root, source_of, on_unlisted))
-            if not below:
-                expected = _expected_names(source_of(root).metadata.layout)
-                raise CaptureError(f"{root}: no frames in it or in any folder below it: looked for {expected}")
-            captures += ((one, True) for one in below)
-            continue
-        source, named = source_of(root), None
         if not is_whole:
-            named = list(dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in group))
-        found = _capture(root, source, named)
-        if found is None and is_whole and (below := list(_below(root, source_of, on_unlisted))):
-            others = _first_names(str(one.root) for one in below)
-            raise CaptureError(
-                f"{root}: no frames in this folder; captures below it: {others}; name one of them, or"
-                " add --recursive to resolve or info"
-            )
-        if found is None:
-            raise _no_frames(root, source, named)
-        captures.append((found, is_whole))
+            found = [_of_files(root, source_of(root), group)]
+        elif recursive:
+            found = _of_tree(root, source_of, on_unlisted)
+        else:
+            found = [_of_folder(root, source_of, on_unlisted)]
+        captures += ((one, is_whole) for one in found)
     return tuple(_each_once(captures) if len(captures) > 1 else (one for one, _ in captures))
 
 
@@ -152,28 +125,6 @@ def steps_below(root: Path, base: Path, /) -> tuple[str, ...]:
     return tuple(step for step in path.relative_to(path.anchor).parts if step != os.pardir)
 
 
-def absolute(path: Path, /) -> Path:
-    """Return an absolute path without `..`; links are not resolved."""
-    return Path(os.path.normpath(path.absolute()))
-
-
-def nearest_settings(folder: Path, /) -> Path | None:
-    """Return the `capture.toml` of a folder: the one in it, or else in the nearest folder above; None: there is none.
-
-    A `capture.toml` under a wrong name would be ignored, so it raises a CaptureError.
-    """
-    for place in (folder, *absolute(folder).parents):
-        # a file in a folder without permission counts as missing; a broken link counts as present, and reading it fails
-        if os.path.lexists(place / FILE_NAME):
-            return place / FILE_NAME
-        for name in _MISNAMED:
-            if os.path.lexists(place / name):
-                raise CaptureError(
-                    f"{place / name}: found settings under this name, expected {FILE_NAME}: rename it, or give --settings"
-                )
-    return None
-
-
 _SourceOf = Callable[[Path], MetadataSource]
 """Returns the metadata that a folder's captures have; it looks for the `capture.toml` of each folder once."""
 
@@ -199,8 +150,42 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
     """Return the folder of the capture to which an input belongs, and whether the input is that folder itself."""
     if is_existing_folder(path):
         return path, True
-    depth = (source_of(path.parent).metadata.layout.pattern or "").count("/")
+    depth = source_of(path.parent).metadata.layout.depth
     return (path.parent if depth == 0 else absolute(path).parents[depth]), False
+
+
+def _of_files(root: Path, source: MetadataSource, files: Iterable[Path]) -> Capture:
+    """Return the capture of files that were named, in this order; raise CaptureError if none is a frame."""
+    named = list(dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in files))
+    # when a shell expands cap/*, `capture.toml` is among the named files
+    found = _capture(root, source, [name for name in named if name != FILE_NAME])
+    if found is None:
+        raise no_frames(root, source.metadata.layout, among=named)
+    return found
+
+
+def _of_folder(root: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> Capture:
+    """Return the capture in a folder; raise CaptureError if it holds no frame, and name captures below it if there are any."""
+    source = source_of(root)
+    found = _capture(root, source, _frame_files(root, source.metadata.layout, looks_below=False))
+    if found is not None:
+        return found
+    if below := list(_below(root, source_of, on_unlisted)):
+        others = first_names(str(one.root) for one in below)
+        raise CaptureError(
+            f"{root}: no frames in this folder; captures below it: {others}; name one of them, or"
+            " add --recursive to resolve or info"
+        )
+    raise no_frames(root, source.metadata.layout)
+
+
+def _of_tree(root: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> list[Capture]:
+    """Return the captures in a folder and in all folders below it; raise CaptureError if there is none."""
+    found = list(_below(root, source_of, on_unlisted))
+    if not found:
+        expected = expected_names(source_of(root).metadata.layout)
+        raise CaptureError(f"{root}: no frames in it or in any folder below it: looked for {expected}")
+    return found
 
 
 def _below(folder: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> Iterator[Capture]:
@@ -222,7 +207,11 @@ def _below(folder: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> Itera
                 continue
             seen.add(real)
             source = source_of(here)
-            found = _capture(here, source, recursive=True)
+            layout = source.metadata.layout
+            names = _frame_files(here, layout, looks_below=True)
+            found = _capture(here, source, names) if names else None
+            if names and not found and not layout.depth:
+                raise no_frames(here, layout)
         except UnlistedError as error:
             if here == folder:
                 raise
@@ -232,7 +221,7 @@ def _below(folder: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> Itera
         if found:
             found_any = True
             yield found
-            if "/" in (source.metadata.layout.pattern or ""):
+            if layout.depth:
                 continue
         below = (name for name, is_dir in entries if is_dir and not name.startswith("."))
         waiting += (here / name for name in sorted(below, key=natural_key, reverse=True))
@@ -240,30 +229,28 @@ def _below(folder: Path, source_of: _SourceOf, on_unlisted: OnUnlisted) -> Itera
         raise unlisted
 
 
-def _capture(
-    root: Path, source: MetadataSource, named: Sequence[str] | None = None, *, recursive: bool = False
-) -> Capture | None:
-    """Return the capture in a folder, or of the files in it that were named; None: there is no frame.
+def _frame_files(root: Path, layout: Layout, *, looks_below: bool) -> list[str]:
+    """Return the names of a folder's files with the suffix of a frame, or of a plane, in natural order.
 
-    The entries of the folder with the suffix of a frame, or of a plane, belong to the capture, in natural order. A
-    folder with such a name belongs to it too, so that it is reported as a frame that fails. If `recursive` is set,
-    captures are looked for inside of folders, so such a folder belongs to the capture only if it is empty.
+    A folder with such a name counts too, so that it is reported as a frame that fails. If captures are looked for in the
+    folders below too (`looks_below`), such a folder counts only if it is empty.
     """
-    # when a shell expands cap/*, `capture.toml` is among the named files
-    layout, names = source.metadata.layout, [name for name in named or () if name != FILE_NAME]
     suffixes = frame_suffixes(planes=layout.pattern is not None, raw=layout.raw_dtype is not None)
-    for name, is_dir in entries_of(root, layout.pattern) if named is None else ():
+    names = []
+    for name, is_dir in entries_of(root, layout.pattern):
         # plain strings, because making 2,000 Paths takes longer than listing the folder
         last = name.rpartition("/")[2].lower()
         stem, dot, suffix = last.rpartition(".")
         if dot + suffix not in suffixes or last.startswith(".") or stem == TRUTH:
             continue
-        if not is_dir or (last.endswith(FRAME_SUFFIXES) and not (recursive and entries_of(root / name))):
+        if not is_dir or (last.endswith(FRAME_SUFFIXES) and not (looks_below and entries_of(root / name))):
             names.append(name)
-    if recursive and not names:
-        return None
-    if named is None:
-        names.sort(key=natural_key)
+    return sorted(names, key=natural_key)
+
+
+def _capture(root: Path, source: MetadataSource, names: Sequence[str]) -> Capture | None:
+    """Return the capture whose files have these names below its folder; None: there is no frame."""
+    layout = source.metadata.layout
     frames: Sequence[FrameSource] = FrameFileList(root, names)
     if layout.pattern is not None:
         try:
@@ -273,48 +260,7 @@ def _capture(
     # names without suffix can be equal only if there are different suffixes, or if a pattern makes the names
     if layout.pattern is not None or len({name.rpartition(".")[2] for name in names}) > 1:
         _require_different_names(root, frames)
-    if recursive and not frames and "/" not in str(layout.pattern):
-        raise _no_frames(root, source)
     return Capture(root, source, frames) if frames else None
-
-
-def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None = None) -> CaptureError:
-    """Return the error for a folder without frames, or for named files in it (`among`) that are no frames."""
-    layout = source.metadata.layout
-    pattern, looked_for = layout.pattern, _expected_names(layout)
-    where = "" if among is None else " among the files that were named"
-    if among is None:
-        among = [name + "/" * is_dir for name, is_dir in entries_of(root, pattern) or entries_of(root)]
-    files = [name for name in among if not name.endswith("/")]
-    hint = _what_is_missing(root, layout, {Path(name).suffix.lower(): name for name in files})
-    if pattern is not None and not hint and (words := hint_of_words(sorted(files, key=natural_key), layout)):
-        hint = f"; {words}"
-    return CaptureError(f"{root}: no frames{where}: looked for {looked_for}, found {_first_names(among)}{hint}")
-
-
-def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -> str:
-    """Return a hint what to do so that files of these suffixes become frames; `by_suffix` holds an example of each."""
-    if of_matlab := by_suffix.get(".mat"):
-        return f"; `cadtof info {root / of_matlab}` says how to save an array of MATLAB"
-    if layout.raw_dtype is None and (dump := next(filter(None, map(by_suffix.get, RAW.suffixes)), None)):
-        return f"; to read raw dumps such as {dump}, give --raw-dtype and --raw-shape, or [layout.raw] in capture.toml"
-    planes = [one.title for one in FORMATS if not one.whole and not by_suffix.keys().isdisjoint(one.suffixes)]
-    if layout.pattern is None and planes:
-        return f"; a {planes[0]} holds one plane: give --pattern, which says how the planes of a frame are named"
-    suffixes = frame_suffixes(planes=True, raw=layout.raw_dtype is not None)
-    if layout.pattern is not None and not layout.pattern.lower().endswith(suffixes):
-        return f"; planes are read from {', '.join(suffixes)} files"
-    return ""
-
-
-def _expected_names(layout: Layout) -> str:
-    if layout.pattern is None:
-        return f"{', '.join(frame_suffixes(planes=False, raw=layout.raw_dtype is not None))} files other than {TRUTH}.*"
-    return f"files named {layout.pattern} (layout.pattern)"
-
-
-def _first_names(names: Iterable[str]) -> str:
-    return first_of(sorted(names, key=natural_key), 5) or "nothing"
 
 
 def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:

@@ -6,11 +6,9 @@ A frame lies in a file of any format, in a stack, or in several files of one pla
 import functools
 import itertools
 import os
-import re
-import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
@@ -20,19 +18,21 @@ import numpy as np
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.toml import MetadataSource
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.formats import detect_format, format_by_suffix
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, NotAFrameError, RawLayout, shape_text
+from cadtof_cli.files import frame_files
+from cadtof_cli.files.formats import format_by_suffix
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, shape_text
 from cadtof_cli.files.named_planes import require_own_frequencies
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import size_text
+
+TRUTH = "truth"
+"""Name of the files of truth, without suffix; these files are no frames."""
 
 _SIZES_COMPARED = 1000
 """The most files of a capture, spread evenly over it, whose sizes are compared to find the typical file."""
 
 _FILES_OPENED = 15
 """The most of these files that are opened."""
-
-_DIGITS = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +97,6 @@ class FrameFileList(Sequence[FrameSource]):
         return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
 
 
-def natural_key(name: str) -> str:
-    """Return a sort key by which frame_2 comes before frame_10. Keys are single texts: there may be thousands."""
-    pieces = _DIGITS.split(name.casefold())
-    # each number becomes the count of its digits, then its digits; a name that ends before a number comes first
-    for place in range(1, len(pieces), 2):
-        digits = str(int(pieces[place]))
-        pieces[place] = f"\0{len(digits):04}{digits}"
-    return f"{''.join(pieces)}\0\0{name}"
-
-
 @dataclass(frozen=True)
 class Capture:
     """Frames that were recorded under the same metadata.
@@ -154,15 +144,26 @@ class Capture:
         most_common, _ = Counter(one.pixels for one in known).most_common(1)[0]
         return next(one for one in known if one.pixels == most_common)
 
+    @functools.cached_property
+    def lossy_compression(self) -> str | None:
+        """Name of the compression of the typical file if it is known to change values; None: it is not, or there is none."""
+        typical = self.typical
+        if typical is None or typical.is_plain:
+            return None
+        try:
+            return frame_files.lossy_compression(typical.source.paths[0], self.layout, typical.dtype)
+        except FrameError:
+            # whoever reads the frame gets the error
+            return None
+
 
 def frame_names(captures: Iterable[Capture], /) -> set[str]:
     """Return the names of all frames of the captures."""
     return {frame.name for capture in captures for frame in capture.frames}
 
 
-@contextmanager
-def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]:
-    """Open the file in which a frame lies, or its files of single planes, and yield the frames in it.
+def open_frames(source: FrameSource, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
+    """Open the file in which a frame lies, or its files of single planes; the context yields the frames in it.
 
     If there are several frames and `source.index` is None, the file is a stack, which its name did not tell.
 
@@ -170,43 +171,9 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
         NotAFrameError: the file is undamaged but holds something else, such as a map.
         FrameError: the file cannot be read, is damaged, or lacks a harmonic or channel.
     """
-    path, stored, read_like = source.paths[0], None, None
     if len(source.paths) > 1:
-        stored = _joined_planes(source, layout)
-    elif _last.read_like is not None and layout == _last.layout and not (layout.raw or source.index):
-        # an error is ignored here: the reader below finds it too and raises a better message
-        with suppress(OSError, ValueError, MemoryError):
-            read_like = _last.read_like
-            stored = read_like(path)
-    if stored is not None:
-        whole = stored
-        yield Frames(1, whole.shape, whole.dtype, lambda _: whole, read_like)
-        return
-    kind = detect_format(path, raw=layout.raw is not None)
-    if not kind.whole:
-        plane = kind.frames().read_plane(path, layout)
-        raise NotAFrameError(
-            f"{path}: holds one plane of {size_text(plane.shape)}, {8 * plane.itemsize} bits; expected {layout.planes} planes"
-            f" per frame: one {kind.title} each, and their names in [layout] pattern, such as"
-            f' "{{frame}}_h{{harmonic}}_sc{{channel}}.{kind.name}"'
-        )
-    with kind.frames().open_frames(path, layout) as frames:
-        _last.layout, _last.read_like = layout, frames.read_like
-        yield frames
-
-
-class _LastRead(threading.local):
-    """The quick way (`Frames.read_like`) in which this thread can read the next file, and the layout of the last file.
-
-    Most files of a capture differ from the last one only in their pixels. For these, neither the format has to be
-    detected nor its library called.
-    """
-
-    layout: FrameLayout | None = None
-    read_like: Callable[[Path], Stored | None] | None = None
-
-
-_last = _LastRead()
+        return nullcontext(Frames.of(_joined_planes(source, layout)))
+    return frame_files.open_frames(source.paths[0], layout)
 
 
 def _joined_planes(source: FrameSource, layout: FrameLayout) -> Stored:
@@ -215,9 +182,7 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Stored:
     for path, name in zip(source.paths, layout.plane_names, strict=True):
         if not os.path.lexists(path):
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")
-    planes = [
-        detect_format(path, raw=layout.raw is not None).frames().read_plane(path, layout) for path in source.paths
-    ]
+    planes = [frame_files.read_plane(path, layout) for path in source.paths]
     first = planes[0]
     for path, plane in zip(source.paths, planes, strict=True):
         if plane.shape != first.shape or plane.dtype != first.dtype:
@@ -238,6 +203,9 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
     with open_frames(source, layout) as frames:
         if source.index is None and frames.count != 1:
             raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
+        if (source.index or 0) >= frames.count:
+            # a stack whose frames were counted before
+            raise FrameError(f"{source}: was cut off or replaced while it was read; expected a complete file")
         stored = frames.read(source.index or 0)
     found = stored.shape[2:]
     if size is not None and found != size:
@@ -277,17 +245,6 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
             if names is None:
                 names = taken() if taken else frame_names([capture])
             yield from source.expanded(count, taken=names)
-
-
-def lossy_compression(source: FrameSource, layout: FrameLayout, dtype: np.dtype[Any], /) -> str | None:
-    """Return the name of the compression of a frame's first file if it is known to change values of type `dtype`, else None."""
-    path = source.paths[0]
-    try:
-        found = detect_format(path, raw=layout.raw is not None)
-        return found.compressions().lossy_compression(path, dtype) if found.compressions else None
-    except FrameError:
-        # whoever reads the frame gets the error
-        return None
 
 
 @dataclass(frozen=True)

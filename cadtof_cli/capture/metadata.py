@@ -39,18 +39,6 @@ SHORTEST_PULSE_NS = 1e-6
 MOST_RANGES = 10
 """Largest distance of a target in unambiguous ranges; a larger number was probably meant in millimetres."""
 
-LONGEST_PERIOD_NS = 1e4
-"""Fundamental period, for depths up to 1.5 km, above which it is probably not in ns."""
-
-WIDEST_VIEW_DEG = 140.0
-"""Widest angle of view for which a lens can be treated as a pinhole."""
-
-FAR_LAMP_M = 1.0
-"""Distance of the lamp from the camera above which its position is probably not in m."""
-
-LARGE_ARRAY = 16
-"""Width or height in pixels above which a principal point in the first pixel is probably a mistake."""
-
 HARMONIC_TOLERANCE = 5e-4
 """Largest relative distance of periods_ns[0] / period from a whole number; given periods are rounded decimals."""
 
@@ -231,6 +219,11 @@ class Layout(Table):
         "whole number", "bytes before the first value of a raw dump", Check(lambda n: n >= 0, "0 or more")
     )
 
+    @property
+    def depth(self) -> int:
+        """The number of folders in the pattern: how far below the folder of the capture its planes lie."""
+        return (self.pattern or "").count("/")
+
 
 _NEEDED_BESIDE = (
     ("channel", "pattern"),
@@ -270,28 +263,6 @@ class CaptureMetadata:
             if found is not None and getattr(self.layout, needs) is None:
                 raise InvalidValueError(f"layout.{name}", found, f"layout.{needs} beside it")
 
-    def mistaken_unit(self, pixels: tuple[int, int], /) -> str | None:
-        """Return in words which value is allowed, but probably in another unit, for an array (Y, X); None: none seems to be."""
-        optics, across, period = self.optics, max(pixels), self.modulation.periods_ns[0]
-        focal, point, lamp_m = (
-            optics.focal_length_px,
-            optics.principal_point_px,
-            math.hypot(*optics.lamp_offset_m or ()),
-        )
-        if period > LONGEST_PERIOD_NS:
-            far_m = unambiguous_range_m(period)
-            return f"modulation.periods_ns = {period:g}, … means depths up to {far_m:.4g} m: is it in ps instead of ns?"
-        if focal is not None and (view_deg := 2.0 * math.degrees(math.atan(across / 2.0 / focal))) > WIDEST_VIEW_DEG:
-            return f"optics.focal_length_px = {focal:g} means a view of {view_deg:.0f}°: is the value in mm instead of pixels?"
-        if point is not None and across > LARGE_ARRAY and min(point) >= 0.0 and max(point) <= 1.0:
-            return (
-                f"optics.principal_point_px = {point[0]:g}, {point[1]:g} lies in a corner of the frame: is the value a share of "
-                "width and height instead of pixels?"
-            )
-        if lamp_m > FAR_LAMP_M:
-            return f"optics.lamp_offset_m puts the lamp {lamp_m:g} m from the camera: is the value in cm instead of m?"
-        return None
-
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
 """Options that are not named after their key: --frames chooses among the frames of a capture."""
@@ -314,6 +285,10 @@ class Key:
     def path(self) -> str:
         """The dotted name, such as `pixel.integration_length`."""
         return f"{self.table}.{self.name}"
+
+    def value_in(self, metadata: CaptureMetadata, /) -> Any:
+        """Return the value that the key has in these metadata."""
+        return getattr(getattr(metadata, self.table), self.name)
 
     @property
     def option(self) -> str:

@@ -1,17 +1,29 @@
-"""Reads `capture.toml` into metadata, with the origin of each value, and writes metadata as `capture.toml`."""
+"""Finds the `capture.toml` of a folder, reads it into metadata with the origin of each value, and writes it."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.checks import MOST_LETTERS, InvalidValueError, converted, shown
 from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata
-from cadtof_cli.errors import MetadataError
+from cadtof_cli.errors import CaptureError, MetadataError
+from cadtof_cli.files.reading import absolute
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import shortened
 
 FILE_NAME = "capture.toml"
+
+_MISNAMED = (
+    "Capture.toml",
+    "CAPTURE.TOML",
+    "capture.TOML",
+    "capture.toml.txt",
+    "Capture.toml.txt",
+    "capture.toml.toml",
+)
+"""Wrong names that editors and other systems give to `capture.toml`."""
 
 DEFAULT_ORIGIN = "default"
 """Origin of a key whose value neither a file nor an option gave."""
@@ -36,6 +48,23 @@ class MetadataSource:
         defaults = {path: KEYS[path].default for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN}
         told = ", ".join(f"{path} = {shown(default)}" for path, default in defaults.items() if default is not None)
         return f"not given, so taken from the paper: {told}" if told else ""
+
+
+def nearest_settings(folder: Path, /) -> Path | None:
+    """Return the `capture.toml` of a folder: the one in it, or else in the nearest folder above; None: there is none.
+
+    A `capture.toml` under a wrong name would be ignored, so it raises a CaptureError.
+    """
+    for place in (folder, *absolute(folder).parents):
+        # a file in a folder without permission counts as missing; a broken link counts as present, and reading it fails
+        if os.path.lexists(place / FILE_NAME):
+            return place / FILE_NAME
+        for name in _MISNAMED:
+            if os.path.lexists(place / name):
+                raise CaptureError(
+                    f"{place / name}: found settings under this name, expected {FILE_NAME}: rename it, or give --settings"
+                )
+    return None
 
 
 def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None) -> MetadataSource:
@@ -101,7 +130,7 @@ def toml_text(metadata: CaptureMetadata, *, comments: tuple[str, ...] = ()) -> s
     """Return the text of a `capture.toml` with comment lines at the top; keys without a value are left out."""
     tables: dict[str, dict[str, Any]] = {}
     for key in KEYS.values():
-        value = getattr(getattr(metadata, key.table), key.name)
+        value = key.value_in(metadata)
         if value is not None:
             tables.setdefault(key.table, {})[key.name] = dict(value) if key.kind == "numbers by name" else value
     return toml_from_tables(tables, comments=comments)

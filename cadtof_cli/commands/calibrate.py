@@ -9,15 +9,8 @@ from typing import Any
 import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.options import (
-    CAPTURE_HEADING,
-    Decorator,
-    RecordOptions,
-    capture_options,
-    declared_options,
-    input_paths,
-    settings_option,
-)
+from cadtof_cli.commands.map_options import CAPTURE_HEADING, capture_options, settings_option
+from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, input_paths
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import INPUT, PATH
 from cadtof_cli.units import counted

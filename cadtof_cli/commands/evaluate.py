@@ -113,9 +113,8 @@ def _table(evaluation: "Evaluation") -> Iterator[str]:
     from cadtof_cli.maps.evaluation import ERROR_TITLES
 
     yield f"{'error, cm':14}{''.join(f'{title:>9}' for title in ERROR_TITLES)}"
-    for title, errors in (("first phasor", evaluation.first_phasor), ("direct path", evaluation.direct)):
-        if errors is not None:
-            yield f"{title:14}{''.join(f'{shown:>9}' for shown in errors.in_words)}"
+    for title, errors in evaluation.in_words.items():
+        yield f"{title:14}{''.join(f'{shown:>9}' for shown in errors.in_words)}"
     yield f"{counted(evaluation.frames, 'frame')}; median and 90 % are those of |error|"
 
 

@@ -8,7 +8,7 @@ from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
-from cadtof_cli.workflows.inspect.export import OPTICS_FREE, WHOLE, ExportSettings, export_maps
+from cadtof_cli.workflows.inspect.export import FORMATS, ExportSettings, export_maps
 
 
 @click.command(
@@ -40,10 +40,8 @@ def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings) -> No
     NPZ, CSV  all layers
     """
     kind = out.suffix.lower()
-    if kind in WHOLE:
-        note_given({"layer", "depth"}, f"with {kind}")
-    if kind in OPTICS_FREE:
-        note_given({"focal_length_px", "principal_point_px"}, f"with {kind}")
+    if kind in FORMATS:
+        note_given(FORMATS[kind].unused, f"with {kind}")
     with progress_bar("exporting", "maps") as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar)
     for output in outputs:

@@ -10,16 +10,8 @@ from typing import Any
 import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.options import (
-    CAPTURE_HEADING,
-    RecordOptions,
-    capture_options,
-    input_paths,
-    jobs_option,
-    note_given,
-    refuse_given,
-    settings_option,
-)
+from cadtof_cli.commands.map_options import CAPTURE_HEADING, capture_options, settings_option
+from cadtof_cli.commands.options import RecordOptions, input_paths, jobs_option, note_given, refuse_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import INPUT, PATH
 from cadtof_cli.execution.workers import Workers
@@ -71,8 +63,8 @@ def info(
       1  an input has a problem, reported on stderr
       2  wrong usage, or nothing to show
     """
-    from cadtof_cli.workflows.inspect.facts import CalibrationFacts, MapFacts
-    from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into
+    from cadtof_cli.workflows.inspect.capture_facts import CaptureFacts
+    from cadtof_cli.workflows.inspect.info import CalibrationFacts, MapFacts, look_into
 
     shown: dict[type, tuple[str, Callable[[Any], Iterator[str]]]] = {
         CaptureFacts: ("capture", _capture_lines),

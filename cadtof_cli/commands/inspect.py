@@ -9,15 +9,8 @@ from typing import Any
 import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.map_options import MAP_HEADING, map_options
-from cadtof_cli.commands.options import (
-    CAPTURE_HEADING,
-    RecordOptions,
-    capture_options,
-    declared_options,
-    note_given,
-    settings_option,
-)
+from cadtof_cli.commands.map_options import CAPTURE_HEADING, MAP_HEADING, capture_options, map_options, settings_option
+from cadtof_cli.commands.options import RecordOptions, declared_options, note_given
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.commands.values import PATH, PIXEL_PLACE
 from cadtof_cli.workflows.resolve.settings import ResolveSettings

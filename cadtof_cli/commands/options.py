@@ -1,10 +1,10 @@
-"""Options, made from settings records, which hold types, defaults and choices, and from the keys of `capture.toml`."""
+"""Options, made from settings records, which hold types, defaults and choices; and the paths that are the INPUT of a command."""
 
 import functools
 import itertools
 import os
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
@@ -13,14 +13,9 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_h
 import click
 from click.core import ParameterSource
 
-from cadtof_cli.capture.checks import Kind
-from cadtof_cli.capture.metadata import KEYS, Key
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.commands.values import (
     FRAME_RANGE,
-    NAMES,
-    NUMBERED_NAMES,
-    NUMBERS,
     PATH,
     TWO_PIXELS,
     NumberTuple,
@@ -39,15 +34,6 @@ STDIN = "-"
 
 _UNITS = {"-ns": "NS", "-v": "V", "-px": "PX", "-m": "M", "-deg": "DEG", "-hz": "HZ"}
 """Endings of option names that say a unit, each with the placeholder of such a value in the help."""
-
-_METAVARS = {
-    "modulation.periods_ns": "NS,NS…",
-    "modulation.waveform": "sine|triangle",
-    "voltage.saturated_counts": "LOW,HIGH",
-    "optics.principal_point_px": "X,Y",
-    "optics.lamp_offset_m": "M,M,M",
-}
-"""Placeholders in the help for the values of those keys whose placeholder does not follow from kind and unit."""
 
 _TYPES: dict[Any, ParamType] = {
     bool: click.BOOL,
@@ -117,15 +103,26 @@ def setting_option(
         "help": help,
     }
     # click would take None as the default, and would not ask for the required option
-    derived |= {"required": True} if default is MISSING else {"default": _as_typed(default)}
+    derived |= {"required": True} if default is MISSING else {"default": as_typed(default)}
     names = option.split() or _names_of(f"--{dashed}")
     return click.option(*names, name, **(derived | more))
 
 
-def number_option(name: str, kind: ParamType, help: str, /) -> Decorator[Any]:
-    """Return an option for numbers whose type is not taken from a settings record; `name` has its unit, such as `distance_m`."""
-    option = f"--{name.replace('_', '-')}"
-    return click.option(*_names_of(option), name, type=kind, metavar=metavar_of(option, kind), help=help)
+def plain_option(
+    name: str, kind: ParamType, help: str, /, *, option: str = "", metavar: str | None = None
+) -> Decorator[Any]:
+    """Return an option whose type is not taken from a settings record.
+
+    Args:
+        name: of the parameter that the command receives.
+        kind: type of the value.
+        help: what the option does.
+        option: name as typed. If it ends with a unit, such as `--distance-m`, the option has a second name without the unit. If
+            empty, it follows from `name`.
+        metavar: placeholder of the value in the help; None: it follows from option and type.
+    """
+    option = option or f"--{name.replace('_', '-')}"
+    return click.option(*_names_of(option), name, type=kind, metavar=metavar or metavar_of(option, kind), help=help)
 
 
 def jobs_option(help: str, /) -> Decorator[Any]:
@@ -152,7 +149,7 @@ def _type_of(hint: Any) -> ParamType:
     return NumberTuple(None if ... in get_args(hint) else len(get_args(hint)))
 
 
-def _as_typed(default: Any) -> Any:
+def as_typed(default: Any) -> Any:
     """Return a default as it would be typed."""
     if isinstance(default, tuple):
         return ",".join(f"{item:g}" for item in default)
@@ -223,52 +220,6 @@ def refuse_given(names: Collection[str], where: str, /) -> None:
     """Raise SettingsError if an option with these parameters was typed though it has no effect `where`."""
     for option in given_options(names):
         raise SettingsError(f"{option}: has no effect {where}; leave it out")
-
-
-def capture_options(*without: str) -> RecordOptions:
-    """Return a decorator that adds an option for every key of `capture.toml`, except for the dotted keys in `without`.
-
-    The command receives the values that were given as `overrides`, by dotted key.
-    """
-    keys = tuple(key for key in KEYS.values() if key.path not in without)
-
-    def overrides(**values: Any) -> Mapping[str, Any]:
-        return {key.path: value for key, value in zip(keys, values.values(), strict=True) if value is not None}
-
-    return RecordOptions("overrides", overrides, *map(_capture_option, keys))
-
-
-def _capture_option(key: Key) -> Decorator[Any]:
-    """Return the option of a key. It has two names: with the unit, as in the key, and without the unit."""
-    types: dict[Kind, ParamType] = {
-        "number": click.FLOAT,
-        "whole number": click.INT,
-        "numbers": NUMBERS,
-        "whole numbers": NUMBERS,
-        "pair": NUMBERS,
-        "text": click.STRING,
-        "names": NAMES,
-        "numbers by name": NUMBERED_NAMES,
-    }
-    default = "" if key.default is None else f"  [if not given: {_as_typed(key.default)}, the paper's]"
-    about, kind = f"{key.path}: {key.about}.{default}", types[key.kind]
-    metavar = _METAVARS.get(key.path) or metavar_of(key.option, kind)
-    return click.option(*_names_of(key.option), f"capture_{key.name}", type=kind, metavar=metavar, help=about)
-
-
-CAPTURE_HEADING = {"Capture options (each overrides a key of capture.toml)": capture_options().names()}
-"""The heading of these options in the help of a command that takes them, and the names of their parameters."""
-
-
-def settings_option() -> Decorator[Any]:
-    """Return the option that names a `capture.toml` in any folder."""
-    return click.option(
-        "--settings",
-        "settings_file",
-        type=click.Path(path_type=Path, exists=True, dir_okay=False),
-        metavar="FILE",
-        help="Use this capture.toml for all captures, instead of the one beside the frames or in a folder above.",
-    )
 
 
 def input_paths(values: tuple[str, ...], /) -> tuple[Path, ...]:

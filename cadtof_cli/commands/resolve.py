@@ -9,18 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.map_options import MAP_HEADING, map_options
-from cadtof_cli.commands.options import (
-    CAPTURE_HEADING,
-    STDIN,
-    RecordOptions,
-    arriving_paths,
-    capture_options,
-    declared_options,
-    jobs_option,
-    note_given,
-    settings_option,
-)
+from cadtof_cli.commands.map_options import CAPTURE_HEADING, MAP_HEADING, capture_options, map_options, settings_option
+from cadtof_cli.commands.options import STDIN, RecordOptions, arriving_paths, declared_options, jobs_option, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import INPUT
 from cadtof_cli.execution.workers import LOCAL, Workers

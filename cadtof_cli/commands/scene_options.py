@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import RecordOptions, declared_options, number_option, setting_option
+from cadtof_cli.commands.options import RecordOptions, declared_options, plain_option, setting_option
 from cadtof_cli.commands.simulation_options import further_option
 from cadtof_cli.commands.values import NumberTuple, ParamType
 from cadtof_cli.simulation.pixel.mix import Condition
@@ -80,18 +80,18 @@ def _of_each_scene(option: str, about: str, kind: ParamType = click.FLOAT) -> An
     for name, value in defaults.items():
         numbers = value if isinstance(value, tuple) else (value,)
         told.append(f"{name} {'random' if value is None else ','.join(f'{number:g}' for number in numbers)}")
-    return number_option(option, kind, f"{about}  [default: {'; '.join(told)}]")
+    return plain_option(option, kind, f"{about}  [default: {'; '.join(told)}]")
 
 
 light_options = RecordOptions(
     "light",
     LightOptions,
-    number_option(
+    plain_option(
         "asr",
         click.FLOAT,
         "Ambient-to-signal ratio: ambient photons over laser photons.  [default: 5; with --scene: 2]",
     ),
-    number_option(
+    plain_option(
         "mpi", click.FLOAT, "MPI photons over laser photons.  [default: 0.3; with --scene: as the scene gives it]"
     ),
     setting_option(
@@ -104,7 +104,7 @@ light_options = RecordOptions(
     ),
     setting_option(Condition, "second_ns", "Arrival time of the MPI.", option="--second"),
     further_option,
-    number_option(
+    plain_option(
         "integration_length", click.FLOAT, "Integration length n_av of Eq. (1), per harmonic.  [default: 1e5]"
     ),
 )
@@ -116,7 +116,7 @@ _scene = RecordOptions(
     _of_each_scene("tilt_deg", "Tilt of the wall to the right and down.", NumberTuple(2)),
     _of_each_scene("albedo", "Albedo of the corner, or of all surfaces of a room."),
     _of_each_scene("opening_deg", "Angle between the walls of the corner."),
-    number_option("furniture", click.INT, "Pieces of furniture in the room.  [default: random, 0 to 8]"),
+    plain_option("furniture", click.INT, "Pieces of furniture in the room.  [default: random, 0 to 8]"),
     _of_each_scene("lamp_offset_m", "Position of the lamp relative to the camera: right,down,forward.", NumberTuple(3)),
     click.option(
         *("--lamp-beam-deg", "--lamp-beam", "beam_deg"),
@@ -124,13 +124,13 @@ _scene = RecordOptions(
         metavar="DEG",
         help="Half angle of the lamp's beam (room).  [default: random]",
     ),
-    number_option(
+    plain_option(
         "light_paths", click.INT, "Light paths traced from every fourth pixel (room, cornell).  [default: 256]"
     ),
-    number_option(
+    plain_option(
         "net_fill", click.FLOAT, "Share of the light that a net in the room reflects (room).  [default: no net]"
     ),
-    number_option(
+    plain_option(
         "net_distance_m", click.FLOAT, "Distance of the net along the optical axis (room).  [default: random]"
     ),
 )

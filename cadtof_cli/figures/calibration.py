@@ -8,8 +8,8 @@ from cadtof_cli.arrays import Float, plane_name
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.figures.page import Block, Panel, Scaled, draw_page
-from cadtof_cli.figures.scales import DEPTHS, ERRORS, SIGMAS, limits_of, signed_limits
+from cadtof_cli.figures.page import Block, Panel, draw_page
+from cadtof_cli.figures.scales import Scale
 
 
 def draw_calibration(calibration: Calibration, path: Path, /, *, title: str) -> None:
@@ -21,8 +21,8 @@ def draw_calibration(calibration: Calibration, path: Path, /, *, title: str) -> 
         rows.append(_response_row(calibration.response))
     if calibration.petzval is not None:
         offset = 100.0 * calibration.petzval.range_offset_m
-        limits = signed_limits(offset, share=100.0)
-        block = Scaled((Panel("field curvature", offset),), "added to the range, cm", ERRORS, limits)
+        scale = Scale.of_differences(offset, share=100.0)
+        block = Block((Panel("field curvature", offset),), "added to the range, cm", scale)
         if rows and sum(len(one.panels) for one in rows[-1]) < 4:
             rows[-1].append(block)
         else:
@@ -34,11 +34,11 @@ def _dark_rows(dark: DarkCalibration) -> list[list[Block]]:
     """Return a row for each harmonic: the offsets of both channels, and the noise of one frame in both channels."""
     offset, noise = 1000.0 * dark.offset_v.astype(np.float64), 1000.0 * dark.noise_v.astype(np.float64)
     offset[..., dark.hot], noise[..., dark.hot] = np.nan, np.nan
-    of_offset, of_noise = signed_limits(offset, share=99.5), (0.0, limits_of(noise)[1])
+    of_offset, of_noise = Scale.of_layer("dark.offset", offset), Scale.of_layer("dark.noise", noise)
     return [
         [
-            Scaled(_channels("dark offset", harmonic, offset[row]), "mV", ERRORS, of_offset),
-            Scaled(_channels("dark noise", harmonic, noise[row]), "of a frame, mV", SIGMAS, of_noise),
+            Block(_channels("dark offset", harmonic, offset[row]), "mV", of_offset),
+            Block(_channels("dark noise", harmonic, noise[row]), "of a frame, mV", of_noise),
         ]
         for row, harmonic in enumerate(dark.origin.harmonics)
     ]
@@ -57,6 +57,6 @@ def _response_row(response: ResponseCalibration) -> list[Block]:
     of_phase = tuple(Panel(f"phase H{h}", plane) for h, plane in zip(harmonics, phase, strict=True))
     of_gain = tuple(Panel(f"gain H{h}", plane) for h, plane in zip(harmonics, gain, strict=True))
     return [
-        Scaled(of_phase, "added by the pixel, °", ERRORS, signed_limits(phase, share=99.5)),
-        Scaled(of_gain, "times", DEPTHS, limits_of(gain)),
+        Block(of_phase, "added by the pixel, °", Scale.of_differences(phase, share=99.5)),
+        Block(of_gain, "times", Scale.of_layer("gain", gain)),
     ]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Status
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.page import Block, Classes, Panel, Rows, Scaled, draw_page, page_figure
+from cadtof_cli.figures.page import Block, Panel, Rows, draw_page, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass, class_shares
-from cadtof_cli.figures.scales import default_scale
+from cadtof_cli.figures.scales import Scale
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.layers import layer_unit
 
@@ -66,22 +66,16 @@ class Shown:
         return Panel(name, self.values(name), self.status, lacking=None if name.startswith("direct.") else lacking)
 
 
-def scale_of(
-    name: str, panels: tuple[Panel, ...], unit: str, /, *, limits: tuple[float, float] | None, colours: str | None
-) -> Scaled:
-    """Return panels of a layer, or of layers like it, on one scale; limits and colours that are None are chosen to suit them."""
-    values = np.concatenate([panel.values.ravel() for panel in panels])
-    default, found = default_scale(name, values)
-    return Scaled(panels, unit, colours or default, limits or found)
+def on_one_scale(name: str, panels: tuple[Panel, ...], unit: str, /, scale: Scale | None = None) -> Block:
+    """Return panels of a layer, or of layers like it, on one scale; None: the one that suits them."""
+    return Block(panels, unit, scale or Scale.of_layer(name, *(panel.values for panel in panels)))
 
 
-def block_of(
-    shown: Shown, name: str, /, *, limits: tuple[float, float] | None = None, colours: str | None = None
-) -> Block:
+def block_of(shown: Shown, name: str, /, scale: Scale | None = None) -> Block:
     """Return one layer as a block of a page. The layer `status` is shown as the class of each pixel."""
     if name == "status" and shown.status is not None:
-        return Classes.of(status=shown.status)
-    return scale_of(name, (shown.panel(name),), shown.unit(name), limits=limits, colours=colours)
+        return Block.of_classes(status=shown.status)
+    return on_one_scale(name, (shown.panel(name),), shown.unit(name), scale)
 
 
 def magnified_width(shape: tuple[int, ...], most: int, /) -> float:
@@ -102,7 +96,7 @@ def draw_all_layers(shown: Shown, path: Path, /) -> None:
     blocks: list[Block] = []
     if depths:
         panels = tuple(shown.panel(name) for name in depths)
-        blocks.append(scale_of(depths[0], panels, shown.unit(depths[0]), limits=None, colours=None))
+        blocks.append(on_one_scale(depths[0], panels, shown.unit(depths[0])))
     blocks += [block_of(shown, name) for name in shown.layers if name not in depths]
     draw_page(_in_rows(blocks), path, title=shown.title, shares=shown.shares())
 
@@ -120,17 +114,10 @@ def draw_recorded(shown: Shown, path: Path, /) -> None:
     """Draw a recorded frame, a row for each harmonic: SC1 and SC2, amplitude, and phase, each on one scale in all rows."""
     rows: list[list[Block]] = []
     harmonics = [name.removesuffix(".phase") for name in shown.layers if name.endswith(".phase")]
-    volts = np.concatenate([np.ravel(shown.layers[f"{one}.{sc}"]) for one in harmonics for sc in ("SC1", "SC2")])
-    light = np.concatenate([np.ravel(shown.layers[f"{one}.amplitude"]) for one in harmonics])
-    of_volts, of_light = default_scale("H1.SC1", volts)[1], default_scale("H1.amplitude", light)[1]
+    of_volts = Scale.of_layer("H1.SC1", *(shown.values(f"{one}.{sc}") for one in harmonics for sc in ("SC1", "SC2")))
+    of_light = Scale.of_layer("H1.amplitude", *(shown.values(f"{one}.amplitude") for one in harmonics))
     for one in harmonics:
         names = f"{one}.SC1", f"{one}.SC2"
-        unit = shown.unit(names[0])
-        rows.append(
-            [
-                scale_of(names[0], tuple(map(shown.panel, names)), unit, limits=of_volts, colours=None),
-                block_of(shown, f"{one}.amplitude", limits=of_light),
-                block_of(shown, f"{one}.phase"),
-            ]
-        )
+        volts = Block(tuple(map(shown.panel, names)), shown.unit(names[0]), of_volts)
+        rows.append([volts, block_of(shown, f"{one}.amplitude", of_light), block_of(shown, f"{one}.phase")])
     draw_page(rows, path, title=shown.title)

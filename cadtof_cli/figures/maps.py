@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.figures.layers import Shown
-from cadtof_cli.figures.page import Block, Classes, Panel, Scaled, draw_page
+from cadtof_cli.figures.layers import Shown, on_one_scale
+from cadtof_cli.figures.page import Block, Panel, draw_page
 from cadtof_cli.figures.pixel_classes import PixelClass
-from cadtof_cli.figures.scales import DEPTHS, ERRORS, default_scale, limits_of, signed_limits
+from cadtof_cli.figures.scales import Scale
 from cadtof_cli.maps.comparison import difference
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH, error_unit
 
@@ -33,12 +33,9 @@ def draw_maps(
     depths = tuple(Panel(titles[name], depth, status) for name, depth in known.items())
     mpi = Panel("MPI depth", shown.values(MPI_DEPTH), status, lacking=PixelClass.ONE_PATH)
     unit = shown.unit(DIRECT_DEPTH)
-    upper: list[Block] = [
-        Scaled(depths, unit, DEPTHS, limits_of(np.concatenate([panel.values.ravel() for panel in depths]))),
-        Scaled((mpi,), unit, DEPTHS, limits_of(mpi.values)),
-    ]
+    upper: list[Block] = [on_one_scale(DIRECT_DEPTH, depths, unit), on_one_scale(MPI_DEPTH, (mpi,), unit)]
     if status is not None:
-        upper.append(Classes.of(paths=status))
+        upper.append(Block.of_classes(paths=status))
     lower: list[Block] = []
     if truth_m is not None:
         errors = {name: 100 * (depth - truth_m) for name, depth in known.items()}
@@ -47,7 +44,7 @@ def draw_maps(
             Panel(f"{name} − truth\n{_median(error)}", error, status, in_one=untold & np.isfinite(known[name]))
             for name, error in errors.items()
         )
-        lower.append(Scaled(panels, "cm", ERRORS, signed_limits(*errors.values())))
+        lower.append(Block(panels, "cm", Scale.of_differences(*errors.values())))
     for name, title, unit, factor in (
         (DIRECT_SIGMA, "σ of direct depth", "predicted, cm", 100),
         (CONFIDENCE, "confidence", "first phasor, mV", 1000),
@@ -55,7 +52,7 @@ def draw_maps(
     ):
         if name in OF_A_MAP or (name in shown.layers and truth_m is None):
             values = factor * shown.values(name)
-            lower.append(Scaled((Panel(title, values, status),), unit, *default_scale(name, values)))
+            lower.append(on_one_scale(name, (Panel(title, values, status),), unit))
     draw_page((upper, lower), path, title=shown.title, shares=shown.shares())
 
 
@@ -75,24 +72,20 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
             Panel(f"{letter}: {name}", shown.values(name), shown.status, lacking=PixelClass.ONE_PATH)
             for letter, shown in (("A", one), ("B", other))
         )
-        both = np.concatenate([panel.values.ravel() for panel in pair])
         factor, unit = error_unit(one.units[name])
         change = factor * difference(one.layers[name], other.layers[name])
         in_one = np.isfinite(one.layers[name]) != np.isfinite(other.layers[name])
         # the status of A explains pixels that have no value in either map
         panel = Panel("A − B", change, one.status, lacking=PixelClass.ONE_PATH, in_one=in_one)
-        rows.append(
-            [
-                Scaled(pair, one.unit(name), DEPTHS, limits_of(both)),
-                Scaled((panel,), unit, ERRORS, signed_limits(change)),
-            ]
-        )
+        of_change = Block((panel,), unit, Scale.of_differences(change))
+        # layers other than depths have the scale of depths here too
+        rows.append([on_one_scale(DIRECT_DEPTH, pair, one.unit(name)), of_change])
     if one.status is not None and other.status is not None:
         changed = np.where(one.status != other.status, 1.0, 0.0)
         rows.append(
             [
-                Classes.of(**{"A: paths": one.status, "B: paths": other.status}),
-                Scaled((Panel("status differs", changed),), "any bit", "magma", (0.0, 1.0), ("no", "yes")),
+                Block.of_classes(**{"A: paths": one.status, "B: paths": other.status}),
+                Block((Panel("status differs", changed),), "any bit", Scale("magma", (0.0, 1.0), ends=("no", "yes"))),
             ]
         )
     draw_page(rows, path, title=title)

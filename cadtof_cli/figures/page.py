@@ -21,6 +21,7 @@ from cadtof_cli.arrays import Bool, Status
 from cadtof_cli.figures.canvas import Figure, add_title
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_classes import NO_VALUE, PixelClass, classes_of
+from cadtof_cli.figures.scales import Scale
 
 Image = NDArray[np.uint8]
 
@@ -72,60 +73,40 @@ class Panel:
 
 
 @dataclass(frozen=True, eq=False)
-class Scaled:
+class Block:
     """Panels that are compared: they share a unit, a scale and a bar of colours.
 
-    `ends` are texts for the two ends of the bar, which replace its numbers. `reach` is the lowest and the highest value of all
-    frames, if other frames of a film or sheet share the bar.
+    Without a scale, they show the class of each pixel; they have no bar, because the legend explains the colours.
     """
 
     panels: tuple[Panel, ...]
     unit: str
-    colours: str
-    limits: tuple[float, float]
-    ends: tuple[str, ...] = ()
-    reach: tuple[float, float] | None = None
-
-    def painted(self, panel: Panel, /) -> Image:
-        """Return the colours of a panel, RGBA, (Y, X, 4)."""
-        low, high = self.limits
-        known = np.isfinite(panel.values)
-        shares = Normalize(low, high, clip=True)(np.where(known, panel.values, low))
-        image: Image = mpl.colormaps[self.colours](shares, bytes=True)
-        for kind, pixels in panel.without_value().items():
-            image[pixels] = kind.rgba
-        return image
-
-    def shown(self, panel: Panel, /) -> set[PixelClass]:
-        """Return the reasons for which pixels of a panel have no value."""
-        return {kind for kind, pixels in panel.without_value().items() if pixels.any()}
-
-
-@dataclass(frozen=True, eq=False)
-class Classes:
-    """Panels that show the class of each pixel. They have no bar, because the legend explains the colours."""
-
-    panels: tuple[Panel, ...]
-    unit: str = "as the legend says"
+    scale: Scale | None
 
     @classmethod
-    def of(cls, **statuses: Status) -> "Classes":
+    def of_classes(cls, **statuses: Status) -> "Block":
         """Return one panel for each array of status bits, (Y, X); the keywords are the titles."""
-        return cls(tuple(Panel(title, np.zeros(status.shape), status) for title, status in statuses.items()))
+        panels = tuple(Panel(title, np.zeros(status.shape), status) for title, status in statuses.items())
+        return cls(panels, "as the legend says", None)
 
     def painted(self, panel: Panel, /) -> Image:
         """Return the colours of a panel, RGBA, (Y, X, 4)."""
-        image = np.empty((*panel.values.shape, 4), np.uint8)
-        for kind, pixels in classes_of(panel.status).items():
+        image: Image = np.empty((*panel.values.shape, 4), np.uint8)
+        if self.scale is not None:
+            low, high = self.scale.limits
+            shares = Normalize(low, high, clip=True)(np.where(np.isfinite(panel.values), panel.values, low))
+            image = mpl.colormaps[self.scale.colours](shares, bytes=True)
+        for kind, pixels in self._classes(panel).items():
             image[pixels] = kind.rgba
         return image
 
     def shown(self, panel: Panel, /) -> set[PixelClass]:
-        """Return the classes that occur in a panel."""
-        return {kind for kind, pixels in classes_of(panel.status).items() if pixels.any()}
+        """Return the classes of pixels in a panel whose colours are not those of the scale."""
+        return {kind for kind, pixels in self._classes(panel).items() if pixels.any()}
 
+    def _classes(self, panel: Panel) -> dict[PixelClass, Bool]:
+        return classes_of(panel.status) if self.scale is None else panel.without_value()
 
-Block = Scaled | Classes
 
 Rows = Sequence[Sequence[Block]]
 
@@ -216,7 +197,7 @@ def page_figure(
     add_title(figure, title, below=(_TOP / 2 - 2) / 100)
     for cell in cells:
         _draw(figure, cell, page)
-        if cell.closes and isinstance(cell.block, Scaled):
+        if cell.closes:
             _bar(figure, cell, cells, page)
     add_legend(figure, named, columns=columns, shares=shares)
     return figure
@@ -261,25 +242,30 @@ def _draw(figure: Figure, cell: _Cell, page: _Page) -> None:
 
 def _bar(figure: Figure, cell: _Cell, cells: Sequence[_Cell], page: _Page) -> None:
     """Draw the bar of colours of a block at the right of its last panel; if panels are stacked, along all of them."""
-    block = cell.block
-    assert isinstance(block, Scaled)
-    mine = [one for one in cells if one.block is block and one.left == cell.left]
+    mine = [one for one in cells if one.block is cell.block and one.left == cell.left]
     top, bottom = min(one.top for one in mine), max(one.top for one in mine) + page.panel_height
-    add_bar(figure, block, page.place(cell.left + page.panel_width + 8, top, 11, bottom - top), length=bottom - top)
+    add_bar(
+        figure, cell.block, page.place(cell.left + page.panel_width + 8, top, 11, bottom - top), length=bottom - top
+    )
 
 
-def add_bar(figure: Figure, block: Scaled, place: tuple[float, float, float, float], /, *, length: float) -> None:
-    """Add the bar of colours of a block at a place of the figure; `length` is its length in hundredths of an inch."""
-    low, high = block.limits
+def add_bar(figure: Figure, block: Block, place: tuple[float, float, float, float], /, *, length: float) -> None:
+    """Add the bar of colours of a block, if it has a scale, at a place of the figure.
+
+    `length` is its length in hundredths of an inch.
+    """
+    if (scale := block.scale) is None:
+        return
+    low, high = scale.limits
     values = np.concatenate([one.values[np.isfinite(one.values)].ravel() for one in block.panels])
-    lowest, highest = block.reach or ((values.min(), values.max()) if values.size else block.limits)
+    lowest, highest = scale.reach or ((values.min(), values.max()) if values.size else scale.limits)
     beyond = bool(lowest < low), bool(highest > high)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, "neither")
-    mappable = ScalarMappable(Normalize(low, high), mpl.colormaps[block.colours])
+    mappable = ScalarMappable(Normalize(low, high), mpl.colormaps[scale.colours])
     ticks = MaxNLocator(max(2, min(8, int(length / 28))))
     bar = figure.colorbar(mappable, cax=figure.add_axes(place), extend=extend, extendfrac=0.03, ticks=ticks)
-    if block.ends:
-        bar.set_ticks(block.limits, labels=block.ends)
+    if scale.ends:
+        bar.set_ticks(scale.limits, labels=scale.ends)
     bar.ax.tick_params(labelsize=7, length=2.5)
     bar.set_label(block.unit.rpartition(", ")[2], fontsize=8, labelpad=2)
 

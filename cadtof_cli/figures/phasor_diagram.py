@@ -10,15 +10,11 @@ from matplotlib.patches import Ellipse
 from cadtof_cli.arrays import Float
 from cadtof_cli.figures.canvas import Figure, add_title
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.pixel_evolution import (
-    DIRECT_COLOUR,
-    DOTS_PER_INCH,
-    MEASURED_COLOUR,
-    MPI_COLOUR,
-    OTHER_COLOUR,
-)
+from cadtof_cli.figures.scales import DIRECT_COLOUR, MEASURED_COLOUR, MPI_COLOUR, OTHER_COLOUR
 from cadtof_cli.pipeline.one_pixel import PixelEvidence
 from cadtof_cli.resolver.status import StatusBit
+
+DOTS_PER_INCH = 120
 
 _SIDE, _LEFT, _GAP, _TOP, _BOTTOM = 4.0, 0.8, 0.6, 0.75, 1.2
 """Side of a panel, and the space around it, in inches."""

@@ -8,13 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from cadtof_cli.figures.canvas import Figure, legend_beside
+from cadtof_cli.figures.scales import AMBIENT_COLOUR, DIRECT_COLOUR, MEASURED_COLOUR, MPI_COLOUR, OTHER_COLOUR
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import Evolution
 from cadtof_cli.simulation.pixel.waveforms import sampled_pair
-
-DIRECT_COLOUR, MPI_COLOUR, MEASURED_COLOUR, AMBIENT_COLOUR = "#1b6ca8", "#d1495b", "#222222", "#b8b8b8"
-
-OTHER_COLOUR = "#7a5195"
 
 DOTS_PER_INCH = 120
 

@@ -13,7 +13,7 @@ import numpy as np
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.canvas import Figure, add_title, within
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.page import LEGEND_ENTRY, Block, Image, Scaled, add_bar, add_legend, page_figure
+from cadtof_cli.figures.page import LEGEND_ENTRY, Block, Image, add_bar, add_legend, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.files.atomic import atomic_write, require_new
 
@@ -93,10 +93,9 @@ def draw_sheet(
         if image is None:
             y = 1 - (below - height / 2) / page_height
             figure.text(x, y, "cannot\nbe drawn", ha="center", va="center", fontsize=7, color="#b00020")
-    if isinstance(scale, Scaled):
-        length = min(sheet.shape[0], 500)
-        left, bottom = (page_width - _RIGHT + 4) / page_width, 1 - (_TOP + length) / page_height
-        add_bar(figure, scale, (left, bottom, 12 / page_width, length / page_height), length=length)
+    length = min(sheet.shape[0], 500)
+    left, bottom = (page_width - _RIGHT + 4) / page_width, 1 - (_TOP + length) / page_height
+    add_bar(figure, scale, (left, bottom, 12 / page_width, length / page_height), length=length)
     add_legend(figure, [one for one in PixelClass if one in kinds], columns=max(1, page_width // LEGEND_ENTRY))
     save(figure, path, dpi=DOTS_PER_INCH)
 
@@ -173,7 +172,7 @@ def _palette(block: Block) -> Image:
     """Return 256 colours, RGB, (256, 3): those of pixel classes, those of the scale, and greys for letters."""
     greys = np.linspace(0, 255, 32).round().astype(np.uint8)[:, None].repeat(3, axis=1)
     classes = np.stack([kind.rgba[:3] for kind in PixelClass])
-    name = block.colours if isinstance(block, Scaled) else "gray"
+    name = block.scale.colours if block.scale else "gray"
     scale = mpl.colormaps[name](np.linspace(0.0, 1.0, 256 - len(greys) - len(classes)), bytes=True)[:, :3]
     return np.concatenate([classes, scale, greys])
 

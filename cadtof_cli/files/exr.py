@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.exr_planes import NamedPart, Place, places_in, voltage_places
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader, require_different_names
-from cadtof_cli.files.named_planes import NamedPart, Place, places_in, voltage_places
 from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_through, require_plausible_size
 from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.records import dataclass
@@ -169,8 +169,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """
     parts = read_parts(path)
     planes = _planes(path, parts, voltage_places(parts, layout, where=str(path)))
-    stored = planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:])
-    yield Frames(1, stored.shape, stored.dtype, lambda _: stored)
+    yield Frames.of(planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:]))
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:

@@ -82,6 +82,11 @@ class Frames:
     read: Callable[[int], Stored]
     read_like: Callable[[Path], Stored | None] | None = None
 
+    @classmethod
+    def of(cls, stored: Stored, /, *, read_like: Callable[[Path], Stored | None] | None = None) -> "Frames":
+        """Return the one frame that has been read already: its stored values, shape (H, C, Y, X)."""
+        return cls(1, stored.shape, stored.dtype, (stored,).__getitem__, read_like)
+
 
 def harmonic_labels(harmonics: tuple[int, ...], found: Collection[int]) -> tuple[int, ...]:
     """Return the labels by which the files of a capture name its harmonics, if they name those in `found`.

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.atomic import atomic_write
-from cadtof_cli.files.formats import detect_format
-from cadtof_cli.files.maps import STATUS, NotMapsError
+from cadtof_cli.files.atomic import PartialFile, atomic_write
+from cadtof_cli.files.digests import Digest, file_digest
+from cadtof_cli.files.formats import detect_format, format_by_suffix
+from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader, NotMapsError
 
 _STATUS_LIMIT = 2**13
 """All numbers below it are status bits: those of `StatusBit`, which this room may not import."""
@@ -63,6 +64,26 @@ def read_facts(path: Path, /) -> dict[str, str]:
     """Return the facts in the header of a map file by name, such as the kind of depth; empty if there are none."""
     kind = detect_format(path)
     return kind.layers().read_facts(path) if kind.layers else {}
+
+
+def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str) -> tuple[PartialFile, str]:
+    """Write maps under a temporary name, in the format of `path`'s suffix; return the file and the digest of its bytes.
+
+    The caller commits or discards the file. A commit waits for the disk, so the caller can do other work at the same
+    time.
+    """
+    kind = format_by_suffix(path)
+    assert kind is not None
+    assert kind.layers is not None
+    partial = PartialFile(path, token=token)
+    with partial.filling(maps.pages.nbytes):
+        parts = kind.layers().write_maps(partial.temporary, maps, header=header)
+        if not parts:
+            return partial, file_digest(partial.temporary)
+        partial.parts, digest = parts, Digest()
+        for part in parts:
+            digest.update(part)
+        return partial, digest.hexdigest()
 
 
 def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""The records of a frame's maps and of the header of their file, and how the file is written."""
+"""The records of a frame's maps and of the header of their file, and the names of layers."""
 
 import math
 import re
@@ -9,12 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from xxhash import xxh3_128
 
-from cadtof_cli.arrays import Float32, Status, Stored
+from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.atomic import PartialFile
-from cadtof_cli.files.formats import format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import printable
@@ -27,14 +24,6 @@ SOFTWARE = f"cadtof {__version__}"
 
 SOURCE = "source"
 """Name of the fact that says which frame was recorded; all other facts are the same for all frames of a run."""
-
-Digest = xxh3_128
-"""Hash function for digests of files, fast enough for every frame and its maps.
-
-It detects accidental changes; it gives no protection against forgery.
-"""
-
-_CHUNK_BYTES = 2**22
 
 _MAP_LAYER = rf"(direct|mpi)\.\w+|confidence|{STATUS}"
 
@@ -110,43 +99,6 @@ class MapHeader:
     def of_frame(self, source: str, /) -> "MapHeader":
         """Return this header with one more fact: the name of the recorded frame."""
         return MapHeader(self.units, {**self.facts, SOURCE: printable(source)})
-
-
-def file_digest(path: Path, /) -> str:
-    """Return the digest of a file's bytes; raise OSError if it cannot be read."""
-    digest = Digest()
-    with path.open("rb", buffering=0) as file:
-        # a map may be large, so it is read in pieces
-        while piece := file.read(_CHUNK_BYTES):
-            digest.update(piece)
-    return digest.hexdigest()
-
-
-def content_digest(values: Stored, /) -> str:
-    """Return a digest of an array's type, shape and values, 32 hexadecimal digits."""
-    digest = Digest(np.ascontiguousarray(values).data)
-    digest.update(f"{values.dtype.str}{values.shape}".encode())
-    return digest.hexdigest()
-
-
-def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str) -> tuple[PartialFile, str]:
-    """Write maps under a temporary name, in the format of `path`'s suffix; return the file and the digest of its bytes.
-
-    The caller commits or discards the file. A commit waits for the disk, so the caller can do other work at the same
-    time.
-    """
-    kind = format_by_suffix(path)
-    assert kind is not None
-    assert kind.layers is not None
-    partial = PartialFile(path, token=token)
-    with partial.filling(maps.pages.nbytes):
-        parts = kind.layers().write_maps(partial.temporary, maps, header=header)
-        if not parts:
-            return partial, file_digest(partial.temporary)
-        partial.parts, digest = parts, Digest()
-        for part in parts:
-            digest.update(part)
-        return partial, digest.hexdigest()
 
 
 def region_of(said: str, /) -> tuple[int, int, int, int] | None:

@@ -6,7 +6,7 @@ The message says how to save such an array in a file that we read.
 from pathlib import Path
 
 from cadtof_cli.errors import FrameError, require_memory_for_scipy
-from cadtof_cli.files.array_frames import transpositions
+from cadtof_cli.files.axis_orders import transpositions
 from cadtof_cli.files.reading import damage_as_frame_error
 
 _VERSION_7_3 = b"MATLAB 7.3 MAT-f"

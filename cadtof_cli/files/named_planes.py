@@ -1,17 +1,13 @@
-"""Finds which channel, page or band of a file is which plane of a frame, by their names.
+"""What the name of a channel, page, band or file says about the plane that it holds: its harmonic and its channel."""
 
-If there are names, they decide; the order in the file does not matter.
-"""
-
-import itertools
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 from cadtof_cli.arrays import plane_name
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, NotAFrameError, harmonic_labels
-from cadtof_cli.records import dataclass
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels
 
 _PLANE = r"(?i)(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?"
 
@@ -41,9 +37,6 @@ Names hold rounded frequencies, such as 17 and 33 MHz.
 _OTHER_FREQUENCY = 0.1
 """Least relative difference between a frequency in a name and that of the capture at which the two contradict each other."""
 
-_COLOURS = frozenset({"R", "G", "B", "A", "Y", "RY", "BY"})
-"""Names of the channels of a picture: colours, opacity, luminance and chroma."""
-
 Found = TypeVar("Found")
 
 
@@ -54,27 +47,37 @@ class PlaneLabel(NamedTuple):
     channel: int | None
 
 
-@dataclass(frozen=True)
-class NamedPart:
-    """One part of a file, or the whole file, with the names of its channels; `name` is empty if it has no name."""
-
-    name: str
-    channels: tuple[str, ...]
-
-
-class Place(NamedTuple):
-    """One channel of a file: the index of its part, and its name."""
-
-    part: int
-    channel: str
-
-
 def plane_label(name: str, /) -> PlaneLabel | None:
     """Return the label that a name such as H1.SC2, h1_sc2, H1/SC2, SC2 or H1 gives its plane; None: it gives none."""
     match = re.fullmatch(_PLANE, name.strip())
     if match is None or (match["harmonic"] is None and match["channel"] is None):
         return None
     return PlaneLabel(*(None if digits is None else int(digits) for digits in match.group("harmonic", "channel")))
+
+
+def plane_labels(names: Sequence[str], layout: FrameLayout, *, where: str) -> dict[int, PlaneLabel]:
+    """Return the labels that the names of a file's planes give, by the place of the name; empty if names say nothing.
+
+    If some names are labels in our form (H1.SC2), only these count. If not, names in other words count: all must give
+    harmonic and channel, or else all the channel (`SC1 A`, `I`), or else all the harmonic (`H1 A`, `50 MHz B`). What names
+    give alone must be given equally often.
+
+    Raises:
+        FrameError: the names give frequencies, but not those of the capture.
+    """
+    ours = {place: label for place, name in enumerate(names) if (label := plane_label(name))}
+    if ours or not names:
+        return ours
+    require_own_frequencies(names, layout, where=where)
+    if whole := labels_in_words(names, layout.harmonics):
+        return dict(enumerate(whole))
+    channels = [channel_in_words(name) for name in names]
+    if _equally_often(channels, CHANNELS):
+        return {place: PlaneLabel(None, channel) for place, channel in enumerate(channels)}
+    numbers = harmonics_in_words(names, layout.harmonics)
+    if len(layout.harmonics) > 1 and _equally_often(numbers, len(layout.harmonics)):
+        return {place: PlaneLabel(number, None) for place, number in enumerate(numbers)}
+    return {}
 
 
 def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[PlaneLabel, ...]:
@@ -92,25 +95,10 @@ def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[
     return labels if len(labels) == len(names) and wanted == set(labels) else ()
 
 
-def channels_in_words(names: Sequence[str], /) -> tuple[PlaneLabel, ...]:
-    """Return the labels that names such as `SC1 A` or `I` give, which give only the channel.
-
-    Every name must give exactly one channel, and all channels must be named equally often. If not, the result is empty.
-    """
-    channels = [channel for name in names if (channel := channel_in_words(name))]
-    even = all(channels.count(channel) * CHANNELS == len(names) for channel in range(1, CHANNELS + 1))
-    return tuple(PlaneLabel(None, channel) for channel in channels) if even else ()
-
-
-def harmonics_alone_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[PlaneLabel, ...]:
-    """Return the labels that names such as `H1 A` or `50 MHz B` give, which give only the harmonic.
-
-    Every name must give exactly one harmonic, and all harmonics, at least two, must be named equally often. If not, the
-    result is empty.
-    """
-    numbers = harmonics_in_words(names, harmonics) if len(harmonics) > 1 else ()
-    even = all(numbers.count(number) * len(harmonics) == len(names) for number in set(numbers))
-    return tuple(PlaneLabel(number, None) for number in numbers) if even else ()
+def _equally_often(said: Sequence[int | None], kinds: int) -> bool:
+    """Return whether every name says a number, of which there are so many different ones, each equally often."""
+    counts = Counter(said)
+    return None not in counts and len(counts) == kinds and len(set(counts.values())) == 1
 
 
 def channel_in_words(name: str, /) -> int | None:
@@ -207,91 +195,3 @@ def planes_in_order(found: Mapping[tuple[int, int], Found], layout: FrameLayout,
             f"{where}: no channel {', '.join(missing)}; found {there}, expected {', '.join(layout.plane_names)}"
         )
     return [found[plane] for plane in wanted]
-
-
-def places_in(parts: Sequence[NamedPart], /) -> list[Place]:
-    """Return the place of every channel, in the order of the file."""
-    return [Place(index, name) for index, part in enumerate(parts) for name in part.channels]
-
-
-def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: str) -> list[Place]:
-    """Return the places of a frame's planes in the order H1.SC1, H1.SC2, H2.SC1, …
-
-    The name of a channel gives its harmonic (H2.SC1), or the name of its part gives it (a part H2 with the channels SC1
-    and SC2). If neither does, the parts are the harmonics in their order. If a part called H2.SC1 has only one channel,
-    the channel may have any name. If no name has this form, names in other words are used: see `labels_in_words`.
-
-    Raises:
-        NotAFrameError: no channel holds a voltage.
-        FrameError: a plane is missing or appears twice.
-    """
-    found = _labelled(parts, layout, where)
-    if not found:
-        names = [place.channel for place in places_in(parts)]
-        what = "a colour picture, " if _COLOURS.issuperset(names) else ""
-        raise NotAFrameError(
-            f"{where}: holds {what}the channels {', '.join(names)}, expected voltages {', '.join(layout.plane_names)}"
-        )
-    return planes_in_order(found, layout, where=where)
-
-
-def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[tuple[int, int], Place]:
-    """Return the place of every plane by its harmonic label and channel."""
-    by_part = _part_labels(parts, layout, where)
-    found: dict[tuple[int, int], Place] = {}
-    ours = [(place, label) for place in places_in(parts) if (label := _label(parts[place.part], place.channel))]
-    for place, label in ours or _labels_in_words(parts, layout, where):
-        if label.channel is None:
-            continue
-        plane = label.harmonic or by_part[place.part], label.channel
-        if plane in found:
-            raise FrameError(f"{where}: found {plane_name(*plane)} twice, expected it once")
-        found[plane] = place
-    return found
-
-
-def _labels_in_words(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> list[tuple[Place, PlaneLabel]]:
-    """Return the labels that names in other words give to all channels.
-
-    Empty unless every name gives a harmonic and a channel.
-
-    If a channel is the only one of its part and its own name gives no channel, the name of the part is used.
-    """
-    places = places_in(parts)
-    alone = [len(parts[place.part].channels) == 1 and not channel_in_words(place.channel) for place in places]
-    names = [parts[place.part].name if lone else place.channel for place, lone in zip(places, alone, strict=True)]
-    require_own_frequencies(names, layout, where=where)
-    # `labels_in_words` returns a label for every name, or none at all
-    return list(zip(places, labels_in_words(names, layout.harmonics), strict=False))
-
-
-def _label(part: NamedPart, channel: str) -> PlaneLabel | None:
-    """Return the label that the name of a channel gives.
-
-    If it gives none, and the channel is the only one of its part, return the label of the part's name, if that is
-    whole.
-    """
-    label, of_part = plane_label(channel), plane_label(part.name)
-    alone = len(part.channels) == 1 and of_part is not None and None not in of_part
-    return of_part if label is None and alone else label
-
-
-def _part_labels(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[int, int]:
-    """Return the harmonic label of each part that has channels whose names give only SC1 or SC2."""
-    labels = {i: [plane_label(name) for name in part.channels] for i, part in enumerate(parts)}
-    open_parts = [
-        i for i, found in labels.items() if any(label and label.channel and not label.harmonic for label in found)
-    ]
-    named = {i: label.harmonic for i in open_parts if (label := plane_label(parts[i].name)) and label.harmonic}
-    if len(named) == len(open_parts):
-        return named
-    if len(open_parts) > len(layout.harmonics):
-        names = ", ".join(repr(parts[i].name) for i in open_parts)
-        raise FrameError(
-            f"{where}: found {len(open_parts)} parts with SC1 and SC2 ({names}), expected {len(layout.harmonics)},"
-            " one per harmonic"
-        )
-    names_of_parts = [parts[i].name for i in open_parts]
-    require_own_frequencies(names_of_parts, layout, where=where)
-    said = harmonics_in_words(names_of_parts, layout.harmonics)
-    return dict(zip(open_parts, said or itertools.count(1), strict=False))

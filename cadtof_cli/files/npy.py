@@ -24,12 +24,12 @@ _LOOKED_AT_AFTER = 4096
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
     """Open a file whose array has the axes [T] H C Y X, or [T·]2·H Y X."""
-    return open_array(path, _array(path), layout, mended_by=("numpy.save(PATH, numpy.load(PATH)", ")"))
+    return open_array(_array(path), layout, mended_by=("numpy.save(PATH, numpy.load(PATH)", ")"))
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     """Return the one plane of a file, shape (Y, X)."""
-    return single_plane(path, _array(path))
+    return single_plane(_array(path))
 
 
 def _array(path: Path) -> ArrayInFile:
@@ -38,7 +38,7 @@ def _array(path: Path) -> ArrayInFile:
         if version not in _HEADERS:
             raise ValueError(f"found version {version[0]}.{version[1]} of the format, expected one up to 3.0")
         shape, fortran, dtype = _HEADERS[version](file, max_header_size=_LONGEST_HEADER)
-        array = ArrayInFile(shape, dtype, file.tell(), not fortran)
+        array = ArrayInFile(path, shape, dtype, file.tell(), not fortran)
         if dtype.hasobject:
             raise FrameError(
                 f"{path}: found an array of Python objects, expected one of numbers: save it with its dtype, such as by"

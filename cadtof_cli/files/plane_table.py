@@ -9,15 +9,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import plane_name
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels
-from cadtof_cli.files.named_planes import (
-    PlaneLabel,
-    channels_in_words,
-    harmonics_alone_in_words,
-    labels_in_words,
-    plane_label,
-    planes_in_order,
-    require_own_frequencies,
-)
+from cadtof_cli.files.named_planes import PlaneLabel, plane_labels, planes_in_order
 
 _CHANNEL_LABELS = "CS"
 
@@ -40,11 +32,7 @@ def plane_table(
     Raises:
         FrameError: the planes do not make up whole frames, or their order is ambiguous.
     """
-    named = {place: label for place, name in enumerate(names) if (label := plane_label(name))}
-    if names and not named:
-        require_own_frequencies(names, layout, where=where)
-        whole = labels_in_words(names, layout.harmonics)
-        named = dict(enumerate(whole or channels_in_words(names) or harmonics_alone_in_words(names, layout.harmonics)))
+    named = plane_labels(names, layout, where=where)
     if not named:
         return _table_by_order(labels, sizes, layout, where)
     if math.prod(sizes) == layout.planes:

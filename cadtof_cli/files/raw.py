@@ -20,12 +20,12 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
     read = f"numpy.fromfile(PATH, {layout.raw.dtype!r}, offset={layout.raw.offset_bytes})"
     # in what MATLAB writes, the first axis varies fastest
     mended_by = f"numpy.save(NPY, {read}.reshape({array.shape}, order='C')", "), or order='F' for a dump of MATLAB"
-    return open_array(path, array, layout, mended_by=mended_by)
+    return open_array(array, layout, mended_by=mended_by)
 
 
 def read_plane(path: Path, layout: FrameLayout, /) -> Stored:
     """Return the one plane of a dump, shape (Y, X)."""
-    return single_plane(path, _array(path, layout))
+    return single_plane(_array(path, layout))
 
 
 def _array(path: Path, layout: FrameLayout) -> ArrayInFile:
@@ -42,4 +42,4 @@ def _array(path: Path, layout: FrameLayout) -> ArrayInFile:
                 f" {raw.dtype} after {raw.offset_bytes:,} bytes (layout.raw), or a whole multiple for a stack"
             )
         shape = raw.shape if times == 1 else (times, *raw.shape)
-        return ArrayInFile(shape, dtype, raw.offset_bytes)
+        return ArrayInFile(path, shape, dtype, raw.offset_bytes)

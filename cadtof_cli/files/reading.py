@@ -6,6 +6,7 @@ Whatever a library raises for a damaged file becomes a FrameError that names the
 
 import errno
 import os
+import re
 import stat
 import warnings
 from collections.abc import Iterable, Iterator
@@ -31,6 +32,8 @@ A header that promises more than both is damaged. Deflate reaches a ratio of 1,0
 
 _MOST_LETTERS = 300
 """Most letters of a library's remark that a message shows."""
+
+_DIGITS = re.compile(r"(\d+)")
 
 _KINDS = {
     stat.S_IFIFO: "a FIFO",
@@ -85,6 +88,21 @@ def real_path(path: Path, /) -> str:
         return os.path.realpath(path)
     except (OSError, ValueError):
         return str(path.absolute())
+
+
+def absolute(path: Path, /) -> Path:
+    """Return an absolute path without `..`; links are not resolved."""
+    return Path(os.path.normpath(path.absolute()))
+
+
+def natural_key(name: str) -> str:
+    """Return a sort key by which frame_2 comes before frame_10. Keys are single texts: there may be thousands."""
+    pieces = _DIGITS.split(name.casefold())
+    # each number becomes the count of its digits, then its digits; a name that ends before a number comes first
+    for place in range(1, len(pieces), 2):
+        digits = str(int(pieces[place]))
+        pieces[place] = f"\0{len(digits):04}{digits}"
+    return f"{''.join(pieces)}\0\0{name}"
 
 
 def require_regular(path: Path, /) -> os.stat_result:

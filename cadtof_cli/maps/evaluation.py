@@ -109,6 +109,12 @@ class Evaluation:
     direct: DepthErrors
     first_phasor: DepthErrors | None
 
+    @property
+    def in_words(self) -> dict[str, DepthErrors]:
+        """The errors by what they are of, in words for people, in the order of a table."""
+        first = {} if self.first_phasor is None else {"first phasor": self.first_phasor}
+        return first | {"direct path": self.direct}
+
 
 class EvaluationTally:
     """Counts the errors of maps, and the errors of the depth by the first phasor alone, map by map."""

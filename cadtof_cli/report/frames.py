@@ -1,4 +1,4 @@
-"""The layers of a frame as a page holds them: codes of all pixels, or of every n-th row and column."""
+"""The layers of a frame as a page holds them: codes of all pixels, or of every n-th row and column; the plan which frames fit."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -79,21 +79,23 @@ def _coded(name: str, plane: NDArray[Any]) -> tuple[NDArray[np.uint16], Embedded
 
 
 @dataclass(frozen=True)
-class Shares:
-    """How many pixels of each frame a page holds.
+class PagePlan:
+    """Which frames of a run a page shows, and how many pixels of each.
 
     Attributes:
-        whole: places of the frames that keep all pixels.
-        step: all other frames keep every step-th row and column.
+        shown: places in the run of the frames that the page shows.
+        whole: those that keep all pixels, by their places among the shown frames.
+        step: all other shown frames keep every step-th row and column.
         thumbnail_px: longest side of the thumbnails.
     """
 
+    shown: frozenset[int]
     whole: frozenset[int]
     step: int
     thumbnail_px: int
 
     def step_of(self, place: int, /) -> int:
-        """Return the step of a frame."""
+        """Return the step of a shown frame by its place among them."""
         return 1 if place in self.whole else self.step
 
 
@@ -111,48 +113,46 @@ _PICTURE_BYTES = 1_100.0
 LEAST_SIDE_PX = 16
 """Number of pixels that the longer side of a frame keeps at least."""
 
-TEXT_BYTES = 1_500
+_BESIDE_MAPS = 150_000
+"""Bytes of a page's scripts, style and settings."""
+
+_TEXT_BYTES = 1_500
 """Bytes of the texts about a frame that a page shows."""
 
 _MARGIN = 1.1
 """Factor on measured sizes. Frames differ, and the frames that are measured may need less space than others."""
 
 
-def shown_places(samples: Sequence[Planes], frames: int, /, *, limit_bytes: float, whole: int | None) -> frozenset[int]:
-    """Return the places of the frames that a page of a given size shows: all, or as many as fit, evenly spread over the run.
+def planned_page(samples: Sequence[Planes], frames: int, /, *, limit_bytes: float, whole: int | None) -> PagePlan:
+    """Return which frames of a run a page of a given size shows, and how many pixels of each it can hold.
 
-    See `planned_shares` for the arguments. At least one frame is shown, and not fewer than `whole`.
-    """
-    each = TEXT_BYTES + _thumbnail_bytes(samples, THUMBNAIL_PX[-1]) + _bytes_at(samples, _largest_step(samples))
-    return _spread(frames, min(frames, max(1, whole or 0, int(limit_bytes / each))))
-
-
-def planned_shares(samples: Sequence[Planes], frames: int, /, *, limit_bytes: float, whole: int | None) -> Shares:
-    """Return how many pixels of each of `frames` shown frames a page of a given size can hold.
-
-    If there is no room for all pixels of all frames, some frames keep all pixels; they are evenly spread over the run.
-    All other frames keep every n-th row and column.
+    It shows all frames, or as many as fit, evenly spread over the run: at least one, and not fewer than `whole`. If there is no
+    room for all pixels of all shown frames, some frames keep all pixels; they are evenly spread too. All others keep every n-th
+    row and column.
 
     Args:
         samples: layers of some frames; sizes are measured on them.
-        frames: number of the frames that the page shows, see `shown_places`.
-        limit_bytes: largest size of the page without texts. It is exceeded only if `whole` frames need more.
+        frames: number of the frames of the run.
+        limit_bytes: largest size of the page. It is exceeded only if one frame or `whole` frames need more.
         whole: number of frames that keep all pixels. None: as many as fit into half of the room, and some more if the
             other frames leave room.
     """
-    sizes = [(px, frames * _thumbnail_bytes(samples, px)) for px in THUMBNAIL_PX]
-    thumbnail_px, taken = next((one for one in sizes if one[1] < THUMBNAIL_SHARE * limit_bytes), sizes[-1])
-    room, full_bytes = limit_bytes - taken, _bytes_at(samples, 1)
-    count = frames if frames * full_bytes <= room else max(0, int(0.5 * room / full_bytes))
-    count = min(frames, count if whole is None else whole)
-    most = _largest_step(samples)
-    left, others = room - count * full_bytes, frames - count
+    most, room = _largest_step(samples), limit_bytes - _BESIDE_MAPS
+    least = _TEXT_BYTES + _thumbnail_bytes(samples, THUMBNAIL_PX[-1]) + _bytes_at(samples, most)
+    shown = min(frames, max(1, whole or 0, int(room / least)))
+    room = max(room - _TEXT_BYTES * shown, 0.0)
+    sizes = [(px, shown * _thumbnail_bytes(samples, px)) for px in THUMBNAIL_PX]
+    thumbnail_px, taken = next((one for one in sizes if one[1] < THUMBNAIL_SHARE * room), sizes[-1])
+    room, full_bytes = room - taken, _bytes_at(samples, 1)
+    count = shown if shown * full_bytes <= room else max(0, int(0.5 * room / full_bytes))
+    count = min(shown, count if whole is None else whole)
+    left, others = room - count * full_bytes, shown - count
     steps = ((step, _bytes_at(samples, step)) for step in range(1, most + 1))
     step, each = next(one for one in steps if others * one[1] <= left or one[0] == most)
     if whole is None and step > 1:
         # steps are coarse: the other frames leave room for all pixels of some more frames
         count += max(0, int((left - others * each) / (full_bytes - each)))
-    return Shares(_spread(frames, count), step, thumbnail_px)
+    return PagePlan(_spread(frames, shown), _spread(shown, count), step, thumbnail_px)
 
 
 def _spread(frames: int, count: int) -> frozenset[int]:

@@ -3,13 +3,14 @@
 import hashlib
 import json
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any
 
+from cadtof_cli.arrays import Float32
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import write_text
 from cadtof_cli.report.colours import Limits, palette
@@ -37,11 +38,13 @@ SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud
 class ShownFrame:
     """A frame that the viewer shows, with the kind of its depths, range or z.
 
-    `truth` is the place of its truth among the truths of the page; None: no truth is known.
+    `small_m` are its depths for a thumbnail, (Y, X). `truth` is the place of its truth among the truths of the page; None: no
+    truth is known.
     """
 
     name: str
     embedded: EmbeddedFrame
+    small_m: Float32
     optics: Optics
     depth: str
     truth: int | None = None
@@ -67,8 +70,8 @@ def write_page(
     page: PageText,
     /,
     *,
-    frames: Sequence[ShownFrame],
-    truth: Sequence[EmbeddedFrame],
+    frames: Collection[ShownFrame],
+    truth: Collection[EmbeddedFrame],
     limits: Mapping[str, Limits],
 ) -> None:
     """Write a page, whole or not at all; raises OutputError if the file cannot be written.
@@ -116,7 +119,7 @@ def _policy(style: str, script: str) -> str:
 
 
 def _document(
-    frames: Sequence[ShownFrame], truth: Sequence[EmbeddedFrame], limits: Mapping[str, Limits]
+    frames: Collection[ShownFrame], truth: Collection[EmbeddedFrame], limits: Mapping[str, Limits]
 ) -> dict[str, Any]:
     """Return the data that the scripts need, without the maps."""
     colours, bits = palette(), []
@@ -132,7 +135,7 @@ def _document(
     }
 
 
-def _payloads(frames: Sequence[ShownFrame], truth: Sequence[EmbeddedFrame]) -> Markup:
+def _payloads(frames: Collection[ShownFrame], truth: Collection[EmbeddedFrame]) -> Markup:
     named = [(f"frame-{number}", frame.embedded) for number, frame in enumerate(frames)]
     named += [(f"truth-{number}", one) for number, one in enumerate(truth)]
     return joined(element("script", Markup(one.data), type="text/plain", id=name) for name, one in named)

@@ -1,7 +1,7 @@
 """The words and tables of a page. All of them can be read without scripts."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
@@ -200,7 +200,7 @@ def status_words() -> Markup:
     )
 
 
-def embedded_section(frames: Sequence[EmbeddedFrame], truth: Sequence[EmbeddedFrame], /) -> Markup:
+def embedded_section(frames: Collection[EmbeddedFrame], truth: Collection[EmbeddedFrame], /) -> Markup:
     """Return how many pixels of each frame the page holds, and the rounding errors of the codes of frames and truth."""
     if not frames:
         return element("p", "The page holds no maps.")

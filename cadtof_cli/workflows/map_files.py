@@ -5,10 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cadtof_cli.capture.discovery import OUTPUT_FILES, OnUnlisted, fail
-from cadtof_cli.capture.frames import natural_key
 from cadtof_cli.errors import UnlistedError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.reading import is_folder, real_path
+from cadtof_cli.files.reading import is_folder, natural_key, real_path
 from cadtof_cli.workflows.resolve.run_json import RUN_FILE
 
 OnRun = Callable[[Path], object]

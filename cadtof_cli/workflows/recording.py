@@ -9,8 +9,8 @@ from cadtof_cli.capture.frames import Capture, FrameSource, read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.doubts.plausible import Copies, require_plausible
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.digests import Digest, content_digest
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.maps import Digest, content_digest
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.records import dataclass
 

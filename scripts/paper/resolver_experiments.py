@@ -11,7 +11,8 @@ from matplotlib.patches import Rectangle
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, MPI_COLOUR, plot_histogram
+from cadtof_cli.figures.pixel_evolution import plot_histogram
+from cadtof_cli.figures.scales import DIRECT_COLOUR, MPI_COLOUR
 from cadtof_cli.figures.sweep_maps import draw_path_maps
 from cadtof_cli.files.documents import write_rows
 from cadtof_cli.resolver.settings import ResolverSettings

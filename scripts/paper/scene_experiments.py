@@ -12,12 +12,12 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.canvas import legend_beside
 from cadtof_cli.files.documents import write_rows
 from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.pipeline.first_phasor import first_phasor_depth
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import Corner, InterReflection
-from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 from cadtof_cli.workflows.simulate.record import expose
 from paper.effort import SEED, Effort
 

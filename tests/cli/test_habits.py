@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from cadtof_cli.capture.planes import layout_of_names
+from cadtof_cli.capture.suggested_layout import layout_of_names
 from tests.support.captures import layers_of, record
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT
 from tests.support.shell import shell

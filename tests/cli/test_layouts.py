@@ -67,6 +67,16 @@ def test_planes_in_folders_and_under_other_names(pattern: str, more: str, called
         _require_same_maps(whole / "expected" / f"frame_{frame}.tif", whole / "out" / f"{frame}.tif")
 
 
+def test_raw_dumps_of_one_plane_each_suggest_a_pattern(tmp_path: Path) -> None:
+    (tmp_path / "rec").mkdir()
+    for harmonic, channel in PLANES:
+        (tmp_path / "rec" / f"a_h{harmonic}_sc{channel}.raw").write_bytes(bytes(2 * 4 * 5))
+    done = shell("cadtof info rec --raw-dtype uint16 --raw-shape 4,5", tmp_path)
+    assert done.status == 1
+    assert "found 4 files with one plane each, and nothing says which plane is which" in done.err
+    assert 'pattern = "a_h{harmonic}_sc{channel}.raw"' in done.err
+
+
 def test_a_channel_without_a_name_is_refused(whole: Path) -> None:
     layout = 'pattern = "{harmonic}{channel}{frame}.tif"\nchannel = ["", "x"]'
     _write_planes(whole, "{harmonic}{channel}{frame}.tif", layout, called=PLAIN)

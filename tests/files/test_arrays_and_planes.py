@@ -10,11 +10,12 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 import scipy.io
+import tifffile
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import FrameSource, open_frames, read_stored
-from cadtof_cli.errors import CaptureError
+from cadtof_cli.errors import CaptureError, FrameError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError, RawLayout
 from tests.files.forms import known_frame
 from tests.files.refusals import message, message_of
@@ -194,6 +195,22 @@ def test_raw_dumps_are_read_from_their_offset_on(dtype: str, offset: int, tmp_pa
     elsewhere = path.rename(tmp_path / "frame.img")
     text = message(elsewhere, FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53))))
     assert text.endswith("; the names of raw dumps end with .raw, .bin, .dat")
+
+
+@pytest.mark.parametrize("left", [1, 2])
+@pytest.mark.parametrize("suffix", [".npy", ".tif"])
+def test_a_stack_that_became_shorter_fails_with_a_reason(suffix: str, left: int, tmp_path: Path) -> None:
+    """Its frames were counted when it was longer, and an earlier file may have the layout of a single frame."""
+    path, one = tmp_path / f"stack{suffix}", tmp_path / f"one{suffix}"
+    for file, count in ((one, 1), (path, left)):
+        stored = np.stack([known_frame("u2", seed=seed) for seed in range(count)])
+        if suffix == ".npy":
+            np.save(file, stored)
+        else:
+            tifffile.imwrite(file, stored.reshape(-1, *stored.shape[3:]), photometric="minisblack", metadata=None)
+    _read(one)
+    with pytest.raises(FrameError, match=r"\[2\]: was cut off or replaced while it was read"):
+        read_stored(FrameSource("stack", (path,), 2), FrameLayout((1, 2), left if left > 1 else None))
 
 
 def test_raw_dumps_of_several_frames_are_a_stack(tmp_path: Path) -> None:

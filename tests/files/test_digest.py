@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadtof_cli.files.maps import Digest, content_digest, file_digest
+from cadtof_cli.files.digests import Digest, content_digest, file_digest
 
 
 @pytest.mark.parametrize("size", [0, 1, 4095, 4096, 4097, 2**22, 2**22 + 5000, 9_000_001])

@@ -11,7 +11,7 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.frames import FrameSource, lossy_compression
+from cadtof_cli.files.frame_files import lossy_compression
 from cadtof_cli.files.frames import FrameLayout
 from tests.support.captures import PLANE_NAMES, TOML, counts_of
 from tests.support.forward import step_frame
@@ -90,7 +90,7 @@ def test_a_compression_is_called_lossy_if_and_only_if_it_changed_values(name: st
     )
     path = tmp_path / "frame"
     changed = not np.array_equal(write_and_read(path, stored.copy()), stored[:1] if "luminance" in name else stored)
-    found = lossy_compression(FrameSource("frame", (path,)), LAYOUT, np.dtype(dtype))
+    found = lossy_compression(path, LAYOUT, np.dtype(dtype))
     assert (found is not None) == changed
     assert found is None or found.split(" with ")[0] == name.partition(" of")[0].partition(",")[0].partition(" in ")[0]
 
@@ -98,7 +98,7 @@ def test_a_compression_is_called_lossy_if_and_only_if_it_changed_values(name: st
 def test_the_error_that_lerc_allows_is_named(tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"
     _tiff("lerc", level=0.001)(path, VOLTS.astype(np.float32))
-    found = lossy_compression(FrameSource("frame", (path,)), LAYOUT, np.dtype(np.float32))
+    found = lossy_compression(path, LAYOUT, np.dtype(np.float32))
     assert found == "LERC with errors up to 0.001"
 
 

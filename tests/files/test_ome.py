@@ -10,8 +10,7 @@ import tifffile
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import MapHeader
-from cadtof_cli.files.tiff.layers import ome_xml
-from cadtof_cli.files.tiff.names import channel_names
+from cadtof_cli.files.tiff.ome import channel_names, ome_xml
 from cadtof_cli.version import __version__
 from tests.files.forms import known_frame
 from tests.files.refusals import LAYOUT, message

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.exr_planes import NamedPart, Place, voltage_places
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
 from cadtof_cli.files.plane_table import plane_table
 
 counts = st.integers(1, 6)

@@ -9,11 +9,11 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pix
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.optics import LampBeside
+from cadtof_cli.pipeline.first_phasor import first_phasor_depth
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.one_pixel import pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.units import unambiguous_range_m
-from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 from tests.support.diffuse_frames import F, phasors_of, slopes
 from tests.support.kernels import by_kernel
 from tests.support.run_cadtof import cadtof

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.report.colours import Limits, widen
-from cadtof_cli.report.frames import embedded_frame, planned_shares, sampled, shown_places
+from cadtof_cli.report.frames import embedded_frame, planned_page, sampled
 
 MB = 1_000_000
 
@@ -25,51 +25,51 @@ def test_every_nth_pixel_is_one_of_the_plane(shape: tuple[int, int], step: int, 
 
 
 def test_frames_that_fit_keep_all_pixels() -> None:
-    shares = planned_shares([_planes()], 5, limit_bytes=25 * MB, whole=None)
-    assert [shares.step_of(place) for place in range(5)] == [1] * 5
-    assert shares.thumbnail_px == 80
+    plan = planned_page([_planes()], 5, limit_bytes=25 * MB, whole=None)
+    assert [plan.step_of(place) for place in range(5)] == [1] * 5
+    assert plan.thumbnail_px == 80
 
 
 @pytest.mark.parametrize(("frames", "limit_mb"), [(40, 10), (500, 25), (2000, 25)])
 def test_frames_that_do_not_fit_are_thinned_out(frames: int, limit_mb: float) -> None:
     """Frames with all pixels are spread over the run, and all frames together stay below the limit."""
     planes = _planes()
-    shares = planned_shares([planes], frames, limit_bytes=limit_mb * MB, whole=None)
-    assert shares.step > 1
-    assert 0 < len(shares.whole) < frames
-    assert {0, frames - 1} <= shares.whole or len(shares.whole) == 1
-    whole, thin = (len(embedded_frame(planes, step=step).data) for step in (1, shares.step))
-    taken = len(shares.whole) * whole + (frames - len(shares.whole)) * thin
+    plan = planned_page([planes], frames, limit_bytes=limit_mb * MB, whole=None)
+    assert plan.step > 1
+    assert 0 < len(plan.whole) < frames
+    assert {0, frames - 1} <= plan.whole or len(plan.whole) == 1
+    whole, thin = (len(embedded_frame(planes, step=step).data) for step in (1, plan.step))
+    taken = len(plan.whole) * whole + (frames - len(plan.whole)) * thin
     assert 0.5 * limit_mb * MB < taken < limit_mb * MB
 
 
 def test_as_many_whole_frames_as_are_asked_for() -> None:
-    shares = planned_shares([_planes()], 100, limit_bytes=2 * MB, whole=7)
-    assert len(shares.whole) == 7
-    assert shares.step == 20  # the longer side keeps 16 pixels
-    assert planned_shares([_planes()], 3, limit_bytes=2 * MB, whole=7).whole == {0, 1, 2}
-    assert planned_shares([_planes()], 3, limit_bytes=2 * MB, whole=0).whole == set()
+    plan = planned_page([_planes()], 100, limit_bytes=2 * MB, whole=7)
+    assert len(plan.whole) == 7
+    assert plan.step == 20  # the longer side keeps 16 pixels
+    assert planned_page([_planes()], 3, limit_bytes=2 * MB, whole=7).whole == {0, 1, 2}
+    assert planned_page([_planes()], 3, limit_bytes=2 * MB, whole=0).whole == set()
 
 
 def test_no_frame_is_whole_if_thumbnails_alone_exceed_the_limit() -> None:
-    shares = planned_shares([_planes()], 20_000, limit_bytes=0.0, whole=None)
-    assert (shares.whole, shares.step, shares.thumbnail_px) == (frozenset(), 20, 20)
+    plan = planned_page([_planes()], 20_000, limit_bytes=0.0, whole=None)
+    assert (plan.whole, plan.step, plan.thumbnail_px) == (frozenset(), 20, 20)
 
 
 def test_only_as_many_frames_are_shown_as_fit() -> None:
     """They are spread over the run, from the first frame to the last one."""
-    places = shown_places([_planes()], 20_000, limit_bytes=25 * MB, whole=None)
+    places = planned_page([_planes()], 20_000, limit_bytes=25 * MB, whole=None).shown
     assert {0, 19_999} <= places
     assert 2000 < len(places) < 5000
     gaps = np.diff(sorted(places))
     assert gaps.max() - gaps.min() <= 1
-    assert shown_places([_planes()], 500, limit_bytes=25 * MB, whole=None) == set(range(500))
-    assert len(shown_places([_planes()], 5, limit_bytes=0.0, whole=None)) == 1
-    assert len(shown_places([_planes()], 5, limit_bytes=0.0, whole=4)) == 4
+    assert planned_page([_planes()], 500, limit_bytes=25 * MB, whole=None).shown == set(range(500))
+    assert len(planned_page([_planes()], 5, limit_bytes=0.0, whole=None).shown) == 1
+    assert len(planned_page([_planes()], 5, limit_bytes=0.0, whole=4).shown) == 4
 
 
 def test_thumbnails_shrink_if_there_are_many() -> None:
-    assert planned_shares([_planes()], 5000, limit_bytes=25 * MB, whole=None).thumbnail_px < 80
+    assert planned_page([_planes()], 5000, limit_bytes=25 * MB, whole=None).thumbnail_px < 80
 
 
 @pytest.mark.parametrize("size", [(1000, 1000), (2000, 2000), (1024, 1280), (1, 2000), (240, 320), (3, 4)])

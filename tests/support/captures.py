@@ -10,7 +10,8 @@ import OpenEXR
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.files.maps import DepthMaps, MapHeader, stage_maps
+from cadtof_cli.files.layers import stage_maps
+from cadtof_cli.files.maps import DepthMaps, MapHeader
 from tests.support.forward import step_frame
 
 Form = Literal["tif", "exr"]

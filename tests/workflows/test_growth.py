@@ -16,7 +16,7 @@ from cadtof_cli.capture import discovery
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.workflows.inspect import first_phasors, info
+from cadtof_cli.workflows.inspect import capture_facts, first_phasors, info
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 from cadtof_cli.workflows.progress import NO_PROGRESS
 from cadtof_cli.workflows.resolve import arrivals
@@ -93,10 +93,11 @@ class _Root:
 def test_captures_of_a_run_are_recorded_without_a_search() -> None:
     source = load_metadata(None)
     captures = [
-        SimpleNamespace(root=_Root(f"c{number % MANY}"), source=source, frames=[0]) for number in range(2 * MANY)
+        SimpleNamespace(root=_Root(f"c{number % MANY}"), source=source, frames=[0], lossy_compression=None)
+        for number in range(2 * MANY)
     ]
     document = RunDocument(captures=[])
-    document.add_captures([SimpleNamespace(capture=one, lossy_compression=None) for one in captures])  # type: ignore[misc]
+    document.add_captures([SimpleNamespace(capture=one) for one in captures])  # type: ignore[misc]
     assert [(one["root"], one["files"]) for one in document["captures"]] == [
         (f"c{number}", 2) for number in range(MANY)
     ]
@@ -188,7 +189,7 @@ def test_info_reads_all_captures_with_the_same_processes(tmp_path: Path, monkeyp
         )
 
     alone = [looked(folder)[0] for folder in folders]
-    with _counted(monkeypatch, info, "run_ordered") as calls:
+    with _counted(monkeypatch, capture_facts, "run_ordered") as calls:
         assert looked(tmp_path / "rec", recursive=True) == alone
         assert calls() == 1
     assert [len(one.problems) for one in alone] == [0, 1, 0]

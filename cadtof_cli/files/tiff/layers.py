@@ -21,18 +21,14 @@ from numpy.typing import NDArray
 from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader, NotMapsError, require_different_names
 from cadtof_cli.files.system import BLOCK_BYTES, codes_of_the_system
 from cadtof_cli.files.tiff.envelope import Envelope
-from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
-from cadtof_cli.files.tiff.names import GDAL_METADATA, PAGE_NAME, parsed
+from cadtof_cli.files.tiff.images import TiffImages
+from cadtof_cli.files.tiff.names import GDAL_METADATA, PAGE_NAME
+from cadtof_cli.files.tiff.ome import facts_in, ome_xml
+from cadtof_cli.files.tiff.remarks import reading_tiff
 
 _ASCII = 2
 
 _REFERENCES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
-
-_NAMESPACE = "cadtof"
-_UNIT = "unit of "
-"""Namespace of our annotations, and prefix of the names of annotations that give the unit of a layer."""
-
-_SCHEMA = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
 class _LastWritten(threading.local):
@@ -128,52 +124,10 @@ def _gdal_xml(name: str, unit: str, facts: Mapping[str, str]) -> str:
     return ElementTree.tostring(root).decode()
 
 
-def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader) -> str:
-    """Return OME-XML of one image: float pages of `size` (Y, X) with their names and units, and facts."""
-    root = ElementTree.Element(
-        "OME",
-        {
-            "xmlns": _SCHEMA,
-            "xmlns:xsi": "http://www.w3.org/2001/XMLSchema-instance",
-            "xsi:schemaLocation": f"{_SCHEMA} {_SCHEMA}/ome.xsd",
-            "Creator": SOFTWARE,
-        },
-    )
-    image = ElementTree.SubElement(root, "Image", {"ID": "Image:0"})
-    lengths = {"SizeX": size[1], "SizeY": size[0], "SizeC": len(names), "SizeZ": 1, "SizeT": 1}
-    pixels = ElementTree.SubElement(
-        image,
-        "Pixels",
-        {"ID": "Pixels:0", "DimensionOrder": "XYCZT", "Type": "float", "BigEndian": "false"}
-        | {axis: str(length) for axis, length in lengths.items()},
-    )
-    for index, name in enumerate(names):
-        channel = {"ID": f"Channel:0:{index}", "Name": name, "SamplesPerPixel": "1"}
-        ElementTree.SubElement(pixels, "Channel", channel)
-    ElementTree.SubElement(pixels, "TiffData")
-    facts = dict(header.facts) | {f"{_UNIT}{name}": unit for name, unit in header.units.items() if unit}
-    if facts:
-        ElementTree.SubElement(image, "AnnotationRef", {"ID": "Annotation:0"})
-        annotations = ElementTree.SubElement(root, "StructuredAnnotations")
-        annotation = ElementTree.SubElement(
-            annotations, "MapAnnotation", {"ID": "Annotation:0", "Namespace": _NAMESPACE}
-        )
-        value = ElementTree.SubElement(annotation, "Value")
-        for name, text in facts.items():
-            ElementTree.SubElement(value, "M", {"K": name}).text = text
-    # the serialiser escapes every other ">", so this changes only tags; without the blank, files keep the bytes they
-    # had
-    text = ElementTree.tostring(root).decode().replace(" />", "/>")
-    return f'<?xml version="1.0" encoding="UTF-8"?>{text}'
-
-
 def read_facts(path: Path, /) -> dict[str, str]:
     """Return the facts about the maps that the OME-XML of a file holds, by name."""
     with reading_tiff(path), tifffile.TiffFile(path) as file:
-        root = parsed(file.ome_metadata or "")
-    ours = (element for element in root.iter(f"{{{_SCHEMA}}}MapAnnotation") if element.get("Namespace") == _NAMESPACE)
-    pairs = ((pair.get("K", ""), pair.text or "") for one in ours for pair in one.iter(f"{{{_SCHEMA}}}M"))
-    return {name: text for name, text in pairs if not name.startswith(_UNIT)}
+        return facts_in(file.ome_metadata or "")
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:

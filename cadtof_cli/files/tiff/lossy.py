@@ -13,7 +13,7 @@ import numpy as np
 import tifffile
 
 from cadtof_cli.files.tiff import jpeg_xr
-from cadtof_cli.files.tiff.images import reading_tiff
+from cadtof_cli.files.tiff.remarks import reading_tiff
 
 _LERC_PARAMETERS = 50674
 

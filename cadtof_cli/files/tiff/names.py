@@ -4,22 +4,13 @@ import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import tifffile
 
-from cadtof_cli.files.named_planes import (
-    channel_in_words,
-    harmonic_in_words,
-    is_of_a_plane,
-    plane_label,
-    says_a_harmonic,
-)
+from cadtof_cli.files.named_planes import channel_in_words, harmonic_in_words, plane_label
 from cadtof_cli.files.tiff.ndtiff import index_names
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
+from cadtof_cli.files.tiff.ome import channel_names, parsed
 
 _FIRST_PAGES = 2
 """How many pages are asked for a name. If they have none, no page has one, so files without names are opened quickly.
@@ -59,50 +50,6 @@ def names_of_planes(
     if any(names):
         names += map(_page_name, pages)
     return tuple(names) if len(names) == images and any(names) else ()
-
-
-def channel_names(xml: str, /) -> tuple[str, ...]:
-    """Return the names of all channels in OME-XML (an empty text: no name); empty if the text is no XML.
-
-    If the text describes several images, the names of the images count as well: see `_name_in_image`.
-    """
-    root = parsed(xml)
-    images = elements(root, "Image")
-    if len(images) > 1:
-        return tuple(
-            _name_in_image(image.get("Name", ""), channel.get("Name", ""))
-            for image in images
-            for channel in elements(image, "Channel")
-        )
-    return tuple(channel.get("Name", "") for channel in elements(root, "Channel"))
-
-
-def parsed(xml: str) -> "Element":
-    """Return the root of an XML text; an empty element if the text is no XML."""
-    from xml.etree import ElementTree
-
-    try:
-        return ElementTree.fromstring(xml)
-    except ElementTree.ParseError:
-        # if it should be OME-XML, tifffile logs an error for this, which `reading_tiff` turns into a FrameError
-        return ElementTree.Element("none")
-
-
-def elements(root: "Element", tag: str) -> list["Element"]:
-    """Return all elements with this tag, with or without a namespace."""
-    return [element for element in root.iter() if element.tag.rpartition("}")[2] == tag]
-
-
-def _name_in_image(image: str, channel: str) -> str:
-    """Return the name of a channel in a file of several images, whose names may say which plane they hold.
-
-    An image H2 with the channel SC1 holds H2.SC1. The name of an image counts as a whole if its channel has none, or
-    has one that says nothing of planes.
-    """
-    if is_of_a_plane(channel):
-        joins = says_a_harmonic(image) and not channel_in_words(image) and not says_a_harmonic(channel)
-        return f"{image}.{channel}" if joins else channel
-    return image if not channel or is_of_a_plane(image) else channel
 
 
 def _channels(names: Sequence[str], axes: str, sizes: Sequence[int]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import tifffile
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.reading import require_regular
-from cadtof_cli.files.tiff.names import elements, parsed
+from cadtof_cli.files.tiff.ome import elements, parsed
 
 _MOST_PLANES = 2**20
 _LEAST_PAGE_BYTES = 50

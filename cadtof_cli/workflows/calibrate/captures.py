@@ -186,7 +186,7 @@ def _at_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> 
 def _require_same_modulation(captures: Sequence[Capture]) -> None:
     keys = [key for key in KEYS.values() if key.table in {"modulation", "pulse", "optics"}]
     for capture, key in itertools.product(captures[1:], keys):
-        values = [getattr(getattr(one.source.metadata, key.table), key.name) for one in (capture, captures[0])]
+        values = [key.value_in(one.source.metadata) for one in (capture, captures[0])]
         if values[0] != values[1]:
             found, expected = ("not given" if value is None else shown(value) for value in values)
             raise SettingsError(

@@ -12,7 +12,7 @@ from cadtof_cli.maps.comparison import BitChange, LayerDifference, MagnitudeTall
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import bit_words
-from cadtof_cli.workflows.inspect.layers import Layers, require_same_depth, require_same_part, require_same_size
+from cadtof_cli.workflows.inspect.run_map import Layers, require_same_depth, require_same_part, require_same_size
 from cadtof_cli.workflows.inspect.truth import without_holes
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run

@@ -12,12 +12,12 @@ from cadtof_cli.errors import CaptureError, OutputError
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
-from cadtof_cli.files.layers import read_layers, write_layers
+from cadtof_cli.files.layers import write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
-from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
+from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
+from cadtof_cli.workflows.inspect.run_map import RunMap, require_same_size
 from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.lines import FRAMES_FILE
@@ -53,15 +53,13 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
     recorded = first_phasors(run, progress.say)
     whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.advance(0, total=len(files))
-    for path in files:
-        layers = read_layers(path)
-        depth = layer_of(layers, DIRECT_DEPTH, path).astype(np.float64)
-        expected = known.depth(path, depth)
-        alone, of_frame = recorded.depth(path, depth), EvaluationTally()
+    for one in (RunMap.read(run, file) for file in files):
+        depth, sigma = one.layer(DIRECT_DEPTH), one.sigma(DIRECT_DEPTH)
+        expected, alone, of_frame = known.depth(one), recorded.depth(one), EvaluationTally()
         for tally in (whole, of_frame) if table is not None else (whole,):
-            tally.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA), first_phasor_m=alone)
+            tally.add(depth, expected, sigma_m=sigma, first_phasor_m=alone)
         if table is not None:
-            lines[run.name(path)] = of_frame.summary()
+            lines[run.name(one.file)] = of_frame.summary()
         progress.advance()
     if table is not None:
         _write_table(table, lines)
@@ -118,15 +116,14 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
             f"{stranger}: {FRAMES_FILE} does not name it, so it may be of another run; it is counted all the same"
         )
     progress.advance(0, total=len(files))
-    first = read_layers(files[0])
-    shape = layer_of(first, DIRECT_DEPTH, files[0]).shape
-    tallies = {layer: SequenceTally(shape) for layer in (DIRECT_DEPTH, MPI_DEPTH) if layer in first}
-    for path in files:
-        layers = read_layers(path)
-        require_same_size(layer_of(layers, DIRECT_DEPTH, path), shape, path, files[0])
+    first = RunMap.read(run, files[0])
+    shape = first.layer(DIRECT_DEPTH).shape
+    tallies = {layer: SequenceTally(shape) for layer in (DIRECT_DEPTH, MPI_DEPTH) if layer in first.layers}
+    for one in (RunMap.read(run, file) for file in files):
+        require_same_size(one.layer(DIRECT_DEPTH), shape, one.file, files[0])
         for name, tally in tallies.items():
-            values = layers.get(name, np.full(shape, np.nan))
-            tally.add(values, layers.get(name.replace(".depth", ".sigma")))
+            values = one.layers.get(name, np.full(shape, np.nan))
+            tally.add(values, one.sigma(name))
         progress.advance()
     planes: dict[str, NDArray[Any]] = {}
     for name, tally in tallies.items():

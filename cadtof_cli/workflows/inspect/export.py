@@ -1,7 +1,7 @@
 """`cadtof export`: maps as other software reads them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.optics import planar_per_range, ray_slopes
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.records import setting
-from cadtof_cli.workflows.inspect.layers import GivenOptics, Layers, layer_of
+from cadtof_cli.workflows.inspect.run_map import GivenOptics, RunMap
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -43,12 +43,10 @@ class ExportSettings(GivenOptics):
         require(is_depth, "--layer", repr(self.layer), "a layer of depths such as direct.depth")
 
 
-@dataclass(frozen=True)
-class _Map:
+@dataclass(frozen=True, eq=False)
+class _Exported(RunMap):
     """A map to be exported, with its optics. `name` is the layer of depths to be exported, and `kind` their kind."""
 
-    path: Path
-    layers: Layers
     name: str
     kind: DepthKind
     optics: Optics
@@ -56,7 +54,7 @@ class _Map:
     @property
     def depth(self) -> Float:
         """The depths, float64 (Y, X); raises CaptureError if the map has no such layer."""
-        return layer_of(self.layers, self.name, self.path).astype(np.float64)
+        return self.layer(self.name).astype(np.float64)
 
 
 def export_maps(
@@ -70,9 +68,9 @@ def export_maps(
         CadtofError: the maps cannot be read or lack layers, points need optics that are unknown, a file cannot be written, or
             a file is there already and may not be replaced.
     """
-    write = WRITERS.get(out.suffix.lower())
-    if write is None:
-        raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(WRITERS)}")
+    format = FORMATS.get(out.suffix.lower())
+    if format is None:
+        raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(FORMATS)}")
     found = [(run, file) for run in map(read_run, maps) for file in run.require_maps()]
     by_output: dict[Path, tuple[Run, Path]] = {}
     for run, file in found:
@@ -88,7 +86,7 @@ def export_maps(
     progress.advance(0, total=len(found))
     for output, (run, file) in by_output.items():
         kind, optics = _kind(run, settings), settings.optics(run, file)
-        write(_Map(file, read_layers(file), settings.layer, kind, optics), output)
+        format.write(_Exported(run, file, read_layers(file), settings.layer, kind, optics), output)
         progress.advance()
     return tuple(by_output)
 
@@ -104,12 +102,12 @@ def _kind(run: Run, settings: ExportSettings) -> DepthKind:
     return settings.depth
 
 
-def _write_points(one: _Map, output: Path) -> None:
+def _write_points(one: _Exported, output: Path) -> None:
     """Write the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
     depth, path = one.depth, one.name.removesuffix(".depth")
     if one.optics.focal_length_px is None:
         raise SettingsError(
-            f"{one.path}: its optics are unknown: give --focal-length-px, and for maps of a --roi also --principal-point-px, "
+            f"{one.file}: its optics are unknown: give --focal-length-px, and for maps of a --roi also --principal-point-px, "
             "counted from the corner of the maps"
         )
     known = np.isfinite(depth)
@@ -117,16 +115,14 @@ def _write_points(one: _Map, output: Path) -> None:
     size = depth.shape[0], depth.shape[1]
     right, down = ray_slopes(one.optics, size)
     forward = depth if one.kind == "z" else depth * planar_per_range(one.optics, size)
-    amplitude, sigma, status = (
-        layer_of(one.layers, name, one.path) for name in (f"{path}.amplitude", f"{path}.sigma", STATUS)
-    )
+    amplitude, sigma, status = map(one.layer, (f"{path}.amplitude", f"{path}.sigma", STATUS))
     planes = {"x": forward * right, "y": forward * down, "z": forward, "amplitude": amplitude, "sigma": sigma}
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
-    comment = f"cadtof: {one.name} of {one.path.name}, metres; amplitude V, sigma m"
+    comment = f"cadtof: {one.name} of {one.file.name}, metres; amplitude V, sigma m"
     write_points(output, points | {STATUS: status[known]}, comment=comment)
 
 
-def _write_png(one: _Map, output: Path) -> None:
+def _write_png(one: _Exported, output: Path) -> None:
     """Write the depths in mm; 0: there is no answer, or it does not fit into 16 bits."""
     mm = np.rint(1000.0 * np.nan_to_num(one.depth, nan=0.0, posinf=0.0, neginf=0.0))
     plane = np.where((mm > 0) & (mm <= MOST_MM), mm, 0).astype(np.uint16)
@@ -134,7 +130,7 @@ def _write_png(one: _Map, output: Path) -> None:
     write_grey_png(output, plane, texts={"Description": about})
 
 
-def _write_npz(one: _Map, output: Path) -> None:
+def _write_npz(one: _Exported, output: Path) -> None:
     """Write all layers by name."""
     arrays: dict[str, Any] = dict(one.layers)
     with atomic_write(output) as temporary, temporary.open("wb") as file:
@@ -142,7 +138,7 @@ def _write_npz(one: _Map, output: Path) -> None:
         np.savez_compressed(file, **arrays)
 
 
-def _write_csv(one: _Map, output: Path) -> None:
+def _write_csv(one: _Exported, output: Path) -> None:
     """Write a line for each pixel: column, row, and the value of every layer; empty if there is no answer."""
     rows, columns = next(iter(one.layers.values())).shape
     x = np.arange(columns).astype(str)
@@ -162,17 +158,22 @@ def _texts(values: NDArray[Any]) -> NDArray[np.str_]:
     return texts
 
 
-WRITERS: dict[str, Callable[[_Map, Path], None]] = {
-    ".ply": _write_points,
-    ".pcd": _write_points,
-    ".png": _write_png,
-    ".npz": _write_npz,
-    ".csv": _write_csv,
+@dataclass(frozen=True)
+class ExportFormat:
+    """A format: the function that writes a map, and the names of the settings that have no effect on its files."""
+
+    write: Callable[[_Exported, Path], None]
+    unused: tuple[str, ...] = ()
+
+
+_FOR_POINTS = tuple(one.name for one in fields(GivenOptics))
+_FOR_DEPTHS = "layer", "depth", *_FOR_POINTS
+
+FORMATS = {
+    ".ply": ExportFormat(_write_points),
+    ".pcd": ExportFormat(_write_points),
+    ".png": ExportFormat(_write_png, _FOR_POINTS),
+    ".npz": ExportFormat(_write_npz, _FOR_DEPTHS),
+    ".csv": ExportFormat(_write_csv, _FOR_DEPTHS),
 }
-"""The function that writes a map, by the suffix of the file."""
-
-WHOLE = (".npz", ".csv")
-"""Suffixes of the files that hold all layers."""
-
-OPTICS_FREE = (".png", *WHOLE)
-"""Suffixes of the files that hold no points in space, and so need no optics."""
+"""The registry of formats by the suffix of the file."""

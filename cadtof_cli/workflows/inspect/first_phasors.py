@@ -1,58 +1,28 @@
-"""The depth of the first phasor alone. MPI makes it wrong, and the resolver is compared with it.
+"""The depths of the first phasor alone of the recorded frames of a run, for comparison with its maps.
 
-It gets all that the resolver gets: the same calibration, the same means over frames and neighbours, the same units. Beside the
-maps of a run, a pixel that has no answer in the maps has no answer here either.
+A pixel that has no answer in the maps has no answer here either.
 """
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float, Stored
-from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.arrays import Float
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.files.reading import real_path
-from cadtof_cli.maps.layers import without_offset
-from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline.frame import prepare_frame, stages_of
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.pipeline.first_phasor import first_phasor_depth
 from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.resolver.response.as_sine import first_phase
+from cadtof_cli.workflows.inspect.run_map import RunMap
 from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN
 from cadtof_cli.workflows.run_folder import NOT_EVALUATED, RecordedFrames, Run
-
-
-def first_phasor_depth(
-    frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: Calibration | None = None
-) -> Float:
-    """Return the depth from the phase of the fundamental alone, float64 (Y, X) in m; NaN if a pixel is saturated or hot.
-
-    Args:
-        frame: stored values, (H, 2, Y, X), or the mean of several frames.
-        plan: plan of the maps; it says whether depth is radial range or planar.
-        calibration: the calibration that the plan names.
-
-    Raises:
-        FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
-        SettingsError: the plan does not fit the frame's type.
-    """
-    settings = replace(plan.settings, resolver=replace(plan.settings.resolver, mpi_model="discrete"))
-    pixels = prepare_frame(frame, stages_of(frame, replace(plan, settings=settings), calibration))
-    stages = stages_of(frame, plan, calibration)
-    everywhere = slice(0, math.prod(pixels.size))
-    response = stages.response
-    phase = first_phase(stages.phasors(pixels)[0], response=response.block(everywhere) if response else None)
-    phase = without_offset(phase, stages.depth.phase_offset_rad(everywhere))
-    phase[stages.status(pixels) != 0] = np.nan
-    return stages.depth.from_camera(phase * stages.depth.metres(everywhere), everywhere).reshape(pixels.size)
 
 
 @dataclass(frozen=True)
@@ -68,12 +38,13 @@ class FirstPhasors:
     say: Callable[[str], None]
     digests: Mapping[str, str] = field(default_factory=dict)
 
-    def depth(self, file: Path, direct: NDArray[np.floating], /) -> Float | None:
+    def depth(self, one: RunMap, /) -> Float | None:
         """Return the first phasor's depth of a map's frame, float64 (Y, X) in m; NaN where the direct depth of the map is NaN.
 
         None if no frame is known. None, with a note, if this frame is not known, cannot be read any more, or has changed.
+        Raises CaptureError if the map has no direct depth.
         """
-        name = self.run.name(file)
+        direct, file, name = one.layer(DIRECT_DEPTH), one.file, self.run.name(one.file)
         if name not in self.recorded:
             if self.recorded:
                 self.say(f"{file}: run.json names no recorded frame of it, {NOT_EVALUATED}")

@@ -1,102 +1,147 @@
-"""`cadtof info`: what captures and map files hold, and what is wrong with them."""
+"""`cadtof info`: what captures, map files and calibration folders hold, and what is wrong with them."""
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cadtof_cli.calibration.store import is_calibration_folder
+from cadtof_cli.calibration.store import is_calibration_folder, load_calibration
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
-from cadtof_cli.capture.metadata import KEYS, Layout
-from cadtof_cli.capture.planes import hint_of_planes
-from cadtof_cli.errors import CadtofError
-from cadtof_cli.execution.ordered import run_ordered
-from cadtof_cli.execution.outcome import WorkerDied
+from cadtof_cli.capture.frames import Capture
+from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
+from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.phasors.noise import ambient_noise_v
-from cadtof_cli.phasors.voltages import volts_per_count
-from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.units import counted, unambiguous_range_m
-from cadtof_cli.workflows.inspect.facts import (
-    CalibrationFacts,
-    FrameFacts,
-    FrameLook,
-    MapFacts,
-    facts_of_calibration,
-    facts_of_frame,
-    facts_of_maps,
-    is_map,
-)
+from cadtof_cli.files.documents import plain
+from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.files.layers import read_facts, read_layers
+from cadtof_cli.files.maps import STATUS, is_map_layer
+from cadtof_cli.maps.layers import layer_unit
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows.inspect.capture_facts import CaptureFacts, facts_of_captures
+from cadtof_cli.workflows.inspect.run_map import first_sound_layers
+from cadtof_cli.workflows.map_files import map_files
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.recording import FrameReader
-from cadtof_cli.workflows.run_folder import is_run_folder
+from cadtof_cli.workflows.run_folder import is_run_folder, read_run
 
-_LARGEST_RATIO = 2.0
-"""Largest ratio between the integration lengths that frames show, up to which they may be the same. Scatter alone makes
-1.2 in frames of 64 × 48 pixels, and less in larger ones."""
+
+@dataclass(frozen=True)
+class LayerFacts:
+    """One layer of a map: its unit, its range and median over the pixels that have an answer, and the share of these pixels."""
+
+    unit: str
+    lowest: float | None
+    median: float | None
+    highest: float | None
+    valid: float
 
 
 @dataclass
-class CaptureFacts:
-    """What a capture holds, gathered frame by frame. `problems` is empty if all of the capture can be resolved.
+class MapFacts:
+    """What a map file, or a folder of maps, holds.
 
-    `integration_length_seen` is that of the first frame, or the least one if `noise_changes`. `integration_lengths_seen`
-    are the least and the largest one of all frames.
+    Attributes:
+        path: the file or folder.
+        files: number of map files.
+        pixels: size (Y, X) of the first map that can be read.
+        layers: the layers of that map, by name.
+        status: share of its pixels by status bit.
+        about: the facts in its header.
+        run: the record of the run; None: there is none.
+        problems: what is wrong, in words.
     """
 
-    root: str
-    frames: int = 0
-    containers: dict[str, int] = field(default_factory=dict)
-    types: dict[str, int] = field(default_factory=dict)
-    shape: tuple[int, ...] | None = None
-    planes: dict[str, tuple[float, float]] = field(default_factory=dict)
-    saturated: float = 0.0
-    not_finite: float = 0.0
-    metadata: dict[str, dict[str, Any]] = field(default_factory=dict)
-    unambiguous_range_m: float = 0.0
-    noise_mv: float | None = None
-    integration_length_seen: float | None = None
-    integration_lengths_seen: tuple[float, float] | None = None
-    lossy_compression: str | None = None
-    guessed_layout: Layout | None = None
-    not_frames: list[str] = field(default_factory=list)
+    path: str
+    files: int
+    pixels: tuple[int, int] | None = None
+    layers: dict[str, LayerFacts] = field(default_factory=dict)
+    status: dict[str, float] = field(default_factory=dict)
+    about: dict[str, str] = field(default_factory=dict)
+    run: Mapping[str, Any] | None = None
     problems: list[str] = field(default_factory=list)
 
-    @property
-    def noise_changes(self) -> bool:
-        """Whether the noise of the frames differs too much for one integration length."""
-        least, most = self.integration_lengths_seen or (1.0, 1.0)
-        return most > _LARGEST_RATIO * least
 
-    def add(self, facts: FrameFacts) -> None:
-        """Count one more frame."""
-        if facts.skipped:
-            self.not_frames.append(str(facts.problem))
-            return
-        self.frames += 1
-        if facts.problem is not None:
-            self.problems.append(facts.problem)
-            return
-        self.containers[facts.container] = self.containers.get(facts.container, 0) + 1
-        self.types[facts.dtype] = self.types.get(facts.dtype, 0) + 1
-        self.shape = self.shape or facts.shape
-        for name, (low, high) in facts.planes.items():
-            before = self.planes.get(name, (math.inf, -math.inf))
-            self.planes[name] = (min(before[0], low), max(before[1], high))
-        good = self.frames - len(self.problems)
-        self.saturated += (facts.saturated - self.saturated) / good
-        self.not_finite += (facts.not_finite - self.not_finite) / good
-        if math.isfinite(seen := facts.integration_length_seen):
-            least, most = self.integration_lengths_seen or (seen, seen)
-            self.integration_lengths_seen = min(least, seen), max(most, seen)
-            if self.integration_length_seen is None or self.noise_changes:
-                self.integration_length_seen = self.integration_lengths_seen[0] if self.noise_changes else seen
+def is_map(path: Path, /) -> bool:
+    """Return whether a file has layers of maps, as truth has too; in a folder without capture.toml, its first sound image."""
+    try:
+        if not path.is_dir():
+            files = [path] if path.suffix.lower() in MAP_SUFFIXES and path.is_file() else []
+        elif (path / CAPTURE_FILE).exists():
+            files = []
+        else:
+            files = sorted(one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
+    except OSError:
+        return False
+    return any(map(is_map_layer, first_sound_layers(files) or ()))
+
+
+def facts_of_maps(path: Path, /) -> MapFacts:
+    """Return what a map file, or a folder of maps, holds; a map that cannot be read is a problem."""
+    facts, files = MapFacts(str(path), 0), None
+    if is_run_folder(path):
+        try:
+            run = read_run(path)
+            facts.run, files = run.record, run.files
+            facts.problems += [] if run.record else [run.no_record]
+        except CaptureError as error:
+            facts.problems.append(str(error))
+    files = map_files(path) if files is None else files
+    facts.files = len(files)
+    if not files:
+        facts.problems.append(f"{path}: found no maps")
+    described = False
+    for file in files:
+        try:
+            layers = read_layers(file)
+            if not described:
+                facts.about, described = read_facts(file), True
+                _describe(facts, layers)
+        except CadtofError as error:
+            facts.problems.append(str(error))
+    return facts
+
+
+def _describe(facts: MapFacts, layers: Mapping[str, NDArray[Any]]) -> None:
+    for name, values in layers.items():
+        if name == STATUS:
+            facts.status = {str(bit.name).lower(): float(np.mean((values & bit) != 0)) for bit in StatusBit}
+            continue
+        facts.pixels = (values.shape[0], values.shape[1])
+        finite = values[np.isfinite(values)]
+        figures = (finite.min(), np.median(finite), finite.max()) if finite.size else (None, None, None)
+        lowest, median, highest = (None if figure is None else float(figure) for figure in figures)
+        facts.layers[name] = LayerFacts(layer_unit(name), lowest, median, highest, finite.size / values.size)
+
+
+@dataclass
+class CalibrationFacts:
+    """The digest of a calibration folder, and for each of its parts the origin and the figures."""
+
+    path: str
+    digest: str | None = None
+    parts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+
+def facts_of_calibration(path: Path, /) -> CalibrationFacts:
+    """Return what a calibration folder holds; a part that cannot be read, or is out of date, is a problem."""
+    facts = CalibrationFacts(str(path))
+    try:
+        calibration = load_calibration(path)
+    except CadtofError as error:
+        facts.problems.append(str(error))
+        return facts
+    facts.digest = calibration.digest
+    facts.problems += calibration.stale()
+    for part in calibration.parts:
+        origin = asdict(part.origin)
+        del origin["used"]
+        known = {"digest": calibration.digests[part.kind], **origin, "pixels": origin["pixels"][::-1]}
+        facts.parts[part.kind] = plain(known | part.tables())
+    return facts
 
 
 Facts = CaptureFacts | MapFacts | CalibrationFacts
@@ -146,7 +191,7 @@ def look_into(
             raise
         captures = search(sound)
     progress.advance(0, total=sum(len(capture.frames) for capture in captures))
-    for facts in _facts_of_captures(captures, workers, progress):
+    for facts in facts_of_captures(captures, workers=workers, progress=progress):
         # a search through all folders below an input also finds pictures that are no frames
         if not (facts.frames or facts.problems or recursive):
             facts.problems.append(f"{facts.root}: no frames: none of its files holds the voltages of a frame")
@@ -161,67 +206,3 @@ def _error_of(search: Callable[[Sequence[Path]], Sequence[Capture]], path: Path)
     except CadtofError as error:
         return error
     return None
-
-
-def _facts_of_captures(captures: Sequence[Capture], workers: Workers, progress: Progress) -> list[CaptureFacts]:
-    """Return what each capture holds. The same processes read the frames of all captures: there may be thousands of captures."""
-    found: list[CaptureFacts] = []
-    implausible: dict[int, list[str]] = {}
-    shared = [part for one in captures for part in (one.layout, one.source.metadata)]
-    looks = _looks(captures, found, implausible)
-    with closing(run_ordered(facts_of_frame, looks, workers=workers, shared=shared)) as outcomes:
-        for outcome in outcomes:
-            look, result = outcome.task, outcome.result
-            if isinstance(result, WorkerDied):
-                result = FrameFacts(problem=f"{look.source}: the process that read it died, twice")
-            found[look.place].add(result)
-            if result.implausible is not None:
-                implausible[look.place].append(f"{look.source}: {result.implausible}")
-            progress.advance()
-    for place, wrong in implausible.items():
-        _complete(found[place], captures[place], wrong)
-    return found
-
-
-def _looks(
-    captures: Sequence[Capture], found: list[CaptureFacts], implausible: dict[int, list[str]]
-) -> Iterator[FrameLook]:
-    """Yield the frames to be read. Begin the facts of each capture, and a list of its implausible frames if it is read."""
-    for place, capture in enumerate(captures):
-        metadata, typical = capture.source.metadata, capture.typical
-        facts = CaptureFacts(
-            str(capture.root), unambiguous_range_m=unambiguous_range_m(metadata.modulation.periods_ns[0])
-        )
-        found.append(facts)
-        for key in KEYS.values():
-            value = getattr(getattr(metadata, key.table), key.name)
-            facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
-        if typical is None and (of_planes := hint_of_planes(capture)):
-            hint, facts.guessed_layout = of_planes
-            facts.problems.append(hint)
-            continue
-        if typical and not typical.is_plain:
-            facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
-        implausible[place] = []
-        reader = FrameReader.of(capture)
-        for source in single_frames(capture):
-            yield FrameLook(place, source, reader)
-
-
-def _complete(facts: CaptureFacts, capture: Capture, implausible: Sequence[str]) -> None:
-    """Add to the facts of a capture what all of its frames tell."""
-    metadata = capture.source.metadata
-    if implausible:
-        more = f" (and {counted(len(implausible) - 1, 'more frame')})" if len(implausible) > 1 else ""
-        facts.problems.append(f"{implausible[0]}{more}")
-    if capture.typical and (doubt := metadata.mistaken_unit(capture.typical.pixels)):
-        facts.problems.append(f"{capture.root}: {doubt}")
-    n_av = metadata.pixel.integration_length or facts.integration_length_seen
-    if n_av is not None:
-        facts.noise_mv = 1000.0 * ambient_noise_v(metadata, integration_length=n_av)
-    try:
-        FramePlan(metadata=metadata)
-        for dtype in facts.types:
-            volts_per_count(metadata.voltage, np.dtype(dtype))
-    except CadtofError as error:
-        facts.problems.append(f"{capture.root}: {error}")

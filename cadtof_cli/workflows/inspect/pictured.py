@@ -22,7 +22,7 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.inspect.layers import first_sound_layers
+from cadtof_cli.workflows.inspect.run_map import first_sound_layers
 from cadtof_cli.workflows.map_files import map_files
 from cadtof_cli.workflows.resolve.run_json import RUN_FILE
 from cadtof_cli.workflows.run_folder import Run, read_run

@@ -23,9 +23,9 @@ from cadtof_cli.figures.layers import (
     magnified_width,
 )
 from cadtof_cli.figures.maps import OF_A_MAP, draw_maps
-from cadtof_cli.figures.page import Block, Image, Scaled
+from cadtof_cli.figures.page import Block, Image
 from cadtof_cli.figures.pixel_classes import PixelClass
-from cadtof_cli.figures.scales import default_scale
+from cadtof_cli.figures.scales import Scale
 from cadtof_cli.figures.sequence import (
     FILMS,
     draw_film,
@@ -34,11 +34,10 @@ from cadtof_cli.figures.sequence import (
     require_film,
     thumbnail_size,
 )
-from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import require_same_depth
 from cadtof_cli.workflows.inspect.pictured import Pictured, pictured
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
+from cadtof_cli.workflows.inspect.run_map import RunMap, require_same_depth
 from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 
@@ -102,8 +101,9 @@ def _figure(one: Pictured, out: Path, settings: PreviewSettings, progress: Progr
     """Draw one frame: one of its layers, or all of them."""
     shown = one.read()
     if settings.layer is not None or settings.limits is not None or settings.colours is not None:
-        name = _layer_name(one, shown, settings)
-        draw_layer(block_of(shown, name, limits=settings.limits, colours=settings.colours), shown, out)
+        name = _layer_name(one, shown, settings.layer)
+        scale = Scale.of_layer(name, shown.values(name)).chosen(settings.limits, settings.colours)
+        draw_layer(block_of(shown, name, scale), shown, out)
     elif one.run is None or one.file is None:
         draw = draw_recorded if "H1.phase" in shown.layers else draw_all_layers
         draw(shown, out)
@@ -114,96 +114,86 @@ def _figure(one: Pictured, out: Path, settings: PreviewSettings, progress: Progr
     elif settings.truth is None:
         draw_maps(shown, out)
     else:
-        direct = shown.values(DIRECT_DEPTH)
-        known = Truth(settings.truth, one.run).depth(one.file, direct)
-        first = first_phasors(one.run, progress.say).depth(one.file, direct)
+        a_map = RunMap(one.run, one.file, shown.layers)
+        known = Truth(settings.truth, one.run).depth(a_map)
+        first = first_phasors(one.run, progress.say).depth(a_map)
         draw_maps(shown, out, truth_m=known, first_phasor_m=first)
 
 
-def _layer_name(one: Pictured, shown: Shown, settings: PreviewSettings) -> str:
+def _layer_name(one: Pictured, shown: Shown, chosen: str | None) -> str:
     """Return the name of the layer to draw if only one is drawn: the chosen one, else the leading one, else the first."""
-    name = settings.layer or (one.layer if one.layer in shown.layers else next(iter(shown.layers)))
+    name = chosen or (one.layer if one.layer in shown.layers else next(iter(shown.layers)))
     require(name in shown.layers, "--layer", repr(name), f"one of {', '.join(shown.layers)}: {shown.title}")
     return name
 
 
-@dataclass
-class _Scale:
-    """The scale that all frames of one picture share, and how far their values reach. Each frame is read once to find it."""
+@dataclass(frozen=True)
+class _Shared:
+    """What all frames of one picture share: layer, scale, classes of pixels, and the shape of the first frame, (Y, X)."""
 
     layer: str
-    limits: tuple[float, float]
-    reach: tuple[float, float] | None
-    colours: str
+    scale: Scale
     kinds: set[PixelClass]
     shape: tuple[int, int]
 
 
-def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress: Progress) -> _Scale:
-    """Return the scale that suits all frames.
+def _shared(found: Sequence[Pictured], settings: PreviewSettings, progress: Progress) -> _Shared:
+    """Return what suits all frames. Each frame is read once to find it.
 
     Frames that cannot be read, or that lack the layer of the first frame, are left out, with a note.
     """
     values: list[NDArray[np.floating]] = []
     ends: list[float] = []
     kinds: set[PixelClass] = set()
-    layer, shape = "", (0, 0)
+    layer, shape = settings.layer, (0, 0)
     for one in found:
         progress.advance()
         try:
             shown = one.read()
-            name = _layer_name(one, shown, settings)
+            layer = _layer_name(one, shown, layer)
         except CadtofError as error:
             # if the first frame lacks the layer, the others lack it too
             if isinstance(error, SettingsError) and not values:
                 raise
             progress.say(f"left out: {error}")
             continue
-        layer = layer or name
-        settings = replace(settings, layer=layer)
-        block = block_of(shown, name)
+        block = block_of(shown, layer)
         plane = block.panels[0].values
         shape = shape if any(shape) else (plane.shape[0], plane.shape[1])
         kinds |= block.shown(block.panels[0])
         values.append(spread_values(plane, _VALUES_A_FRAME).copy())
         finite = plane[np.isfinite(plane)]
         ends += [float(finite.min()), float(finite.max())] if finite.size else []
-    if not values:
+    if layer is None or not values:
         raise CaptureError(f"none of the {len(found)} frames can be drawn")
-    colours, limits = default_scale(layer, np.concatenate(values))
-    reach = (min(ends), max(ends)) if ends else None
-    return _Scale(layer, settings.limits or limits, reach, settings.colours or colours, kinds, shape)
+    scale = Scale.of_layer(layer, *values).chosen(settings.limits, settings.colours)
+    return _Shared(layer, replace(scale, reach=(min(ends), max(ends)) if ends else None), kinds, shape)
 
 
-def _blocks(
-    found: Sequence[Pictured], scale: _Scale, settings: PreviewSettings, progress: Progress
-) -> Iterator[tuple[str, Block | None]]:
+def _blocks(found: Sequence[Pictured], shared: _Shared, progress: Progress) -> Iterator[tuple[str, Block | None]]:
     """Yield each frame's name, and its layer on the common scale; None: it cannot be drawn."""
-    settings = replace(settings, layer=scale.layer)
     for one in found:
         progress.advance()
         block = None
         with suppress(CadtofError):
             shown = one.read()
-            name = _layer_name(one, shown, settings)
-            block = block_of(shown, name, limits=scale.limits, colours=scale.colours)
-            block = replace(block, reach=scale.reach) if isinstance(block, Scaled) else block
+            block = block_of(shown, _layer_name(one, shown, shared.layer), shared.scale)
         yield one.name, block
 
 
 def _sheet(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progress: Progress, *, title: str) -> None:
     """Draw a thumbnail of every frame."""
     progress.advance(0, total=2 * len(found))
-    scale = _common_scale(found, settings, progress)
-    size = thumbnail_size(len(found), scale.shape)
+    shared = _shared(found, settings, progress)
+    size = thumbnail_size(len(found), shared.shape)
     thumbnails: list[tuple[str, Image | None]] = []
     bar: Block | None = None
-    for name, block in _blocks(found, scale, settings, progress):
+    for name, block in _blocks(found, shared, progress):
         bar = bar or block
         thumbnails.append((name, None if block is None else fitted(block.painted(block.panels[0]), size)))
     assert bar is not None
-    heading = f"{title}: {scale.layer}{f' ({bar.unit})' if bar.unit else ''}, {len(found)} frames"
-    draw_sheet(thumbnails, bar, out, title=heading, size=size, kinds=scale.kinds)
+    heading = f"{title}: {shared.layer}{f' ({bar.unit})' if bar.unit else ''}, {len(found)} frames"
+    draw_sheet(thumbnails, bar, out, title=heading, size=size, kinds=shared.kinds)
 
 
 def _film(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progress: Progress) -> None:
@@ -211,16 +201,16 @@ def _film(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progr
     if settings.truth is not None:
         raise SettingsError("--truth goes with the figure of one frame, not with a film")
     progress.advance(0, total=2 * len(found))
-    scale = _common_scale(found, settings, progress)
+    shared = _shared(found, settings, progress)
 
     def frames() -> Iterator[tuple[str, Block]]:
-        for number, (name, block) in enumerate(_blocks(found, scale, settings, progress), start=1):
+        for number, (name, block) in enumerate(_blocks(found, shared, progress), start=1):
             if block is None:
                 continue
-            if block.panels[0].values.shape != scale.shape:
+            if block.panels[0].values.shape != shared.shape:
                 progress.say(f"left out: {name} has another size than the first frame")
                 continue
             yield f"{name}  ({number} of {len(found)})", block
 
-    width = magnified_width(scale.shape, _FILM_PIXELS)
-    draw_film(frames(), out, per_second=settings.frames_per_second, panel_width=width, kinds=scale.kinds)
+    width = magnified_width(shared.shape, _FILM_PIXELS)
+    draw_film(frames(), out, per_second=settings.frames_per_second, panel_width=width, kinds=shared.kinds)

@@ -1,6 +1,7 @@
 """`cadtof profile`: maps along a row, a column or any line, beside the first phasor and truth."""
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,16 +12,15 @@ from cadtof_cli.arrays import Float, Index
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
-from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import planar_per_range
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import (
+from cadtof_cli.workflows.inspect.run_map import (
     GivenOptics,
-    layer_of,
+    RunMap,
     require_same_depth,
     require_same_part,
     require_same_size,
@@ -98,22 +98,15 @@ def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress
         if all(one.record is not None or one.roi for one in (runs[0], run)):
             require_same_part(runs[0], run)
     files = [_chosen(run, settings) for run in runs]
+    first = RunMap.read(runs[0], files[0])
+    size = first.layer(settings.layer).shape
+    rows, columns = where = settings.pixels(*size)
+    others = (RunMap.read(run, file) for run, file in zip(runs[1:], files[1:], strict=True))
     found: list[Curve] = []
-    size: tuple[int, ...] = ()
-    for run, file, name in zip(runs, files, _names(runs, files), strict=True):
-        layers = read_layers(file)
-        values = layer_of(layers, settings.layer, file)
-        size = size or values.shape
-        require_same_size(values, size, file, files[0])
-        rows, columns = where = settings.pixels(*values.shape)
-        sigma = layers.get(settings.layer.replace(".depth", ".sigma")) if settings.layer.endswith(".depth") else None
-        first = None
-        if settings.layer == DIRECT_DEPTH and settings.first_phasor and run.record is not None:
-            first = first_phasors(run, progress.say).depth(file, values)
-        along = values[where].astype(np.float64)
-        beside = (None if one is None else one[where].astype(np.float64) for one in (sigma, first))
-        found.append(Curve(name, along, *beside))
-    known = _truth(settings.truth, runs[0], files[0], settings.layer, size)[rows, columns] if settings.truth else None
+    for one, name in zip(itertools.chain((first,), others), _names(runs, files), strict=True):
+        require_same_size(one.layer(settings.layer), size, one.file, first.file)
+        found.append(_curve(one, name, where, settings=settings, say=progress.say))
+    known = _truth(settings.truth, first, settings.layer)[rows, columns] if settings.truth else None
     # the legend names the folder, which is enough if it holds only one map
     of_frame = f" of {runs[0].name(files[0])}" if len(runs[0].files) > 1 else ""
     axis = "row" if settings.column is not None else "along the line" if settings.row is None else "column"
@@ -137,6 +130,18 @@ def _chosen(run: Run, settings: ProfileSettings) -> Path:
     return files[settings.frame]
 
 
+def _curve(
+    one: RunMap, name: str, where: tuple[Index, Index], *, settings: ProfileSettings, say: Callable[[str], None]
+) -> Curve:
+    """Return a map along the line, whose pixels are `where`; with the first phasor if it is wanted and there is a record."""
+    first = None
+    if settings.layer == DIRECT_DEPTH and settings.first_phasor and one.run.record is not None:
+        first = first_phasors(one.run, say).depth(one)
+    values = one.layer(settings.layer)[where].astype(np.float64)
+    beside = (one.sigma(settings.layer), first)
+    return Curve(name, values, *(None if plane is None else plane[where].astype(np.float64) for plane in beside))
+
+
 def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
     """Return different names for the curves: those of the folders, else folders with maps, else numbers with files."""
     for names in (
@@ -148,14 +153,15 @@ def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
     return [f"{number}: {file}" for number, file in enumerate(files, start=1)]
 
 
-def _truth(truth: Path, run: Run, file: Path, layer: str, size: tuple[int, ...]) -> Float:
-    """Return the truth of the layer, (Y, X). Depths are of the kind that the maps hold: radial range, or planar depth."""
+def _truth(truth: Path, one: RunMap, layer: str) -> Float:
+    """Return the truth of a map's layer, (Y, X). Depths are of the kind that the map holds: radial range, or planar depth."""
     require_truth(truth)
+    run = one.run
     whole = true_layer(run, layer, truth)
     known = run.cropped(whole)
-    require_same_size(known, size, truth, file)
+    require_same_size(known, one.layer(layer).shape, truth, one.file)
     if run.depth_kind == "z" and layer.endswith(".depth"):
-        optics = run.optics(file)
+        optics = run.optics(one.file)
         if run.roi is not None and known.shape == whole.shape:
             # truth of a part: pixels count from its corner, and it does not tell the middle of the frame
             if optics.principal_point_px is None:
@@ -163,7 +169,7 @@ def _truth(truth: Path, run: Run, file: Path, layer: str, size: tuple[int, ...])
                     f"{truth}: holds only the pixels of --roi, and run.json names no principal point, so z depth cannot be "
                     "computed; give truth of whole frames, or resolve with --principal-point-px"
                 )
-            optics = GivenOptics().optics(run, file)
+            optics = GivenOptics().optics(run, one.file)
         known = known * run.cropped(planar_per_range(optics, (whole.shape[0], whole.shape[1])))
     return known
 

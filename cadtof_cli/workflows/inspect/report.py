@@ -1,15 +1,14 @@
 """`cadtof report`: the folder of a run → one HTML page."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float
 from cadtof_cli.errors import CadtofError, FrameError, OutputError, require
 from cadtof_cli.files.atomic import require_new
-from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import STATUS
-from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
+from cadtof_cli.maps.evaluation import EvaluationTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.records import setting
 from cadtof_cli.report.colours import Limits, small_plane, widen
@@ -17,19 +16,17 @@ from cadtof_cli.report.frames import (
     ERROR,
     FIRST_PHASOR,
     FIRST_PHASOR_ERROR,
-    TEXT_BYTES,
     TRUTH,
     EmbeddedFrame,
+    PagePlan,
     Planes,
-    Shares,
     embedded_frame,
-    planned_shares,
-    shown_places,
+    planned_page,
 )
 from cadtof_cli.report.page import ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
-from cadtof_cli.workflows.inspect.layers import GivenOptics, layer_of
 from cadtof_cli.workflows.inspect.report_text import page_text
+from cadtof_cli.workflows.inspect.run_map import GivenOptics, RunMap
 from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
@@ -37,9 +34,6 @@ from cadtof_cli.workflows.run_folder import Run, read_run
 SUFFIXES = (".html", ".htm")
 
 BYTES_PER_MB = 1_000_000
-
-_BESIDE_MAPS = 150_000
-"""Bytes of a page's scripts, style and settings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,14 +85,15 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     gathered.gather(progress)
     if run.record is None and not gathered.shown:
         raise FrameError(next(iter(gathered.problems.values())))
+    errors = gathered.against_truth.summary()
     text = page_text(
         run,
-        maps=gathered.maps,
+        viewed=gathered.shown,
         depth_limits_m=gathered.limits.get(DIRECT_DEPTH, (0.0, 0.0))[:2],
         problems=gathered.problems,
-        errors=gathered.errors(),
+        errors=errors.in_words if errors.frames else {},
     )
-    write_page(out, text, frames=gathered.shown, truth=list(gathered.truths.values()), limits=gathered.limits)
+    write_page(out, text, frames=gathered.shown.values(), truth=gathered.truths.values(), limits=gathered.limits)
 
 
 @dataclass(frozen=True)
@@ -113,22 +108,24 @@ class _Frame:
 
 @dataclass
 class _Gathered:
-    """What the page needs of all maps of a run, gathered frame by frame. `truths` holds each truth by its file and step."""
+    """What the page needs of all maps of a run, gathered frame by frame.
+
+    `shown` holds the frames of the viewer by the files of their maps, and `truths` each truth by its file and step.
+    """
 
     run: Run
     settings: ReportSettings
     truth: Truth | None
     recorded: FirstPhasors
-    shown: list[ShownFrame] = field(default_factory=list)
+    shown: dict[Path, ShownFrame] = field(default_factory=dict)
     truths: dict[tuple[Path, int], EmbeddedFrame] = field(default_factory=dict)
-    maps: dict[Path, Float32] = field(default_factory=dict)
     problems: dict[Path, str] = field(default_factory=dict)
     limits: dict[str, Limits] = field(default_factory=dict)
     against_truth: EvaluationTally = field(default_factory=EvaluationTally)
 
     def gather(self, progress: Progress) -> None:
         """Read all maps: count each, and show those that the page has room for; raises CadtofError if the truth does not fit."""
-        files, whole = self.run.files, self.settings.full_frames
+        files, settings = self.run.files, self.settings
         progress.advance(0, total=len(files))
         places = sorted({0, len(files) // 2, len(files) - 1}) if files else ()
         samples = list(self._frames([files[place] for place in places], {}))
@@ -139,40 +136,32 @@ class _Gathered:
         if len({one.truth_file for one in samples}) > 1:
             # the frames share one truth, unless there are several: then each frame needs room for its own
             planes = [one.planes if one.truth_m is None else {**one.planes, TRUTH: one.truth_m} for one in samples]
-        room = BYTES_PER_MB * self.settings.max_size_mb - _BESIDE_MAPS
-        shown = shown_places(planes, len(files), limit_bytes=room, whole=whole)
-        room -= TEXT_BYTES * len(shown)
-        shares = planned_shares(planes, len(shown), limit_bytes=max(room, 0.0), whole=whole)
+        limit_bytes = BYTES_PER_MB * settings.max_size_mb
+        plan = planned_page(planes, len(files), limit_bytes=limit_bytes, whole=settings.full_frames)
         del samples, planes
-        shown_files = {files[place] for place in shown}
+        shown_files = {files[place] for place in plan.shown}
         for frame in self._frames(files, self.problems):
             self._count(frame)
             if frame.file in shown_files:
-                self._show(frame, shares)
+                self._show(frame, plan)
             progress.advance()
-
-    def errors(self) -> Mapping[str, DepthErrors]:
-        """Return the errors against truth of the direct path, and of the first phasor if every map has one, by these names."""
-        found = self.against_truth.summary()
-        errors = {"first phasor": found.first_phasor, "direct path": found.direct} if found.frames else {}
-        return {name: one for name, one in errors.items() if one is not None}
 
     def _frames(self, files: Sequence[Path], problems: dict[Path, str]) -> Iterator[_Frame]:
         """Yield the frames with maps that can be read; for the others, keep the reason in `problems`."""
         for file in files:
             try:
-                planes = self._planes(file)
+                one = RunMap.read(self.run, file)
+                planes = self._planes(one)
             except CadtofError as error:
                 problems[file] = str(error)
                 continue
             truth_file = self.truth.file(file) if self.truth else None
-            truth_m = self.truth.depth(file, planes[DIRECT_DEPTH]) if self.truth else None
+            truth_m = self.truth.depth(one) if self.truth else None
             yield _Frame(file, planes, truth_file, truth_m)
 
-    def _planes(self, file: Path) -> Planes:
+    def _planes(self, one: RunMap) -> Planes:
         """Return a map's layers, and the first phasor's depth if the recorded frame is there and can be compared."""
-        layers = {name: plane for name, plane in read_layers(file).items() if plane.ndim == 2}
-        first = self.recorded.depth(file, layer_of(layers, DIRECT_DEPTH, file))
+        layers, first = dict(one.layers), self.recorded.depth(one)
         status = {STATUS: layers.pop(STATUS)} if STATUS in layers else {}
         return layers | ({} if first is None else {FIRST_PHASOR: first}) | status
 
@@ -189,15 +178,15 @@ class _Gathered:
             if first is not None:
                 widen(self.limits, FIRST_PHASOR_ERROR, first - truth_m)
 
-    def _show(self, frame: _Frame, shares: Shares) -> None:
+    def _show(self, frame: _Frame, plan: PagePlan) -> None:
         """Add a frame to those that the page shows, and its truth, unless a frame of the same capture added it before."""
         file, planes, truth = frame.file, frame.planes, None
-        embedded = embedded_frame(planes, step=shares.step_of(len(self.shown)))
+        embedded = embedded_frame(planes, step=plan.step_of(len(self.shown)))
         if frame.truth_file is not None and frame.truth_m is not None:
             key = frame.truth_file, embedded.step
             if key not in self.truths:
                 self.truths[key] = embedded_frame({TRUTH: frame.truth_m}, step=embedded.step)
             truth = list(self.truths).index(key)
+        small_m = small_plane(planes[DIRECT_DEPTH], longest_px=plan.thumbnail_px)
         optics = self.settings.optics(self.run, file)
-        self.shown.append(ShownFrame(self.run.name(file), embedded, optics, self.run.depth_kind, truth))
-        self.maps[file] = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
+        self.shown[file] = ShownFrame(self.run.name(file), embedded, small_m, optics, self.run.depth_kind, truth)

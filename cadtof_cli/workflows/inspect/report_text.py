@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.arrays import Float32
 from cadtof_cli.maps.evaluation import DepthErrors
 from cadtof_cli.report.colours import thumbnail
+from cadtof_cli.report.page import ShownFrame
 from cadtof_cli.report.sections import FrameLine, PageText
 from cadtof_cli.workflows.resolve.lines import FRAMES_FILE
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
@@ -29,27 +29,27 @@ def page_text(
     run: Run,
     /,
     *,
-    maps: Mapping[Path, Float32],
+    viewed: Mapping[Path, ShownFrame],
     depth_limits_m: tuple[float, float],
     problems: Mapping[Path, str],
     errors: Mapping[str, DepthErrors],
 ) -> PageText:
     """Return the texts on the page of a run.
 
-    `maps` holds a small map of depths for each map that the page shows, in the order of the viewer, and `problems` why the others
-    cannot be read. `errors` are those against truth, by what has them: the direct path, the first phasor.
+    `viewed` holds the frames of the viewer in their order, by the files of their maps, and `problems` why others cannot be read.
+    `errors` are those against truth, by what has them: the direct path, the first phasor.
     """
     reports = list(run.reports())
     if run.maps.is_file():
         reports = [report for report in reports if run.map_of(report) in run.files]
     shown = {
         file: FrameLine(
-            run.name(file),
+            one.name,
             number=number,
-            thumbnail=thumbnail(depth_m, depth_limits_m),
-            size=(depth_m.shape[1], depth_m.shape[0]),
+            thumbnail=thumbnail(one.small_m, depth_limits_m),
+            size=(one.small_m.shape[1], one.small_m.shape[0]),
         )
-        for number, (file, depth_m) in enumerate(maps.items())
+        for number, (file, one) in enumerate(viewed.items())
     }
     lines = tuple(_lines(run, reports, shown, problems))
     totals = RunTotals()

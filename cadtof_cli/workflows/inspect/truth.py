@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.discovery import TRUTH
+from cadtof_cli.capture.frames import TRUTH
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.workflows.inspect.layers import layer_of, require_same_part, require_same_size
+from cadtof_cli.workflows.inspect.run_map import RunMap, require_same_part, require_same_size
 from cadtof_cli.workflows.run_folder import Run
 
 OTHER_UNIT = 30.0
@@ -41,7 +40,7 @@ def true_layer(run: Run, layer: str, path: Path, /) -> Float:
         _require_range(said)
     if said.roi:
         require_same_part(run, said)
-    known = layer_of(read_layers(path), layer, path).astype(np.float64)
+    known = RunMap.read(said, path).layer(layer).astype(np.float64)
     return without_holes(known) if layer.endswith(".depth") else known
 
 
@@ -86,15 +85,15 @@ class Truth:
             f"{self.given / below}: found no truth of {self.run.name(map_file)}, expected a file {TRUTH}{MAP_SUFFIXES[0]} there"
         )
 
-    def depth(self, map_file: Path, direct: NDArray[Any], /) -> Float:
-        """Return the true depth of the pixels of a map, float64 (Y, X) in m; `direct` is the map's direct depth, (Y, X).
+    def depth(self, one: RunMap, /) -> Float:
+        """Return the true depth of the pixels of a map, float64 (Y, X) in m.
 
         Raises:
-            CadtofError: the truth cannot be read, has another size, or is in another unit.
+            CadtofError: the map has no direct depth; the truth cannot be read, has another size, or is in another unit.
         """
-        file = self.file(map_file)
+        direct, file = one.layer(DIRECT_DEPTH).astype(np.float64), self.file(one.file)
         known = self.run.cropped(self._read(file))
-        require_same_size(direct, known.shape, map_file, file)
+        require_same_size(direct, known.shape, one.file, file)
         _require_metres(file, known, direct)
         return known
 

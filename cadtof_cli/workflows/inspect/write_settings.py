@@ -9,7 +9,7 @@ from cadtof_cli.capture.toml import DEFAULT_ORIGIN, FILE_NAME
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.toml import toml_value
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.inspect.info import CaptureFacts
+from cadtof_cli.workflows.inspect.capture_facts import CaptureFacts
 
 _EXAMPLES: Mapping[str, Any] = {
     "pixel.integration_length": 100000.0,

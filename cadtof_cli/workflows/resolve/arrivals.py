@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 
-from cadtof_cli.capture.discovery import absolute, is_existing_folder
+from cadtof_cli.capture.discovery import is_existing_folder
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
-from cadtof_cli.files.reading import is_folder
+from cadtof_cli.files.reading import absolute, is_folder
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.earlier import earlier_shared_folder
 from cadtof_cli.workflows.resolve.output import MapNames

@@ -21,8 +21,10 @@ from cadtof_cli.errors import (
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
+from cadtof_cli.files.digests import file_digest
 from cadtof_cli.files.frames import NotAFrameError
-from cadtof_cli.files.maps import DepthMaps, file_digest, stage_maps
+from cadtof_cli.files.layers import stage_maps
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass

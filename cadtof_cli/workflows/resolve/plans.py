@@ -10,8 +10,9 @@ from typing import Any
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures, placed_captures
-from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames
 from cadtof_cli.doubts.frame import doubts_before_run
+from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
@@ -45,7 +46,6 @@ class CapturePlan:
         plan: everything that decides its maps.
         settings: settings of the run.
         stack_frame_bytes: bytes per frame of a stack; None if each file holds one frame.
-        lossy_compression: name of the files' compression if it changes values; else None.
         doubts: what is likely wrong with its values, planes or metadata, in words.
     """
 
@@ -54,7 +54,6 @@ class CapturePlan:
     plan: FramePlan
     settings: ResolveSettings
     stack_frame_bytes: float | None = None
-    lossy_compression: str | None = None
     doubts: tuple[str, ...] = ()
 
     @cached_property
@@ -116,9 +115,9 @@ class CapturePlan:
             yield f"{root}: {taken}"
         if source.metadata.pixel.integration_length is None:
             yield f"{root}: pixel.integration_length is not given, so the noise is estimated from each frame"
-        if self.lossy_compression is not None:
+        if lossy := self.capture.lossy_compression:
             yield (
-                f"warning: {root}: recorded with lossy compression ({self.lossy_compression}), which changes voltages and so"
+                f"warning: {root}: recorded with lossy compression ({lossy}), which changes voltages and so"
                 " depths; record without compression, or with a lossless one: deflate, LZW, Zstandard; in EXR ZIP or PIZ"
             )
         for doubt in self.doubts:
@@ -165,7 +164,7 @@ def plan_captures(
             plan = FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use)
         reader = FrameReader.of(capture)
         if typical is None:
-            from cadtof_cli.capture.planes import hint_of_planes
+            from cadtof_cli.capture.suggested_layout import hint_of_planes
 
             if found := hint_of_planes(capture):
                 raise CaptureError(found[0])
@@ -176,11 +175,10 @@ def plan_captures(
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
-        lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
         doubtful = () if stored is None else doubts_before_run(stored, plan)
-        if of_unit := plan.metadata.mistaken_unit(typical.pixels):
+        if of_unit := mistaken_unit(plan.metadata, typical.pixels):
             doubtful += (of_unit,)
-        plans.append(CapturePlan(capture, reader, plan, settings, frame_bytes, lossy, doubtful))
+        plans.append(CapturePlan(capture, reader, plan, settings, frame_bytes, doubtful))
     return plans
 
 

@@ -36,7 +36,7 @@ class RunDocument(RunRecord):
                     "files": 0,
                     "metadata": asdict(capture.source.metadata),
                     "origins": dict(capture.source.origins),
-                    "lossy_compression": one.lossy_compression,
+                    "lossy_compression": capture.lossy_compression,
                 }
                 self["captures"].append(known)
             known["files"] += _new_frames(capture.frames, counted)

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.checks import converted
-from cadtof_cli.capture.discovery import absolute, find_captures, placed_captures
+from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.reading import read_text
+from cadtof_cli.files.reading import absolute, read_text
 from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 

@@ -23,7 +23,7 @@ from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.formats import detect_format
 from cadtof_cli.files.frames import FrameLayout, RawLayout
 from cadtof_cli.pipeline.plan import FramePlan
-from cadtof_cli.workflows.inspect.facts import FrameLook, facts_of_frame
+from cadtof_cli.workflows.inspect.capture_facts import FrameLook, facts_of_frame
 from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from tests.support.fuzz import samples

@@ -1,4 +1,4 @@
-"""Layers of maps for the commands after a run: by name, of the same pixels, and with the optics for points in space."""
+"""A map of a run, as the commands after a run read it; what maps must have in common; the optics that a user gives."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import TRUTH
+from cadtof_cli.capture.frames import TRUTH
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.layers import read_layers
@@ -20,6 +20,31 @@ from cadtof_cli.workflows.run_folder import Run
 
 Layers = Mapping[str, NDArray[Any]]
 """Layers of a map by name, (Y, X) each, as they are stored."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunMap:
+    """A map of a run: its file, and the layers that the file holds."""
+
+    run: Run
+    file: Path
+    layers: Layers
+
+    @classmethod
+    def read(cls, run: Run, file: Path, /) -> "RunMap":
+        """Return a map of a run; raises FrameError if its file cannot be read."""
+        return cls(run, file, read_layers(file))
+
+    def layer(self, name: str, /) -> NDArray[Any]:
+        """Return one of the layers; raises CaptureError if none has that name."""
+        if name not in self.layers:
+            hint = "; `cadtof resolve` makes maps of voltages" if all(map(is_of_a_plane, self.layers)) else ""
+            raise CaptureError(f"{self.file}: found layers {', '.join(self.layers)}; expected {name}{hint}")
+        return self.layers[name]
+
+    def sigma(self, depth: str, /) -> NDArray[Any] | None:
+        """Return the standard deviations of a layer of depths; None if the map has none, or the layer holds no depths."""
+        return self.layers.get(depth.removesuffix(".depth") + ".sigma") if depth.endswith(".depth") else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,14 +90,6 @@ def first_sound_layers(files: Sequence[Path], /) -> Layers | None:
         except CadtofError:
             continue
     return None
-
-
-def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
-    """Return one of the layers of a file; raises CaptureError if no layer has that name."""
-    if name not in layers:
-        hint = "; `cadtof resolve` makes maps of voltages" if all(map(is_of_a_plane, layers)) else ""
-        raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {name}{hint}")
-    return layers[name]
 
 
 def require_same_depth(run: Run, other: Run, /) -> None:
