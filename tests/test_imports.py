@@ -1,6 +1,7 @@
 """Which part may import which: files → voltages → phasors → paths → maps. Libraries stay where they are used."""
 
 import ast
+import graphlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -70,6 +71,20 @@ def _imported(path: Path) -> Iterator[str]:
             assert node.level == 0, f"{path}: relative import"
             assert node.module is not None
             yield node.module
+
+
+def _name(path: Path) -> str:
+    return ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    """Imports within functions and for types alone count, too: one of two such modules could not be read without the other."""
+    paths = {_name(path): path for path in _modules()}
+    names = {name: [*_imported(path)] for name, path in paths.items()}
+    try:
+        graphlib.TopologicalSorter({name: paths.keys() & imported for name, imported in names.items()}).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(" → ".join(error.args[1]))
 
 
 def _imported_parts(path: Path) -> set[str]:
