@@ -15,14 +15,13 @@ from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, save_part
 from cadtof_cli.capture.checks import shown
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, read_stored, single_frames
+from cadtof_cli.capture.frames import Capture, single_frames
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target, Voltage
 from cadtof_cli.doubts.frame import doubts
 from cadtof_cli.doubts.planes import mistaken_order
-from cadtof_cli.doubts.plausible import Copies, require_plausible
+from cadtof_cli.doubts.plausible import Copies
 from cadtof_cli.errors import FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
-from cadtof_cli.files.digests import content_digest
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.phasors.frame_mean import MeanVolts, mean_volts
@@ -30,6 +29,7 @@ from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.recording import FrameReader
 
 ASSUMED_LENGTH = 1e5
 """Integration length n_av for predicting the noise of a frame if the metadata do not give it."""
@@ -146,18 +146,16 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool, of_order: 
         FrameError: a frame cannot be read or is no recording; or it is a copy of an earlier frame, which would make the
             noise that is measured too small.
     """
-    size = capture.typical.pixels if capture.typical else None
-    metadata, copies = capture.source.metadata, Copies()
+    reader, copies = FrameReader.of(capture), Copies()
     for number, source in enumerate(single_frames(capture)):
-        stored = read_stored(source, capture.layout, size=size)
-        require_plausible(stored, metadata, of=source)
-        if original := copies.original_of(stored, content_digest(stored), source):
+        stored, digest = reader.one(source)
+        if original := copies.original_of(stored, digest, source):
             raise FrameError(
                 f"{source}: holds the same values as {original} in every pixel, but noise makes two recordings differ: "
                 "remove the copy, or record again"
             )
         if number == 0:
-            for doubt in doubts(stored, metadata, has_light=has_light, of_order=of_order):
+            for doubt in doubts(stored, reader.metadata, has_light=has_light, of_order=of_order):
                 progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()
