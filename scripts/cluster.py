@@ -19,6 +19,7 @@ from cadtof_cli.execution.cluster import ordered
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
+from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from tests.support.cluster import LocalCluster, local_cluster, no_work
 
@@ -105,7 +106,8 @@ def _cost(cluster: LocalCluster, count: int) -> Cost:
     (capture,) = find_captures([SAMPLE], overrides={})
     source = next(iter(single_frames(capture)))
     plan = FramePlan(metadata=capture.source.metadata, settings=MapSettings())
-    task = FrameTask((source,), capture.layout, plan, (240, 320), Path("out") / "frame_0000.tif", token="01234567")
+    reader = FrameReader(capture.layout, plan.metadata, (240, 320))
+    task = FrameTask((source,), reader, plan, Path("out") / "frame_0000.tif", token="01234567")
     before, began = _used(cluster), time.monotonic()
     outcomes = run_ordered(no_work, (task for _ in range(count)), workers=Workers(scheduler=cluster.address))
     assert sum(1 for _ in outcomes) == count

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures, placed_captures
-from cadtof_cli.capture.frames import frame_names
+from cadtof_cli.capture.frames import FrameSource, frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
 from cadtof_cli.capture.toml import MetadataSource, load_metadata
 from cadtof_cli.doubts.frame import doubts
@@ -25,7 +26,7 @@ from cadtof_cli.files.axis_orders import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
+from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.plans import plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -153,11 +154,14 @@ def read_frames(
         settings_file=None if settings_file is None else Path(settings_file),
         frames=frames,
     )
-    # a generator ends with the first error, `map` goes on with the task after it
-    return map(_frame_of, _tasks([Path(one) for one in inputs], _overrides(metadata), settings))
+    # a generator ends with the first error, `starmap` goes on with the frame after it
+    return starmap(_frame_of, _recorded([Path(one) for one in inputs], _overrides(metadata), settings))
 
 
-def _tasks(inputs: list[Path], overrides: Mapping[str, Any], settings: ResolveSettings) -> Iterator[FrameTask]:
+def _recorded(
+    inputs: list[Path], overrides: Mapping[str, Any], settings: ResolveSettings
+) -> Iterator[tuple[FrameReader, FrameSource]]:
+    """Yield where each frame lies, and how it is read."""
     found = find_captures(
         inputs, overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
     )
@@ -165,14 +169,14 @@ def _tasks(inputs: list[Path], overrides: Mapping[str, Any], settings: ResolveSe
     for plan in plan_captures(captures, settings, None):
         for note in plan.notes():
             _log.warning(note)
-        yield from plan.tasks(taken=partial(frame_names, captures))
+        for (source,) in plan.groups(taken=partial(frame_names, captures)):
+            yield plan.reader, source
 
 
-def _frame_of(task: FrameTask) -> Frame:
-    stored, _ = read_frame(task)
-    assert isinstance(stored, np.ndarray)
-    source = task.sources[0]
-    return Frame(stored, task.plan.metadata, source.name, source.file_name)
+def _frame_of(reader: FrameReader, source: FrameSource) -> Frame:
+    stored = reader.read([source]).stored
+    assert stored is not None
+    return Frame(stored, reader.metadata, source.name, source.file_name)
 
 
 def _log_notes(stored: Stored, source: MetadataSource, /, *, of: str) -> None:

@@ -10,7 +10,7 @@ import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.map_options import CAPTURE_HEADING, capture_options, settings_option
-from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, input_paths
+from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, input_paths, null_option
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import INPUT, PATH
 from cadtof_cli.units import counted
@@ -74,6 +74,7 @@ class _Step:
     """The options that all steps share."""
 
     captures: tuple[str, ...]
+    null: bool
     settings: CalibrateSettings
     as_json: bool
     quiet: bool
@@ -83,7 +84,7 @@ class _Step:
     ) -> None:
         """Take the step by calling `measure`, and print its report; `lines` puts the measured figures into words."""
         with progress_bar("reading", "frames", quiet=self.quiet) as bar:
-            paths = input_paths(self.captures)
+            paths = input_paths(self.captures, null=self.null)
             report = measure(paths, settings=self.settings, progress=bar, **more)
         if self.as_json:
             tell(json.dumps(asdict(report)))
@@ -100,6 +101,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
         "step",
         _Step,
         click.argument("captures", nargs=-1, type=INPUT, required=True, metavar="CAPTURE..."),
+        null_option(),
         RecordOptions(
             "settings",
             CalibrateSettings,

@@ -11,7 +11,7 @@ import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.map_options import CAPTURE_HEADING, capture_options, settings_option
-from cadtof_cli.commands.options import RecordOptions, input_paths, jobs_option, note_given, refuse_given
+from cadtof_cli.commands.options import RecordOptions, input_paths, jobs_option, note_given, null_option, refuse_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import INPUT, PATH
 from cadtof_cli.execution.workers import Workers
@@ -24,6 +24,7 @@ _NAMED_PER_REASON = 5
 @click.command(cls=SectionedCommand, headings=CAPTURE_HEADING, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, type=INPUT, required=True, metavar="INPUT...")
 @RecordOptions("workers", Workers, jobs_option("Processes that read frames"))
+@null_option()
 @click.option("-r", "--recursive", is_flag=True, help="Also search all folders below each INPUT.")
 @settings_option()
 @click.option(
@@ -44,6 +45,7 @@ _NAMED_PER_REASON = 5
 def info(
     inputs: tuple[str, ...],
     workers: Workers,
+    null: bool,
     recursive: bool,
     settings_file: Path | None,
     write_settings: bool,
@@ -76,7 +78,7 @@ def info(
         refuse_given({"out", "overwrite"}, "without --write-settings")
     with progress_bar("reading", "frames") as bar:
         found = look_into(
-            input_paths(inputs),
+            input_paths(inputs, null=null),
             overrides=overrides,
             workers=workers,
             progress=bar,

@@ -222,13 +222,21 @@ def refuse_given(names: Collection[str], where: str, /) -> None:
         raise SettingsError(f"{option}: has no effect {where}; leave it out")
 
 
-def input_paths(values: tuple[str, ...], /) -> tuple[Path, ...]:
-    """Return the paths that the arguments name; `-` stands for paths on stdin, one per line."""
-    return tuple(itertools.chain.from_iterable(arriving_paths(values)))
+def null_option() -> Decorator[Any]:
+    """Return the option `null` of `arriving_paths`."""
+    about = "Paths on stdin are separated by zero bytes, as `find -print0` writes them."
+    return click.option("-0", "--null", is_flag=True, help=about)
 
 
-def arriving_paths(values: tuple[str, ...], /, *, separator: bytes = b"\n") -> Iterator[tuple[Path, ...]]:
+def input_paths(values: tuple[str, ...], /, *, null: bool) -> tuple[Path, ...]:
+    """Return the paths that the arguments name; `-` stands for paths on stdin. `null`: see `arriving_paths`."""
+    return tuple(itertools.chain.from_iterable(arriving_paths(values, null=null)))
+
+
+def arriving_paths(values: tuple[str, ...], /, *, null: bool) -> Iterator[tuple[Path, ...]]:
     """Yield batches of paths: the paths that the arguments name, and those that arrive on stdin if one argument is `-`.
+
+    Paths on stdin end with a new line, or with a zero byte if `null`.
 
     The first batch holds the named paths and the paths that arrive before the first pause, or, if none of these exists, before
     the pause after one that does: a program that watches a folder also names files that are gone a moment later. The common
@@ -236,11 +244,12 @@ def arriving_paths(values: tuple[str, ...], /, *, separator: bytes = b"\n") -> I
     """
     named = tuple(Path(value) for value in values if value != STDIN)
     if STDIN not in values:
+        note_given({"null"}, f"without {STDIN} as INPUT")
         yield named
         return
     from cadtof_cli.commands.arrival import paths_as_they_arrive
 
-    arriving = paths_as_they_arrive(sys.stdin.fileno(), separator=separator)
+    arriving = paths_as_they_arrive(sys.stdin.fileno(), separator=b"\0" if null else b"\n")
     first = named
     for batch in arriving:
         first += batch

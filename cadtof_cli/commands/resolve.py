@@ -10,7 +10,15 @@ import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.map_options import CAPTURE_HEADING, MAP_HEADING, capture_options, map_options, settings_option
-from cadtof_cli.commands.options import STDIN, RecordOptions, arriving_paths, declared_options, jobs_option, note_given
+from cadtof_cli.commands.options import (
+    STDIN,
+    RecordOptions,
+    arriving_paths,
+    declared_options,
+    jobs_option,
+    note_given,
+    null_option,
+)
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import INPUT
 from cadtof_cli.execution.workers import LOCAL, Workers
@@ -44,9 +52,7 @@ if TYPE_CHECKING:
     RecordOptions("workers", Workers, jobs_option("Worker processes"), *declared_options(Workers).values()),
     capture_options(),
 )
-@click.option(
-    "-0", "--null", is_flag=True, help="Paths on stdin are separated by zero bytes, as `find -print0` writes them."
-)
+@null_option()
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON line per frame on stdout, as in frames.jsonl.")
 @click.option(
     "--log",
@@ -86,11 +92,9 @@ def resolve(
     """
     from cadtof_cli.workflows.resolve.resolve import resolve_captures
 
-    if STDIN not in inputs:
-        note_given({"null"}, f"without {STDIN} as INPUT")
     if settings.workers.scheduler != LOCAL:
         note_given({"jobs", "start_method"}, "with --scheduler, whose workers are started elsewhere")
-    paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
+    paths = arriving_paths(inputs, null=null)
     # a list of what would be written is complete only if all paths have arrived
     first = tuple(itertools.chain.from_iterable(paths)) if settings.dry_run else next(paths)
     with progress_bar("resolving", "frames", quiet=quiet, log=log) as bar:

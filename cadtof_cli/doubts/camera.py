@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored, median, plane_names, quantiles
+from cadtof_cli.arrays import Complex, Float, Stored, median, plane_names, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, scatters, sound_phasors, sound_values
+from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, left_by_one_path, scatters, sound_phasors, sound_values
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.voltages import (
     ideal_phasor_map,
@@ -22,9 +22,14 @@ from cadtof_cli.phasors.voltages import (
     volts_per_count,
 )
 
-_MORE_NOISE, _LESS_NOISE = 8.0, 4.0
+_MORE_NOISE, _MORE_LEFT, _LESS_NOISE = 8.0, 5.0, 4.0
 """The noise of a frame is doubted if its variance is more than 8 times as large as the integration length explains, or
-more than 4 times smaller. Texture adds scatter: up to a factor of 5 in rendered rooms. Nothing makes scatter smaller."""
+more than 4 times smaller. Texture adds scatter: up to a factor of 5 in rendered rooms. Nothing makes scatter smaller.
+
+Without depth and brightness, the variance must be more than 5 times as large: not all of an offset is left then."""
+
+_LEAST_NOISE = 0.1
+"""Least variance of a pixel's noise, over that of a pixel in ambient light, that is reckoned with."""
 
 _FULLY_LIT = 0.8
 """Median |p| of a frame above which nearly all light is the laser's. The noise is then not judged: it is hardly any."""
@@ -32,14 +37,18 @@ _FULLY_LIT = 0.8
 _COARSE_STEPS = 2.0
 """Noise of fewer steps of whole numbers than this is not judged to be too small: rounding may hide it."""
 
-_STRIPED = 1.0
-"""Rows or columns are doubted if their offsets scatter by more than so many standard deviations of a pixel."""
+_STRIPED, _STRIPED_LEFT = 1.0, 0.7
+"""Rows or columns are doubted if their offsets scatter by more than so many standard deviations of a pixel, and by more than the
+second number if depth and brightness are left out: not all of an offset is left then."""
 
 _RIPPLED = 0.005
 """Share of the light up to which offsets may be ripples of the scene, such as those of a corrugated sheet."""
 
 _THIRD = math.sqrt(1.0 + 9.0 + 9.0 + 1.0)
 """Standard deviation of third differences of independent numbers. Surfaces hardly have third differences."""
+
+_SECOND = math.sqrt(1.0 + 4.0 + 1.0)
+"""The same of second differences."""
 
 _LINES, _LEAST_LINES = 96, 48
 """Rows or columns that are looked at, and fewest of them: a part of them lies at edges of the scene."""
@@ -101,7 +110,10 @@ def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     if lengths.size < FEWEST or not median(lengths) < _FULLY_LIT:
         return None
     seen = estimated_integration_length(phasors.reshape(len(phasors), 2, -1), metadata, quantised=whole)
-    if seen < n_av / _MORE_NOISE:
+    more = seen < n_av / _MORE_NOISE
+    if more and _tells_scene(metadata):
+        more = not _length_without_scene(phasors, metadata, quantised=whole) >= n_av / _MORE_LEFT
+    if more:
         return (
             f"neighbouring pixels scatter as with integration_length = {seen:.2g} instead of {n_av:g}: standard deviations "
             f"are about {math.sqrt(n_av / seen):.2g} times too small, and noise is taken for light and for second paths. "
@@ -119,10 +131,25 @@ def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     return None
 
 
+def _tells_scene(metadata: CaptureMetadata) -> bool:
+    """Return whether texture and edges of a scene can be told from errors of the camera: the further terms of a triangle differ
+    from pixel to pixel."""
+    return metadata.modulation.waveform == "sine" and len(metadata.modulation.harmonics) > 1
+
+
+def _length_without_scene(phasors: Complex, metadata: CaptureMetadata, *, quantised: bool) -> float:
+    """Return the n_av that explains how phasors of two rows of pixels, (H, 2·n), differ, apart from depth and brightness."""
+    left = left_by_one_path(phasors, metadata.modulation.harmonics)
+    # the more of its light is the laser's, the less noise a pixel has
+    left /= np.sqrt(np.maximum(1.0 - np.mean(np.abs(phasors) ** 2, axis=0), _LEAST_NOISE))
+    return estimated_integration_length(left.reshape(len(left), 2, -1), metadata, quantised=quantised)
+
+
 def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | None:
     """Return a message if the rows, or the columns, of a frame have offsets of their own, larger than noise; else None.
 
-    The third differences across the lines are compared: their medians along the lines with those of single pixels.
+    The third differences across the lines are compared: their medians along the lines with those of single pixels. Then a scene
+    of stripes is ruled out, if the modulation allows it.
     """
     planes = stored if lines == "rows" else stored.swapaxes(2, 3)
     begin = max(0, (planes.shape[2] - _LINES) // 2)
@@ -131,7 +158,8 @@ def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | N
     if count < _LEAST_LINES or along < _LEAST_ALONG:
         return None
     volts = volts_from_stored(planes, metadata.voltage)
-    volts[:, :, ~sound_pixels(planes, metadata.voltage.saturated_counts)] = np.nan
+    sound = sound_pixels(planes, metadata.voltage.saturated_counts)
+    volts[:, :, ~sound] = np.nan
     bent = np.diff(volts, n=3, axis=2).reshape(2 * len(planes), count - 3, along)
     bent = bent[:, :, np.isfinite(bent).all(axis=(0, 1))]
     if bent.shape[2] < _LEAST_ALONG:
@@ -144,11 +172,31 @@ def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | N
     light = float(median(np.sqrt(np.nansum(volts * volts, axis=(0, 1)) / len(volts)).ravel()))
     if not (worst := float(np.max(excess))) > max(_STRIPED * float(np.max(noise)), _RIPPLED * light):
         return None
+    if _tells_scene(metadata):
+        phasors = phasors_from_stored(planes.reshape(*planes.shape[:2], -1), ideal_phasor_map(metadata, stored.dtype))
+        phasors[:, ~sound.ravel()] = np.nan
+        left = metadata.modulation.amplitude_v * left_by_one_path(phasors, metadata.modulation.harmonics)
+        if not _differ_in_lines(np.concatenate([left.real, left.imag]).reshape(-1, count, along), _RIPPLED * light):
+            return None
     return (
         f"{lines} have offsets of their own, {1000.0 * worst:.2g} mV from one to the next: depths are wrong by more than sigma "
         "says. If they are the same in all frames, run calibrate dark; if not, something disturbs the read-out. Only a scene of "
         "fine stripes, such as a fence, looks like that, too"
     )
+
+
+def _differ_in_lines(left: Float, least: float) -> bool:
+    """Return whether what one path leaves over differs more from line to line than along the lines, (planes, lines, n), and by
+    more than `least`: offsets of lines do. True if too few pixels tell."""
+    quarters = []
+    for axis in (1, 2):
+        bent = np.abs(np.diff(left, n=2, axis=axis)).reshape(len(left), -1)
+        bent = bent[:, np.isfinite(bent).all(axis=0)]
+        if bent.shape[1] < _LEAST_LINES:
+            return True
+        quarters.append(quantiles(bent, (0.25,))[0])
+    seen, noise = np.square(np.array(quarters) / (_QUARTER_OF_NORMAL * _SECOND))
+    return bool(np.any(seen - noise > np.maximum(_STRIPED_LEFT**2 * noise, least**2)))
 
 
 def stepped(stored: Stored, metadata: CaptureMetadata, /) -> str | None:

@@ -141,7 +141,10 @@ def _misfit_in_words(maps: DepthMaps, plan: FramePlan) -> str | None:
     # counted, not sorted: a median takes longer than many a frame
     if misfit.size < FEWEST or 2 * np.count_nonzero(misfit > most) <= misfit.size:
         return None
-    return f"its paths do not explain the light (median chi_squared above {most:.0f}), so errors are larger than sigma"
+    return (
+        f"its paths do not explain the light (median chi_squared above {most:.0f}), so errors are larger than sigma: was there "
+        "motion or diffuse MPI, or is the camera not calibrated?"
+    )
 
 
 def _wrapped_in_words(maps: DepthMaps, plan: FramePlan) -> str | None:

@@ -19,7 +19,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Stored, median, plane_names
+from cadtof_cli.arrays import Bool, Float, Stored, median, plane_names, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, sound_phasors
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
@@ -32,6 +32,9 @@ holds noise alone. Above the second number it shows a scene.
 In 28 captures with light, the least of any plane is 2.3; noise has 1.0. A plane with a mean farther from 0 V than the
 largest scatter of all planes is not doubted: a cosine near its peak is flat and far from 0, and its sine changes most
 there."""
+
+_USUAL = (0.02, 0.98)
+"""Values of a plane beyond these quantiles are outliers."""
 
 _UNEVEN, _UNEVEN_SHARE = 0.1, 0.15
 """Difference between the amplitudes of harmonics beyond noise, relative to the largest, and the least share of pixels with a
@@ -117,7 +120,8 @@ def wrong_planes(stored: Stored, metadata: CaptureMetadata, /, *, count: int = L
     # the median leaves out edges of the scene, between which neighbours differ by more than noise
     noise = median(np.abs(change)) / (MAD_PER_SIGMA * math.sqrt(2.0))
     names = plane_names(metadata.modulation.harmonics)
-    if (dark := _without_light(here, change, noise)).any():
+    half_step = 0.5 if stored.dtype.kind in "iu" else 0.0
+    if (dark := _without_light(here, change, noise, half_step)).any():
         found = ", ".join(name for name, is_dark in zip(names, dark, strict=True) if is_dark)
         return (
             f"{found}: found only noise, but other planes show a scene; was the modulation on when this was recorded?"
@@ -131,13 +135,14 @@ def wrong_planes(stored: Stored, metadata: CaptureMetadata, /, *, count: int = L
     return None
 
 
-def _without_light(here: Float, change: Float, noise: Float) -> Bool:
+def _without_light(here: Float, change: Float, noise: Float, least: float) -> Bool:
     """Return which planes hold noise alone while others show a scene, (planes,): all False if light of one phase explains it.
 
     Args:
         here: values of pixels about 0 V, (planes, n).
         change: from each pixel to its neighbour, (planes, n).
         noise: standard deviation of the noise of each plane, (planes,).
+        least: noise of at least this standard deviation is not doubted to be noise.
     """
     neighbours, scatter = change.std(axis=1) / math.sqrt(2.0), here.std(axis=1)
     dark = (scatter <= _AS_NOISE * neighbours) & (np.abs(here.mean(axis=1)) < scatter.max())
@@ -145,7 +150,16 @@ def _without_light(here: Float, change: Float, noise: Float) -> Bool:
         amplitudes = np.hypot(here[::2], here[1::2])
         differ = amplitudes.min(axis=0) < (1.0 - _UNEVEN) * amplitudes.max(axis=0) - 3.0 * noise.max()
         dark &= differ.mean() >= _UNEVEN_SHARE
+    if dark.any():
+        # in a fine mesh, some neighbours differ as much as pixels far apart, but most differ by noise
+        dark &= _usual_scatter(here) <= _AS_NOISE * np.maximum(noise, least)
     return np.asarray(dark & (scatter > _AS_SCENE * neighbours).any())
+
+
+def _usual_scatter(here: Float) -> Float:
+    """Return the standard deviation of planes, (planes, n), without outliers, such as hot pixels."""
+    low, high = quantiles(here, _USUAL)
+    return np.asarray(np.clip(here, low[:, np.newaxis], high[:, np.newaxis]).std(axis=1))
 
 
 def _same_planes(here: Float, noise: Float) -> tuple[int, int] | None:
@@ -160,6 +174,11 @@ def _same_planes(here: Float, noise: Float) -> tuple[int, int] | None:
         if (one // 2 == other // 2 or one % 2 == other % 2)
         and np.sqrt(np.mean((here[other] - here[one]) ** 2)) <= _AS_NOISE * math.hypot(noise[one], noise[other])
     ]
+    if len(same) < 2:
+        return None
+    # hot pixels are the same in all planes, and make planes of little light scatter
+    shown = _usual_scatter(here) > _AS_SCENE * noise
+    same = [(one, other) for one, other in same if shown[one] and shown[other]]
     return same[0] if len(same) > 1 else None
 
 
@@ -233,10 +252,10 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /, *, count: int =
         return None
     planes, first = ", ".join(plane_names(metadata.modulation.harmonics)), sound_phasors(some, metadata)[0]
     unsure = shares[likely] < _CERTAIN or abs(np.exp(1j * np.angle(first)).mean()) > _ONE_DEPTH
-    or_mpi = "? A view with strong MPI everywhere looks like that, too" if unsure else "?"
+    or_mpi = " (strong MPI everywhere, or offsets without a calibration, look like that, too)" if unsure else ""
     return (
         f"the phases of the harmonics fit each other in only {as_read:.0%} of the pixels; {likely}, they would in "
-        f"{shares[likely]:.0%}: are the planes in the order {planes}, and are their signs right{or_mpi}"
+        f"{shares[likely]:.0%}{or_mpi}: are the planes in the order {planes}, and are their signs right?"
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Stored, even_step, median
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.doubts.pixels import FEWEST
+from cadtof_cli.doubts.pixels import FEWEST, left_over, left_over_projections, squared_misfits, turned_by_phase
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored, sound_pixels
 
 _LOOKED_AT = 512
@@ -37,6 +37,10 @@ sound views of one depth, such as `simulate --scene card` with three periods."""
 _TAIL_RAD = 2.5
 """What comes up to this phase after the surfaces is not doubted: in small rooms, most MPI is the same in all pixels. In 15 of 90
 rooms it is, by `_EXPLAINED`, and comes .6 to 2.2 rad late. `resolve` predicts it."""
+
+_MOVED = 4.0
+"""What all pixels share must explain so many times more than a delay of each harmonic, such as motion between their recordings
+makes. In views of few depths the two look much the same."""
 
 _FARTHEST, _TRIED, _WORTHWHILE = 0.7, 51, 4.0
 """Longest phasor of a wrong zero that is tried, either way, how many are, and how many times smaller the misfit must be with the
@@ -88,8 +92,9 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
     h = np.array(harmonics, np.float64)[:, np.newaxis]
     shared = np.zeros((len(h), 1), np.complex128)
     misfits, condition = list[float](), np.inf
+    delays = median(np.angle(turned_by_phase(phasors, h)[0]))[:, np.newaxis]
     for _ in range(_STEPS):
-        turned, back = _turned_by_phase(phasors - shared, h)
+        turned, back = turned_by_phase(phasors - shared, h)
         change, misfit, condition = _least_squares_step(turned, back, h)
         misfits.append(misfit)
         if len(misfits) >= _HOPELESS and (condition > _FLAT or misfits[0] < min(len(misfits), _EXPLAINED) * misfit):
@@ -98,6 +103,8 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
     surfaces = (phasors - shared)[0]
     share = shared[:, 0] / median(np.abs(surfaces))
     if not (misfits[0] > _EXPLAINED * misfits[-1] and condition < _TOLD and _MATTERS < np.abs(share).max() < _MOST):
+        return None
+    if float(median(squared_misfits(phasors * np.exp(-1j * delays), h))) < _MOVED * misfits[-1]:
         return None
     late = float(np.angle(share[0] * np.conj(np.sum(surfaces / np.abs(surfaces)))))
     return None if 0.0 < late < _TAIL_RAD else share
@@ -136,7 +143,7 @@ def wrong_zero(phasors: Complex, unit: Complex, harmonics: tuple[int, ...], /) -
     some = slice(None, None, max(1, phasors.shape[1] // FEWEST))
     misfits = _misfits(phasors[:, some], unit[:, some], h, step * steps)
     # nearly all sound frames end here
-    if float(misfits[_TRIED // 2]) < _WORTHWHILE * float(misfits.min()):
+    if float(misfits[_TRIED // 2]) <= _WORTHWHILE * float(misfits.min()):
         return None
     off = step * float(steps[np.argmin(misfits)])
     for _ in range(2):
@@ -149,7 +156,7 @@ def wrong_zero(phasors: Complex, unit: Complex, harmonics: tuple[int, ...], /) -
     bright = np.abs(surfaces[0]) > _BRIGHT * median(np.abs(surfaces[0]))
     if np.count_nonzero(bright) < FEWEST:
         return None
-    left, _, _ = _least_squares_step(*_turned_by_phase(surfaces[:, bright], h), h)
+    left, _, _ = _least_squares_step(*turned_by_phase(surfaces[:, bright], h), h)
     other = float(np.abs(left).max() / np.abs(off * unit).max())
     return float(off) if other < _ZERO_ALONE else None
 
@@ -158,9 +165,8 @@ def _misfits(phasors: Complex, unit: Complex, h: Float, tried: Float) -> Float:
     """Return the median squared misfit of one path over the median power, (m,), without the numbers tried, (m,), times `unit`."""
     light = phasors[:, np.newaxis] - tried[:, np.newaxis] * unit[:, np.newaxis]
     flat = light.reshape(len(light), -1)
-    squares = sum((rest * rest).sum(axis=0) for rest in _left_over(_turned_by_phase(flat, h)[0], h))
     power = median((np.abs(light) ** 2).sum(axis=0))
-    return median(np.reshape(squares, light.shape[1:])) / np.maximum(power, 1e-30)
+    return median(np.reshape(squared_misfits(flat, h), light.shape[1:])) / np.maximum(power, 1e-30)
 
 
 def _spread_phasors(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap, /) -> tuple[Complex, Complex]:
@@ -174,26 +180,13 @@ def _spread_phasors(stored: Stored, metadata: CaptureMetadata, phasor_map: Phaso
     return phasors[:, sound], (phasors_from_stored(some.astype(np.float64) + 1.0, here) - phasors)[:, sound]
 
 
-def _turned_by_phase(phasors: Complex, h: Float, /) -> tuple[Complex, Complex]:
-    """Return phasors, (H, n), turned back by the phase x of the one path that fits each pixel, and exp(−ihx)."""
-    phase = np.angle(phasors[0])
-    for _ in range(2):
-        turned = phasors * np.exp(-1j * h * phase)
-        slope, bend = (h * turned.imag).sum(axis=0), (h * h * turned.real).sum(axis=0)
-        phase = phase + np.clip(
-            np.where(bend > 0.0, slope / np.where(bend > 0.0, bend, 1.0), np.sign(slope)), -0.3, 0.3
-        )
-    back = np.exp(-1j * h * phase)
-    return phasors * back, back
-
-
 def _least_squares_step(turned: Complex, back: Complex, h: Float, /) -> tuple[Complex, float, float]:
     """Return the change of what all pixels share, (H, 1), the median squared misfit before it, and the condition.
 
     Amplitude and phase of the path take up the mean of the real parts and what is in proportion to h of the imaginary parts.
     The rest is the misfit. Pixels with a large one, such as those with MPI, count less.
     """
-    count, kept, rest = len(h), _left_over_projections(h), _left_over(turned, h)
+    count, kept, rest = len(h), left_over_projections(h), left_over(turned, h)
     squares = rest[0] ** 2 + rest[1] ** 2
     squares = squares.sum(axis=0)
     misfit = float(median(squares))
@@ -208,14 +201,3 @@ def _least_squares_step(turned: Complex, back: Complex, h: Float, /) -> tuple[Co
     found, _, _, singular = np.linalg.lstsq(square, right.ravel(), rcond=1e-9)
     change = found.reshape(count, 2)
     return change[:, :1] + 1j * change[:, 1:], misfit, float(singular[0] / max(singular[-1], 1e-30))
-
-
-def _left_over(turned: Complex, h: Float, /) -> tuple[Float, Float]:
-    """Return what amplitude and phase of a path leave over of the real and of the imaginary parts of turned phasors, (H, n)."""
-    real, imaginary = _left_over_projections(h)
-    return real @ turned.real, imaginary @ turned.imag
-
-
-def _left_over_projections(h: Float, /) -> tuple[Float, Float]:
-    """Return the projections, (H, H), of real and of imaginary parts onto what amplitude and phase of a path leave over."""
-    return np.eye(len(h)) - 1.0 / len(h), np.eye(len(h)) - h * h.T / (h * h).sum()

@@ -16,6 +16,7 @@ from cadtof_cli.resolver.settings import CLOSED_FORM, ResolverSettings
 from cadtof_cli.units import size_text
 
 if TYPE_CHECKING:
+    from cadtof_cli.calibration.store import Calibration
     from cadtof_cli.files.maps import MapHeader
     from cadtof_cli.maps.layers import Layer
 
@@ -115,6 +116,18 @@ class FramePlan:
     def __hash__(self) -> int:
         """Return a hash of a few values that tell plans apart. Caches ask for it with every frame, so it has to be quick."""
         return hash((self.metadata.pixel.integration_length, self.settings.pool, self.settings.depth))
+
+    def read_calibration(self) -> "Calibration | None":
+        """Return the calibration that is applied; each process reads it once. None: none is applied.
+
+        Raises:
+            MetadataError: the calibration cannot be read, or has changed since the plan was made.
+        """
+        if self.calibration is None:
+            return None
+        from cadtof_cli.calibration.store import cached_calibration
+
+        return cached_calibration(self.calibration.folder, self.calibration.digest)
 
     @cached_property
     def resolver(self) -> ResolverSettings:

@@ -79,8 +79,11 @@ class StatusCounts:
     invalid: int
 
 
-def why_no_answer(status: Status, /) -> str:
-    """Return why no pixel of a status map has an answer: the bits that are set, with their shares of the pixels."""
+def why_no_answer(status: Status, /, *, noise_estimated: bool = False) -> str:
+    """Return why no pixel of a status map has an answer: the bits that are set, with their shares of the pixels.
+
+    `noise_estimated`: whether the noise was estimated from the frame.
+    """
     bits = (
         StatusBit.SATURATED,
         StatusBit.NOT_FINITE,
@@ -92,6 +95,11 @@ def why_no_answer(status: Status, /) -> str:
     shares = {bit: float(np.mean((status & bit) != 0)) for bit in bits}
     found = [f"{share:.1%} {bit_words(bit)}" for bit, share in shares.items() if share]
     weak = "; if there was light, check integration_length, amplitude_v, --min-confidence and --false-alarm"
+    if noise_estimated:
+        weak = (
+            "; the noise was estimated from the frame, and a scene of fine mesh looks like noise: if there was light, give "
+            "--integration-length"
+        )
     impossible = (
         "; impossible means: amplitudes above what the modulation can record, or the same values in all pixels; check "
         "amplitude_v, volts_per_count and fwhm_ns"

@@ -1,6 +1,6 @@
 """The folder of a run, as later commands read it: a map file per frame, `run.json`, and `frames.jsonl` with a line per frame.
 
-`resolve/record.py` writes the two records; `resolve/run_json.py` knows what is in the first.
+`resolve/record.py` writes the two records; `resolve/run_json.py` knows what is in the first, `resolve/lines.py` in the second.
 """
 
 import io
@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.discovery import find_captures, placed_captures, steps_below
+from cadtof_cli.capture.discovery import steps_below
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -23,7 +23,7 @@ from cadtof_cli.files.reading import is_folder, read_bytes
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.map_files import map_files
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, place_in
+from cadtof_cli.workflows.resolve.lines import FRAMES_FILE, place_in
 from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN, RUN_FILE, RunRecord, optics_of, read_record
 
@@ -65,7 +65,7 @@ class Run:
         None: the maps show whole frames. Without a record of the run, the headers say it; raises SettingsError if they differ.
         """
         if self.record is not None:
-            return cast("Sequence[int] | None", self.record["arguments"].get("roi"))
+            return self.record.roi
         return region_of(self._said("roi"))
 
     @cached_property
@@ -108,13 +108,13 @@ class Run:
     def said_depth(self) -> DepthKind | None:
         """The kind of depth that the record or, without one, the headers name; else None. Raises SettingsError if they differ."""
         if self.record is not None:
-            return "z" if self.record["arguments"].get("depth") == "z" else "range"
+            return self.record.depth_kind
         return _DEPTH_BY_WORDS.get(self._said("depth"))
 
     @property
-    def captures(self) -> list[Mapping[str, Any]]:
+    def captures(self) -> Sequence[Mapping[str, Any]]:
         """The captures in the record; without a record there are none."""
-        return [] if self.record is None else self.record.get("captures", [])
+        return [] if self.record is None else self.record.captures
 
     @property
     def captures_shown(self) -> int:
@@ -211,22 +211,9 @@ class Run:
         if self.record is None:
             say(f"{self.no_record}, {NOT_EVALUATED}")
             return {}
-        arguments = self.record["arguments"]
         try:
-            inputs = self.record.input_paths(self.folder)
-            settings = arguments.get("settings")
-            # inputs that were moved with the run lie below another folder
-            is_moved = list(map(str, inputs)) != arguments.get("absolute_inputs")
-            shared = None if is_moved else self.record.shared_folder
-            found = find_captures(
-                inputs,
-                overrides=arguments["overrides"],
-                settings_file=Path(settings) if settings else None,
-                recursive=bool(arguments.get("recursive")),
-                on_unlisted=lambda *_: None,
-            )
-            captures, _ = placed_captures(found, inputs, base=shared)
-            return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
+            captures = self.record.recorded_captures(self.folder)
+            return _by_map(captures, self.record.frames, self.record.average)
         except (CadtofError, *NOT_OF_A_RUN) as error:
             say(f"the recorded frames are no longer where they were, {NOT_EVALUATED}: {error}")
             return {}

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 
-from cadtof_cli.workflows.resolve.output import LOCK_FILE
+from cadtof_cli.workflows.resolve.lock import LOCK_FILE
 from tests.support.captures import layers_of, record, write_frame
 from tests.support.forward import step_frame
 from tests.support.runs import lines_of, require_same_run, run_of
@@ -97,6 +98,22 @@ def test_names_that_differ_only_in_case_share_no_map(tmp_path: Path) -> None:
     # elsewhere, the two names are those of two files
     assert shell("cadtof resolve cam -o other -j 1", tmp_path).status == 0
     assert sorted(path.name for path in (tmp_path / "other").glob("*.tif")) == ["A.tif", "a.tif"]
+
+
+def test_names_in_other_case_share_no_map_if_they_arrive_together_or_are_of_a_stack(tmp_path: Path) -> None:
+    capture = record(tmp_path / "cam", frames=4)
+    for file, name in zip(capture.files, ("first", "a", "A", "S_0000"), strict=True):
+        file.rename(tmp_path / "cam" / f"{name}.tif")
+    pages = np.stack([tifffile.imread(tmp_path / "cam" / f"{name}.tif") for name in "aA"])
+    tifffile.imwrite(tmp_path / "cam" / "s.tif", pages.reshape(2, 2, 2, *pages.shape[-2:]), metadata={"axes": "THCYX"})
+    (tmp_path / "live").mkdir()
+    (tmp_path / "live" / LOCK_FILE.upper()).touch()
+    later = "printf 'cam/a.tif\\ncam/A.tif\\ncam/S_0000.tif\\ncam/s.tif\\n'"
+    done = shell(f"{{ echo cam/first.tif; {UNTIL_RECORDED} {later}; }} | {WATCH}", tmp_path)
+    assert done.status == 1
+    assert "cam/A.tif would be written as live/A, as cam/a.tif was" in done.err
+    names = [path.stem for path in (tmp_path / "live").glob("*.tif")]
+    assert sorted(names) == ["S_0000", "a", "first", "s_00000", "s_00001"]
 
 
 def test_a_watcher_that_is_started_again_keeps_what_is_recorded(tmp_path: Path) -> None:

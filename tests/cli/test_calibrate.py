@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cadtof_cli import read_maps
 from cadtof_cli.calibration.store import load_calibration, save_part
@@ -220,6 +221,26 @@ def test_frames_that_differ_by_more_than_noise_are_warned_of(campaign: Campaign,
         folder = write(tmp_path / name, campaign.seen, frames)
         done = cadtof("calibrate", "dark", folder, "-o", tmp_path / f"camera_{name}")
         assert (done.status, said in done.err) == (0, warned), done.err
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_dark_offsets_are_no_other_order_of_the_planes(tmp_path: Path, swapped: bool) -> None:
+    """Each plane of this camera has an offset of up to 24 mV. Before a wall, these look like another order of the planes."""
+    seen, out = camera(Defects(seed=1)), tmp_path / "camera"
+    offsets = np.array([400, 284, -346, -281]).reshape(2, 2, 1, 1)
+
+    def shifted(frames: list[NDArray[np.uint16]]) -> list[NDArray[np.uint16]]:
+        return [(frame + offsets).astype(np.uint16)[:, :: -1 if swapped else 1] for frame in frames]
+
+    dark = write(tmp_path / "dark", seen, shifted(covered(seen, count=10)))
+    targets = [
+        write(tmp_path / f"target_{d:g}", seen, shifted(wall(seen, d, count=2, seed=index)), distance_m=d)
+        for index, d in enumerate((0.4, 1.6, 4.3))
+    ]
+    assert cadtof("calibrate", "dark", dark, "-o", out).status == 0
+    done = cadtof("calibrate", "response", *targets, "-o", out)
+    assert done.err.count("with SC1 and SC2 swapped, they would in") == (3 if swapped else 0)
+    assert swapped or "are the planes in the order" not in done.err
 
 
 def test_a_response_needs_to_know_the_distance(campaign: Campaign, tmp_path: Path) -> None:

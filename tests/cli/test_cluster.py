@@ -32,28 +32,28 @@ FRAMES = 60
 _DEADLY = """
 import os, sys
 from pathlib import Path
-from cadtof_cli.workflows.resolve import frame_task
-read = frame_task.read_frame
-def read_frame(task):
-    if task.sources[0].name == "frame_0007":
+from cadtof_cli.workflows.recording import FrameReader
+read = FrameReader.read
+def read_frame(reader, sources):
+    if sources[0].name == "frame_0007":
         with Path(os.environ["DEATHS"]).open("a") as deaths:
             deaths.write("x")
         os._exit(1)
-    return read(task)
-frame_task.read_frame = read_frame
+    return read(reader, sources)
+FrameReader.read = read_frame
 """
 """Workers import this module when they start: one frame ends its worker, like a frame too large for the memory."""
 
 _UNHURRIED = """
 import os, time
-from cadtof_cli.workflows.resolve import frame_task
-read = frame_task.read_frame
-def read_frame(task):
+from cadtof_cli.workflows.recording import FrameReader
+read = FrameReader.read
+def read_frame(reader, sources):
     until = time.monotonic() + 0.5
-    while task.sources[0].name > "frame_0009" and not os.path.exists(os.environ["HURRY"]) and time.monotonic() < until:
+    while sources[0].name > "frame_0009" and not os.path.exists(os.environ["HURRY"]) and time.monotonic() < until:
         time.sleep(0.01)
-    return read(task)
-frame_task.read_frame = read_frame
+    return read(reader, sources)
+FrameReader.read = read_frame
 """
 """Workers import this module when they start: from the eleventh on, a frame takes .5 s until the file HURRY exists.
 So a run still goes on when a test disturbs it."""

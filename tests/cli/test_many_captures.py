@@ -262,6 +262,9 @@ def test_names_with_line_breaks_arrive_between_zero_bytes(tmp_path: Path) -> Non
     done = shell("find . -name '*.tif' -print0 | cadtof resolve - -0 -o out -j 1", tmp_path)
     assert done.status == 0, done.err
     assert (tmp_path / "out" / "frame\n0.tif").exists()
+    told = shell("find . -name '*.tif' -print0 | cadtof info - -0 --json", tmp_path)
+    assert told.status == 0, told.err
+    assert sorted(json.loads(line)["kind"] for line in told.out.splitlines()) == ["capture", "maps"]
 
 
 def test_maps_of_a_lone_capture_lie_in_out_itself(tree: Path) -> None:

@@ -3,19 +3,19 @@
 import json
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
+from cadtof_cli.capture.frames import FrameSource
 from cadtof_cli.files.layers import write_layers
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve import frame_task
+from cadtof_cli.workflows.recording import FrameReader, Recording
 from tests.support.captures import TOML, Recorded, counts_of, layers_of, record, write_frame, write_pages
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import Finished, cadtof, program, without_privilege
@@ -191,13 +191,13 @@ def test_only_frames_that_were_touched_are_read_again(tmp_path: Path, monkeypatc
     capture, out = record(tmp_path / "A", frames=3), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out).status == 0
     read: list[str] = []
-    read_frame = frame_task.read_frame
+    read_frame = FrameReader.read
 
-    def counted(task: frame_task.FrameTask, /) -> tuple[Any, frame_task.Recording]:
-        read.append(task.sources[0].name)
-        return read_frame(task)
+    def counted(reader: FrameReader, sources: Sequence[FrameSource], /) -> Recording:
+        read.append(sources[0].name)
+        return read_frame(reader, sources)
 
-    monkeypatch.setattr(frame_task, "read_frame", counted)
+    monkeypatch.setattr(FrameReader, "read", counted)
     assert _skipped(_resolve(capture.folder, "-o", out, "--resume", "--json")) == 3
     assert read == []
     capture.files[1].touch()

@@ -11,8 +11,8 @@ import pytest
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.resolve import frame_task
-from cadtof_cli.workflows.resolve import resolve as resolve_workflow
+from cadtof_cli.workflows import recording
+from cadtof_cli.workflows.resolve import ongoing_run
 from tests.support.forward import depth_m
 from tests.support.mixture_captures import read_maps, write_capture
 from tests.support.mixtures import Mixture
@@ -27,7 +27,7 @@ def resolve(capture: Path, out: Path, *options: object) -> Finished:
 
 
 def test_light_that_two_paths_do_not_explain_is_told(tmp_path: Path) -> None:
-    told = "its paths do not explain the light (median chi_squared above 10), so errors are larger than sigma"
+    told = "its paths do not explain the light (median chi_squared above 10), so errors are larger than sigma: was there motion"
     capture = write_capture(tmp_path / "three", THREE, harmonics=(1, 2, 3), n_av=1e6)
     done = cadtof("resolve", capture, "-o", tmp_path / "out", "--jobs", 1)
     assert f"frame_0000.tif: {told}" in done.err
@@ -140,7 +140,7 @@ def test_a_lone_frame_over_processes_is_the_same_to_the_bit(
 ) -> None:
     capture = write_capture(tmp_path / "capture", TWO, harmonics=(1, 2, 3), n_av=3e3, size=(13, 17))
     assert resolve(capture, tmp_path / "one", *options).status == 0
-    monkeypatch.setattr(resolve_workflow, "WORTH_SPLITTING_S", 0.0)
+    monkeypatch.setattr(ongoing_run, "WORTH_SPLITTING_S", 0.0)
     assert resolve(capture, tmp_path / "three", *options, "--jobs", 3).status == 0
     one, three = ((tmp_path / name / "frame_0000.exr").read_bytes() for name in ("one", "three"))
     assert one == three
@@ -155,8 +155,8 @@ def test_the_time_of_a_frame_includes_its_reading(tmp_path: Path, jobs: int, mon
         return read_stored(*arguments, **named)
 
     capture = write_capture(tmp_path / "capture", TWO)
-    monkeypatch.setattr(frame_task, "read_stored", slowly)
-    monkeypatch.setattr(resolve_workflow, "WORTH_SPLITTING_S", 0.0)
+    monkeypatch.setattr(recording, "read_stored", slowly)
+    monkeypatch.setattr(ongoing_run, "WORTH_SPLITTING_S", 0.0)
     assert resolve(capture, tmp_path / "out", "--jobs", jobs).status == 0
     assert json.loads((tmp_path / "out" / "frames.jsonl").read_text())["seconds"] > 0.2
 
@@ -164,7 +164,7 @@ def test_the_time_of_a_frame_includes_its_reading(tmp_path: Path, jobs: int, mon
 def test_a_lone_frame_that_cannot_be_read_fails_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = write_capture(tmp_path / "capture", TWO)
     (capture / "frame_0000.tif").write_bytes(b"II*\0 and no more")
-    monkeypatch.setattr(resolve_workflow, "WORTH_SPLITTING_S", -1.0)
+    monkeypatch.setattr(ongoing_run, "WORTH_SPLITTING_S", -1.0)
     assert resolve(capture, tmp_path / "out", "--jobs", 2).status == 1
     assert json.loads((tmp_path / "out" / "frames.jsonl").read_text())["status"] == "failed"
 

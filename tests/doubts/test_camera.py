@@ -63,15 +63,34 @@ def test_another_integration_length_is_doubted(seen: float, words: str) -> None:
     assert words in doubt
 
 
-def test_a_chain_link_fence_is_named_as_what_may_look_like_noise() -> None:
-    """Wires of one pixel, six pixels apart along both diagonals, a third nearer than what is behind."""
+def fence(*, stripes: bool) -> NDArray[np.float64]:
+    """Return volts, (H, 2, Y, X), of wires of one or two pixels along both diagonals, or of upright bars, before a wall."""
     row, column = np.indices(SIZE)
-    wire = ((row + column) % 6 == 0) | ((row - column) % 6 == 0)
-    phase = np.where(wire, 0.6, 1.8)
-    phasors = np.exp(1j * np.array([1, 2])[:, None, None] * phase) / 6.0
+    wire = (column * 7 % 16 < 6) if stripes else ((row + column) % 6 == 0) | ((row - column) % 6 == 0)
+    phase, light = np.where(wire, 0.6, 1.8), np.where(wire, 1.0, 0.7) / 6.0
+    phasors = light * np.exp(1j * np.array([1, 2])[:, None, None] * phase)
+    pulse = np.exp(-((np.array([1, 2]) * 2.0 * np.pi * 1.7 / 2.3548 / 40.0) ** 2) / 2.0)[:, None, None, None]
     noise = np.random.default_rng(1).normal(0.0, 0.5 / np.sqrt(N_AV), (2, 2, *SIZE))
-    (doubt,) = camera_doubts(AMPLITUDE_V * (np.stack([phasors.real, phasors.imag], axis=1) + noise), KNOWN)
-    assert "a view of fine mesh, such as a fence, looks like that, too" in doubt
+    return np.asarray(AMPLITUDE_V * (pulse * np.stack([phasors.real, phasors.imag], axis=1) + noise))
+
+
+@pytest.mark.parametrize("stripes", [False, True])
+def test_fine_patterns_of_a_scene_are_no_errors_of_the_camera(stripes: bool) -> None:
+    """Depth and brightness change all planes together, errors do not. The further terms of a triangle hide that."""
+    volts, errors = fence(stripes=stripes), np.random.default_rng(2).normal(0.0, 2e-3, (2, 2, *SIZE))
+    assert camera_doubts(volts, KNOWN) == ()
+    of_columns = camera_doubts(volts + errors[:, :, :1], KNOWN)
+    assert any(doubt.startswith("columns have offsets") for doubt in of_columns) or not stripes
+    assert any(" times too small" in doubt for doubt in camera_doubts(volts + 3.0 * errors, KNOWN))
+    (doubt,) = camera_doubts(volts, replace(KNOWN, modulation=Modulation(waveform="triangle")))
+    also = "scene of fine stripes, such as a fence" if stripes else "view of fine mesh, such as a fence"
+    assert f"Only a {also}, looks like that, too" in doubt
+
+
+def test_lines_are_doubted_where_too_few_pixels_tell_a_scene_of_stripes() -> None:
+    volts = frame() + np.random.default_rng(2).normal(0.0, 2e-3, (2, 2, 1, SIZE[1]))
+    volts[:, :, ::2] = np.nan
+    assert "columns have offsets" in str(striped(volts, KNOWN, "columns"))
 
 
 def test_an_offset_that_all_pixels_share_is_doubted_of_a_sine() -> None:

@@ -71,6 +71,22 @@ def test_an_offset_of_all_pixels_is_found(harmonics: tuple[int, ...]) -> None:
     assert shared_light(phasors(harmonics, (0.05 - 0.05j,) * len(harmonics), range_m=yard()), harmonics) is not None
 
 
+def test_a_view_most_of_which_holds_0_v_has_no_wrong_zero() -> None:
+    """As of a camera of few bits before the sky. Its misfits are 0, and were divided by."""
+    light = phasors((1, 2), (0.0, 0.0), range_m=yard())
+    light[:, : light.shape[1] * 2 // 3] = 0.0
+    assert wrong_zero(light, np.full(light.shape, 1e-4 + 1e-4j), (1, 2)) is None
+
+
+def test_motion_before_a_view_of_few_depths_is_no_light_that_pixels_share() -> None:
+    """Each harmonic sees the surfaces a little farther away, as at 1 m/s. The same view behind a fogged window is told."""
+    steps = 1.0 + 0.5 * (np.indices(SIZE)[0] // 15)
+    moved = np.concatenate([phasors((h,), (0.0,), range_m=steps + 0.017 * h, seed=h, scatter=5e-4) for h in (1, 2)])
+    assert shared_light(moved, (1, 2)) is None
+    behind = tuple(complex(0.1 * path(0.02, h)) for h in (1, 2))
+    assert shared_light(phasors((1, 2), behind, range_m=steps, scatter=5e-4), (1, 2)) is not None
+
+
 @pytest.mark.parametrize("harmonics", HARMONICS)
 def test_a_sound_frame_shares_nothing(harmonics: tuple[int, ...]) -> None:
     """Not even one with a second path 1 m behind every surface, or a flat wall with a pane."""

@@ -14,6 +14,7 @@ from cadtof_cli.execution.messages import Incoming, TaskMessages
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 from cadtof_cli.pipeline.plan import FramePlan
+from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport
 from tests.support.captures import record
@@ -88,10 +89,9 @@ def test_the_task_of_a_frame_arrives_whole_and_small(tmp_path: Path) -> None:
     plan = FramePlan(metadata=capture.source.metadata)
     stack = FrameSource("below/stack_0003", (tmp_path / "stack.tif",), 3)
     before = FrameReport("a", "b", "ok", None, 0.5)
-    task = FrameTask(
-        (*capture.frames, stack), capture.layout, plan, (20, 30), tmp_path / "o.tif", True, before, "token"
-    )
-    messages = TaskMessages([plan, capture.layout])
+    reader = FrameReader(capture.layout, plan.metadata, (20, 30))
+    task = FrameTask((*capture.frames, stack), reader, plan, tmp_path / "o.tif", True, before, "token")
+    messages = TaskMessages([plan, reader])
     message = messages.message(task)
     assert messages.task(message) == task
     assert messages.task(message).plan is plan

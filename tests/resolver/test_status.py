@@ -70,6 +70,7 @@ def test_the_reasons_for_no_answer_are_printed_with_their_shares() -> None:
     assert message.endswith(
         "; if there was light, check integration_length, amplitude_v, --min-confidence and --false-alarm"
     )
+    assert why_no_answer(dark, noise_estimated=True).endswith("if there was light, give --integration-length")
     assert why_no_answer(np.full(4, StatusBit.SATURATED, np.uint32)).endswith(")")
     low = np.full(4, StatusBit.LOW_CONFIDENCE, np.uint32)
     assert "--min-confidence" in why_no_answer(low)

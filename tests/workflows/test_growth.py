@@ -21,6 +21,7 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 from cadtof_cli.workflows.progress import NO_PROGRESS
 from cadtof_cli.workflows.resolve import arrivals
 from cadtof_cli.workflows.resolve.reports import FrameReport
+from cadtof_cli.workflows.resolve.run_document import RunDocument
 from cadtof_cli.workflows.resolve.run_json import RunRecord
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import Run
@@ -59,10 +60,9 @@ def _tree(folder: Path, captures: int) -> list[Path]:
 def test_paths_that_arrive_at_once_are_compared_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files = _tree(tmp_path / "rec", MANY)
     with _counted(monkeypatch, arrivals, "absolute") as calls:
-        failed = list[FrameReport]()
-        found = arrivals.Arrivals(ResolveSettings(out=tmp_path / "out"), (), failed.append)
+        found = arrivals.Arrivals(ResolveSettings(out=tmp_path / "out"), ())
         there, _ = found.first_captures(files)
-        assert (len(there), failed) == (MANY, [])
+        assert (len(there), found.failed) == (MANY, [])
         assert calls() < 5 * MANY
 
 
@@ -96,7 +96,7 @@ def test_captures_of_a_run_are_recorded_without_a_search() -> None:
         SimpleNamespace(root=_Root(f"c{number % MANY}"), source=source, frames=[0], lossy_compression=None)
         for number in range(2 * MANY)
     ]
-    document = RunRecord(captures=[])
+    document = RunDocument(captures=[])
     document.add_captures([SimpleNamespace(capture=one) for one in captures])  # type: ignore[misc]
     assert [(one["root"], one["files"]) for one in document["captures"]] == [
         (f"c{number}", 2) for number in range(MANY)
@@ -173,7 +173,7 @@ def test_settings_are_compared_with_those_of_the_capture_alone(tmp_path: Path, *
     recorded = {f"{number}": (one, tuple(one.frames)) for number, one in enumerate(found)}
     object.__setattr__(run, "recorded_frames", lambda _: recorded)
     said = list[str]()
-    assert len(first_phasors.first_phasors(run, said.append).tasks) == MANY
+    assert len(first_phasors.first_phasors(run, said.append).recorded) == MANY
     assert said == []
     assert _Read.times < 10 * MANY
 

@@ -15,13 +15,13 @@ from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, save_part
 from cadtof_cli.capture.checks import shown
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, read_stored, single_frames
-from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target
+from cadtof_cli.capture.frames import Capture, single_frames
+from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target, Voltage
 from cadtof_cli.doubts.frame import doubts
-from cadtof_cli.doubts.plausible import Copies, require_plausible
+from cadtof_cli.doubts.planes import mistaken_order
+from cadtof_cli.doubts.plausible import Copies
 from cadtof_cli.errors import FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
-from cadtof_cli.files.digests import content_digest
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.phasors.frame_mean import MeanVolts, mean_volts
@@ -29,6 +29,7 @@ from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.recording import FrameReader
 
 ASSUMED_LENGTH = 1e5
 """Integration length n_av for predicting the noise of a frame if the metadata do not give it."""
@@ -98,10 +99,11 @@ def averaged_captures(
     _require_same_modulation(captures)
     progress.advance(0, total=sum(len(one.frames) * (one.typical.frames if one.typical else 1) for one in captures))
     averaged: list[tuple[Capture, MeanVolts]] = []
+    has_light, has_dark = kind == "response", os.path.lexists(settings.out / "dark.toml")
     for capture in captures:
         if taken := capture.source.defaults_in_words():
             progress.say(f"{capture.root}: {taken}")
-        frames = _frames(capture, progress, has_light=kind == "response")
+        frames = _frames(capture, progress, has_light=has_light, of_order=not has_dark)
         mean = mean_volts(frames, voltage=capture.source.metadata.voltage)
         if doubt := _too_much_scatter(capture, mean):
             progress.say(f"warning: {capture.root}: {doubt}")
@@ -112,9 +114,14 @@ def averaged_captures(
         averaged.append((capture, mean))
     metadata, pixels = captures[0].source.metadata, averaged[0][1].pixels
     earlier = _earlier_parts(settings.out, kind, metadata, pixels, progress)
-    for one in captures:
+    for one, mean in averaged:
         if earlier and (doubt := earlier.doubt(one.source.metadata)):
             progress.say(f"warning: {one.root}: {doubt}")
+        if has_light and earlier and earlier.dark:
+            # offsets of all pixels look like another order
+            in_volts = replace(one.source.metadata, voltage=Voltage())
+            if doubt := mistaken_order(mean.volts - earlier.dark.offset_v, in_volts):
+                progress.say(f"warning: {one.root}: {doubt}")
     origin = Origin(
         captures=tuple(str(one.root) for one in captures),
         frames=sum(mean.frames for _, mean in averaged),
@@ -131,25 +138,24 @@ def predicted_noise_v(metadata: CaptureMetadata, /) -> float:
     return ambient_noise_v(metadata, integration_length=metadata.pixel.integration_length or ASSUMED_LENGTH)
 
 
-def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterator[Stored]:
-    """Yield the frames of a capture. Warn if the first is likely wrong; `has_light`: look at its size and planes too.
+def _frames(capture: Capture, progress: Progress, *, has_light: bool, of_order: bool) -> Iterator[Stored]:
+    """Yield the frames of a capture. Warn if the first is likely wrong; `has_light`: look at its size and planes too, and
+    `of_order`: at their order.
 
     Raises:
         FrameError: a frame cannot be read or is no recording; or it is a copy of an earlier frame, which would make the
             noise that is measured too small.
     """
-    size = capture.typical.pixels if capture.typical else None
-    metadata, copies = capture.source.metadata, Copies()
+    reader, copies = FrameReader.of(capture), Copies()
     for number, source in enumerate(single_frames(capture)):
-        stored = read_stored(source, capture.layout, size=size)
-        require_plausible(stored, metadata, of=source)
-        if original := copies.original_of(stored, content_digest(stored), source):
+        stored, digest = reader.one(source)
+        if original := copies.original_of(stored, digest, source):
             raise FrameError(
                 f"{source}: holds the same values as {original} in every pixel, but noise makes two recordings differ: "
                 "remove the copy, or record again"
             )
         if number == 0:
-            for doubt in doubts(stored, metadata, has_light=has_light):
+            for doubt in doubts(stored, reader.metadata, has_light=has_light, of_order=of_order):
                 progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()

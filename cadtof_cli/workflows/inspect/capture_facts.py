@@ -10,7 +10,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import Capture, FrameSource, read_stored, single_frames
-from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Layout
+from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.capture.suggested_layout import hint_of_planes
 from cadtof_cli.doubts.frame import doubts
 from cadtof_cli.doubts.mistaken_units import mistaken_unit
@@ -20,13 +20,14 @@ from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.formats import detect_format
-from cadtof_cli.files.frames import FrameLayout, NotAFrameError
+from cadtof_cli.files.frames import NotAFrameError
 from cadtof_cli.phasors.noise import ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels, volts_per_count
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.status import StatusBit, why_no_answer
 from cadtof_cli.units import counted, unambiguous_range_m
 from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.recording import FrameReader
 
 _LARGEST_RATIO = 2.0
 """Largest ratio between the integration lengths that frames show, up to which they may be the same. Scatter alone makes
@@ -64,20 +65,18 @@ class FrameFacts:
 
 @dataclass(frozen=True)
 class FrameLook:
-    """A frame to be read: of the capture in this place, whose frames have the size `pixels`, (Y, X); None: any size."""
+    """A frame to be read: of the capture in this place, whose frames are read by the `reader`."""
 
     place: int
     source: FrameSource
-    layout: FrameLayout
-    metadata: CaptureMetadata
-    pixels: tuple[int, int] | None
+    reader: FrameReader
 
 
 def facts_of_frame(look: FrameLook, /) -> FrameFacts:
     """Read one frame and return what it holds. Every error becomes its `problem`."""
-    source, layout = look.source, look.layout
+    source, layout = look.source, look.reader.layout
     try:
-        stored = read_stored(source, layout, size=look.pixels)
+        stored = read_stored(source, layout, size=look.reader.pixels)
         container = detect_format(source.paths[0], raw=layout.raw is not None).name
         return _facts(stored, container, look)
     except NotAFrameError as error:
@@ -89,12 +88,12 @@ def facts_of_frame(look: FrameLook, /) -> FrameFacts:
 
 
 def _facts(stored: Stored, container: str, look: FrameLook) -> FrameFacts:
-    metadata = look.metadata
+    metadata = look.reader.metadata
     planes = stored.reshape(*stored.shape[:2], -1)
     finite = [plane[np.isfinite(plane)] for channels in planes for plane in channels]
     ranges = {
         name: (float(plane.min()), float(plane.max()))
-        for name, plane in zip(look.layout.plane_names, finite, strict=True)
+        for name, plane in zip(look.reader.layout.plane_names, finite, strict=True)
         if plane.size
     }
     saturated = saturated_pixels(planes, metadata.voltage.saturated_counts)
@@ -220,9 +219,9 @@ class _LookedInto:
             facts.problems.append(hint)
             return
         facts.lossy_compression = capture.lossy_compression
+        reader = FrameReader.of(capture)
         for source in single_frames(capture):
-            size = typical.pixels if typical else None
-            yield FrameLook(self._place, source, capture.layout, capture.source.metadata, size)
+            yield FrameLook(self._place, source, reader)
 
     def add(self, frame: FrameFacts, /) -> None:
         """Count one more frame."""

@@ -20,7 +20,7 @@ from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.run_map import RunMap, require_same_size
 from cadtof_cli.workflows.inspect.truth import Truth
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE
+from cadtof_cli.workflows.resolve.lines import FRAMES_FILE
 from cadtof_cli.workflows.run_folder import Run, read_run
 
 

@@ -20,20 +20,21 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.pipeline.first_phasor import first_phasor_depth
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.workflows.inspect.run_map import RunMap
-from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
+from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN
-from cadtof_cli.workflows.run_folder import NOT_EVALUATED, Run
+from cadtof_cli.workflows.run_folder import NOT_EVALUATED, RecordedFrames, Run
 
 
 @dataclass(frozen=True)
 class FirstPhasors:
-    """The recorded frames of a run: how `cadtof resolve` read them, by the names of their maps.
+    """The recorded frames of a run, with the plans by which `cadtof resolve` read them, by the folders of their captures.
 
     `say` is called with notes for the user. `digests` are of the values that the run read, if `frames.jsonl` has them.
     """
 
     run: Run
-    tasks: Mapping[str, FrameTask]
+    recorded: RecordedFrames
+    plans: Mapping[Path, FramePlan]
     say: Callable[[str], None]
     digests: Mapping[str, str] = field(default_factory=dict)
 
@@ -44,17 +45,20 @@ class FirstPhasors:
         Raises CaptureError if the map has no direct depth.
         """
         direct, file, name = one.layer(DIRECT_DEPTH), one.file, self.run.name(one.file)
-        task = self.tasks.get(name)
-        if task is None:
-            if self.tasks:
+        if name not in self.recorded:
+            if self.recorded:
                 self.say(f"{file}: run.json names no recorded frame of it, {NOT_EVALUATED}")
             return None
+        capture, sources = self.recorded[name]
+        plan = self.plans[capture.root]
         try:
-            frame, recording = read_frame(task)
+            recording = FrameReader(capture.layout, plan.metadata).read(sources)
             if self.digests.get(name, recording.digest) != recording.digest:
                 self.say(f"{file}: its recorded frame has changed since the run, {NOT_EVALUATED}")
                 return None
-            depth = self.run.cropped(first_phasor_depth(frame, plan=task.plan, calibration=task.calibration()))
+            depth = self.run.cropped(
+                first_phasor_depth(recording.frame, plan=plan, calibration=plan.read_calibration())
+            )
         except CadtofError as error:
             self.say(f"{file}: its recorded frame cannot be read any more, {NOT_EVALUATED}: {error}")
             return None
@@ -66,7 +70,7 @@ class FirstPhasors:
 
 def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
     """Return the first phasors of a run's frames. If frames or calibration are unknown or gone, say so and return none."""
-    recorded, none = run.recorded_frames(say), FirstPhasors(run, {}, say)
+    recorded, none = run.recorded_frames(say), FirstPhasors(run, {}, {}, say)
     if run.record is None or not recorded:
         return none
     try:
@@ -81,15 +85,11 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
                 say(f"{root}: {changed} since the run, {NOT_EVALUATED}")
                 return none
             plans[root] = FramePlan(metadata=capture.source.metadata, settings=settings, calibration=calibration)
-        tasks = {
-            name: FrameTask(sources, capture.layout, plans[capture.root], None, Path())
-            for name, (capture, sources) in recorded.items()
-        }
     except (CadtofError, *NOT_OF_A_RUN) as error:
         say(f"the settings of the run cannot be taken from its record, {NOT_EVALUATED}: {error}")
         return none
     try:
-        next(iter(tasks.values())).calibration()
+        next(iter(plans.values())).read_calibration()
     except CadtofError as error:
         say(f"the calibration of the run has changed or is gone, {NOT_EVALUATED}: {error}")
         return none
@@ -98,7 +98,7 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
         for report in run.reports():
             if (file := run.map_of(report)) is not None and report.digest is not None:
                 digests[run.name(file)] = report.digest
-    return FirstPhasors(run, tasks, say, digests)
+    return FirstPhasors(run, recorded, plans, say, digests)
 
 
 def _changed_setting(capture: Capture, known: Sequence[Mapping[str, Any]], /) -> str | None:

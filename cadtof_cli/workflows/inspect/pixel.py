@@ -22,8 +22,7 @@ from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.status import ANSWERED, StatusBit, describe_status
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
-from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
-from cadtof_cli.workflows.resolve.plans import plan_captures, use_calibration
+from cadtof_cli.workflows.resolve.plans import CapturePlan, plan_captures, use_calibration
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -47,17 +46,18 @@ def inspect_pixel(
     `frame` is a frame, a stack of them, or a capture folder; `place` is the number, from 0, of the map among those that a run on
     it would write. Raises CadtofError if the frame cannot be read or resolved, or has no such pixel.
     """
-    task, notes = _task(frame, place, settings)
-    source = str(task.sources[0])
+    planned, sources, notes = _recorded(frame, place, settings)
+    source = str(sources[0])
     try:
-        stored, recording = read_frame(task)
+        recording = planned.reader.read(sources)
     except NotAFrameError as error:
-        raise _with_recorded_frame(error, task.sources[0].paths[0]) from error
+        raise _with_recorded_frame(error, sources[0].paths[0]) from error
     for note in notes:
         progress.say(note)
     if recording.left_out:
         progress.say(recording.left_out)
-    plan, stages = task.plan, stages_of(stored, task.plan, task.calibration())
+    stored, plan = recording.frame, planned.plan
+    stages = stages_of(stored, plan, plan.read_calibration())
     pixels = prepare_frame(stored, stages)
     height, width = pixels.size
     x, y = pixel
@@ -86,17 +86,19 @@ def inspect_pixel(
     return InspectedPixel(plain(document), evidence)
 
 
-def _task(frame: Path, place: int, settings: ResolveSettings) -> tuple[FrameTask, tuple[str, ...]]:
-    """Return the task that a run would have for a map, and notes on what it assumes."""
+def _recorded(
+    frame: Path, place: int, settings: ResolveSettings
+) -> tuple[CapturePlan, tuple[FrameSource, ...], tuple[str, ...]]:
+    """Return the plan that a run would have for a capture, the frames of one of its maps, and notes on what it assumes."""
     captures = find_captures([frame], overrides=settings.overrides, settings_file=settings.settings_file)
     if len(captures) > 1:
         raise CaptureError(f"{frame}: found {len(captures)} captures, expected a frame or one capture")
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     (plan,) = plan_captures(captures, settings, calibration)
     maps = 0
-    for task in plan.tasks():
+    for sources in plan.groups():
         if maps == place:
-            return task, (*plan.notes(), *(calibration.notes if calibration else ()))
+            return plan, sources, (*plan.notes(), *(calibration.notes if calibration else ()))
         maps += 1
     written = f"a run on {frame} would write {counted(maps, 'map')}"
     raise SettingsError(f"--frame: found {place}, expected 0 … {maps - 1}: {written}")

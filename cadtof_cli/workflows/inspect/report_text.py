@@ -10,7 +10,7 @@ from cadtof_cli.maps.evaluation import DepthErrors
 from cadtof_cli.report.colours import thumbnail
 from cadtof_cli.report.page import ShownFrame
 from cadtof_cli.report.sections import FrameLine, PageText
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE
+from cadtof_cli.workflows.resolve.lines import FRAMES_FILE
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
 from cadtof_cli.workflows.resolve.run_json import RUN_FILE
 from cadtof_cli.workflows.run_folder import Run

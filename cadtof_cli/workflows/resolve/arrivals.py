@@ -1,17 +1,20 @@
 """Frames whose paths arrive during a run, such as from a program that watches the folder of a camera."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 
-from cadtof_cli.capture.discovery import find_captures, is_existing_folder, placed_captures
+from cadtof_cli.capture.discovery import is_existing_folder
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError
 from cadtof_cli.files.reading import absolute, is_folder
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
+from cadtof_cli.workflows.resolve.earlier import earlier_shared_folder
+from cadtof_cli.workflows.resolve.output import MapNames
+from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, captures_in, plan_captures
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
-from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN, RUN_FILE, RunRecord, read_record, resumable
+from cadtof_cli.workflows.resolve.run_document import RunDocument
+from cadtof_cli.workflows.resolve.run_json import RUN_FILE, RunRecord, resumable
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 
@@ -22,55 +25,55 @@ class Arrivals:
     Attributes:
         settings: settings of the run.
         batches: the paths that arrive during the run.
-        on_failure: called with a report on inputs that cannot be resolved; the run continues.
         base: folder whose tree OUT mirrors; None: it is not known yet.
         waiting: files of frames that wait for more files.
+        failed: reports on inputs that cannot be resolved; the run continues.
         calibration: the calibration that is applied; None: none.
-        same_name: gives names of the same file in OUT the same value.
+        names: names of the maps of all captures that have come so far.
+        document: content of `run.json`, to which inputs and captures are added.
         counted: inputs of an earlier run that is continued, with links resolved.
         known: plans of the captures that have come so far, by the folder of the capture.
-        sources: first recorded file of each map, by the name of the map and by `same_name` of it.
     """
 
     settings: ResolveSettings
     batches: Iterable[tuple[Path, ...]]
-    on_failure: Callable[[FrameReport], None]
     base: Path | None = None
     waiting: list[Path] = field(default_factory=list)
+    failed: list[FrameReport] = field(default_factory=list)
     calibration: AppliedCalibration | None = None
-    same_name: Callable[[str], str] = str
+    names: MapNames = field(init=False)
+    document: RunDocument = field(init=False)
     counted: frozenset[str] = frozenset()
     known: dict[Path, CapturePlan] = field(default_factory=dict)
-    sources: dict[str, Path] = field(default_factory=dict)
 
     def first_captures(self, inputs: Sequence[Path], /) -> tuple[tuple[Capture, ...], Path]:
         """Return the captures of the inputs that are there when the run begins, and the folder whose tree OUT mirrors."""
         there = self._existing(inputs)
-        self.base = _earlier_shared_folder(self.settings.out) if self.settings.resume else None
+        self.base = earlier_shared_folder(self.settings.out) if self.settings.resume else None
         captures = self._captures(there or inputs)
         assert self.base is not None
         return captures, self.base
 
-    def keep_earlier(self, earlier: RunRecord, document: RunRecord, plans: Iterable[CapturePlan], /) -> None:
-        """Add what is recorded of the run that is continued to the `document` of this run.
+    def begin(
+        self,
+        plans: Sequence[CapturePlan],
+        calibration: AppliedCalibration | None,
+        names: MapNames,
+        document: RunDocument,
+        earlier: RunRecord | None,
+        /,
+    ) -> None:
+        """Remember what is known of the first captures. Add to the `document` what an earlier run, which is continued, recorded.
 
         Raises:
             OutputError: `earlier` is not the record of a run.
         """
-        with resumable(self.settings.out / RUN_FILE):
-            self.counted = document.continue_from(earlier, plans)
-
-    def begin(
-        self,
-        plans: Iterable[CapturePlan],
-        calibration: AppliedCalibration | None,
-        on_failure: Callable[[FrameReport], None],
-        same_name: Callable[[str], str],
-        /,
-    ) -> None:
-        """Remember the plans of the first captures; from now on, reports go to this `on_failure`."""
-        self.calibration, self.on_failure, self.same_name = calibration, on_failure, same_name
-        self._meet(plans)
+        self.calibration, self.names, self.document = calibration, names, document
+        for one in plans:
+            self.known.setdefault(one.capture.root, one)
+        if earlier is not None:
+            with resumable(self.settings.out / RUN_FILE):
+                self.counted = document.continue_from(earlier, plans)
 
     def _existing(self, paths: Iterable[Path]) -> list[Path]:
         """Return the paths that exist; each of the others is a frame that failed.
@@ -83,30 +86,24 @@ class Arrivals:
                 is_existing_folder(path)
                 there.append(path)
             except CaptureError as error:
-                self.on_failure(failed_input(path, error))
+                self.failed.append(failed_input(path, error))
         return there
 
-    def _meet(self, plans: Iterable[CapturePlan]) -> None:
-        """Remember captures and the names of their frames."""
-        for one in plans:
-            self.known.setdefault(one.capture.root, one)
-            for frame in one.capture.frames:
-                self.sources[frame.name] = self.sources[self.same_name(frame.name)] = frame.paths[0]
-
-    def plans(self, document: RunRecord, /) -> Iterator[list[CapturePlan]]:
-        """Yield the plans for each batch of paths, and add the batch to the content of `run.json`.
+    def plans(self) -> Iterator[tuple[list[FrameReport], list[CapturePlan]]]:
+        """Yield reports on failures and the plans for each batch of paths, and add the batch to the document.
 
         A frame of several files waits for all of its files.
         """
-        inputs = set(document["arguments"]["resolved_inputs"])
+        inputs = set(self.document["arguments"]["resolved_inputs"])
         for paths in self.batches:
-            document.add_inputs(paths, inputs, self.settings.out)
-            yield self._planned(paths, document)
+            self.document.add_inputs(paths, inputs)
+            yield self._planned(paths)
         while self.waiting:
             # no more files will come: each frame is tried with the files that are there
-            yield self._planned((), document, last=True)
+            yield self._planned((), last=True)
 
-    def _planned(self, paths: Iterable[Path], document: RunRecord, *, last: bool = False) -> list[CapturePlan]:
+    def _planned(self, paths: Iterable[Path], *, last: bool = False) -> tuple[list[FrameReport], list[CapturePlan]]:
+        self.failed = []
         there = self._existing((*self.waiting, *paths))
         self.waiting = []
         found: list[CapturePlan] = []
@@ -114,23 +111,15 @@ class Arrivals:
             try:
                 found += self._known(self._captures(named, last=last))
             except CadtofError as error:
-                self.on_failure(failed_input(folder if len(named) > 1 else named[0], error))
-        document.add_captures(found, self.counted)
-        return found
+                self.failed.append(failed_input(folder if len(named) > 1 else named[0], error))
+        self.document.add_captures(found, self.counted)
+        return self.failed, found
 
     def _captures(self, paths: Sequence[Path], *, last: bool = False) -> tuple[Capture, ...]:
         """Return the captures of paths. Unless these are the last paths, frames that lack files wait for them."""
-        settings = self.settings
-        found = find_captures(
-            paths,
-            overrides=settings.overrides,
-            settings_file=settings.settings_file,
-            recursive=settings.recursive,
-            on_unlisted=lambda folder, error: self.on_failure(failed_input(folder, error)),
-        )
-        captures, self.base = placed_captures(found, paths, base=self.base)
+        captures, self.base = captures_in(paths, self.settings, self.failed, base=self.base)
         if not last:
-            captures, waiting = _without_incomplete_frames(captures, paths, settings)
+            captures, waiting = _without_incomplete_frames(captures, paths, self.settings)
             self.waiting += waiting
         return captures
 
@@ -145,7 +134,7 @@ class Arrivals:
         own = []
         for one in plans:
             own.append(self._with_own_places(one))
-            self._meet(own[-1:])
+            self.known.setdefault(one.capture.root, own[-1])
         return own
 
     def _with_own_places(self, plan: CapturePlan) -> CapturePlan:
@@ -153,26 +142,15 @@ class Arrivals:
         own = []
         for frame in plan.capture.frames:
             first = frame.paths[0]
-            other = self.sources.get(self.same_name(frame.name), first)
+            other = self.names.take(frame.name, first)
             if other == first or absolute(other) == absolute(first):
                 own.append(frame)
                 continue
             error = OutputError(f"{first} would be written as {self.settings.out}/{frame.name}, as {other} was")
-            self.on_failure(failed_input(frame, error))
+            self.failed.append(failed_input(frame, error))
         if len(own) == len(plan.capture.frames):
             return plan
         return replace(plan, capture=replace(plan.capture, frames=tuple(own)))
-
-
-def _earlier_shared_folder(out: Path) -> Path | None:
-    """Return the folder whose tree the run in `out` mirrors; None: there is no run in it whose record says so.
-
-    A run that continues it may begin with other frames, whose own shared folder would put maps into other places.
-    """
-    try:
-        return read_record(out).shared_folder
-    except (OSError, *NOT_OF_A_RUN):
-        return None
 
 
 def _without_incomplete_frames(

@@ -1,16 +1,14 @@
 """One recorded frame → one file of maps: the unit of work that goes to a worker process."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
-from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frames import FrameSource, read_stored
+from cadtof_cli.capture.frames import FrameSource
 from cadtof_cli.doubts.frame import frame_doubts
-from cadtof_cli.doubts.plausible import Copies, require_plausible
 from cadtof_cli.errors import (
     CadtofError,
     FrameError,
@@ -23,25 +21,19 @@ from cadtof_cli.errors import (
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.atomic import PartialFile
-from cadtof_cli.files.digests import Digest, content_digest, file_digest
-from cadtof_cli.files.frames import FrameLayout, NotAFrameError
+from cadtof_cli.files.digests import file_digest
+from cadtof_cli.files.frames import NotAFrameError
 from cadtof_cli.files.layers import stage_maps
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status
-from cadtof_cli.workflows.resolve.reports import FrameReport, FrameStatus, SourceFile
-
-if TYPE_CHECKING:
-    from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.workflows.recording import FrameReader, Recording, files_of
+from cadtof_cli.workflows.resolve.reports import FrameReport, FrameStatus
 
 Result = TypeVar("Result")
-
-MOST_READS = 3
-"""How many times a frame is read when its files keep changing while they are read."""
 
 WHOLE_S_NS = 10**9
 COARSEST_TIMES_NS = 2 * WHOLE_S_NS
@@ -52,31 +44,17 @@ COARSEST_TIMES_NS = 2 * WHOLE_S_NS
 class FrameTask:
     """A frame to be resolved, or several frames whose mean is to be resolved.
 
-    `pixels` is the size (Y, X) of the capture's frames; None: any size. `resume` says whether existing maps may be kept, and
-    `before` is the report of an earlier run on them. `token` marks temporary files.
+    `resume` says whether existing maps may be kept, and `before` is the report of an earlier run on them. `token` marks
+    temporary files.
     """
 
     sources: tuple[FrameSource, ...]
-    layout: FrameLayout
+    reader: FrameReader
     plan: FramePlan
-    pixels: tuple[int, int] | None
     output: Path
     resume: bool = False
     before: FrameReport | None = None
     token: str = ""
-
-    def calibration(self) -> "Calibration | None":
-        """Return the calibration that the plan names; each process reads it once. None: the plan names none.
-
-        Raises:
-            MetadataError: the calibration cannot be read, or has changed since the plan was made.
-        """
-        use = self.plan.calibration
-        if use is None:
-            return None
-        from cadtof_cli.calibration.store import cached_calibration
-
-        return cached_calibration(use.folder, use.digest)
 
     def report(self, status: FrameStatus, reason: str | None, seconds: float, /, **more: Any) -> FrameReport:
         """Return the report on the frame."""
@@ -92,34 +70,6 @@ class FrameTask:
         if self.before is None or _maps_changed(self.output, self.before):
             return None
         return replace(self.before, source=str(self.sources[0]), output=self.output.as_posix())
-
-    def files(self) -> tuple[SourceFile, ...] | None:
-        """Return the files that the frame lies in, as they are now; None: a file is missing."""
-        paths = dict.fromkeys(path for source in self.sources for path in source.paths)
-        try:
-            found = [(path.name, path.stat()) for path in paths]
-        except (OSError, ValueError):
-            return None
-        return tuple([SourceFile(name, now.st_size, now.st_mtime_ns) for name, now in found])
-
-
-@dataclass(frozen=True)
-class Recording:
-    """How a frame, or the mean of several frames, was read.
-
-    Attributes:
-        began: when, as told by `time.monotonic`.
-        digest: digest of the stored values.
-        files: files of the frame, as they were before they were read; None: a file was missing.
-        left_out: how many frames of a mean could not be read and why, in words; None: all were read.
-        stored: the stored values, (H, 2, Y, X); None: a mean.
-    """
-
-    began: float
-    digest: str
-    files: tuple[SourceFile, ...] | None
-    left_out: str | None
-    stored: Stored | None
 
 
 def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameReport]:
@@ -154,7 +104,7 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
                 # the maps there are of an earlier content of the frame
                 task.output.unlink()
                 note = f"{task.output}: removed, because its recorded frame cannot be resolved any more"
-        more = {"files": task.files(), "kept": kept, "note": note, "stops": isinstance(failed, PlaceError)}
+        more = {"files": files_of(task.sources), "kept": kept, "note": note, "stops": isinstance(failed, PlaceError)}
         return task.report(status, str(failed), time.monotonic() - began, **more)
 
     return attempted
@@ -166,8 +116,8 @@ def resolve_file(task: FrameTask, /) -> FrameReport | Later[FrameReport]:
     keep_freed_memory()
     if task.resume and (kept := kept_maps(task)):
         return kept
-    frame, recording = read_frame(task)
-    resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
+    recording = task.reader.read(task.sources)
+    resolved = resolve_frame(recording.frame, plan=task.plan, calibration=task.plan.read_calibration())
     return written(task, resolved, recording)
 
 
@@ -218,7 +168,7 @@ def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object
     maps = resolved.maps.cropped(roi) if roi else resolved.maps
     counts = count_status(maps.status)
     if counts.invalid == maps.status.size:
-        raise FrameError(f"{source}: {why_no_answer(maps.status)}")
+        raise FrameError(f"{source}: {why_no_answer(maps.status, noise_estimated=resolved.noise.estimated)}")
     return maps, counts
 
 
@@ -231,12 +181,12 @@ def kept_maps(task: FrameTask, /) -> FrameReport | None:
     Raises:
         FrameError: the frame cannot be read any more.
     """
-    began, line, files = time.monotonic(), task.kept_line(), task.files()
+    began, line, files = time.monotonic(), task.kept_line(), files_of(task.sources)
     if line is None or files is None:
         return None
     if files != line.files or _touched_since(task):
         try:
-            _, recording = read_frame(task)
+            recording = task.reader.read(task.sources)
         except NotAFrameError:
             return None
         if recording.digest != line.digest:
@@ -267,60 +217,3 @@ def _touched_since(task: FrameTask) -> bool:
     touched = [path.stat().st_ctime_ns for source in task.sources for path in source.paths]
     # a time in whole seconds may have been cut
     return any(one + (0 if one % WHOLE_S_NS else COARSEST_TIMES_NS) >= written_ns for one in touched)
-
-
-def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
-    """Return a task's frame, or the mean of all its frames that can be read, and how it was read.
-
-    Files that change while they are read are read again, so that no frame is half old and half new.
-
-    Raises:
-        FrameError: no frame can be read, or none has the size of most frames of the capture; or the files keep changing.
-    """
-    frame: Stored | FrameMean
-    began, source, before = time.monotonic(), task.sources[0], None
-    for _ in range(MOST_READS):
-        files, left_out = task.files(), None
-        if len(task.sources) > 1:
-            frame, digest, left_out = _read_mean(task)
-        else:
-            frame, digest = _read_one(task, source)
-        # the file of a stack that grows changes, but this frame of it does not
-        if task.files() == files or digest == before:
-            stored = None if isinstance(frame, FrameMean) else frame
-            return frame, Recording(began, digest, files, left_out, stored)
-        before = digest
-    raise FrameError(f"{source}: changed while it was read, {MOST_READS} times; expected a file that is complete")
-
-
-def _read_one(task: FrameTask, source: FrameSource) -> tuple[Stored, str]:
-    """Return the stored values of a frame, and their digest; raises FrameError if it cannot be read or is no recording."""
-    stored = read_stored(source, task.layout, size=task.pixels)
-    require_plausible(stored, task.plan.metadata, of=source)
-    return stored, content_digest(stored)
-
-
-def _read_mean(task: FrameTask) -> tuple[FrameMean, str, str | None]:
-    """Return the mean of a task's frames that can be read and are no copies of others; its digest, and which frames were
-    left out (see `Recording`)."""
-    digests, errors, copies = list[str](), list[FrameError](), Copies()
-
-    def readable() -> Iterator[Stored]:
-        for source in task.sources:
-            try:
-                stored, digest = _read_one(task, source)
-            except FrameError as error:
-                errors.append(error)
-                digests.append("")
-                continue
-            if copies.original_of(stored, digest, source):
-                errors.append(FrameError(f"{source}: holds the same values as another of these frames"))
-            else:
-                yield stored
-            digests.append(digest)
-        if len(errors) == len(task.sources):
-            raise errors[0]
-
-    mean = frame_mean(readable(), saturated_counts=task.plan.metadata.voltage.saturated_counts)
-    left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
-    return mean, Digest(",".join(digests).encode()).hexdigest(), left_out

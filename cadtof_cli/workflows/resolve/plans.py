@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames
 from cadtof_cli.doubts.frame import doubts_before_run
 from cadtof_cli.doubts.mistaken_units import mistaken_unit
@@ -19,8 +20,8 @@ from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.resolve.frame_task import FrameTask
-from cadtof_cli.workflows.resolve.reports import FrameReport
+from cadtof_cli.workflows.recording import FrameReader
+from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 _SLOW_RUN_S = 10.0
@@ -41,17 +42,17 @@ class CapturePlan:
 
     Attributes:
         capture: folder, metadata and frames.
+        reader: how its frames are read.
         plan: everything that decides its maps.
         settings: settings of the run.
-        pixels: size (Y, X) of most frames; None if no file can be opened.
         stack_frame_bytes: bytes per frame of a stack; None if each file holds one frame.
         doubts: what is likely wrong with its values, planes or metadata, in words.
     """
 
     capture: Capture
+    reader: FrameReader
     plan: FramePlan
     settings: ResolveSettings
-    pixels: tuple[int, int] | None
     stack_frame_bytes: float | None = None
     doubts: tuple[str, ...] = ()
 
@@ -66,32 +67,25 @@ class CapturePlan:
             frames = len(range(*self.settings.frames.indices(frames)))
         return -(-frames // self.settings.maps.average)
 
-    def tasks(
-        self,
-        *,
-        taken: Callable[[], Collection[str]] | None = None,
-        before: Callable[[Path], FrameReport | None] = lambda _: None,
-        token: str = "",
-    ) -> Iterator[FrameTask]:
-        """Yield a task for each map file that is to be made. Each frame of a stack counts as a frame (see `single_frames`).
+    def groups(self, *, taken: Callable[[], Collection[str]] | None = None) -> Iterator[tuple[FrameSource, ...]]:
+        """Yield the frames of each map: one, or those whose mean it shows. Each frame of a stack counts as a frame.
 
         Args:
-            taken: returns the names that no frame of a stack may get.
-            before: returns the report of an earlier run on the maps at a path; None: there is none.
-            token: marks temporary files.
+            taken: returns the names that no frame of a stack may get (see `single_frames`).
 
         Raises:
             CaptureError: nothing tells how many frames come before those of `--frames`.
         """
-        settings, layout = self.settings, self.capture.layout
         frames = single_frames(self.capture, taken=taken)
-        if settings.frames is not None:
-            frames = self._chosen(frames, settings.frames)
-        while sources := tuple(itertools.islice(frames, settings.maps.average)):
-            form = map_format(settings.map_format, sources[0].paths[0])
-            output = settings.out / f"{sources[0].name}.{form.name}"
-            earlier = before(output) if settings.resume else None
-            yield FrameTask(sources, layout, self.plan, self.pixels, output, settings.resume, earlier, token)
+        if self.settings.frames is not None:
+            frames = self._chosen(frames, self.settings.frames)
+        while sources := tuple(itertools.islice(frames, self.settings.maps.average)):
+            yield sources
+
+    def output(self, sources: Sequence[FrameSource], /) -> Path:
+        """Return the file of the map of some frames, which has the name of the first frame."""
+        form = map_format(self.settings.map_format, sources[0].paths[0])
+        return self.settings.out / f"{sources[0].name}.{form.name}"
 
     def _chosen(self, frames: Iterator[FrameSource], chosen: slice) -> Iterator[FrameSource]:
         """Yield the frames that `--frames` chooses: all frames are counted, so stacks before these must be readable."""
@@ -135,6 +129,23 @@ class CapturePlan:
             yield f"{root}: half of the first period was not recorded, so all MPI is taken for separate paths, in rooms too"
 
 
+def captures_in(
+    inputs: Sequence[Path], settings: ResolveSettings, failed: list[FrameReport], /, *, base: Path | None = None
+) -> tuple[tuple[Capture, ...], Path]:
+    """Return the captures in inputs, and the folder `base` whose tree OUT mirrors (see `find_captures`, `placed_captures`).
+
+    For each folder that cannot be listed, a report is added to `failed`.
+    """
+    found = find_captures(
+        inputs,
+        overrides=settings.overrides,
+        settings_file=settings.settings_file,
+        recursive=settings.recursive,
+        on_unlisted=lambda folder, error: failed.append(failed_input(folder, error)),
+    )
+    return placed_captures(found, inputs, base=base)
+
+
 def plan_captures(
     captures: Sequence[Capture], settings: ResolveSettings, calibration: AppliedCalibration | None, /
 ) -> list[CapturePlan]:
@@ -151,12 +162,13 @@ def plan_captures(
         typical = capture.typical
         with _of_capture(capture):
             plan = FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use)
+        reader = FrameReader.of(capture)
         if typical is None:
             from cadtof_cli.capture.suggested_layout import hint_of_planes
 
             if found := hint_of_planes(capture):
                 raise CaptureError(found[0])
-            plans.append(CapturePlan(capture, plan, settings, None))
+            plans.append(CapturePlan(capture, reader, plan, settings))
             continue
         size = file_size(typical.source.paths[0])
         frame_bytes = max(size / typical.frames, 1.0) if typical.frames > 1 else None
@@ -166,7 +178,7 @@ def plan_captures(
         doubtful = () if stored is None else doubts_before_run(stored, plan)
         if of_unit := mistaken_unit(plan.metadata, typical.pixels):
             doubtful += (of_unit,)
-        plans.append(CapturePlan(capture, plan, settings, typical.pixels, frame_bytes, doubtful))
+        plans.append(CapturePlan(capture, reader, plan, settings, frame_bytes, doubtful))
     return plans
 
 
@@ -209,7 +221,7 @@ def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) ->
     maps, seconds = sum(one.expected_maps for one in plans), 0.0
     for one in plans:
         noise = noise_model(one.plan.metadata, integration_length=1e5, quantised=False)
-        seconds += one.expected_maps * pooling_seconds(one.pixels or (0, 0), noise, window=settings.maps.pool)
+        seconds += one.expected_maps * pooling_seconds(one.reader.pixels or (0, 0), noise, window=settings.maps.pool)
     seconds /= settings.workers.at_most(maps).jobs
     if seconds > _SLOW_RUN_S:
         told = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

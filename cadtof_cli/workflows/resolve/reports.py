@@ -7,6 +7,7 @@ from typing import Any, Literal, get_args
 
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts
+from cadtof_cli.workflows.recording import SourceFile
 
 FrameStatus = Literal["ok", "failed", "skipped"]
 
@@ -15,15 +16,6 @@ _OUTCOMES = tuple(one.name for one in fields(StatusCounts))
 
 _MOST_SECONDS = 1e12
 """Limit on the time of a frame: JSON holds numbers that are too large for arithmetic."""
-
-
-@dataclass(frozen=True)
-class SourceFile:
-    """A file that a frame was read from, with its size and modification time when it was read."""
-
-    name: str
-    bytes: int
-    mtime_ns: int
 
 
 @dataclass(frozen=True)

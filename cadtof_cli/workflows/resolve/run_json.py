@@ -1,55 +1,29 @@
-"""The content of `run.json`, the record of a run: written, read and compared here, so that its keys are named in one place.
+"""The content of `run.json`, the record of a run, as later runs and commands read it. `run_document.py` writes it.
 
 A record may be of another version, which has other keys, and it may come from anywhere.
 """
 
 import json
-import math
 import operator
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, fields
-from datetime import UTC, datetime
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cadtof_cli.capture.checks import converted
-from cadtof_cli.capture.frames import FrameSource
+from cadtof_cli.capture.discovery import find_captures, placed_captures
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import KEYS, Optics
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.reading import absolute, read_text, real_path
-from cadtof_cli.files.system import path_from
-from cadtof_cli.pipeline.plan import CalibrationUse, MapSettings
-from cadtof_cli.resolver.kernels import chosen_kernel
+from cadtof_cli.files.reading import absolute, read_text
+from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.version import __version__
-
-if TYPE_CHECKING:
-    from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan
-    from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 RUN_FILE = "run.json"
 
 NOT_OF_A_RUN = (ValueError, LookupError, TypeError, AttributeError, OverflowError)
 """What is raised by looks into a JSON object that is not the record of a run."""
-
-_CHANGES_NO_MAP = frozenset(
-    (
-        "inputs",
-        "absolute_inputs",
-        "inputs_from_out",
-        "out",
-        "overrides",
-        "calibration",
-        "recursive",
-        "settings",
-        "frames",
-    )
-)
-"""Arguments that may differ when a run is resumed. What they lead to is compared instead, such as the metadata of captures."""
-
-_INPUTS, _FOLDERS, _VERSION = "resolved_inputs", "folders of the frames", "version of cadtof"
 
 
 class RunRecord(dict[str, Any]):
@@ -69,57 +43,32 @@ class RunRecord(dict[str, Any]):
         shared = self.get("shared_folder")
         return Path(shared) if shared else None
 
-    def add_captures(self, plans: "Iterable[CapturePlan]", counted: Collection[str] = (), /) -> None:
-        """Add captures; of a capture that is there already, only the number of files grows.
+    @property
+    def captures(self) -> list[dict[str, Any]]:
+        """The captures: folder, number of files, metadata."""
+        captures: list[dict[str, Any]] = self.get("captures", [])
+        return captures
 
-        Frames are not counted again if their first file is among those that an earlier run has `counted`.
-        """
-        by_root = {entry["root"]: entry for entry in self["captures"]}
-        for one in plans:
-            capture = one.capture
-            known = by_root.get(str(capture.root))
-            if known is None:
-                known = by_root[str(capture.root)] = {
-                    "root": str(capture.root),
-                    "resolved_root": real_path(capture.root),
-                    "files": 0,
-                    "metadata": asdict(capture.source.metadata),
-                    "origins": dict(capture.source.origins),
-                    "lossy_compression": capture.lossy_compression,
-                }
-                self["captures"].append(known)
-            known["files"] += new_frames(capture.frames, counted)
+    @property
+    def roi(self) -> Sequence[int] | None:
+        """The region of interest, as X0, Y0, X1, Y1; None: whole frames."""
+        roi: Sequence[int] | None = self["arguments"].get("roi")
+        return roi
 
-    def add_inputs(self, paths: Iterable[Path], known: set[str], out: Path, /) -> None:
-        """Add paths to the inputs, each path once; `known` are the inputs there, links resolved."""
-        for path in paths:
-            if (real := real_path(path)) not in known:
-                known.add(real)
-                for name, values in input_arguments([path], out).items():
-                    self["arguments"][name].extend(values)
+    @property
+    def depth_kind(self) -> DepthKind:
+        """The kind of depth in the maps."""
+        return "z" if self["arguments"].get("depth") == "z" else "range"
 
-    def continue_from(self, earlier: "RunRecord", plans: "Iterable[CapturePlan]", /) -> frozenset[str]:
-        """Put the inputs and captures of the run that is continued before those of this run.
+    @property
+    def frames(self) -> slice:
+        """The frames of each capture that were chosen."""
+        return slice(*(self["arguments"].get("frames") or (None,)))
 
-        Paths of a run that was started in another folder become absolute. Return the inputs of that run, with links resolved.
-        """
-        then, now = earlier["arguments"], self["arguments"]
-        known = frozenset[str](then["resolved_inputs"])
-        is_here = [str(Path(typed).absolute()) for typed in then["inputs"]] == then["absolute_inputs"]
-        new = [place for place, real in enumerate(now["resolved_inputs"]) if real not in known]
-        for name in input_arguments((), Path()):
-            before = then["absolute_inputs"] if name == "inputs" and not is_here else then[name]
-            now[name] = [*before, *(now[name][place] for place in new)]
-        captures = {one["resolved_root"]: one for one in earlier["captures"]}
-        if not is_here:
-            folders = zip(earlier["captures"], earlier.capture_folders(), strict=True)
-            captures = {one["resolved_root"]: {**one, "root": str(folder)} for one, folder in folders}
-        for one, plan in zip(self["captures"], plans, strict=True):
-            before = captures.get(one["resolved_root"], {"files": 0})
-            one["files"] = max(before["files"] + new_frames(plan.capture.frames, known), one["files"])
-            captures[one["resolved_root"]] = one
-        self["captures"][:] = captures.values()
-        return known
+    @property
+    def average(self) -> int:
+        """How many frames each map is the mean of."""
+        return int(self["arguments"].get("average", 1))
 
     def checked(self) -> "RunRecord":
         """Return the record, after a check of the entries that other commands read; optics may raise a MetadataError."""
@@ -136,7 +85,7 @@ class RunRecord(dict[str, Any]):
                 raise ValueError(f"found the roi {roi}")
         for path in (*arguments["inputs"], *arguments.get("absolute_inputs", ())):
             Path(path)
-        for capture in self.get("captures", []):
+        for capture in self.captures:
             Path(capture["root"])
             optics_of(capture)
         return self
@@ -146,8 +95,8 @@ class RunRecord(dict[str, Any]):
         arguments = self["arguments"]
         known = {one.name for one in fields(ResolverSettings)} & arguments.keys() - {"min_confidence"}
         resolver = ResolverSettings(**{name: arguments[name] for name in known})
-        depth, pool, average = arguments["depth"], arguments.get("pool", 1), arguments.get("average", 1)
-        return MapSettings(resolver=resolver, depth=depth, pool=pool, average=average)
+        depth, pool = arguments["depth"], arguments.get("pool", 1)
+        return MapSettings(resolver=resolver, depth=depth, pool=pool, average=self.average)
 
     def input_paths(self, out: Path, /) -> list[Path]:
         """Return the paths of the inputs of the run, which lies in `out` now.
@@ -161,6 +110,26 @@ class RunRecord(dict[str, Any]):
             moved = [out.absolute() / path for path in arguments["inputs_from_out"]]
             known = moved if all(path.exists() for path in moved) else known
         return known
+
+    def recorded_captures(self, out: Path, /) -> tuple[Capture, ...]:
+        """Return the captures of the run as they are now, with frames named as their maps are. The run lies in `out` now.
+
+        Raises:
+            CadtofError: they are no longer where they were.
+        """
+        arguments, inputs = self["arguments"], self.input_paths(out)
+        settings = arguments.get("settings")
+        # inputs that were moved with the run lie below another folder
+        is_moved = list(map(str, inputs)) != arguments.get("absolute_inputs")
+        found = find_captures(
+            inputs,
+            overrides=arguments["overrides"],
+            settings_file=Path(settings) if settings else None,
+            recursive=bool(arguments.get("recursive")),
+            on_unlisted=lambda *_: None,
+        )
+        captures, _ = placed_captures(found, inputs, base=None if is_moved else self.shared_folder)
+        return captures
 
     def calibration(self, out: Path, /) -> CalibrationUse | None:
         """Return the calibration that the run applied, in the place where it lies now; None: none. The run lies in `out` now."""
@@ -185,96 +154,6 @@ class RunRecord(dict[str, Any]):
             if typed != whole:
                 return Path(*Path(whole).parts[: -len(Path(typed).parts) or None])
         return Path()
-
-    def what_decides_maps(self) -> dict[str, Any]:
-        """Return all that decides the maps of a run (inputs, options, metadata, calibration), by names that a user knows."""
-        captures = self["captures"]
-        deciding: dict[str, Any] = {_VERSION: self["cadtof"]}
-        deciding[_FOLDERS] = [str(capture.get("resolved_root")) for capture in captures]
-        arguments = self["arguments"]
-        deciding |= {name: value for name, value in arguments.items() if name not in _CHANGES_NO_MAP}
-        deciding["digest of the calibration"] = (self["calibration"] or {}).get("digest")
-        for capture in captures:
-            for table, keys in capture["metadata"].items():
-                deciding |= {f"{capture.get('resolved_root')}: {table}.{key}": value for key, value in keys.items()}
-        return deciding
-
-    def range_of_frames(self) -> tuple[float, float]:
-        """Return where a range of `--frames` begins and ends."""
-        first, end = self["arguments"].get("frames") or (None, None)
-        return float(first or 0), math.inf if end is None else float(end)
-
-
-def run_document(
-    inputs: Sequence[Path],
-    settings: "ResolveSettings",
-    plans: "Sequence[CapturePlan]",
-    calibration: "AppliedCalibration | None",
-    shared_folder: Path,
-) -> RunRecord:
-    """Return the content of `run.json` when a run begins. The arguments in it have the names of the options.
-
-    `shared_folder` is the folder whose tree the run's folder mirrors.
-    """
-    maps, applied = settings.maps, None
-    if calibration is not None:
-        folder = calibration.use.folder
-        applied = {
-            "folder": str(folder),
-            "digest": calibration.use.digest,
-            "applied": dict(calibration.parts),
-            "absolute_folder": str(folder.absolute()),
-            "folder_from_out": path_from(settings.out, folder),
-        }
-    document = RunRecord(
-        {
-            "cadtof": __version__,
-            "started": datetime.now(UTC).isoformat(timespec="seconds"),
-            "finished": False,
-            "kernel": chosen_kernel(),
-            "arguments": {
-                **input_arguments(inputs, settings.out),
-                "out": settings.out.as_posix(),
-                **asdict(maps.resolver),
-                "min_confidence": maps.min_confidence_v,
-                # every setting must be here, because --resume compares them
-                **{
-                    one: value
-                    for one, value in vars(maps).items()
-                    if one not in {"resolver", "min_confidence_v", "roi"}
-                },
-                "calibration": settings.calibration and str(settings.calibration),
-                "map_format": settings.map_format,
-                "roi": maps.roi,
-                "recursive": settings.recursive,
-                "settings": settings.settings_file and str(settings.settings_file.absolute()),
-                "frames": settings.frames and [settings.frames.start, settings.frames.stop],
-                "overrides": dict(settings.overrides),
-            },
-            "shared_folder": str(shared_folder),
-            "captures": list[dict[str, Any]](),
-            "calibration": applied,
-            "layers": {name: unit for one in plans for name, unit in one.plan.header.units.items()},
-            "status_bits": {bit.name: int(bit) for bit in StatusBit},
-        }
-    )
-    document.add_captures(plans)
-    return document
-
-
-def input_arguments(inputs: Sequence[Path], out: Path, /) -> dict[str, list[str]]:
-    """Return the arguments in `run.json` that name inputs: as typed, absolute, from the run's folder, and with links resolved."""
-    return {
-        "inputs": [str(path) for path in inputs],
-        "absolute_inputs": [str(path.absolute()) for path in inputs],
-        "inputs_from_out": [path_from(out, path) for path in inputs],
-        "resolved_inputs": [real_path(path) for path in inputs],
-    }
-
-
-def new_frames(frames: Sequence[FrameSource], counted: Collection[str], /) -> int:
-    """Return how many frames have a first file that is none of the files in `counted`, whose links are resolved."""
-    return sum(real_path(frame.paths[0]) not in counted for frame in frames) if counted else len(frames)
 
 
 def optics_of(capture: Mapping[str, Any], /) -> Optics:
@@ -305,42 +184,3 @@ def resumable(path: Path, /) -> Iterator[None]:
         yield
     except NOT_OF_A_RUN as error:
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
-
-
-def earlier_record(out: Path, document: RunRecord, /, *, arriving: bool) -> RunRecord:
-    """Return the content of the `run.json` of the run in a folder, after checking that the run of `document` can continue it.
-
-    `arriving`: see `output.py: earlier_run`.
-
-    Raises:
-        OutputError: it cannot be read, or is not the record of a run; or that run had other inputs or settings.
-    """
-    path = out / RUN_FILE
-    with resumable(path):
-        try:
-            earlier = read_record(out)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
-        before = earlier.what_decides_maps()
-        # needed to find the lines of frames
-        _ = earlier.out
-        frames, frames_now = (one.range_of_frames() for one in (earlier, document))
-    # the lines of frames that are left out would be lost, while their maps would stay
-    if frames_now[0] > frames[0] or frames_now[1] < frames[1]:
-        raise OutputError(
-            f"{path}: cannot resume: --frames leaves out frames of the earlier run; give the same frames or more, or --overwrite"
-        )
-    now = RunRecord(json.loads(json.dumps(document, default=str))).what_decides_maps()
-    if arriving:
-        del now[_INPUTS]
-    if arriving or set(before[_FOLDERS]).issubset(now[_FOLDERS]):
-        # a tree of captures may have grown; nothing is recorded of the new ones
-        del now[_FOLDERS]
-        now = {name: value for name, value in now.items() if name in before}
-    for name, value in now.items():
-        if before.get(name) != value:
-            raise OutputError(
-                f"{path}: cannot resume: {name} was {before.get(name)!r} and is {value!r} now; "
-                f"{'use that version' if name == _VERSION else 'give the same options'}, or --overwrite"
-            )
-    return earlier

@@ -12,7 +12,8 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.stages import FramePixels, frame_stages
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, kept_maps, read_frame, reported, written
+from cadtof_cli.workflows.recording import Recording
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, kept_maps, reported, written
 from cadtof_cli.workflows.resolve.reports import FrameReport
 
 
@@ -33,7 +34,7 @@ def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:
 
 @reported
 def _resolved(task: FrameTask, pixels: FramePixels) -> DepthMaps:
-    return resolve_pixels(pixels, frame_stages(task.plan, task.calibration(), pixels.dtype, pixels.size))
+    return resolve_pixels(pixels, frame_stages(task.plan, task.plan.read_calibration(), pixels.dtype, pixels.size))
 
 
 def resolve_split(
@@ -59,8 +60,9 @@ def _prepared(task: FrameTask, count: int) -> FrameReport | list[FramePart]:
     """Return the parts of a frame, after the stages that couple its pixels were done once for the whole frame."""
     if task.resume and (kept := kept_maps(task)):
         return kept
-    frame, recording = read_frame(task)
-    pixels = prepare_frame(frame, stages_of(frame, task.plan, task.calibration()))
+    recording = task.reader.read(task.sources)
+    stages = stages_of(recording.frame, task.plan, task.plan.read_calibration())
+    pixels = prepare_frame(recording.frame, stages)
     first, *others = pixels.parts(count)
     return [FramePart(task, first, recording), *(FramePart(task, part, None) for part in others)]
 

@@ -24,6 +24,7 @@ from cadtof_cli.files.formats import detect_format
 from cadtof_cli.files.frames import FrameLayout, RawLayout
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.workflows.inspect.capture_facts import FrameLook, facts_of_frame
+from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from tests.support.fuzz import samples
 from tests.support.fuzz.formats import EXR, NPY, PNG, TIFF
@@ -101,8 +102,9 @@ def read_frame(path: Path, layout: FrameLayout = _LAYOUT, others: tuple[Path, ..
     if height * width > FEW_PIXELS:
         return
     source = source if count == 1 else source.expanded(count)[0]
-    facts_of_frame(FrameLook(0, source, layout, _METADATA, None))
-    task = FrameTask((source,), layout, FramePlan(metadata=_METADATA), None, path.parent / "frame_out.tif")
+    reader = FrameReader(layout, _METADATA)
+    facts_of_frame(FrameLook(0, source, reader))
+    task = FrameTask((source,), reader, FramePlan(metadata=_METADATA), path.parent / "frame_out.tif")
     report = resolve_file(task)
     if isinstance(report, Later):
         report = report.wait(lambda: None)

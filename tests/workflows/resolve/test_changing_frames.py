@@ -31,7 +31,7 @@ def _after_each_read(monkeypatch: pytest.MonkeyPatch, change: Callable[[int], No
         change(times[0])
         return stored
 
-    monkeypatch.setattr("cadtof_cli.workflows.resolve.frame_task.read_stored", reading)
+    monkeypatch.setattr("cadtof_cli.workflows.recording.read_stored", reading)
 
 
 def _write_another(file: Path, seed: int) -> None:
