@@ -270,7 +270,7 @@ def stuck_bit(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     least = _BIT_MATTERS * metadata.modulation.amplitude_v / abs(volts_per_count(metadata.voltage, stored.dtype))
     names, groups = [*plane_names(metadata.modulation.harmonics), "all planes"], (*rows, rows)
     for place in reversed(range(len(groups))):
-        for bit in range(max(1, math.ceil(math.log2(max(least, 1.0)))), changing[place].bit_length()):
+        for bit in range(max(1, math.ceil(math.log2(least))), changing[place].bit_length()):
             # nearly all frames have no such bit
             if not changing[place] >> bit & 1 and changing[place] & ((1 << bit) - 1) and _has_gaps(groups[place], bit):
                 return (

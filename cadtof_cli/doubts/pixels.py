@@ -63,9 +63,7 @@ def turned_by_phase(phasors: Complex, h: Float, /) -> tuple[Complex, Complex]:
     for _ in range(2):
         turned = phasors * np.exp(-1j * h * phase)
         slope, bend = (h * turned.imag).sum(axis=0), (h * h * turned.real).sum(axis=0)
-        phase = phase + np.clip(
-            np.where(bend > 0.0, slope / np.where(bend > 0.0, bend, 1.0), np.sign(slope)), -0.3, 0.3
-        )
+        phase = phase + np.clip(slope / np.maximum(bend, 1e-30), -0.3, 0.3)
     back = np.exp(-1j * h * phase)
     return phasors * back, back
 

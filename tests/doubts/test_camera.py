@@ -1,5 +1,6 @@
 """Errors of a camera that a frame shows if no calibration takes them out."""
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
-from cadtof_cli.doubts.camera import stepped, striped
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage
+from cadtof_cli.doubts.camera import other_noise, stepped, striped, unequal_harmonics
 from cadtof_cli.doubts.frame import camera_doubts
 from tests.support.captures import record
 from tests.support.run_cadtof import cadtof
@@ -252,3 +253,111 @@ def test_an_edge_of_the_scene_in_the_middle_is_no_offset() -> None:
     """All columns come to the middle in turn, and so do the edges of the boxes."""
     volts = frame(n_av=1e7)
     assert all(stepped(np.roll(volts, place, axis=3), KNOWN) is None for place in range(SIZE[1]))
+
+
+def test_a_step_that_one_plane_does_not_show_is_an_edge_of_the_scene() -> None:
+    """An offset of a part of the sensor is the same in all planes."""
+    step = np.full((3, 2, 1, 1), 0.02)
+    volts = np.random.default_rng(1).normal(0.0, 5e-4, (3, 2, *SIZE))
+    known = replace(KNOWN, modulation=Modulation(periods_ns=(40.0, 20.0, 40.0 / 3.0)))
+    volts[..., 40:] += step
+    assert stepped(volts, known) is not None
+    for change in (0.012, -0.012):
+        step = np.zeros((3, 2, 1, 1))
+        step[1, 1] = change
+        edge = volts.copy()
+        edge[..., 40:] += step
+        assert stepped(edge, known) is None
+
+
+@pytest.mark.parametrize("phase", [0.0, 2.0, 4.0])
+def test_a_harmonic_is_not_compared_in_a_view_of_one_depth(phase: float) -> None:
+    """MPI may be the same in all pixels of a wall, and makes a harmonic weaker, too."""
+    phases = phase + np.random.default_rng(1).normal(0.0, 0.1, SIZE)
+    spread = phase + np.random.default_rng(1).uniform(0.0, 3.0, SIZE)
+    for seen, is_told in ((phases, False), (spread, True)):
+        phasors = np.array([0.3, 0.24])[:, None, None] * np.exp(1j * np.array([1, 2])[:, None, None] * seen)
+        volts = AMPLITUDE_V * np.stack([phasors.real, phasors.imag], axis=1)
+        told = unequal_harmonics(volts, CaptureMetadata(pulse=Pulse(fwhm_ns=0.0)))
+        assert (told is not None) == is_told
+
+
+@pytest.mark.parametrize(("size", "is_told"), [((8, 16), True), ((7, 18), False)])
+def test_harmonics_are_compared_from_64_bright_pixels(size: tuple[int, int], is_told: bool) -> None:
+    """Half of the pixels are brighter than the median."""
+    assert (unequal_harmonics(frame(size=size, second=0.8, asr=2.0), KNOWN) is not None) == is_told
+
+
+@pytest.mark.parametrize(("size", "is_told"), [((8, 16), True), ((8, 15), False)])
+def test_noise_is_judged_in_frames_of_few_pixels(size: tuple[int, int], is_told: bool) -> None:
+    """All of their pixels are looked at, in pairs."""
+    assert (other_noise(frame(size=size, n_av=1e3), KNOWN) is not None) == is_told
+
+
+def test_a_large_frame_is_not_copied_to_find_errors_of_the_camera() -> None:
+    """In few of its pixels they show as well, and a run waits for the answer."""
+    volts = np.random.default_rng(1).normal(0.0, 1e-3, (2, 2, 480, 640)).astype(np.float32)
+    large = volts.repeat(2, axis=3)
+    tracemalloc.start()
+    camera_doubts(large, KNOWN)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < large.nbytes / 2
+
+
+@pytest.mark.parametrize(
+    ("seen", "words"),
+    [(N_AV / 11.0, " times too small"), (N_AV / 5.5, None), (3.0 * N_AV, None), (5.5 * N_AV, " times too large")],
+)
+@pytest.mark.parametrize("step_v", [None, 5e-5])
+def test_the_noise_is_told_in_numbers_if_it_is_far_from_that_of_the_integration_length(
+    seen: float, words: str | None, step_v: float | None
+) -> None:
+    """As volts, and in counts whose step is a ninth of the noise."""
+    stored: NDArray[np.generic] = frame(n_av=seen, asr=50.0)
+    known = KNOWN
+    if step_v is not None:
+        stored = np.rint(frame(n_av=seen, asr=50.0) / step_v + 20000.0).astype(np.uint16)
+        known = replace(KNOWN, voltage=Voltage(zero_counts=20000.0, volts_per_count=step_v))
+    told = other_noise(stored, known)
+    assert (told is not None) == (words is not None)
+    if told is not None and words is not None:
+        before, after = told.split(words)[0].rsplit("about ", 1)
+        assert float(before.split("integration_length = ")[1].split(" instead")[0]) == pytest.approx(seen, rel=0.25)
+        assert float(after) == pytest.approx(max(seen / N_AV, N_AV / seen) ** 0.5, rel=0.12)
+
+
+@pytest.mark.parametrize(("asr", "is_told"), [(0.1, False), (0.5, True)])
+def test_the_noise_of_laser_light_alone_is_not_judged(asr: float, is_told: bool) -> None:
+    """It is hardly any, and texture scatters more."""
+    bright = frame(n_av=1e3, asr=asr)[:, :, 16:]
+    assert (other_noise(bright, KNOWN) is not None) == is_told
+
+
+@pytest.mark.parametrize("rows", [slice(32), slice(32, None)])
+@pytest.mark.parametrize("columns", [slice(40), slice(40, None)])
+@pytest.mark.parametrize("offset_v", [0.02, 0.0016, 0.0006])
+def test_a_quarter_of_the_sensor_with_an_offset_of_its_own_is_told(
+    rows: slice, columns: slice, offset_v: float
+) -> None:
+    """From a two hundredth of the modulation amplitude: less is millimetres."""
+    volts = np.roll(frame(n_av=1e6), 10, axis=3)
+    volts[..., rows, columns] += offset_v
+    told = stepped(volts, KNOWN)
+    assert (told is not None) == (offset_v > 0.005 * AMPLITUDE_V)
+    if told is not None:
+        step_mv = float(told.split(" differ by ")[1].split(" mV")[0])
+        assert step_mv == pytest.approx(1000.0 * (-offset_v if columns.start is None else offset_v), rel=0.1)
+
+
+def test_saturated_pixels_hide_no_step() -> None:
+    volts = np.roll(frame(n_av=1e6), 10, axis=3)
+    volts[..., 40:] += 0.003
+    volts[0, 0, ::4] = 0.25
+    assert stepped(volts, replace(KNOWN, voltage=Voltage(saturated_counts=(-0.25, 0.25)))) is not None
+
+
+@pytest.mark.parametrize(("factor", "is_told"), [(0.98, False), (0.96, True), (1.02, False), (1.04, True)])
+def test_a_harmonic_is_doubted_if_depths_are_wrong_by_centimetres(factor: float, is_told: bool) -> None:
+    told = unequal_harmonics(frame(second=factor, asr=2.0, n_av=1e7), KNOWN)
+    assert (told is not None) == is_told

@@ -1,5 +1,6 @@
 """Frames that may be recordings but likely have a fault: values cut off, a dark plane, height and width swapped."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 from cadtof_cli import read_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.doubts.camera import cut_off
-from cadtof_cli.doubts.frame import doubts
+from cadtof_cli.doubts.frame import doubts, doubts_before_run
 from cadtof_cli.doubts.pixels import FEWEST
 from cadtof_cli.doubts.planes import sheared, wrong_planes
+from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 
 ZERO, STEP = 8192.0, 6e-5
 COUNTS = Voltage(zero_counts=ZERO, volts_per_count=STEP)
@@ -214,3 +216,34 @@ def test_faults_are_doubted_in_a_frame_as_large_as_cameras_record() -> None:
     }
     for words, frame in faults.items():
         assert words in doubts(frame, metadata)[0]
+
+
+@pytest.mark.parametrize("noise_counts", [0.3, 0.6])
+def test_planes_of_noise_are_doubted_where_rounding_hides_most_of_it(noise_counts: float) -> None:
+    """Most neighbours then hold the same count. As volts, they differ by nothing, and the rest is no noise."""
+    stored = slanted_wall(0.0)
+    stored[1, 1] = np.rint(np.random.default_rng(5).normal(ZERO, noise_counts, (40, 60)))
+    assert str(wrong_planes(stored, CaptureMetadata(voltage=COUNTS))).startswith("H2.SC2: found only noise")
+    volts = (stored - ZERO) * STEP
+    assert (wrong_planes(volts, CaptureMetadata()) is None) == (noise_counts < 0.5)
+
+
+@pytest.mark.parametrize(("times", "is_same"), [(1.24, True), (1.36, False)])
+def test_recordings_of_one_plane_may_differ_by_a_little_more_than_noise(times: float, is_same: bool) -> None:
+    """An offset drifted between them: the difference is `times` as large as noise alone makes it."""
+    size = (120, 160)
+    rng, phases = np.random.default_rng(7), np.linspace(0.4, 2.1, 160) * np.ones((120, 1))
+    shown = 0.2 * np.stack([np.cos(phases), np.sin(phases)])
+    volts = np.stack([shown, shown]) + rng.normal(0.0, 1e-2, (2, 2, *size))
+    volts[1] += math.sqrt(2.0 * (times**2 - 1.0)) * 1e-2
+    assert (wrong_planes(volts, CaptureMetadata()) is not None) == is_same
+
+
+def test_an_order_is_not_doubted_before_a_run_with_a_calibration() -> None:
+    """Its phases were measured with these planes."""
+    swapped = hill(60, 80)[:, ::-1]
+    metadata = CaptureMetadata(voltage=COUNTS)
+    (told,) = doubts_before_run(swapped, FramePlan(metadata=metadata))
+    assert "with SC1 and SC2 swapped" in told
+    use = CalibrationUse(Path("is not read"), "", sine=False)
+    assert doubts_before_run(swapped, FramePlan(metadata=metadata, calibration=use)) == ()

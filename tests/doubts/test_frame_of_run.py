@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.doubts.frame import frame_doubts
@@ -56,3 +57,26 @@ def test_planes_are_looked_at_if_few_answers_are_one_path(counts: tuple[int, int
     maps = DepthMaps(("direct.depth", "direct.sigma"), one_depth, np.zeros((24, 32), np.uint32))
     told = frame_doubts(swapped, maps, StatusCounts(*counts, diffuse=0, invalid=0), FramePlan(metadata=metadata))
     assert ["with SC1 and SC2 swapped" in one for one in told] == [True] * is_told
+
+
+@pytest.mark.parametrize(
+    ("harmonics", "chi_squared", "is_told"), [(2, 7.0, False), (2, 9.0, True), (3, 9.0, False), (3, 11.0, True)]
+)
+def test_paths_that_do_not_explain_the_light_are_told(harmonics: int, chi_squared: float, is_told: bool) -> None:
+    """In more than half of the pixels that have an answer; each further harmonic leaves two more numbers over."""
+    periods_ns = tuple(T1_NS / h for h in range(1, harmonics + 1))
+    plan = FramePlan(metadata=CaptureMetadata(modulation=Modulation(periods_ns=periods_ns)))
+    misfit = np.full((16, 16), np.nan, np.float32)
+
+    def told(of: NDArray[np.float32]) -> bool:
+        layers = np.stack([np.ones((16, 16), np.float32), np.ones((16, 16), np.float32), of])
+        maps = DepthMaps(("direct.depth", "direct.sigma", "chi_squared"), layers, np.zeros((16, 16), np.uint32))
+        counts = StatusCounts(256, 0, 0, diffuse=0, invalid=0)
+        return any("do not explain the light" in one for one in frame_doubts(None, maps, counts, plan))
+
+    misfit[:4] = chi_squared
+    assert told(misfit) == is_told
+    misfit[3, 15] = np.nan
+    assert not told(misfit)
+    misfit[4:12] = 1.0
+    assert not told(misfit)

@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli import read_frames
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pulse, Voltage
 from cadtof_cli.doubts.frame import doubt_of_planes
 from cadtof_cli.doubts.pixels import FEWEST
-from cadtof_cli.doubts.planes import mistaken_order, wrong_planes
+from cadtof_cli.doubts.planes import mistaken_order, share_of_one_path, wrong_planes
 from cadtof_cli.doubts.plausible import no_recording
 from cadtof_cli.pipeline.plan import FramePlan
 
@@ -268,3 +268,52 @@ def test_planes_of_few_pixels_may_agree() -> None:
     stored = counts(light(pixels=FEWEST - 1))
     stored[1] = stored[0]
     assert no_recording(stored, (1, 2)) is None
+
+
+@pytest.mark.parametrize(
+    ("turned", "ratio", "is_one"),
+    [
+        (0.0, 1.0, True),
+        (0.4, 1.0, True),
+        (-0.4, 1.0, True),
+        (0.5, 1.0, False),
+        (-0.5, 1.0, False),
+        (0.0, 1.5, True),
+        (0.0, 1.7, False),
+        (0.0, 1.0 / 1.5, True),
+        (0.0, 1.0 / 1.7, False),
+    ],
+)
+@pytest.mark.parametrize("harmonic", [2, 3])
+def test_pixels_look_like_one_path_up_to_a_delay_and_a_weakening(
+    turned: float, ratio: float, is_one: bool, harmonic: int
+) -> None:
+    """A second path turns the second harmonic, and makes it weaker or stronger than the first."""
+    phases = np.linspace(0.0, 6.0, 200)
+    phasors = np.stack([np.exp(1j * phases), ratio * np.exp(1j * (harmonic * phases + turned))])
+    volts = 0.05 * np.stack([phasors.real, phasors.imag], axis=1)
+    periods_ns = (40.0, 40.0 / harmonic)
+    known = CaptureMetadata(modulation=Modulation(periods_ns=periods_ns), pulse=Pulse(fwhm_ns=0.0))
+    assert share_of_one_path(volts, known) == is_one
+    assert share_of_one_path(-volts, known, sign=-1.0) == is_one
+    half = volts.copy()
+    half[:, :, ::2] = np.nan
+    assert share_of_one_path(half, known) == is_one
+    assert share_of_one_path(half[:, :, :120], known) == 0.0
+
+
+@pytest.mark.parametrize(("lit", "is_told"), [(0.2, False), (0.4, True), (0.7, True)])
+def test_an_order_is_told_if_enough_pixels_fit_it(lit: float, is_told: bool) -> None:
+    """The others are dark: in a tenth of them, noise looks like one path, in any order."""
+    swapped = light(pixels=8000)[:, ::-1].copy()
+    dark = np.arange(8000) % 100 >= 100 * lit
+    swapped[:, :, dark] = np.random.default_rng(1).normal(0.0, 4e-4, (2, 2, np.count_nonzero(dark)))
+    assert ("with SC1 and SC2 swapped" in str(doubt_of_order(swapped))) == is_told
+
+
+@pytest.mark.parametrize(("right", "is_told"), [(0.1, True), (0.4, False)])
+def test_an_order_is_not_told_if_many_pixels_fit_the_one_that_was_read(right: float, is_told: bool) -> None:
+    mixed = light(pixels=4000)
+    wrong = np.arange(4000) % 20 >= 20 * right
+    mixed[:, :, wrong] = mixed[:, ::-1, wrong]
+    assert ("with SC1 and SC2 swapped" in str(doubt_of_order(mixed))) == is_told

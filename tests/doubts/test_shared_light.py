@@ -202,6 +202,13 @@ def test_a_wrong_zero_is_found_in_views_of_one_depth(harmonics: tuple[int, ...],
     assert wrong_zero(wall, unit, harmonics) is None
 
 
+@pytest.mark.parametrize("off_v", [0.0054, -0.0054])
+def test_a_wrong_zero_of_two_hundredths_of_the_amplitude_is_found(off_v: float) -> None:
+    wall = phasors((1, 2), (0.0, 0.0), range_m=np.full(SIZE, 3.0) + np.indices(SIZE)[1] * 2e-3, scatter=1e-4)
+    unit = np.full(wall.shape, (1.0 + 1.0j) / AMPLITUDE_V)
+    assert wrong_zero(wall + off_v * unit, unit, (1, 2)) == pytest.approx(off_v, abs=2e-4)
+
+
 @pytest.mark.parametrize("frames", [{}, {"distance_m": 1.0, "mpi_ratios": (0.5, 0.9), "separations_ns": (6.0, 9.0)}])
 def test_strong_mpi_in_a_view_of_one_depth_is_no_wrong_zero(frames: dict[str, Any]) -> None:
     frame = simulate_scene("card", camera={"width": 80, "height": 60}, **frames).frames[0]
