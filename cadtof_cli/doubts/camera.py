@@ -294,7 +294,7 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     the limits of the metadata do not say so already; else None."""
     some = spread_over(stored, 4 * LOOKED_AT)
     values = sound_values(some, metadata)
-    if values.shape[2] < FEWEST:
+    if not values.size:
         return None
     for name, outermost in (("smallest", np.min), ("largest", np.max)):
         there = values == outermost(values)

@@ -351,9 +351,10 @@ def test_a_quarter_of_the_sensor_with_an_offset_of_its_own_is_told(
 
 
 def test_saturated_pixels_hide_no_step() -> None:
-    volts = np.roll(frame(n_av=1e6), 10, axis=3)
+    volts = np.roll(frame(n_av=1e6, size=(160, 80)), 10, axis=3)
     volts[..., 40:] += 0.003
-    volts[0, 0, ::4] = 0.25
+    volts[0, 0, np.arange(160) % 3 > 0] = 0.25
+    assert stepped(volts, KNOWN) is None
     assert stepped(volts, replace(KNOWN, voltage=Voltage(saturated_counts=(-0.25, 0.25)))) is not None
 
 
@@ -361,3 +362,31 @@ def test_saturated_pixels_hide_no_step() -> None:
 def test_a_harmonic_is_doubted_if_depths_are_wrong_by_centimetres(factor: float, is_told: bool) -> None:
     told = unequal_harmonics(frame(second=factor, asr=2.0, n_av=1e7), KNOWN)
     assert (told is not None) == is_told
+
+
+def test_values_that_rise_evenly_over_the_sensor_have_no_step() -> None:
+    """As of heat from one side; a step on top is told."""
+    volts = np.random.default_rng(1).normal(0.0, 5e-4, (2, 2, *SIZE)) + 2e-3 * np.arange(80)
+    assert stepped(volts, KNOWN) is None
+    volts[..., 40:] += 5e-3
+    told = stepped(volts, KNOWN)
+    assert told is not None
+    assert float(told.split(" differ by ")[1].split(" mV")[0]) == pytest.approx(5.0, rel=0.1)
+
+
+@pytest.mark.parametrize(("width", "is_told"), [(6, True), (7, True), (5, False)])
+def test_a_step_shows_from_three_columns_on_either_side(width: int, is_told: bool) -> None:
+    volts = np.random.default_rng(1).normal(0.0, 5e-4, (2, 2, 64, width))
+    volts[..., width // 2 :] += 0.01
+    assert (stepped(volts, KNOWN) is not None) == is_told
+
+
+@pytest.mark.parametrize(
+    ("count", "along", "is_told"), [(48, 40, True), (47, 40, False), (60, 24, True), (60, 23, False)]
+)
+def test_lines_are_compared_if_there_are_enough(count: int, along: int, is_told: bool) -> None:
+    rng = np.random.default_rng(1)
+    volts = rng.normal(0.0, 5e-4, (2, 2, count, along)) + rng.normal(0.0, 5e-3, (2, 2, count, 1))
+    known = replace(KNOWN, modulation=Modulation(waveform="triangle"))
+    assert (striped(volts, known, "rows") is not None) == is_told
+    assert (striped(volts.swapaxes(2, 3), known, "columns") is not None) == is_told

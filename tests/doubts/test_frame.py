@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli import read_frames
-from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
 from cadtof_cli.doubts.camera import cut_off
-from cadtof_cli.doubts.frame import doubts, doubts_before_run
+from cadtof_cli.doubts.frame import doubt_of_planes, doubts, doubts_before_run
 from cadtof_cli.doubts.pixels import FEWEST
 from cadtof_cli.doubts.planes import sheared, wrong_planes
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
@@ -247,3 +247,38 @@ def test_an_order_is_not_doubted_before_a_run_with_a_calibration() -> None:
     assert "with SC1 and SC2 swapped" in told
     use = CalibrationUse(Path("is not read"), "", sine=False)
     assert doubts_before_run(swapped, FramePlan(metadata=metadata, calibration=use)) == ()
+
+
+def test_a_wrong_zero_is_told_before_another_order() -> None:
+    """It turns phases, and another order may then fit better. Neither is looked for if a calibration is applied."""
+    stored = hill(60, 80)
+    off = CaptureMetadata(voltage=replace(COUNTS, zero_counts=ZERO - 900.0))
+    (told,) = doubts(stored, off)
+    assert "all stored values seem to be +8" in told
+    assert "0 V is probably 81" in told
+    assert doubts(stored, off, of_order=False) == ()
+    assert doubt_of_planes(stored, FramePlan(metadata=off)) == told
+    assert doubt_of_planes(stored, FramePlan(metadata=CaptureMetadata(voltage=COUNTS))) is None
+    use = CalibrationUse(Path("is not read"), "", sine=True)
+    assert doubt_of_planes(stored, FramePlan(metadata=off, calibration=use)) is None
+
+
+def test_what_makes_a_frame_useless_is_told_alone() -> None:
+    """Planes of noise, or a stuck bit, make other orders and other zeros fit better, too."""
+    metadata = CaptureMetadata(voltage=COUNTS)
+    stuck = hill(60, 80) | np.uint16(256)
+    (told,) = doubts(stuck, metadata)
+    assert told.startswith("bit 8 (256) of all planes is 1")
+    dark = hill(60, 80)
+    dark[1] = np.random.default_rng(8).normal(ZERO, 7.0, dark.shape[1:])
+    (told,) = doubts(dark[:, ::-1], metadata)
+    assert "found only noise" in told
+    assert doubt_of_planes(dark, FramePlan(metadata=metadata)) == wrong_planes(dark, metadata)
+
+
+def test_a_channel_of_noise_is_told_of_one_harmonic_too() -> None:
+    stored = slanted_wall(7.0)[:1]
+    metadata = CaptureMetadata(modulation=Modulation(periods_ns=(40.0,)), voltage=COUNTS)
+    assert wrong_planes(stored, metadata) is None
+    stored[0, 1] = np.random.default_rng(5).normal(ZERO, 7.0, (40, 60))
+    assert str(wrong_planes(stored, metadata)).startswith("H1.SC2: found only noise")

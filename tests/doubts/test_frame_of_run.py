@@ -80,3 +80,27 @@ def test_paths_that_do_not_explain_the_light_are_told(harmonics: int, chi_square
     assert not told(misfit)
     misfit[4:12] = 1.0
     assert not told(misfit)
+
+
+@pytest.mark.parametrize("turns", range(4))
+@pytest.mark.parametrize(
+    ("near_m", "far_m", "sigma_m", "length", "is_told"),
+    [
+        (0.1, 5.9, 0.05, 64, True),
+        (0.1, 5.9, 0.05, 63, False),
+        (0.14, 5.9, 0.05, 64, False),
+        (0.1, 5.86, 0.05, 64, False),
+        (0.1, 5.9, 0.07, 64, False),
+    ],
+)
+def test_neighbours_at_both_ends_of_the_range_are_one_surface(
+    near_m: float, far_m: float, sigma_m: float, length: int, is_told: bool, turns: int
+) -> None:
+    """On whichever side the surface goes on; noise without light lies anywhere, with a large sigma."""
+    depth, sigma = np.full((70, 70), 3.0, np.float32), np.full((70, 70), sigma_m, np.float32)
+    depth[:length, 34], depth[:length, 35] = near_m, far_m
+    layers = np.stack([np.rot90(depth, turns), np.rot90(sigma, turns)])
+    maps = DepthMaps(("direct.depth", "direct.sigma"), layers, np.zeros((70, 70), np.uint32))
+    counts = StatusCounts(4900, 0, 0, diffuse=0, invalid=0)
+    told = frame_doubts(None, maps, counts, FramePlan(metadata=CaptureMetadata()))
+    assert ["depths go on at 0 where surfaces are 6 m away" in one for one in told] == [True] * is_told

@@ -317,3 +317,10 @@ def test_an_order_is_not_told_if_many_pixels_fit_the_one_that_was_read(right: fl
     wrong = np.arange(4000) % 20 >= 20 * right
     mixed[:, :, wrong] = mixed[:, ::-1, wrong]
     assert ("with SC1 and SC2 swapped" in str(doubt_of_order(mixed))) == is_told
+
+
+@pytest.mark.parametrize(("noise_counts", "is_refused"), [(1.5, False), (3.2, True)])
+def test_a_plane_of_one_count_is_refused_if_others_scatter_over_several(noise_counts: float, is_refused: bool) -> None:
+    stored = np.rint(np.random.default_rng(3).normal(128.0, noise_counts, (2, 2, 500))).astype(np.uint8)
+    stored[0, 0] = 128
+    assert (no_recording(stored, (1, 2)) is not None) == is_refused

@@ -378,3 +378,8 @@ def test_a_stuck_bit_is_found_in_large_frames_of_bytes() -> None:
     assert stuck_bit(frame, known) is None
     frame[1, 0] &= np.uint8(0xEF)
     assert str(stuck_bit(frame, known)).startswith("bit 4 (16) of H2.SC1 is 0 in every pixel")
+
+
+@pytest.mark.parametrize(("pixels", "is_refused"), [(64, True), (63, False)])
+def test_few_pixels_may_hold_the_same_values(pixels: int, is_refused: bool) -> None:
+    assert (refusal(equal_pixels(pixels)) is not None) == is_refused

@@ -228,3 +228,61 @@ def test_a_wrong_zero_is_told_with_the_right_one_for_later_frames_too(tmp_path: 
     assert f"warning: {tmp_path / 'wall'}: all stored values seem to be +69" in done.err
     assert f"{tmp_path / 'maps'}: 1 more map: correct zero_counts, " in done.err
     assert told in json.loads((tmp_path / "maps" / "frames.jsonl").read_text())["reason"]
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.int16, np.float64])
+@pytest.mark.parametrize("off", [-600, 400])
+def test_the_zero_that_fits_is_told_in_stored_values(dtype: type[np.generic], off: int) -> None:
+    """With a step of 60 µV, in a view of several depths and in pixels that are not saturated."""
+    zero = 8192 if dtype == np.uint16 else 100
+    volts = _volts((0.0, 0.0))
+    stored = np.rint(volts / 6e-5 + zero + off).astype(dtype)
+    stored[:, :, ::3] = 12000
+    voltage = Voltage(zero_counts=zero, volts_per_count=6e-5, saturated_counts=(-12000.0, 12000.0))
+    metadata = CaptureMetadata(pulse=Pulse(fwhm_ns=0.0), voltage=voltage)
+    told = str(wrong_zero_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)))
+    found, probable = told.split(" seem to be ")[1].split(" off, 0 V is probably ")
+    assert float(found) == pytest.approx(off, abs=5.0)
+    assert float(probable.split(" instead")[0]) == pytest.approx(zero + off, abs=5.0)
+    assert f"instead of {zero}: correct zero_counts" in told
+    right = replace(metadata, voltage=replace(voltage, zero_counts=float(zero + off)))
+    assert wrong_zero_in_words(stored, right, ideal_phasor_map(right, stored.dtype)) is None
+
+
+@pytest.mark.parametrize(("late", "is_told"), [(-0.3, True), (0.3, False), (2.3, False), (2.8, True)])
+def test_light_that_comes_after_the_surfaces_is_left_to_mpi(late: float, is_told: bool) -> None:
+    """A small room sends it back; before the surfaces, or long after them, none does."""
+    surfaces = np.angle(path(yard(), 1) * np.clip(2.0 / yard(), 0.5, 1.5)).ravel()
+    middle = float(np.angle(np.exp(1j * surfaces).mean()))
+    shared = tuple(complex(0.2 * np.exp(1j * h * (middle + late))) for h in (1, 2))
+    found = shared_light(phasors((1, 2), shared, range_m=yard(), scatter=1e-4), (1, 2))
+    assert (found is not None) == is_told
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.8, True), (1.4, False)])
+def test_more_light_than_that_of_the_surfaces_is_not_told(share: float, told: bool) -> None:
+    shared = tuple(complex(share * path(0.02, h)) for h in (1, 2))
+    found = shared_light(phasors((1, 2), shared, range_m=yard(), scatter=1e-5), (1, 2))
+    assert (found is not None) == told
+
+
+@pytest.mark.parametrize(("pixels", "is_told"), [(64, True), (63, False)])
+def test_few_pixels_share_nothing(pixels: int, is_told: bool) -> None:
+    """NaN, dark and too bright pixels do not count."""
+    shared = tuple(complex(0.1 * path(0.02, h)) for h in (1, 2))
+    lit = phasors((1, 2), shared, range_m=yard(), scatter=1e-5)[:, ::75][:, :64]
+    others = np.array([[np.nan, 1e-3, 5.0]] * 2).repeat(10, axis=1)
+    assert lit.shape[1] == 64
+    mixed = np.concatenate([lit[:, :pixels], others], axis=1)
+    assert (shared_light(mixed, (1, 2)) is not None) == is_told
+    unit = np.full(lit.shape, 1.0 + 1.0j)
+    off = lit[:, :pixels] - 0.1 * path(0.02, 1) / 3.0 + 0.05 * unit[:, :pixels]
+    assert shared_light(mixed[:1], (1,)) is None
+    assert wrong_zero(off[:1], unit[:1, :pixels], (1,)) is None
+
+
+@pytest.mark.parametrize(("scatter", "is_told"), [(1e-3, True), (9e-3, False)])
+def test_an_offset_of_about_the_noise_is_no_wrong_zero(scatter: float, is_told: bool) -> None:
+    wall = phasors((1, 2), (0.0, 0.0), range_m=yard(), scatter=scatter)
+    unit = np.full(wall.shape, (1.0 + 1.0j) / AMPLITUDE_V)
+    assert (wrong_zero(wall + 5.4e-3 * unit, unit, (1, 2)) is not None) == is_told
