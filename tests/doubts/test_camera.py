@@ -9,43 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage
-from cadtof_cli.doubts.camera import other_noise, stepped, striped, unequal_harmonics
+from cadtof_cli.doubts.camera import other_noise, striped, unequal_harmonics
 from cadtof_cli.doubts.frame import camera_doubts
+from tests.support.boxes import AMPLITUDE_V, KNOWN, N_AV, SIZE, frame
 from tests.support.captures import record
 from tests.support.run_cadtof import cadtof
-
-AMPLITUDE_V, N_AV, SIZE = 0.2746, 1e5, (64, 80)
-KNOWN = CaptureMetadata(pixel=Pixel(integration_length=N_AV))
-
-
-def frame(
-    *,
-    n_av: float = N_AV,
-    asr: float = 5.0,
-    second: float = 1.0,
-    third: float | None = None,
-    mpi: float = 0.0,
-    seed: int = 1,
-    fwhm_ns: float = 1.7,
-    size: tuple[int, int] = SIZE,
-) -> NDArray[np.float64]:
-    """Return volts, (H, 2, Y, X), of boxes and a floor at 1 to 5 m before a sky without light.
-
-    `second` and `third` are factors on these harmonics, of which the latter may be missing; `mpi` is the amplitude of a
-    path that is 6 ns later.
-    """
-    rng = np.random.default_rng(seed)
-    row, column = np.indices(size) * np.divide(SIZE, size)[:, np.newaxis, np.newaxis]
-    depth_m = np.where(row > 40, 180.0 / (row + 1e-9), 1.0 + column // 20 * 1.3)
-    light = np.where(row < 12, 0.0, 1.0)
-    phase, late = 2.0 * np.pi / 40.0 * 2.0 * depth_m / 0.299792458, 2.0 * np.pi / 40.0 * 6.0
-    volts = []
-    for h, factor in enumerate((1.0, second) if third is None else (1.0, second, third), start=1):
-        pulse = np.exp(-((h * 2.0 * np.pi * fwhm_ns / 2.3548 / 40.0) ** 2) / 2.0)
-        phasor = pulse * light * (np.exp(1j * h * phase) + mpi * np.exp(1j * h * (phase + late))) / (1.0 + mpi + asr)
-        noise = rng.normal(0.0, 0.5 / np.sqrt(n_av), (2, *size))
-        volts.append(factor * AMPLITUDE_V * (np.stack([phasor.real, phasor.imag]) + noise))
-    return np.array(volts)
 
 
 @pytest.mark.parametrize("asr", [0.3, 1.0, 5.0, 50.0])
@@ -232,44 +200,6 @@ def test_errors_are_doubted_in_a_frame_as_large_as_cameras_record() -> None:
         assert words in doubt
 
 
-@pytest.mark.parametrize("side", ["left and right", "upper and lower"])
-@pytest.mark.parametrize("offset_v", [0.02, -0.003])
-def test_a_part_of_the_sensor_with_an_offset_of_its_own_is_told(side: str, offset_v: float) -> None:
-    """A quarter that is 20 mV brighter was 1 to 4 m off, with a sigma of millimetres, in silence."""
-    # no edge of a box in the middle
-    volts = np.roll(frame(), 10, axis=3)
-    assert stepped(volts, KNOWN) is None
-    if side == "left and right":
-        volts[..., :40] += offset_v
-    else:
-        volts[..., 32:, :] += offset_v
-    told = stepped(volts, KNOWN)
-    assert told is not None
-    assert told.startswith(f"the {side} halves differ by ")
-    assert told in camera_doubts(volts, KNOWN)
-
-
-def test_an_edge_of_the_scene_in_the_middle_is_no_offset() -> None:
-    """All columns come to the middle in turn, and so do the edges of the boxes."""
-    volts = frame(n_av=1e7)
-    assert all(stepped(np.roll(volts, place, axis=3), KNOWN) is None for place in range(SIZE[1]))
-
-
-def test_a_step_that_one_plane_does_not_show_is_an_edge_of_the_scene() -> None:
-    """An offset of a part of the sensor is the same in all planes."""
-    step = np.full((3, 2, 1, 1), 0.02)
-    volts = np.random.default_rng(1).normal(0.0, 5e-4, (3, 2, *SIZE))
-    known = replace(KNOWN, modulation=Modulation(periods_ns=(40.0, 20.0, 40.0 / 3.0)))
-    volts[..., 40:] += step
-    assert stepped(volts, known) is not None
-    for change in (0.012, -0.012):
-        step = np.zeros((3, 2, 1, 1))
-        step[1, 1] = change
-        edge = volts.copy()
-        edge[..., 40:] += step
-        assert stepped(edge, known) is None
-
-
 @pytest.mark.parametrize("phase", [0.0, 2.0, 4.0])
 def test_a_harmonic_is_not_compared_in_a_view_of_one_depth(phase: float) -> None:
     """MPI may be the same in all pixels of a wall, and makes a harmonic weaker, too."""
@@ -334,51 +264,10 @@ def test_the_noise_of_laser_light_alone_is_not_judged(asr: float, is_told: bool)
     assert (other_noise(bright, KNOWN) is not None) == is_told
 
 
-@pytest.mark.parametrize("rows", [slice(32), slice(32, None)])
-@pytest.mark.parametrize("columns", [slice(40), slice(40, None)])
-@pytest.mark.parametrize("offset_v", [0.02, 0.0016, 0.0006])
-def test_a_quarter_of_the_sensor_with_an_offset_of_its_own_is_told(
-    rows: slice, columns: slice, offset_v: float
-) -> None:
-    """From a two hundredth of the modulation amplitude: less is millimetres."""
-    volts = np.roll(frame(n_av=1e6), 10, axis=3)
-    volts[..., rows, columns] += offset_v
-    told = stepped(volts, KNOWN)
-    assert (told is not None) == (offset_v > 0.005 * AMPLITUDE_V)
-    if told is not None:
-        step_mv = float(told.split(" differ by ")[1].split(" mV")[0])
-        assert step_mv == pytest.approx(1000.0 * (-offset_v if columns.start is None else offset_v), rel=0.1)
-
-
-def test_saturated_pixels_hide_no_step() -> None:
-    volts = np.roll(frame(n_av=1e6, size=(160, 80)), 10, axis=3)
-    volts[..., 40:] += 0.003
-    volts[0, 0, np.arange(160) % 3 > 0] = 0.25
-    assert stepped(volts, KNOWN) is None
-    assert stepped(volts, replace(KNOWN, voltage=Voltage(saturated_counts=(-0.25, 0.25)))) is not None
-
-
 @pytest.mark.parametrize(("factor", "is_told"), [(0.98, False), (0.96, True), (1.02, False), (1.04, True)])
 def test_a_harmonic_is_doubted_if_depths_are_wrong_by_centimetres(factor: float, is_told: bool) -> None:
     told = unequal_harmonics(frame(second=factor, asr=2.0, n_av=1e7), KNOWN)
     assert (told is not None) == is_told
-
-
-def test_values_that_rise_evenly_over_the_sensor_have_no_step() -> None:
-    """As of heat from one side; a step on top is told."""
-    volts = np.random.default_rng(1).normal(0.0, 5e-4, (2, 2, *SIZE)) + 2e-3 * np.arange(80)
-    assert stepped(volts, KNOWN) is None
-    volts[..., 40:] += 5e-3
-    told = stepped(volts, KNOWN)
-    assert told is not None
-    assert float(told.split(" differ by ")[1].split(" mV")[0]) == pytest.approx(5.0, rel=0.1)
-
-
-@pytest.mark.parametrize(("width", "is_told"), [(6, True), (7, True), (5, False)])
-def test_a_step_shows_from_three_columns_on_either_side(width: int, is_told: bool) -> None:
-    volts = np.random.default_rng(1).normal(0.0, 5e-4, (2, 2, 64, width))
-    volts[..., width // 2 :] += 0.01
-    assert (stepped(volts, KNOWN) is not None) == is_told
 
 
 @pytest.mark.parametrize(

@@ -56,3 +56,9 @@ def test_counts_about_0_look_like_counts_without_their_zero(
     values = np.linspace(-largest, largest, 2001).astype(dtype)
     cause = likely_cause(range_of(values), VOLTAGE, 0.2746)
     assert ("the zero was subtracted" in cause) == is_shifted
+
+
+def test_floats_up_to_1_were_not_scaled_to_1_if_no_scale_brings_them_to_the_zero() -> None:
+    """Of 16 bits, .5 is 32767; of 14 bits, 8191; of 12, 10 and 8 bits, less."""
+    voltage = Voltage(zero_counts=20000.0, volts_per_count=6.0e-5)
+    assert "scaled to 0 … 1" not in likely_cause(range_of(np.linspace(0.4, 0.6, 50)), voltage, 0.2746)

@@ -282,3 +282,14 @@ def test_a_channel_of_noise_is_told_of_one_harmonic_too() -> None:
     assert wrong_planes(stored, metadata) is None
     stored[0, 1] = np.random.default_rng(5).normal(ZERO, 7.0, (40, 60))
     assert str(wrong_planes(stored, metadata)).startswith("H1.SC2: found only noise")
+
+
+@pytest.mark.parametrize("degrees", [90.0, 180.0, 270.0])
+def test_channels_that_are_0_at_the_one_distance_of_a_checkerboard_are_recorded(degrees: float) -> None:
+    """Light of one phase has the same amplitude at both harmonics, and may have none in one channel of each."""
+    y, x = np.mgrid[:96, :128]
+    amplitude = 0.05 + 0.05 * ((x // 16 + y // 16) % 2)
+    volts = np.random.default_rng(8).normal(0.0, 4e-3, (2, 2, 96, 128))
+    phases = np.radians(degrees) * np.array([1.0, 2.0])
+    volts += np.stack([np.cos(phases), np.sin(phases)], axis=1)[..., np.newaxis, np.newaxis] * amplitude
+    assert wrong_planes(volts, CaptureMetadata()) is None

@@ -11,9 +11,10 @@ HARMONICS = [(1, 2), (1, 2, 3), (1, 3)]
 @pytest.mark.parametrize("harmonics", HARMONICS)
 def test_noise_is_left_over_as_large_as_it_was_and_surfaces_are_not(harmonics: tuple[int, ...]) -> None:
     rng, h = np.random.default_rng(1), np.array(harmonics)[:, np.newaxis]
-    surfaces = rng.uniform(0.2, 1.0, 20000) * np.exp(1j * h * rng.uniform(-3.0, 3.0, 20000))
+    phases = h * rng.uniform(-3.0, 3.0, 20000)
+    surfaces = (rng.uniform(0.2, 1.0, 20000) * np.exp(1j * phases)).astype(np.complex128)
     assert np.abs(left_by_one_path(surfaces, harmonics)).max() < 1e-12
-    noise = 1e-3 * (rng.normal(size=surfaces.shape) + 1j * rng.normal(size=surfaces.shape))
+    noise = (1e-3 * (rng.normal(size=phases.shape) + 1j * rng.normal(size=phases.shape))).astype(np.complex128)
     left = left_by_one_path(surfaces + noise, harmonics)
     assert np.sqrt(np.mean(left.real**2)) == pytest.approx(1e-3, rel=0.02)
     assert np.sqrt(np.mean(left.imag**2)) == pytest.approx(1e-3, rel=0.02)
