@@ -285,11 +285,17 @@ def test_a_channel_of_noise_is_told_of_one_harmonic_too() -> None:
 
 
 @pytest.mark.parametrize("degrees", [90.0, 180.0, 270.0])
-def test_channels_that_are_0_at_the_one_distance_of_a_checkerboard_are_recorded(degrees: float) -> None:
-    """Light of one phase has the same amplitude at both harmonics, and may have none in one channel of each."""
-    y, x = np.mgrid[:96, :128]
-    amplitude = 0.05 + 0.05 * ((x // 16 + y // 16) % 2)
-    volts = np.random.default_rng(8).normal(0.0, 4e-3, (2, 2, 96, 128))
+@pytest.mark.parametrize("bad", [False, True])
+def test_channels_that_are_0_at_the_one_distance_of_a_wall_are_recorded(degrees: float, bad: bool) -> None:
+    """Light of one phase has the same amplitude at both harmonics, and may have none in one channel of each. Half of the wall
+    is black; a twentieth of the pixels may be bad."""
+    x = np.arange(128) * np.ones((96, 1), int)
+    amplitude = 0.02 + 0.16 * (x >= 64)
+    volts = np.random.default_rng(8).normal(0.0, 2e-3, (2, 2, 96, 128))
     phases = np.radians(degrees) * np.array([1.0, 2.0])
     volts += np.stack([np.cos(phases), np.sin(phases)], axis=1)[..., np.newaxis, np.newaxis] * amplitude
+    if bad:
+        volts[1, :, :5] = 0.0
     assert wrong_planes(volts, CaptureMetadata()) is None
+    volts[0] = np.random.default_rng(9).normal(0.0, 2e-3, (2, 96, 128))
+    assert str(wrong_planes(volts, CaptureMetadata())).startswith("H1.SC1, H1.SC2")

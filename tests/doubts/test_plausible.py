@@ -288,3 +288,12 @@ def test_frames_with_the_same_values_are_copies_of_the_first_unless_they_may_agr
 @pytest.mark.parametrize(("pixels", "is_refused"), [(64, True), (63, False)])
 def test_few_pixels_may_hold_the_same_values(pixels: int, is_refused: bool) -> None:
     assert (refusal(equal_pixels(pixels)) is not None) == is_refused
+
+
+@pytest.mark.parametrize("value", [4000, 12000])
+def test_a_frame_at_either_limit_is_refused_though_its_phasors_are_short(value: int) -> None:
+    limits = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(4000.0, 12000.0))
+    stored = np.full((2, 2, 100), value, np.uint16)
+    assert refused(stored, limits).startswith("every pixel is saturated")
+    stored[:, :, :50] = counts(0.3)[:, :, :50]
+    assert refusal(stored, limits) is None
