@@ -299,3 +299,22 @@ def test_channels_that_are_0_at_the_one_distance_of_a_wall_are_recorded(degrees:
     assert wrong_planes(volts, CaptureMetadata()) is None
     volts[0] = np.random.default_rng(9).normal(0.0, 2e-3, (2, 96, 128))
     assert str(wrong_planes(volts, CaptureMetadata())).startswith("H1.SC1, H1.SC2")
+
+
+@pytest.mark.parametrize(("noise_counts", "is_told"), [(400.0, True), (1000.0, False)])
+def test_a_plane_of_noise_is_told_if_others_show_more_than_noise(noise_counts: float, is_told: bool) -> None:
+    """The wall changes by 1700 counts."""
+    stored = slanted_wall(noise_counts)
+    assert wrong_planes(stored, CaptureMetadata(voltage=COUNTS)) is None
+    stored[1, 1] = np.random.default_rng(5).normal(ZERO, noise_counts, (40, 60))
+    told = wrong_planes(stored, CaptureMetadata(voltage=COUNTS))
+    assert (told is not None) == is_told
+    assert told is None or told.startswith("H2.SC2: found only noise")
+
+
+@pytest.mark.parametrize(("noise_counts", "is_told"), [(1.0, True), (0.2, False)])
+def test_values_are_cut_off_if_noise_spreads_them_over_two_counts(noise_counts: float, is_told: bool) -> None:
+    """With less noise, most pixels of a wall hold one count anyway."""
+    stored = np.random.default_rng(1).normal(8000.0, noise_counts, (2, 2, 4000))
+    stored[0, 0] = np.minimum(stored[0, 0] + 1000.0, 8999.0)
+    assert (doubt_of_cutting(np.rint(stored).astype(np.uint16)) is not None) == is_told

@@ -297,3 +297,10 @@ def test_a_frame_at_either_limit_is_refused_though_its_phasors_are_short(value: 
     assert refused(stored, limits).startswith("every pixel is saturated")
     stored[:, :, :50] = counts(0.3)[:, :, :50]
     assert refusal(stored, limits) is None
+
+
+def test_scaled_counts_may_hold_0() -> None:
+    """As of a dead pixel, or of a picture that was stretched over the whole range."""
+    scaled = (counts() / 65535.0).astype(np.float32)
+    scaled[0, 0, 0] = 0.0
+    assert "look scaled to 0 … 1" in refused(scaled)

@@ -286,3 +286,19 @@ def test_an_offset_of_about_the_noise_is_no_wrong_zero(scatter: float, is_told: 
     wall = phasors((1, 2), (0.0, 0.0), range_m=yard(), scatter=scatter)
     unit = np.full(wall.shape, (1.0 + 1.0j) / AMPLITUDE_V)
     assert (wrong_zero(wall + 5.4e-3 * unit, unit, (1, 2)) is not None) == is_told
+
+
+def test_a_large_frame_is_not_judged_by_a_third_of_its_columns() -> None:
+    """These are dead. Of 480 · 600 pixels, the others tell."""
+    volts = _volts((0.1, 0.1)).repeat(8, axis=2).repeat(8, axis=3)[..., :600]
+    metadata = CaptureMetadata(pulse=Pulse(fwhm_ns=0.0))
+    assert _told(volts, metadata)
+    volts[..., ::3] = np.nan
+    assert _told(volts, metadata)
+
+
+def test_light_without_noise_shares_nothing() -> None:
+    """As of a simulated wall at 0 m: one path explains it to the last bit."""
+    ones = np.ones((2, 100), np.complex128)
+    assert shared_light(ones, (1, 2)) is None
+    assert wrong_zero(ones, 1e-4 * (1.0 + 1.0j) * ones, (1, 2)) is None
