@@ -61,7 +61,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--count", type=int, default=400, help="mutants to draw [default: 400]")
     parser.add_argument("--seed", type=int, default=1, help="seed of the draw [default: 1]")
     parser.add_argument(
-        "--room", action="append", help="a room of the package; may be given several times [default: all six]"
+        "--room", action="append", help="a room of the package; may be given several times [default: all seven]"
     )
     parser.add_argument(
         "--jobs", type=int, default=len(os.sched_getaffinity(0)), help="number of processes [default: all cores]"

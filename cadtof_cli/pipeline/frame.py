@@ -206,7 +206,6 @@ def _typical_powers(recorded: Stored, phasor_map: PhasorMap) -> Float:
 
 def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels:
     """Choose a frame's model of MPI; if it is diffuse, predict the tail from the frame's own geometry."""
-    from cadtof_cli.pipeline.samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import patch_kinds
     from cadtof_cli.resolver.diffuse.grid import SHIFTS, patch_grid
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
@@ -222,6 +221,9 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages) -> FramePixels
         if traits.look is not None and is_compiled_for(len(noise.harmonics)):
             light = compiled_light(pixels.stored, traits.look, traits.grid)
         else:
+            # imported here because the compiled twin needs no solver
+            from cadtof_cli.pipeline.samples import frame_samples
+
             sampled = frame_samples(pixels, stages, traits.grid)
             light = sampled.light()
         means = patch_means(light, light.seen, traits)

@@ -15,13 +15,11 @@ from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor, within_a_turn
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
-from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels, PixelTails
 from cadtof_cli.resolver.diffuse.settings import NEAREST_M, range_from_phase
 from cadtof_cli.resolver.diffuse.tail import residuals
 from cadtof_cli.resolver.diffuse.upsampling import row_above
 from cadtof_cli.resolver.kernels import chosen_kernel, contiguous, extension, is_compiled_for
-from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.two_path.kernel import Buffers
 
 if TYPE_CHECKING:
@@ -121,6 +119,9 @@ def pixels_of_sine(
     The result for a pixel has the noise of a mean over that number of recorded pixels. `first` is the flat index of the
     first of these consecutive pixels. The model is not that of a sine.
     """
+    from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
+    from cadtof_cli.resolver.response.as_sine import first_phase
+
     assert model.terms is not None
     alone, pixels = first_phase(phasors[0], response=response), slice(first, first + phasors.shape[1])
     planes = model.terms.upsampler.joint(pixels, _first_range(alone.astype(np.float32), model, pixels))
