@@ -78,6 +78,7 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
 
     Raises:
         SettingsError: see `volts_per_count`.
+        MetadataError: see `FramePlan.read_calibration`.
     """
     metadata, use = plan.metadata, plan.calibration
     # a calibration shows that the planes are in order
@@ -89,9 +90,7 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
         return camera_doubts(stored, metadata)
     if not use.sine:
         return ()
-    from cadtof_cli.calibration.store import cached_calibration
-
-    stages = stages_of(stored, plan, cached_calibration(use.folder, use.digest))
+    stages = stages_of(stored, plan, plan.read_calibration())
     return _told(_shared(stored, metadata, stages.correction.phasor_map))
 
 

@@ -1,4 +1,4 @@
-"""Pictures of named layers: one layer at full resolution, or all layers of a file; and the scale of each layer."""
+"""Pictures of named layers: one layer at full resolution, or all layers of a file; and layers as blocks of a page."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

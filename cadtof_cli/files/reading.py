@@ -1,4 +1,4 @@
-"""How folders are listed and files are read, and how errors of reading libraries become FrameErrors.
+"""How folders are listed and names are ordered, how files are read, and how errors of reading libraries become FrameErrors.
 
 Only regular files are read, because reading a FIFO or a device in place of a file may wait for ever or never end.
 Whatever a library raises for a damaged file becomes a FrameError that names the file.

@@ -1,6 +1,7 @@
 """The folder of a run, as later commands read it: a map file per frame, `run.json`, and `frames.jsonl` with a line per frame.
 
-`resolve/record.py` writes the two records; `resolve/run_json.py` knows what is in the first, `resolve/lines.py` in the second.
+`resolve/record.py` writes the two records; `resolve/run_json.py` knows what is in the first, `resolve/reports.py` what a line of
+the second says.
 """
 
 import io

@@ -14,8 +14,10 @@ from PIL import Image, ImageSequence
 
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.errors import FrameError
 from cadtof_cli.figures.scales import limits_of
 from cadtof_cli.figures.sequence import fitted, thumbnail_size
+from cadtof_cli.workflows.inspect.pictured import pictured
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import Form, layers_of, record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
@@ -233,6 +235,15 @@ def test_a_damaged_first_map_is_left_out_of_the_sheet(form: Form, tmp_path: Path
     (message,) = done.err.splitlines()
     assert message.startswith(f"left out: {first}: ")
     assert _picture(tmp_path / "a.png").size > 0
+
+
+def test_a_frame_of_a_stack_that_became_shorter_is_left_out_with_a_reason(tmp_path: Path) -> None:
+    frames = np.random.default_rng(0).normal(0.0, 0.05, (3, 2, 2, 8, 9))
+    np.save(tmp_path / "stack.npy", frames)
+    *_, last = pictured([tmp_path / "stack.npy"])
+    np.save(tmp_path / "stack.npy", frames[:2])
+    with pytest.raises(FrameError, match=r"stack\.npy\[2\]: was cut off or replaced while it was read"):
+        last.read()
 
 
 def test_a_layer_that_no_frame_has_is_reported_once(tmp_path: Path) -> None:

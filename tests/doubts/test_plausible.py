@@ -9,7 +9,6 @@ from cadtof_cli.doubts.camera import stuck_bit
 from cadtof_cli.doubts.causes import range_of
 from cadtof_cli.doubts.pixels import FEWEST
 from cadtof_cli.doubts.plausible import Copies, implausible
-from cadtof_cli.phasors.noise import is_without_noise, noise_model
 
 AMPLITUDE_V = 0.2746
 ZERO, STEP = 8192.0, 6e-5
@@ -240,40 +239,11 @@ def equal_pixels(pixels: int) -> NDArray[np.float64]:
     return np.asarray(np.ones((2, 2, pixels)) * np.array([0.1, -0.05])[:, np.newaxis])
 
 
-def without_noise(stored: NDArray[np.generic], *, step_v: float = 0.0, n_av: float = 1e5) -> bool:
-    metadata = CaptureMetadata(
-        modulation=Modulation(amplitude_v=AMPLITUDE_V),
-        voltage=Voltage(volts_per_count=step_v or None),
-        pixel=Pixel(integration_length=n_av),
-    )
-    return is_without_noise(stored, noise_model(metadata, integration_length=n_av, quantised=step_v > 0.0))
-
-
 def test_a_large_frame_is_not_judged_by_a_few_columns() -> None:
     """As with dead columns between the banks of converters of a wide sensor."""
     frame = np.random.default_rng(1).integers(6000, 10000, (2, 2, 512, 1024), np.uint16)
     frame[1, 0, :, ::128] = 8192
     assert refusal(frame, COUNTS, 1e5) is None
-
-
-def test_sixteen_equal_pixels_are_without_noise_but_fewer_may_be_equal_by_chance() -> None:
-    assert without_noise(equal_pixels(16))
-    assert not without_noise(equal_pixels(15))
-    assert without_noise(equal_pixels(500))
-
-
-@pytest.mark.parametrize("place", [(0, 0, 0), (1, 1, 15), (0, 1, 16), (1, 0, 499)])
-def test_one_value_that_differs_is_noise(place: tuple[int, int, int]) -> None:
-    stored = equal_pixels(500)
-    stored[place] += 1e-9
-    assert not without_noise(stored)
-
-
-@pytest.mark.parametrize(("steps", "impossible"), [(0.55, True), (0.45, False)])
-def test_noise_below_half_a_step_may_leave_all_values_equal(steps: float, impossible: bool) -> None:
-    """The noise of a channel is 1/(2·√n_av) of the modulation amplitude, here `steps` steps of the stored values."""
-    sigma_v = AMPLITUDE_V / (2.0 * np.sqrt(1e5))
-    assert without_noise(equal_pixels(100), step_v=sigma_v / steps) is impossible
 
 
 def test_bytes_with_saturated_pixels_are_called_scaled_to_8_bits_too() -> None:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage, Waveform
 from cadtof_cli.phasors.noise import (
@@ -11,11 +12,12 @@ from cadtof_cli.phasors.noise import (
     _recorded,
     ambient_noise_v,
     estimated_integration_length,
+    is_without_noise,
     median_of_steps,
     noise_model,
     with_repeated_rounding,
 )
-from tests.support.forward import Light, phasors_of, step_frame
+from tests.support.forward import AMPLITUDE_V, Light, phasors_of, step_frame
 
 AMBIENT = np.mean([abs(Light(0.0, direct_ns=0.0).moment(h)) ** -2.0 for h in (1, 2)])
 """Noise of harmonics 1 and 2 by ambient light alone, times 2·n_av − 1: both channels together, mean of the harmonics."""
@@ -268,3 +270,36 @@ def test_neighbours_of_coarse_counts_are_recorded_though_they_hold_the_same_valu
     counts[:, :, :12] = 0.0
     p = (counts[:, 0] + 1j * counts[:, 1]) / 400.0
     assert (_recorded(p, 2, 2) is p) == same
+
+
+def equal_pixels(pixels: int) -> NDArray[np.float64]:
+    return np.asarray(np.ones((2, 2, pixels)) * np.array([0.1, -0.05])[:, np.newaxis])
+
+
+def without_noise(stored: NDArray[np.float64], *, step_v: float = 0.0) -> bool:
+    n_av = 1e5
+    metadata = CaptureMetadata(
+        voltage=Voltage(volts_per_count=step_v or None),
+        pixel=Pixel(integration_length=n_av),
+    )
+    return is_without_noise(stored, noise_model(metadata, integration_length=n_av, quantised=step_v > 0.0))
+
+
+def test_sixteen_equal_pixels_are_without_noise_but_fewer_may_be_equal_by_chance() -> None:
+    assert without_noise(equal_pixels(16))
+    assert not without_noise(equal_pixels(15))
+    assert without_noise(equal_pixels(500))
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0), (1, 1, 15), (0, 1, 16), (1, 0, 499)])
+def test_one_value_that_differs_is_noise(place: tuple[int, int, int]) -> None:
+    stored = equal_pixels(500)
+    stored[place] += 1e-9
+    assert not without_noise(stored)
+
+
+@pytest.mark.parametrize(("steps", "impossible"), [(0.55, True), (0.45, False)])
+def test_noise_below_half_a_step_may_leave_all_values_equal(steps: float, impossible: bool) -> None:
+    """The noise of a channel is 1/(2·√n_av) of the modulation amplitude, here `steps` steps of the stored values."""
+    sigma_v = AMPLITUDE_V / (2.0 * np.sqrt(1e5))
+    assert without_noise(equal_pixels(100), step_v=sigma_v / steps) is impossible

@@ -204,7 +204,7 @@ class _LookedInto:
     def __init__(self, place: int, capture: Capture, /) -> None:
         metadata, origins = capture.source.metadata, capture.source.origins
         self._place, self._capture, self._implausible = place, capture, list[str]()
-        self._are_planes = False
+        self._is_read = True
         self._facts = CaptureFacts(
             str(capture.root), unambiguous_range_m=unambiguous_range_m(metadata.modulation.periods_ns[0])
         )
@@ -218,7 +218,7 @@ class _LookedInto:
         if typical is None and (of_planes := hint_of_planes(capture)):
             hint, facts.guessed_layout = of_planes
             facts.problems.append(hint)
-            self._are_planes = True
+            self._is_read = False
             return
         facts.lossy_compression = capture.lossy_compression
         reader = FrameReader.of(capture)
@@ -234,7 +234,7 @@ class _LookedInto:
     def completed(self) -> CaptureFacts:
         """Return the facts, together with what all frames tell if they were read."""
         facts, capture, metadata = self._facts, self._capture, self._capture.source.metadata
-        if self._are_planes:
+        if not self._is_read:
             return facts
         if self._implausible:
             first, *others = self._implausible

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures, placed_captures
-from cadtof_cli.capture.frames import Capture, FrameSource, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, FrameSource, read_stored, single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.layers import Shown
@@ -88,9 +88,7 @@ def _read_map(run: Run, file: Path) -> Shown:
 
 def _read_frame(capture: Capture, source: FrameSource) -> Shown:
     """Read a recorded frame: volts, amplitudes and phases; only stored values if nothing says how many volts they are."""
-    with open_frames(source, capture.layout) as frames:
-        stored = frames.read(source.index or 0)
-    metadata = capture.source.metadata
+    stored, metadata = read_stored(source, capture.layout), capture.source.metadata
     try:
         values, unit = volts_from_stored(stored, metadata.voltage), "V"
     except SettingsError:
