@@ -481,6 +481,17 @@ def test_records_with_numbers_that_are_too_large_for_arithmetic(tmp_path: Path) 
         assert "unexpected" not in _resolve(capture.folder, "-o", out, "--resume").err
 
 
+@pytest.mark.parametrize("frames", [[1], [0, 1, 1], 5, ["a", "b"]])
+def test_a_range_of_frames_that_is_none_is_not_resumed(frames: object, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A"), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    run = json.loads((out / "run.json").read_text())
+    (out / "run.json").write_text(json.dumps({**run, "arguments": {**run["arguments"], "frames": frames}}))
+    again = _resolve(capture.folder, "-o", out, "--resume")
+    assert again.status == 2
+    assert "not the record of a run, so it cannot be resumed" in again.err
+
+
 def test_records_that_say_nonsense(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "A"), tmp_path / "out"
     assert _resolve(capture.folder, "-o", out).status == 0

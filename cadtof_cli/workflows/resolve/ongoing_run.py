@@ -112,9 +112,9 @@ class OngoingRun:
         settings, totals = self.settings, self.totals
         try:
             for failed, batch in batches:
-                for report in failed:
-                    self._report(report)
                 with closing(batch) as outcomes:
+                    for report in failed:
+                        self._report(report)
                     for outcome in outcomes:
                         found, task = outcome.result, outcome.task
                         if isinstance(found, WorkerDied):

@@ -63,7 +63,8 @@ class RunRecord(dict[str, Any]):
     @property
     def frames(self) -> slice:
         """The frames of each capture that were chosen."""
-        return slice(*(self["arguments"].get("frames") or (None,)))
+        first, end = self["arguments"].get("frames") or (None, None)
+        return slice(first, end)
 
     @property
     def average(self) -> int:
@@ -95,8 +96,8 @@ class RunRecord(dict[str, Any]):
         arguments = self["arguments"]
         known = {one.name for one in fields(ResolverSettings)} & arguments.keys() - {"min_confidence"}
         resolver = ResolverSettings(**{name: arguments[name] for name in known})
-        depth, pool = arguments["depth"], arguments.get("pool", 1)
-        return MapSettings(resolver=resolver, depth=depth, pool=pool, average=self.average)
+        pool, average = arguments.get("pool", 1), arguments.get("average", 1)
+        return MapSettings(resolver=resolver, depth=arguments["depth"], pool=pool, average=average)
 
     def input_paths(self, out: Path, /) -> list[Path]:
         """Return the paths of the inputs of the run, which lies in `out` now.
