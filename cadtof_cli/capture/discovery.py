@@ -156,7 +156,8 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
 
 def _of_files(root: Path, source: MetadataSource, files: Iterable[Path]) -> Capture:
     """Return the capture of files that were named, in this order; raise CaptureError if none is a frame."""
-    named = list(dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in files))
+    whole = absolute(root)
+    named = list(dict.fromkeys(absolute(path).relative_to(whole).as_posix() for path in files))
     # when a shell expands cap/*, `capture.toml` is among the named files
     found = _capture(root, source, [name for name in named if name != FILE_NAME])
     if found is None:

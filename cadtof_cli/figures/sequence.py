@@ -1,14 +1,15 @@
 """Pictures of many frames: a sheet of thumbnails, or a film as GIF or MP4. All frames have the same scale."""
 
 import importlib.util
-import io
 import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.canvas import Figure, add_title, within
@@ -141,14 +142,14 @@ def _pictures(
     for title, block in frames:
         if figure is None:
             figure = page_figure(((block,),), title=title, kinds=kinds, panel_width=panel_width)
+            canvas: Any = FigureCanvasAgg(figure)
+            figure.set_dpi(DOTS_PER_INCH)
             room = figure.get_figwidth() - 0.2
         else:
             figure.texts[0].set_text(within(title, room, size=11))
             figure.axes[0].images[0].set_data(block.painted(block.panels[0]))
-        drawn = io.BytesIO()
-        figure.savefig(drawn, format="rgba", dpi=DOTS_PER_INCH)
-        height = int(figure.bbox.height * DOTS_PER_INCH / figure.dpi)
-        yield np.frombuffer(drawn.getbuffer(), np.uint8).reshape(height, -1, 4)[..., :3].copy()
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def _write_gif(pictures: Iterator[Image], path: Path, colours: Image, per_second: float) -> None:

@@ -130,9 +130,10 @@ def test_a_tree_of_planes_and_planes_by_name(whole: Path) -> None:
     _write_planes(
         whole, "H{harmonic}/{frame}_{channel}.tif", 'pattern = "H{harmonic}/{frame}_{channel}.tif"', called=PLAIN
     )
-    done = shell("cadtof resolve -r planes -o out -j 1; cadtof resolve planes/H?/*.tif -o given -j 1", whole)
+    shell("cadtof resolve -r planes -o out -j 1; cadtof resolve planes/H?/*.tif -o given -j 1", whole)
+    done = shell("cd planes; cadtof resolve ../planes/H?/*.tif -o ../above -j 1", whole)
     assert done.status == 0, done.err
-    for out in ("out", "given"):
+    for out in ("out", "given", "above"):
         _require_same_maps(whole / "expected" / "frame_1.tif", whole / out / "1.tif")
 
 

@@ -253,6 +253,15 @@ def test_a_layer_that_no_frame_has_is_reported_once(tmp_path: Path) -> None:
     assert done.err == "Error: --layer: found 'depth', expected one of direct.depth: maps/frame_0.exr\n"
 
 
+def test_a_film_of_any_height(tmp_path: Path) -> None:
+    """Its page is 2.3 inches high, which binary fractions miss by a little."""
+    (tmp_path / "maps").mkdir()
+    for number in range(2):
+        write_exr(tmp_path / "maps" / f"{number}.exr", {"direct.depth": np.full((8, 48), 1.0 + number, np.float32)})
+    done = cadtof("preview", tmp_path / "maps", "-o", tmp_path / "a.gif")
+    assert (done.status, done.err) == (0, "")
+
+
 def test_a_film_has_one_scale_for_all_frames(tmp_path: Path) -> None:
     """Pillow reads the film."""
     maps = _sequence(tmp_path / "maps", 5)
