@@ -279,3 +279,13 @@ def test_lines_are_compared_if_there_are_enough(count: int, along: int, is_told:
     known = replace(KNOWN, modulation=Modulation(waveform="triangle"))
     assert (striped(volts, known, "rows") is not None) == is_told
     assert (striped(volts.swapaxes(2, 3), known, "columns") is not None) == is_told
+
+
+def test_errors_are_told_of_one_harmonic_too() -> None:
+    """One path explains all light of it, so a scene cannot be told from errors."""
+    known = replace(KNOWN, modulation=Modulation(periods_ns=(40.0,)))
+    assert camera_doubts(frame()[:1], known) == ()
+    assert " times too small" in str(other_noise(frame(n_av=1e4)[:1], known))
+    offsets = np.random.default_rng(2).normal(0.0, 2e-3, (1, 2, SIZE[0], 1))
+    (doubt,) = camera_doubts(frame()[:1] + offsets, known)
+    assert doubt.startswith("rows have offsets of their own, ")
