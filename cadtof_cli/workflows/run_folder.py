@@ -196,6 +196,12 @@ class Run:
         named = {self.map_of(report) for report in self.reports()}
         return [file for file in self.files if named and file not in named]
 
+    def tell_if_unfinished(self, say: Callable[[str], None], /) -> None:
+        """Say that frames may be missing if the run was stopped, or goes on. Of a single map that is no matter."""
+        if self.maps.is_dir() and self.record is not None and not self.record.is_finished:
+            hint = "if it was stopped, `cadtof resolve --resume` completes it"
+            say(f"{self.maps}: the run has not finished, so frames may be missing; {hint}")
+
     def frames_without_maps(self) -> int:
         """Return how many frames of the run failed, or lost their map file since; 0 if only a part of its maps was given.
 

@@ -42,8 +42,10 @@ class Pictured:
     file: Path | None = None
 
 
-def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
+def pictured(inputs: Sequence[Path], /, *, say: Callable[[str], None]) -> Iterator[Pictured]:
     """Yield every frame that can be drawn from folders of maps, map files, truth, captures and recorded frames.
+
+    `say` is called with a note on each run that has not finished.
 
     Raises:
         CadtofError: an input does not exist, or holds nothing that can be drawn.
@@ -54,6 +56,7 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
     for path in inputs:
         if _holds_maps(path):
             run = read_run(path)
+            run.tell_if_unfinished(say)
             for file in run.require_maps():
                 name = run.name(file) if base is None else Path(path_from(base, file)).with_suffix("").as_posix()
                 yield Pictured(name, partial(_read_map, run, file), DIRECT_DEPTH, run, file)
