@@ -222,7 +222,7 @@ def test_a_run_that_has_not_finished_is_told(tmp_path: Path) -> None:
     assert (done.status, done.err, json.loads(done.out)["frames"]) == (0, told, 1)
     assert cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr").err == told
     assert cadtof("evaluate", out / "frame_0.tif", "--truth", truth).err == ""
-    others = {
+    others: dict[str, list[object]] = {
         "compare": [truth],
         "preview": ["-o", tmp_path / "picture.png"],
         "profile": ["--row", 1, "--no-first-phasor"],
