@@ -240,7 +240,7 @@ def test_a_damaged_first_map_is_left_out_of_the_sheet(form: Form, tmp_path: Path
 def test_a_frame_of_a_stack_that_became_shorter_is_left_out_with_a_reason(tmp_path: Path) -> None:
     frames = np.random.default_rng(0).normal(0.0, 0.05, (3, 2, 2, 8, 9))
     np.save(tmp_path / "stack.npy", frames)
-    *_, last = pictured([tmp_path / "stack.npy"])
+    *_, last = pictured([tmp_path / "stack.npy"], say=print)
     np.save(tmp_path / "stack.npy", frames[:2])
     with pytest.raises(FrameError, match=r"stack\.npy\[2\]: was cut off or replaced while it was read"):
         last.read()
