@@ -24,7 +24,7 @@ from tests.support.forward import step_frame, step_truth
 from tests.support.needed import needed_module
 from tests.support.run_cadtof import cadtof
 
-NO_ANSWER, ONE_PATH, SATURATED = (115, 115, 115), (217, 217, 217), (255, 47, 208)
+NO_ANSWER, ONE_PATH, SATURATED = (178, 178, 178), (227, 227, 227), (123, 6, 250)
 """Colours of pixels without a depth, by the reason."""
 
 
