@@ -90,10 +90,11 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
         return camera_doubts(stored, metadata)
     calibration = plan.read_calibration()
     dark = calibration.dark if calibration else None
+    told = None
     if dark and stored.shape == dark.offset_v.shape:
-        sound = np.where(dark.hot, np.float32(np.nan), dark.offset_v)
-        if told := other_offsets(stored, metadata, sound, dark.offset_stderr_v()):
-            return (told,)
+        told = other_offsets(stored, metadata, dark.sound_offset_v, dark.offset_stderr_v())
+    if told:
+        return (told,)
     if not use.sine:
         return ()
     stages = stages_of(stored, plan, calibration)
