@@ -20,6 +20,7 @@ REASONS = frozenset(
         "cut_off",
         "stuck_bit",
         "other_noise",
+        "other_offsets",
         "striped",
         "stepped",
         "unequal_harmonics",

@@ -256,6 +256,21 @@ def test_maps_in_folders_below_without_the_record_of_their_run(tmp_path: Path) -
     assert f"{tree / 'recorded'}\n  frames                      1" in cadtof("info", tree, "--recursive").out
 
 
+def test_a_flipped_bit_in_a_map_is_told(tmp_path: Path) -> None:
+    """The pixels have no checksum of their own, but the record of the run holds a digest of each map."""
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    assert cadtof("info", out).status == 0
+    content = bytearray((out / "frame_1.tif").read_bytes())
+    content[len(content) // 2] ^= 1
+    (out / "frame_1.tif").write_bytes(content)
+    done = cadtof("info", out)
+    told = f"wrong: {out / 'frame_1.tif'}: changed since the run wrote it: damaged, or replaced by another program\n"
+    assert (done.status, done.err) == (1, told)
+    # the map by itself has nothing to be compared with
+    assert cadtof("info", out / "frame_1.tif").status == 0
+
+
 def test_damaged_maps_and_records(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
