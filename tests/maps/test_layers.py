@@ -10,15 +10,16 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import DepthScale, write_block
 from cadtof_cli.maps.layers import layer_unit, wanted_layers
 from cadtof_cli.resolver.paths import Paths, ResolvedPaths
+from tests.support.captures import MAP_LAYERS
 
-ALWAYS = (
-    *("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"),
-    "confidence",
-)
+ALWAYS = MAP_LAYERS[:-1]
 
 
 def test_layers_come_in_the_documented_order() -> None:
-    assert tuple(layer.name for layer in wanted_layers()) == ALWAYS
+    found = tuple(layer.name for layer in wanted_layers())
+    assert found == ALWAYS, (
+        "maps/layers.py: a layer that all maps have is named in MAP_LAYERS of tests/support/captures.py, too"
+    )
     most = [layer.name for layer in wanted_layers(paths=4, searched=True, averaged=True)]
     later = [f"path{number}.{quantity}" for number in (3, 4) for quantity in ("depth", "amplitude", "sigma")]
     assert most == [*ALWAYS, *later, "chi_squared", "effective_pixels"]
@@ -31,7 +32,9 @@ def test_layers_come_in_the_documented_order() -> None:
         ("path3.sigma", "m"),
         ("mpi.amplitude", "V"),
         ("confidence", "V"),
+        ("direct.sigma", "m"),
         ("chi_squared", ""),
+        ("effective_pixels", ""),
         ("x", ""),
     ],
 )

@@ -20,6 +20,12 @@ ZERO_COUNTS = 8192
 VOLTS_PER_COUNT = 6.0e-5
 PLANE_NAMES = ("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2")
 
+MAP_LAYERS = (
+    *("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"),
+    *("confidence", "status"),
+)
+"""The layers of the maps of two periods, in their order, as the README says; all tests take them from here."""
+
 _OF_VOLTS = """\
 [modulation]
 periods_ns = [40.0, 20.0]
