@@ -49,6 +49,9 @@ principal_point_px = [15.0, 10.0]
 
 TOML: dict[Form, str] = {"tif": _OF_VOLTS + _OF_COUNTS, "exr": _OF_VOLTS}
 
+KNOWN_FORMATS, FRAME_SUFFIXES = "EXR, TIFF, NPY, PNG", ".exr, .tif, .tiff, .npy"
+"""What messages list: the formats that are known by their first bytes, and the suffixes of files that are frames."""
+
 
 @dataclass(frozen=True)
 class Recorded:
