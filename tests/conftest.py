@@ -34,13 +34,13 @@ def pytest_configure() -> None:
 
 def pytest_terminal_summary(terminalreporter: "pytest.TerminalReporter") -> None:
     """After failures, say if C code has changed since it was compiled: pytest does not compile it."""
-    times = {file: file.stat().st_mtime for file in (ROOT / "cadtof_cli" / "resolver").rglob("*") if file.is_file()}
-    built = [time for file, time in times.items() if file.suffix in {".so", ".pyd"}]
-    newest = max((file for file in times if file.suffix in {".c", ".h"}), key=times.__getitem__)
-    if terminalreporter.stats.get("failed") and built and max(built) < times[newest]:
-        terminalreporter.write_line(
-            f"{newest.relative_to(ROOT)} is newer than the compiled modules: .venv/bin/python setup.py build_ext --inplace"
-        )
+    files = [file for file in (ROOT / "cadtof_cli" / "resolver").rglob("*") if file.is_file()]
+    built = [file.stat().st_mtime for file in files if file.suffix in {".so", ".pyd"}]
+    if terminalreporter.stats.get("failed") and built:
+        for file in files:
+            if file.suffix in {".c", ".h"} and file.stat().st_mtime > max(built):
+                told = "is newer than the compiled modules: .venv/bin/python setup.py build_ext --inplace"
+                terminalreporter.write_line(f"{file.relative_to(ROOT)} {told}")
 
 
 @pytest.fixture
