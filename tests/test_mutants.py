@@ -240,3 +240,7 @@ def test_what_runs_on_import_is_not_put_in() -> None:
 def test_lines_of_functions_that_call_the_compiled_kernel_are_found() -> None:
     source = "LIMIT = 1\n\ndef front(x):\n    if x:\n        return 0\n    extension().search(x)\n\ndef plain(x):\n    return x\n"
     assert [line for line in range(1, 10) if hands_to_kernel(source, line)] == [3, 4, 5, 6]
+    source = (
+        "def ends(compiled, x):\n    compiled.solve(x)\n    return x\n\ndef plain(x):\n    return x.solve(compiled)\n"
+    )
+    assert [line for line in range(1, 7) if hands_to_kernel(source, line)] == [1, 2, 3]

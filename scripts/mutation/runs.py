@@ -34,9 +34,10 @@ COMPILED_LIBRARIES = "_*.so"
 KERNEL_FRONTS = frozenset(("kernels", "kernel"))
 """Modules whose mutants are tried with the compiled kernel."""
 
-KERNEL_CALLS = frozenset(("extension", "compiled_search"))
-"""If a function calls one of these, its mutants are tried with the compiled kernel, too. For all other mutants,
-numpy does the work: tests must notice what a change does, not that numpy and the kernel differ."""
+KERNEL_CALLS = frozenset(("extension", "compiled_search", "compiled"))
+"""If a function calls one of these, or a function of a module of that name, its mutants are tried with the compiled
+kernel, too. For all other mutants, numpy does the work: tests must notice what a change does, not that numpy and the
+kernel differ."""
 
 PATIENCE = 3.0
 """A mutant counts as endless after this many times the duration of the unchanged tests, …"""
@@ -247,7 +248,7 @@ def hands_to_kernel(source: str, line: int, /) -> bool:
     functions = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef))
     around = (node for node in functions if node.lineno <= line <= (node.end_lineno or node.lineno))
     calls = (part.func for node in around for part in ast.walk(node) if isinstance(part, ast.Call))
-    return any(isinstance(called, ast.Name) and called.id in KERNEL_CALLS for called in calls)
+    return any(ast.unparse(called).partition(".")[0] in KERNEL_CALLS for called in calls)
 
 
 def _lines(mutant: Mutant) -> range:
