@@ -137,6 +137,12 @@ def test_a_part_measured_with_another_dark_part_is_stale() -> None:
     assert message.startswith("the petzval calibration was measured without a dark calibration: repeat")
 
 
+def test_a_dark_part_without_noise_is_stale() -> None:
+    silent = replace(dark(), figures=dict.fromkeys(dark().quality(), 0.0))
+    (message,) = Calibration(dark=silent).stale()
+    assert message.startswith("the dark calibration holds no noise")
+
+
 def test_dark_frames_with_another_zero_than_the_capture_are_doubted(tmp_path: Path) -> None:
     """The offsets were measured from another zero, so all voltages would be off by the difference."""
     save_part(tmp_path, replace(dark(), zero_v=8192 * 6e-5))
@@ -154,6 +160,8 @@ def test_dark_frames_with_another_zero_than_the_capture_are_doubted(tmp_path: Pa
     assert "was 0.49152 V in the dark frames" in message
     assert "2.28 mV off" in message
     assert Calibration(dark=dark()).doubt(CaptureMetadata(voltage=Voltage(zero_counts=8230.0))) is None
+    kept = Calibration(petzval=petzval())
+    assert doubt(8230.0, 6e-5) is None
 
 
 def test_figures_are_read_as_written_and_a_change_of_the_file_is_refused(tmp_path: Path) -> None:

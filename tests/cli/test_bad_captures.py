@@ -48,6 +48,7 @@ METADATA = [
     ),
     ("[voltage]\nvolts_per_count = 0\n", "voltage.volts_per_count: found 0.0, expected a finite number other than 0"),
     ("[voltage]\nsaturated_counts = [9, 3]\n", "voltage.saturated_counts: found [9.0, 3.0], expected the lower limit"),
+    ("[voltage]\nsaturated_counts = [9, 9]\n", "voltage.saturated_counts: found [9.0, 9.0], expected the lower limit"),
     ("[voltage]\nsaturated_counts = [9]\n", "voltage.saturated_counts: found [9], expected a list of two numbers"),
     ("[layout]\npattern = 'a_{frame}.tif'\n", "layout.pattern: found 'a_{frame}.tif', expected a file name with {frame}"),
     ("[layout]\npattern = '{frame:4}{harmonic}_{channel}'\n", "layout.pattern: found '{frame:4}{harmonic}_{channel}', expected"),

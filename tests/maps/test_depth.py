@@ -1,6 +1,7 @@
 """Paths become metres and volts: a full turn of the phase is the unambiguous range, c·T/2."""
 
 import numpy as np
+import pytest
 
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import DepthScale, write_block
@@ -140,3 +141,16 @@ def test_with_a_lamp_beside_the_camera_each_pixel_has_its_own_correction() -> No
     lamp = LampBeside(0.5 * offset @ ray, 0.5 * float(np.linalg.norm(offset)))
     found = DepthScale(METRES, VOLTS, lamp=lamp).from_camera(half_way[6:], slice(6, 12))
     np.testing.assert_allclose(found, range_m[6:], rtol=1e-6)
+
+
+@pytest.mark.parametrize("lamp_m", [8.0, 14.0])
+def test_depths_are_those_of_the_shortest_ways_that_light_from_a_far_lamp_can_go(lamp_m: float) -> None:
+    """The lamp is farther from the camera than the unambiguous range of 6 m. Half a way is at least half that distance, and
+    seen is its remainder."""
+    half_way = 0.5 * lamp_m + np.linspace(0.05, 5.94, 12)
+    # to the lamp's side, so that the triangle of camera, lamp and surface has a right angle at the camera
+    range_m = half_way - lamp_m**2 / (4.0 * half_way)
+    np.testing.assert_allclose(np.hypot(range_m, lamp_m) + range_m, 2.0 * half_way)
+    lamp = LampBeside(np.zeros(12), 0.5 * lamp_m)
+    found = DepthScale(METRES, VOLTS, lamp=lamp).from_camera(half_way % (2.0 * np.pi * METRES), slice(0, 12))
+    np.testing.assert_allclose(found, range_m, rtol=1e-9)
