@@ -243,6 +243,19 @@ def test_maps_of_one_capture_of_many(tmp_path: Path) -> None:
     assert (done.status, done.out.splitlines()[1].split()[:2]) == (0, ["maps", "1"])
 
 
+def test_maps_in_folders_below_without_the_record_of_their_run(tmp_path: Path) -> None:
+    """`info` and `preview` take them for maps; with a capture in a folder beside, the tree holds recorded frames."""
+    capture, tree = record(tmp_path / "hall"), tmp_path / "tree"
+    assert cadtof("resolve", capture.folder, "-o", tree / "maps", "-j", 1).status == 0
+    for name in ("run.json", "frames.jsonl"):
+        (tree / "maps" / name).unlink()
+    done = cadtof("info", tree)
+    assert (done.status, done.out.splitlines()[1].split()[:2]) == (0, ["maps", "1"])
+    assert cadtof("preview", tree, "-o", tmp_path / "a.png").status == 0
+    capture.folder.rename(tree / "recorded")
+    assert f"{tree / 'recorded'}\n  frames                      1" in cadtof("info", tree, "--recursive").out
+
+
 def test_damaged_maps_and_records(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0

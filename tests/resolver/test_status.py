@@ -75,6 +75,6 @@ def test_the_reasons_for_no_answer_are_printed_with_their_shares() -> None:
     low = np.full(4, StatusBit.LOW_CONFIDENCE, np.uint32)
     assert "--min-confidence" in why_no_answer(low)
     impossible = why_no_answer(np.full(4, StatusBit.IMPOSSIBLE, np.uint32))
-    assert impossible.endswith("; check amplitude_v, volts_per_count and fwhm_ns")
+    assert impossible.endswith("; check amplitude_v, volts_per_count and fwhm_ns; if the view moves fast, try --order 1")
     assert "--min-confidence" not in impossible
     assert "100.0%" in why_no_answer(low)

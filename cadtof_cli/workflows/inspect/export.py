@@ -71,7 +71,10 @@ def export_maps(
     format = FORMATS.get(out.suffix.lower())
     if format is None:
         raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(FORMATS)}")
-    found = [(run, file) for run in map(read_run, maps) for file in run.require_maps()]
+    runs = [read_run(path) for path in maps]
+    for run in runs:
+        run.tell_if_unfinished(progress.say)
+    found = [(run, file) for run in runs for file in run.require_maps()]
     by_output: dict[Path, tuple[Run, Path]] = {}
     for run, file in found:
         several = f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}"

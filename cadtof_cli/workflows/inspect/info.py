@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 from cadtof_cli.calibration.store import is_calibration_folder, load_calibration
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture
-from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.documents import plain
-from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_facts, read_layers
-from cadtof_cli.files.maps import STATUS, is_map_layer
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.capture_facts import CaptureFacts, facts_of_captures
-from cadtof_cli.workflows.inspect.run_map import first_sound_layers
+from cadtof_cli.workflows.inspect.run_map import holds_maps
 from cadtof_cli.workflows.map_files import map_files
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import is_run_folder, read_run
@@ -62,20 +60,6 @@ class MapFacts:
     about: dict[str, str] = field(default_factory=dict)
     run: Mapping[str, Any] | None = None
     problems: list[str] = field(default_factory=list)
-
-
-def is_map(path: Path, /) -> bool:
-    """Return whether a file has layers of maps, as truth has too; in a folder without capture.toml, its first sound image."""
-    try:
-        if not path.is_dir():
-            files = [path] if path.suffix.lower() in MAP_SUFFIXES and path.is_file() else []
-        elif (path / CAPTURE_FILE).exists():
-            files = []
-        else:
-            files = sorted(one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
-    except OSError:
-        return False
-    return any(map(is_map_layer, first_sound_layers(files) or ()))
 
 
 def facts_of_maps(path: Path, /) -> MapFacts:
@@ -169,7 +153,7 @@ def look_into(
     for path in inputs:
         if is_calibration_folder(path):
             found.append(facts_of_calibration(path))
-        elif is_run_folder(path) or is_map(path):
+        elif holds_maps(path):
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)

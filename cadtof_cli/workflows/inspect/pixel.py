@@ -108,7 +108,7 @@ def _with_recorded_frame(error: NotAFrameError, file: Path) -> NotAFrameError:
     """Return an error that names the recorded frame to inspect, if the record of the map's run tells it; else the error."""
     try:
         run = read_run(file)
-        capture, recorded = run.recorded_frames(NO_PROGRESS.say)[run.name(file)]
+        capture, recorded, _ = run.recorded_frames(NO_PROGRESS.say)[run.name(file)]
     except (CadtofError, LookupError):
         return error
     what = "the recorded frame" if len(recorded) == 1 else f"the first of the {len(recorded)} recorded frames"

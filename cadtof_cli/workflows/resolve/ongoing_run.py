@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Outcomes = Generator[Outcome[FrameTask, FrameReport], None, None]
 
 Batch = tuple[Sequence[FrameReport], Outcomes]
-"""Reports on inputs that failed, and the outcomes of the frames of all others."""
+"""Reports on inputs that failed before, and the outcomes of the frames of all others."""
 
 WORTH_SPLITTING_S = 0.5
 """Expected seconds per frame above which each part of a frame is worth a process: its pixels have to go there and back."""
@@ -117,12 +117,12 @@ class OngoingRun:
             for failed, batch in batches:
                 with closing(batch) as outcomes:
                     for report in failed:
-                        self._report(report)
+                        self.report(report)
                     for outcome in outcomes:
                         found, task = outcome.result, outcome.task
                         if isinstance(found, WorkerDied):
                             found = task.report("failed", _lost(task.sources[0], found), 0.0)
-                        self._report(found)
+                        self.report(found)
             for why, count in self.notes.only_counted.items():
                 self.progress.say(f"{settings.out}: {counted(count, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
@@ -136,7 +136,7 @@ class OngoingRun:
             raise KeyboardInterrupt(told) from interrupt
         return totals
 
-    def _report(self, report: FrameReport) -> None:
+    def report(self, report: FrameReport) -> None:
         """Record, count and show the report on a frame.
 
         Raises:
@@ -188,7 +188,7 @@ class OngoingRun:
                             output.parent.mkdir(parents=True, exist_ok=True)
                     yield FrameTask(sources, one.reader, one.plan, output, self.settings.resume, before, self.token)
             except CaptureError as error:
-                self._report(failed_input(one.capture.root, error))
+                self.report(failed_input(one.capture.root, error))
             self.expected += min(number - one.expected_maps, 0)
             self.progress.advance(0, total=self.expected)
 

@@ -130,18 +130,23 @@ class CapturePlan:
 
 
 def captures_in(
-    inputs: Sequence[Path], settings: ResolveSettings, failed: list[FrameReport], /, *, base: Path | None = None
+    inputs: Sequence[Path],
+    settings: ResolveSettings,
+    report: Callable[[FrameReport], None],
+    /,
+    *,
+    base: Path | None = None,
 ) -> tuple[tuple[Capture, ...], Path]:
     """Return the captures in inputs, and the folder `base` whose tree OUT mirrors (see `find_captures`, `placed_captures`).
 
-    For each folder that cannot be listed, a report is added to `failed`.
+    `report` is called with the report on each folder that cannot be listed.
     """
     found = find_captures(
         inputs,
         overrides=settings.overrides,
         settings_file=settings.settings_file,
         recursive=settings.recursive,
-        on_unlisted=lambda folder, error: failed.append(failed_input(folder, error)),
+        on_unlisted=lambda folder, error: report(failed_input(folder, error)),
     )
     return placed_captures(found, inputs, base=base)
 

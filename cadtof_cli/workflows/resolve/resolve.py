@@ -80,7 +80,7 @@ def resolve_captures(
             batches: Iterator[Batch] = iter([(failed, first)])
             if arrivals:
                 arrivals.begin(plans, calibration, names, document, earlier)
-                later = ((failures, run.outcomes(more)) for failures, more in arrivals.plans())
+                later = (((), run.outcomes(more)) for more in arrivals.plans(run.report))
                 batches = itertools.chain(batches, later)
             record = recorded_run(
                 settings.out, document, earlier=earlier, arriving=arrivals is not None, say=progress.say
@@ -104,7 +104,7 @@ def _first_captures(
         arrivals = Arrivals(settings, arriving)
         return *arrivals.first_captures(inputs), arrivals, arrivals.failed
     failed = list[FrameReport]()
-    return *captures_in(inputs, settings, failed), None, failed
+    return *captures_in(inputs, settings, failed.append), None, failed
 
 
 def _notes(
