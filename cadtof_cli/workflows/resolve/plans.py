@@ -239,9 +239,9 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
         MetadataError: the calibration cannot be read, or is damaged.
         SettingsError: its array size, periods or waveform differ from those of a capture.
     """
-    from cadtof_cli.calibration.store import load_calibration
+    from cadtof_cli.calibration.store import current_calibration
 
-    calibration = load_calibration(folder)
+    calibration = current_calibration(folder)
     for capture in captures:
         with _of_capture(capture):
             calibration.require_match(capture.source.metadata, capture.typical.pixels if capture.typical else None)
