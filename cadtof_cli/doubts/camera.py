@@ -301,11 +301,12 @@ def stuck_bit(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     changing = [one & mask for one in (either ^ both).tolist()]
     changing.append(int(np.bitwise_or.reduce(either) ^ np.bitwise_and.reduce(both)) & mask)
     least = _BIT_MATTERS * metadata.modulation.amplitude_v / abs(volts_per_count(metadata.voltage, stored.dtype))
-    names, groups = [*plane_names(metadata.modulation.harmonics), "all planes"], (*rows, rows)
+    groups = (*rows, rows)
     for place in reversed(range(len(groups))):
         for bit in range(max(1, math.ceil(math.log2(least))), changing[place].bit_length()):
             # nearly all frames have no such bit
             if not changing[place] >> bit & 1 and changing[place] & ((1 << bit) - 1) and _has_gaps(groups[place], bit):
+                names = [*plane_names(metadata.modulation.harmonics), "all planes"]
                 return (
                     f"bit {bit} ({1 << bit}) of {names[place]} is {int(groups[place].flat[0]) >> bit & 1} in every pixel, and "
                     "the values jump there: a line of the converter or of its cable is stuck. Depths are wrong by centimetres to "
