@@ -145,8 +145,9 @@ def other_offsets(
     """
     if not all(stderr_v):
         return None
-    upper = slice(0, stored.shape[2] // 2 * 2, 2 * max(1, stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)))
-    lower = slice(upper.start + 1, None, upper.step)
+    # an odd step: the upper row is even and odd in turn, so the slope of a scene cancels if even rows have another offset
+    step = 2 * (stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)) + 1
+    upper, lower = slice(0, -1, step), slice(1, None, step)
     volts = (volts_from_stored(stored[:, :, rows], metadata.voltage) for rows in (upper, lower))
     seen, known = next(volts) - next(volts), (offset_v[:, :, upper] - offset_v[:, :, lower]).astype(np.float64)
     least = np.maximum(_CLEAR_OFFSET * np.reshape(stderr_v, (-1, 1, 1, 1)), _STEP * metadata.modulation.amplitude_v)

@@ -90,13 +90,10 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
         return camera_doubts(stored, metadata)
     calibration = plan.read_calibration()
     dark = calibration.dark if calibration else None
-    told = None
     if dark and stored.shape == dark.offset_v.shape:
-        told = other_offsets(stored, metadata, dark.sound_offset_v, dark.offset_stderr_v())
-    if told:
-        return (told,)
-    if not use.sine:
-        return ()
+        found = _told(other_offsets(stored, metadata, dark.sound_offset_v, dark.offset_stderr_v()))
+    if found or not use.sine:
+        return found
     stages = stages_of(stored, plan, calibration)
     return _told(shared_in_words(stored, metadata, stages.correction.phasor_map))
 
