@@ -14,6 +14,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, left_by_one_path, scatters, sound_phasors, sound_values
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.voltages import (
+    PhasorMap,
     ideal_phasor_map,
     phasors_from_stored,
     saturated_pixels,
@@ -97,18 +98,22 @@ _NOISE_STEPS = 0.5
 in every plane: the noise then does not spread values, and many pixels hold the same value for that reason."""
 
 
-def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return a message if neighbours differ by far more, or far less, than the integration length explains; else None."""
+def other_noise(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap | None = None, /) -> str | None:
+    """Return a message if neighbours, calibrated by a map, differ by far more or less than the integration length explains."""
     n_av, (height, width) = metadata.pixel.integration_length, stored.shape[2:]
     if n_av is None or min(height, width) < 2:
         return None
-    pairs = stored[:, :, : height // 2 * 2].reshape(*stored.shape[:2], height // 2, 2, width)
-    pairs = pairs[:, :, :: max(1, 2 * pairs.shape[2] * width // LOOKED_AT)]
-    if pairs.shape[2] * width < FEWEST:
+    pairs = np.arange(height // 2 * 2).reshape(-1, 2)
+    pairs = pairs[:: max(1, pairs.size * width // LOOKED_AT)]
+    if len(pairs) * width < FEWEST:
         return None
     # pairs of rows, one beside the other: a frame of two rows
-    values = pairs.swapaxes(2, 3).reshape(*stored.shape[:2], -1)
-    phasors = phasors_from_stored(values, ideal_phasor_map(metadata, stored.dtype))
+    rows = pairs.T.ravel()
+    values, places = (
+        stored[:, :, rows].reshape(*stored.shape[:2], -1),
+        np.add.outer(rows * width, np.arange(width)).ravel(),
+    )
+    phasors = phasors_from_stored(values, (phasor_map or ideal_phasor_map(metadata, stored.dtype))[places])
     phasors[:, saturated_pixels(values, metadata.voltage.saturated_counts)] = np.nan
     whole = stored.dtype.kind in "iu"
     lengths = np.abs(phasors[0][np.isfinite(phasors[0])])
@@ -143,8 +148,6 @@ def other_offsets(
 
     `offset_v`, (H, 2, Y, X), are known to `stderr_v`, (H,); 0: it is not known how well. No scene differs as they do.
     """
-    if not all(stderr_v):
-        return None
     upper = slice(0, stored.shape[2] // 2 * 2, 2 * max(1, stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)))
     lower = slice(upper.start + 1, None, upper.step)
     volts = (volts_from_stored(stored[:, :, rows], metadata.voltage) for rows in (upper, lower))
@@ -152,7 +155,7 @@ def other_offsets(
     least = np.maximum(_CLEAR_OFFSET * np.reshape(stderr_v, (-1, 1, 1, 1)), _STEP * metadata.modulation.amplitude_v)
     clear = np.isfinite(seen) & (np.abs(known) > least)
     along, sizes = (seen * np.sign(known))[clear], np.abs(known[clear])
-    if sizes.size < FEWEST:
+    if sizes.size < FEWEST or not all(stderr_v):
         return None
     share = median(along) / median(sizes)
     error = 1.25 * median(np.abs(along - median(along))) / MAD_PER_SIGMA / math.sqrt(sizes.size) / median(sizes)

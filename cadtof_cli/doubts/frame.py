@@ -97,8 +97,12 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
         return (told,)
     if not use.sine:
         return ()
-    stages = stages_of(stored, plan, calibration)
-    return _told(_shared(stored, metadata, stages.correction.phasor_map))
+    correction, n_av = stages_of(stored, plan, calibration).correction, metadata.pixel.integration_length
+    # sigma holds the noise of the calibration, too; where this is larger than that of the frame, it is all that neighbours show
+    own = correction.noise
+    is_frames = own is None or n_av is None or max(own.dark) + max(own.response) < 0.5 / n_av
+    noise = other_noise(stored, metadata, correction.phasor_map) if is_frames else None
+    return _told(noise, _shared(stored, metadata, correction.phasor_map))
 
 
 def frame_doubts(stored: Stored | None, maps: DepthMaps, counts: StatusCounts, plan: FramePlan, /) -> tuple[str, ...]:
