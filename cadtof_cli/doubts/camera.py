@@ -46,11 +46,8 @@ second number if depth and brightness are left out: not all of an offset is left
 _RIPPLED = 0.005
 """Share of the light up to which offsets may be ripples of the scene, such as those of a corrugated sheet."""
 
-_THIRD = math.sqrt(1.0 + 9.0 + 9.0 + 1.0)
-"""Standard deviation of third differences of independent numbers. Surfaces hardly have third differences."""
-
-_SECOND = math.sqrt(1.0 + 4.0 + 1.0)
-"""The same of second differences."""
+_THIRD, _SECOND = math.sqrt(1.0 + 9.0 + 9.0 + 1.0), math.sqrt(1.0 + 4.0 + 1.0)
+"""Standard deviations of third and second differences of independent numbers. Surfaces hardly have third differences."""
 
 _LINES, _LEAST_LINES = 96, 48
 """Rows or columns that are looked at, and fewest of them: a part of them lies at edges of the scene."""
@@ -148,8 +145,9 @@ def other_offsets(
 
     `offset_v`, (H, 2, Y, X), are known to `stderr_v`, (H,); 0: it is not known how well. No scene differs as they do.
     """
-    upper = slice(0, stored.shape[2] // 2 * 2, 2 * max(1, stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)))
-    lower = slice(upper.start + 1, None, upper.step)
+    # an odd step: the upper row is even and odd in turn, so the slope of a scene cancels if even rows have another offset
+    step = 2 * (stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)) + 1
+    upper, lower = slice(0, -1, step), slice(1, None, step)
     volts = (volts_from_stored(stored[:, :, rows], metadata.voltage) for rows in (upper, lower))
     seen, known = next(volts) - next(volts), (offset_v[:, :, upper] - offset_v[:, :, lower]).astype(np.float64)
     least = np.maximum(_CLEAR_OFFSET * np.reshape(stderr_v, (-1, 1, 1, 1)), _STEP * metadata.modulation.amplitude_v)
@@ -304,11 +302,12 @@ def stuck_bit(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     changing = [one & mask for one in (either ^ both).tolist()]
     changing.append(int(np.bitwise_or.reduce(either) ^ np.bitwise_and.reduce(both)) & mask)
     least = _BIT_MATTERS * metadata.modulation.amplitude_v / abs(volts_per_count(metadata.voltage, stored.dtype))
-    names, groups = [*plane_names(metadata.modulation.harmonics), "all planes"], (*rows, rows)
+    groups = (*rows, rows)
     for place in reversed(range(len(groups))):
         for bit in range(max(1, math.ceil(math.log2(least))), changing[place].bit_length()):
             # nearly all frames have no such bit
             if not changing[place] >> bit & 1 and changing[place] & ((1 << bit) - 1) and _has_gaps(groups[place], bit):
+                names = [*plane_names(metadata.modulation.harmonics), "all planes"]
                 return (
                     f"bit {bit} ({1 << bit}) of {names[place]} is {int(groups[place].flat[0]) >> bit & 1} in every pixel, and "
                     "the values jump there: a line of the converter or of its cable is stuck. Depths are wrong by centimetres to "

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from cadtof_cli.workflows.resolve.lock import LOCK_FILE
+from cadtof_cli.workflows.resolve.output import LOCK_FILE
 from tests.support.captures import layers_of, record, write_frame
 from tests.support.forward import step_frame
 from tests.support.runs import lines_of, require_same_run, run_of

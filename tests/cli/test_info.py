@@ -12,7 +12,16 @@ import tifffile
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata
 from tests.support.calibrations import made_up_calibration
-from tests.support.captures import PLANE_NAMES, VOLTS_PER_COUNT, Form, layers_of, record, write_exr, write_pages
+from tests.support.captures import (
+    KNOWN_FORMATS,
+    PLANE_NAMES,
+    VOLTS_PER_COUNT,
+    Form,
+    layers_of,
+    record,
+    write_exr,
+    write_pages,
+)
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, step_frame, step_truth
 from tests.support.run_cadtof import ROOT, cadtof
 
@@ -146,7 +155,7 @@ def test_problems_are_reported_with_status_1(tmp_path: Path) -> None:
     done = cadtof("info", capture.folder, "-j", 1, "--json")
     assert done.status == 1
     empty, unscaled = done.err.splitlines()
-    assert empty.startswith(f"wrong: {capture.files[1]}: found an empty file, expected one of EXR, TIFF, NPY, PNG")
+    assert empty.startswith(f"wrong: {capture.files[1]}: found an empty file, expected one of {KNOWN_FORMATS}")
     assert unscaled.startswith(
         f"wrong: {capture.folder}: frames hold whole numbers (uint16), and the volts per count are unknown"
     )

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cadtof_cli.files.layers import STATUS_LIMIT
 from cadtof_cli.report.colours import palette
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.status import StatusBit, describe_status, has_answer, why_no_answer
@@ -39,6 +40,11 @@ def test_the_kernel_has_the_same_numbers() -> None:
     assert len(numbers) >= 10
     for name, value in numbers.items():
         assert value == StatusBit[name], f"_kernel_frame.h: {name} is {value}, not as in resolver/status.py"
+
+
+def test_files_hold_all_bits_and_no_larger_number() -> None:
+    limit = 1 << len(StatusBit)
+    assert limit == STATUS_LIMIT, f"files/layers.py: STATUS_LIMIT must be {limit}, or maps with the new bit are refused"
 
 
 def test_every_bit_has_a_colour_of_its_own_on_the_page() -> None:

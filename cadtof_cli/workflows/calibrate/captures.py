@@ -151,7 +151,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool, of_order: 
             noise that is measured too small.
     """
     reader, copies = FrameReader.of(capture), Copies()
-    for number, source in enumerate(single_frames(capture)):
+    for number, source in enumerate(single_frames(capture, typical=capture.typical)):
         stored, digest = reader.one(source)
         if original := copies.original_of(stored, digest, source):
             raise FrameError(

@@ -82,7 +82,7 @@ def facts_of_maps(path: Path, /) -> MapFacts:
     for file in files:
         try:
             layers = read_layers(file)
-            if written.get(file) not in {None, file_digest(file)}:
+            if (digest := written.get(file)) is not None and digest != file_digest(file):
                 facts.problems.append(
                     f"{file}: changed since the run wrote it: damaged, or replaced by another program"
                 )

@@ -134,7 +134,7 @@ class Arrivals:
         """Return the plans of captures; a capture that has come before keeps its plan."""
         new = plan_captures([one for one in captures if one.root not in self.known], self.settings, self.calibration)
         plans = [
-            replace(known, capture=replace(known.capture, frames=one.frames), stack_frame_bytes=None)
+            replace(known, capture=replace(known.capture, frames=one.frames), typical=None)
             for one in captures
             if (known := self.known.get(one.root))
         ] + new

@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cadtof_cli.capture.frames import FrameSource
 from cadtof_cli.errors import CaptureError, OutputError, RunStoppedError
@@ -17,13 +18,15 @@ from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, writing
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import MapNames, require_inside
 from cadtof_cli.workflows.resolve.plans import CapturePlan
 from cadtof_cli.workflows.resolve.record import RunRecorder
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
+
+if TYPE_CHECKING:
+    from cadtof_cli.workflows.progress import Progress
 
 Outcomes = Generator[Outcome[FrameTask, FrameReport], None, None]
 
@@ -68,7 +71,7 @@ class OngoingRun:
     """
 
     settings: ResolveSettings
-    progress: Progress
+    progress: "Progress"
     on_frame: Callable[[FrameReport], None]
     names: MapNames
     token: str = field(default_factory=lambda: os.urandom(8).hex())

@@ -192,10 +192,12 @@ def _calibration(name: str, place: Path, content: bytes) -> None:
         # whoever changes a part can change its digest too
         with patch.object(store, "digest_of", trusting):
             store.cached_calibration.cache_clear()
+            store._read_at.cache_clear()
             if not run_command(("info", "cal", "--json")).startswith("wrong: "):
                 run_command(("resolve", "cap", "-o", "new", "-j", 1, "--overwrite", "--calibration", "cal"))
                 run_command(("inspect", "cap", "--pixel", "3,4", "--calibration", "cal"))
             store.cached_calibration.cache_clear()
+            store._read_at.cache_clear()
 
 
 def _record(name: str, place: Path, content: bytes) -> None:
