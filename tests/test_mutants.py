@@ -2,6 +2,9 @@
 
 import ast
 import importlib.util
+import os
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -240,3 +243,52 @@ def test_what_runs_on_import_is_not_put_in() -> None:
 def test_lines_of_functions_that_call_the_compiled_kernel_are_found() -> None:
     source = "LIMIT = 1\n\ndef front(x):\n    if x:\n        return 0\n    extension().search(x)\n\ndef plain(x):\n    return x\n"
     assert [line for line in range(1, 10) if hands_to_kernel(source, line)] == [3, 4, 5, 6]
+    source = (
+        "def ends(compiled, x):\n    compiled.solve(x)\n    return x\n\ndef plain(x):\n    return x.solve(compiled)\n"
+    )
+    assert [line for line in range(1, 7) if hands_to_kernel(source, line)] == [1, 2, 3]
+
+
+BENCH = """
+import sys
+from pathlib import Path
+from mutation.mutants import all_mutants
+from mutation.runs import Bench
+
+tree, places = Path(sys.argv[1]), [Path(sys.argv[2]) / name for name in ("watched", "tried")]
+calls = Bench(tree, places[0]).watched(("maps",))
+(tree / "broken").touch()
+bench = Bench(tree, places[1], calls)
+for group in all_mutants(tree, ["maps"]):
+    print(group[0].path, bench.tried(group[0], quick=True).verdict)
+"""
+
+
+def test_a_mutant_is_killed_neither_by_the_one_before_nor_by_a_test_that_fails_without_it(tmp_path: Path) -> None:
+    """One file is tested, and all its mutants are killed. The other is called, but nothing is asked of what it returns."""
+    tree, files = (
+        tmp_path / "tree",
+        {"a.py": "def double(x):\n    return 2 * x\n", "b.py": "def half(x):\n    return x / 2\n"},
+    )
+    for folder in ("cadtof_cli/maps", "tests/maps", "tests/contracts"):
+        (tree / folder).mkdir(parents=True)
+        for package in (tree / folder, (tree / folder).parent):
+            (package / "__init__.py").touch()
+    for name, text in files.items():
+        (tree / "cadtof_cli" / "maps" / name).write_text(text)
+    (tree / "tests" / "contracts" / "test_nothing.py").write_text("def test_nothing():\n    pass\n")
+    (tree / "tests" / "maps" / "test_both.py").write_text(
+        "from pathlib import Path\n\nfrom cadtof_cli.maps.a import double\nfrom cadtof_cli.maps.b import half\n\n\n"
+        "def test_double():\n    half(3.0)\n    assert double(3.0) == 6.0\n\n\n"
+        f"def test_broken():\n    half(3.0)\n    assert not Path({str(tree / 'broken')!r}).exists()\n"
+    )
+    for name in ("watched", "tried"):
+        (tmp_path / name).mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", BENCH, str(tree), str(tmp_path)],
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1] / "scripts")},
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    verdicts = dict.fromkeys(line.replace("cadtof_cli/maps/", "") for line in done.stdout.splitlines())
+    assert list(verdicts) == ["a.py killed", "b.py survived"], done.stdout + done.stderr
+    assert "fails without any mutant, too: tests/maps/test_both.py::test_broken\n" in done.stderr

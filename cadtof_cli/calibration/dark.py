@@ -64,6 +64,11 @@ class DarkCalibration:
         return np.asarray(self.defects != 0)
 
     @property
+    def sound_offset_v(self) -> Float32:
+        """The offsets in V, (H, 2, Y, X); NaN in pixels with a defect."""
+        return np.where(self.hot, np.float32(np.nan), self.offset_v)
+
+    @property
     def summary(self) -> str:
         """The part in a few words."""
         return f"{int(self.hot.sum())} bad pixels"

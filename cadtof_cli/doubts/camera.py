@@ -5,10 +5,11 @@ Nothing of this shows in a pixel alone. Offsets and amplitudes look like a secon
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Stored, median, plane_names, quantiles
+from cadtof_cli.arrays import Complex, Float, Float32, Stored, median, plane_names, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, left_by_one_path, scatters, sound_phasors, sound_values
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
@@ -84,6 +85,10 @@ _GAPS, _GAP_RANGE = 2, 1.25
 """Fewest gaps that a stuck bit leaves between the values, and how many times the bit the largest of them may be. Values of
 distinct surfaces have other gaps. In 1270 sound frames nothing is told."""
 
+_CLEAR_OFFSET, _SAME_OFFSETS = 5.0, 0.5
+"""Differences of offsets count that are more than so many standard errors. A frame has the offsets of a calibration if its own
+differences are at least this share of them, by more than so many standard errors."""
+
 _PILED_UP = 8
 """Values are likely cut off if the outermost value occurs more than this many times as often as the next value."""
 
@@ -129,6 +134,34 @@ def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
             "integration_length or leave it out, or record without a filter that smooths"
         )
     return None
+
+
+def other_offsets(
+    stored: Stored, metadata: CaptureMetadata, offset_v: Float32, stderr_v: Sequence[float], /
+) -> str | None:
+    """Return a message if neighbours in a frame, (H, 2, Y, X), do not differ as their calibrated offsets do; else None.
+
+    `offset_v`, (H, 2, Y, X), are known to `stderr_v`, (H,); 0: it is not known how well. No scene differs as they do.
+    """
+    if not all(stderr_v):
+        return None
+    upper = slice(0, stored.shape[2] // 2 * 2, 2 * max(1, stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)))
+    lower = slice(upper.start + 1, None, upper.step)
+    volts = (volts_from_stored(stored[:, :, rows], metadata.voltage) for rows in (upper, lower))
+    seen, known = next(volts) - next(volts), (offset_v[:, :, upper] - offset_v[:, :, lower]).astype(np.float64)
+    least = np.maximum(_CLEAR_OFFSET * np.reshape(stderr_v, (-1, 1, 1, 1)), _STEP * metadata.modulation.amplitude_v)
+    clear = np.isfinite(seen) & (np.abs(known) > least)
+    along, sizes = (seen * np.sign(known))[clear], np.abs(known[clear])
+    if sizes.size < FEWEST:
+        return None
+    share = median(along) / median(sizes)
+    error = 1.25 * median(np.abs(along - median(along))) / MAD_PER_SIGMA / math.sqrt(sizes.size) / median(sizes)
+    if share > _SAME_OFFSETS - _CLEAR_OFFSET * error:
+        return None
+    return (
+        "its pixels do not have the offsets of the calibration, which makes depths worse: is it the calibration of another "
+        "camera, were the frames mirrored or turned, or have the offsets drifted? Repeat calibrate dark"
+    )
 
 
 def _tells_scene(metadata: CaptureMetadata) -> bool:

@@ -4,7 +4,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.doubts.camera import cut_off, other_noise, stepped, striped, stuck_bit, unequal_harmonics
+from cadtof_cli.doubts.camera import cut_off, other_noise, other_offsets, stepped, striped, stuck_bit, unequal_harmonics
 from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT
 from cadtof_cli.doubts.planes import mistaken_order, share_of_one_path, sheared, wrong_planes
 from cadtof_cli.doubts.shared_light import shared_in_words, wrong_zero_in_words
@@ -88,9 +88,16 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
         return found
     if use is None:
         return camera_doubts(stored, metadata)
+    calibration = plan.read_calibration()
+    dark = calibration.dark if calibration else None
+    told = None
+    if dark and stored.shape == dark.offset_v.shape:
+        told = other_offsets(stored, metadata, dark.sound_offset_v, dark.offset_stderr_v())
+    if told:
+        return (told,)
     if not use.sine:
         return ()
-    stages = stages_of(stored, plan, plan.read_calibration())
+    stages = stages_of(stored, plan, calibration)
     return _told(shared_in_words(stored, metadata, stages.correction.phasor_map))
 
 

@@ -21,7 +21,7 @@ _READABLE_CELLS = 12
 _MOST_LENGTHS, _MOST_ASRS = 5, 20
 """Largest number of integration lengths and of ASRs that the axes of a map show; with more, their numbers would overlap."""
 
-_MARKERS = "os^Dv"
+MARKERS = "os^Dv"
 """Points of MPI ratios, in their order: colours alone do not tell the ratios apart in black and white."""
 
 _TITLE_INCHES = 7.5
@@ -72,7 +72,7 @@ def draw_confidence(table: Table, path: Path, /) -> None:
         for index, ratio in enumerate(ratios):
             rows = sorted((row for row in chosen if row["mpi_ratio"] == ratio), key=lambda row: row["asr"])
             asr = [row["asr"] for row in rows]
-            points = {"marker": _MARKERS[index % len(_MARKERS)], "ls": "", "ms": 4}
+            points = {"marker": MARKERS[index % len(MARKERS)], "ls": "", "ms": 4}
             axes.plot(asr, [scale * row[column] for row in rows], **points, color=f"C{index}", label=f"{ratio:g}")
             if model:
                 # a line of one point would not be seen

@@ -34,9 +34,10 @@ COMPILED_LIBRARIES = "_*.so"
 KERNEL_FRONTS = frozenset(("kernels", "kernel"))
 """Modules whose mutants are tried with the compiled kernel."""
 
-KERNEL_CALLS = frozenset(("extension", "compiled_search"))
-"""If a function calls one of these, its mutants are tried with the compiled kernel, too. For all other mutants,
-numpy does the work: tests must notice what a change does, not that numpy and the kernel differ."""
+KERNEL_CALLS = frozenset(("extension", "compiled_search", "compiled"))
+"""If a function calls one of these, or a function of a module of that name, its mutants are tried with the compiled
+kernel, too. For all other mutants, numpy does the work: tests must notice what a change does, not that numpy and the
+kernel differ."""
 
 PATIENCE = 3.0
 """A mutant counts as endless after this many times the duration of the unchanged tests, …"""
@@ -57,6 +58,9 @@ OPTIONS = (
     # hypothesis is imported before pytest; pytest then warns that it cannot rewrite the assertions of hypothesis
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),
 )
+
+FAILED = r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$"
+"""A test that failed, in what pytest prints."""
 
 USAGE_ERRORS = frozenset((pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.NO_TESTS_COLLECTED))
 
@@ -84,6 +88,7 @@ class Bench:
         self._most_s = most_s
         self._noted = place / "calls.pickle"
         self._handing = dict[Mutant, bool]()
+        self._failed = frozenset[str]()
 
     def watched(self, rooms: tuple[str, ...]) -> Calls:
         """Run the unchanged tests, which must pass, and return which lines each of them runs, and how long it takes."""
@@ -95,19 +100,43 @@ class Bench:
         return self._calls
 
     def tried(self, mutant: Mutant, *, quick: bool) -> Outcome:
-        """Try a mutant against the quick tests that may notice it, or against the other tests that may; return the outcome."""
+        """Try a mutant against the quick tests that may notice it, or against the other tests that may; return the outcome.
+
+        A test that fails without the mutant, too, kills nothing: it is told and left out.
+        """
         path, kernel = self.tree / mutant.path, self._of_kernel(mutant)
         before = path.read_text(encoding="utf-8")
         text = mutated(before, mutant)
-        begin = time.monotonic()
-        with self.changed({path: text}, kernel=kernel):
-            files, tests = self._portion(mutant, quick=quick)
-            if tests:
+        if self._by_session(mutant):
+            # it imports the package, and must not import the change
+            _ = self._waiting
+        begin, left_out = time.monotonic(), frozenset[str]()
+        while True:
+            with self.changed({path: text}, kernel=kernel):
+                files, tests = self._portion(mutant, quick=quick, left_out=left_out)
                 patience = max(PATIENCE * sum(self._seconds(test) for test in tests), LEAST_PATIENCE_S)
-                code, by_itself = self._outcome(mutant, before, files, tests, patience)
-                if code != pytest.ExitCode.OK:
-                    return Outcome(mutant, "killed" if by_itself else "endless", time.monotonic() - begin)
-        return Outcome(mutant, "survived", time.monotonic() - begin)
+                code, by_itself = self._outcome(mutant, before, files, tests, patience) if tests else (0, True)
+            if code == pytest.ExitCode.OK:
+                return Outcome(mutant, "survived", time.monotonic() - begin)
+            failed = self._failed & tests if code == pytest.ExitCode.TESTS_FAILED else frozenset[str]()
+            if not by_itself or not failed or not self._fail_anyway(failed, mutant, kernel=kernel):
+                return Outcome(mutant, "killed" if by_itself else "endless", time.monotonic() - begin)
+            print(f"fails without any mutant, too: {', '.join(failed)}", file=sys.stderr)
+            left_out |= failed
+
+    def _fail_anyway(self, tests: frozenset[str], mutant: Mutant, *, kernel: bool) -> bool:
+        """Return whether tests that failed with a mutant fail in the same way of running them without it."""
+        patience = max(PATIENCE * sum(self._seconds(test) for test in tests), LEAST_PATIENCE_S)
+        with self.changed({}, kernel=kernel):
+            if self._by_session(mutant):
+                code, _ = self._waiting.tried(Request(None, "", tuple(tests), patience))
+            else:
+                code, _ = self._run(sorted(map(file_of, tests)), patience, Chosen(tests))
+        return code != pytest.ExitCode.OK
+
+    def _by_session(self, mutant: Mutant) -> bool:
+        """Return whether the waiting session can try a mutant."""
+        return self._calls.may_be_put_in(mutant.path, _lines(mutant)) and not self._of_kernel(mutant)
 
     def _of_kernel(self, mutant: Mutant) -> bool:
         """Return whether a mutant changes code that hands work to the compiled kernel.
@@ -124,17 +153,19 @@ class Bench:
         self, mutant: Mutant, source: str, files: list[str], tests: frozenset[str], patience_s: float
     ) -> tuple[int, bool]:
         """Run tests against a mutant that is written into the tree, by the waiting session if that gives the same result."""
-        if self._calls.may_be_put_in(mutant.path, _lines(mutant)) and not self._of_kernel(mutant):
+        if self._by_session(mutant):
             rank = {file: number for number, file in enumerate(files)}
             ordered = sorted(
                 (test for test in self._calls.tests if test in tests), key=lambda test: rank[file_of(test)]
             )
             code, by_itself = self._waiting.tried(Request(mutant, source, tuple(ordered), patience_s))
             if code not in {NOT_PUT_IN, TOOL_FAILED}:
+                self._failed = frozenset({self._waiting.failed} if code == pytest.ExitCode.TESTS_FAILED else ())
                 return code, by_itself
         code, by_itself = self._run(files, patience_s, Chosen(tests))
         if code in {*USAGE_ERRORS, TOOL_FAILED}:
             raise SystemExit(f"pytest could not run {' '.join(files)}:\n{self._log.read_text()[-4000:]}")
+        self._failed = frozenset(re.findall(FAILED, self._log.read_text(), re.MULTILINE))
         return code, by_itself
 
     @cached_property
@@ -161,7 +192,7 @@ class Bench:
         code, _ = self._run(list(tests), 1800.0, None)
         if code == pytest.ExitCode.OK:
             return ""
-        failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", self._log.read_text(), re.MULTILINE)
+        failed = re.search(FAILED, self._log.read_text(), re.MULTILINE)
         if code in USAGE_ERRORS or failed is None:
             raise SystemExit(f"pytest could not run {' '.join(tests)}:\n{self._log.read_text()[-4000:]}")
         return failed[1]
@@ -179,9 +210,11 @@ class Bench:
         """Return the time in s of the tests that `tried` runs against a mutant, if none fails."""
         return sum(map(self._seconds, self._portion(mutant, quick=quick)[1]))
 
-    def _portion(self, mutant: Mutant, *, quick: bool) -> tuple[list[str], frozenset[str]]:
+    def _portion(
+        self, mutant: Mutant, *, quick: bool, left_out: frozenset[str] = frozenset()
+    ) -> tuple[list[str], frozenset[str]]:
         """Return the quick tests of a mutant's room and of the contracts that may notice it, or the others; their
-        files, too.
+        files, too. The tests `left_out` are not among them.
 
         Tests of the mutant's module come first. Tests in files that name the module come second, and all others last.
         """
@@ -202,6 +235,7 @@ class Bench:
             test
             for test in self._calls.tests
             if file_of(test) in files
+            and test not in left_out
             and (of_kernel or self._calls.may_notice(test, mutant.path, lines, reached=reached))
         ]
         tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(file_of(test))])
@@ -247,7 +281,7 @@ def hands_to_kernel(source: str, line: int, /) -> bool:
     functions = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef))
     around = (node for node in functions if node.lineno <= line <= (node.end_lineno or node.lineno))
     calls = (part.func for node in around for part in ast.walk(node) if isinstance(part, ast.Call))
-    return any(isinstance(called, ast.Name) and called.id in KERNEL_CALLS for called in calls)
+    return any(ast.unparse(called).partition(".")[0] in KERNEL_CALLS for called in calls)
 
 
 def _lines(mutant: Mutant) -> range:

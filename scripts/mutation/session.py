@@ -47,23 +47,38 @@ class NotPutInError(Exception):
 
 @dataclass(frozen=True)
 class Request:
-    """A mutant, the unchanged text of its file, the tests to run in order, and their limit of processor time."""
+    """A mutant, the unchanged text of its file, the tests to run in order, and their limit of processor time. Without a
+    mutant, the tests run with the code as it is."""
 
-    mutant: Mutant
+    mutant: Mutant | None
     source: str
     tests: tuple[str, ...]
     patience_s: float
 
 
 class Session:
-    """The waiting process, as seen by its parent."""
+    """The waiting process, as seen by its parent.
+
+    It has imported the package when the constructor returns: a file of the package that is changed only then is not
+    imported as it is changed.
+    """
 
     def __init__(self, tree: Path, options: Sequence[str], log: Path) -> None:
         self._connection, theirs = multiprocessing.Pipe()
+        self._failed = log.with_name("failed.txt")
         if os.fork() == 0:
             self._connection.close()
-            end_with(partial(_wait_for_requests, tree, options, theirs), tree, log)
+            end_with(partial(_wait_for_requests, tree, options, theirs, self._failed), tree, log)
         theirs.close()
+        try:
+            self._connection.recv()
+        except EOFError:
+            raise SystemExit(f"pytest could not collect the tests:\n{log.read_text()[-4000:]}") from None
+
+    @property
+    def failed(self) -> str:
+        """The test that failed last."""
+        return self._failed.read_text(encoding="utf-8")
 
     def tried(self, request: Request, /) -> tuple[int, bool]:
         """Run the tests of a request; return their exit code, and whether they ended by themselves."""
@@ -137,23 +152,25 @@ def end_with(run: Callable[[], int], tree: Path, log: Path, /) -> NoReturn:
         os._exit(code)
 
 
-def _wait_for_requests(tree: Path, options: Sequence[str], connection: Connection) -> int:
+def _wait_for_requests(tree: Path, options: Sequence[str], connection: Connection, failed: Path) -> int:
     import_all(tree / PACKAGE)
-    return int(pytest.main(list(options), plugins=[_Waiting(tree, connection)]))
+    return int(pytest.main(list(options), plugins=[_Waiting(tree, connection, failed)]))
 
 
 class _Waiting:
     """A pytest plugin that answers requests: it runs the tests of each request in a fork."""
 
-    def __init__(self, tree: Path, connection: Connection) -> None:
+    def __init__(self, tree: Path, connection: Connection, failed: Path) -> None:
         self._tree = tree
         self._connection = connection
+        self._failed = failed
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Answer requests until the parent closes the connection."""
         items = {item.nodeid: item for item in session.items}
         with suppress(EOFError):
+            self._connection.send(None)
             while True:
                 request: Request = self._connection.recv()
                 child = os.fork()
@@ -166,10 +183,12 @@ class _Waiting:
         code = TOOL_FAILED
         try:
             limit(request.patience_s)
-            put_in(self._tree / request.mutant.path, mutated_module(request.source, request.mutant))
+            if request.mutant:
+                put_in(self._tree / request.mutant.path, mutated_module(request.source, request.mutant))
             for item, following in zip(items, [*items[1:], None], strict=True):
                 item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
                 if session.testsfailed:
+                    self._failed.write_text(item.nodeid, encoding="utf-8")
                     break
             code = int(session.testsfailed > 0)
         except NotPutInError:

@@ -13,7 +13,7 @@ import pytest
 
 from cadtof_cli.calibration.apply import frame_correction
 from cadtof_cli.calibration.dark import DarkCalibration
-from cadtof_cli.calibration.parts import Origin, named_planes, stacked
+from cadtof_cli.calibration.parts import PART_KINDS, Origin, named_planes, stacked
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import (
@@ -24,6 +24,7 @@ from cadtof_cli.calibration.store import (
     load_calibration,
     save_part,
 )
+from cadtof_cli.capture.discovery import OUTPUT_FILES
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Voltage
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.files.layers import read_layers
@@ -69,6 +70,11 @@ def petzval(used: dict[str, str] | None = None) -> PetzvalCalibration:
 def test_an_impossible_origin_is_refused(changes: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="found"):
         origin(**changes)
+
+
+def test_a_folder_with_any_part_is_no_capture() -> None:
+    unknown = {f"{kind}.toml" for kind in PART_KINDS} - OUTPUT_FILES
+    assert not unknown, f"capture/discovery.py: OUTPUT_FILES needs {', '.join(unknown)}: --recursive skips calibrations"
 
 
 def test_an_origin_of_one_frame_of_one_pixel_is_accepted() -> None:
@@ -138,6 +144,12 @@ def test_a_part_measured_with_another_dark_part_is_stale() -> None:
     assert message.startswith("the petzval calibration was measured without a dark calibration: repeat")
 
 
+def test_a_dark_part_without_noise_is_stale() -> None:
+    silent = replace(dark(), figures=dict.fromkeys(dark().quality(), 0.0))
+    (message,) = Calibration(dark=silent).stale()
+    assert message.startswith("the dark calibration holds no noise")
+
+
 def test_dark_frames_with_another_zero_than_the_capture_are_doubted(tmp_path: Path) -> None:
     """The offsets were measured from another zero, so all voltages would be off by the difference."""
     save_part(tmp_path, replace(dark(), zero_v=8192 * 6e-5))
@@ -155,6 +167,8 @@ def test_dark_frames_with_another_zero_than_the_capture_are_doubted(tmp_path: Pa
     assert "was 0.49152 V in the dark frames" in message
     assert "2.28 mV off" in message
     assert Calibration(dark=dark()).doubt(CaptureMetadata(voltage=Voltage(zero_counts=8230.0))) is None
+    kept = Calibration(petzval=petzval())
+    assert doubt(8230.0, 6e-5) is None
 
 
 def test_figures_are_read_as_written_and_a_change_of_the_file_is_refused(tmp_path: Path) -> None:

@@ -228,6 +228,19 @@ def test_frames_of_few_rows_or_columns_can_be_seen(
                 assert places == [round(place) for place in places]
 
 
+@pytest.mark.parametrize("value", [-2.0, 0.0, np.nan, np.inf, 1e30])
+def test_layers_of_other_programs_are_drawn_whatever_they_hold(
+    value: float, figures: list[Figure], tmp_path: Path
+) -> None:
+    """Nothing keeps another program from writing a sigma or an amplitude below 0."""
+    names = ("direct.depth", "direct.sigma", "direct.amplitude", "confidence")
+    write_exr(tmp_path / "a.exr", {name: np.full((24, 32), value, np.float32) for name in names})
+    done = cadtof("preview", tmp_path / "a.exr", "-o", tmp_path / "a.png")
+    assert (done.status, done.err) == (0, "")
+    assert cadtof("profile", tmp_path / "a.exr", "--row", 3, "-o", tmp_path / "b.png").status == 0
+    assert len(figures) == 2
+
+
 def test_classes_of_pixels_are_told_apart_by_everybody() -> None:
     """From each other, and, where a layer has no value, from the colours of its scale."""
     classes = [one for one in PixelClass if one is not PixelClass.IN_ONE]

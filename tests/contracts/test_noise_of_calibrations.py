@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.calibration.apply import frame_correction
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration, Part, load_calibration, save_part
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Waveform
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.phasors.voltages import phasors_from_stored
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -85,6 +87,22 @@ def test_sigma_includes_the_noise_of_the_calibration(tmp_path: Path, parts: tupl
     sixteen frames were within one sigma.
     """
     assert_sigma_is_true(resolved(tmp_path, parts, frames))
+
+
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_offsets_that_are_wrong_by_their_standard_error_move_phasors_by_their_noise(waveform: Waveform) -> None:
+    """The amplitude of a triangle's phasors is 8/π² of the modulation amplitude."""
+    metadata = replace(METADATA, modulation=Modulation(periods_ns=PERIODS_NS, waveform=waveform))
+    measured = replace(dark(), origin=replace(ORIGIN, waveform=waveform))
+    found = frame_correction(Calibration(dark=measured), metadata, np.dtype(np.float64), ORIGIN.pixels)
+    frame = np.zeros((len(PERIODS_NS), 2, CAMERA.height * CAMERA.width))
+    wrong = frame + np.array(measured.offset_stderr_v())[:, np.newaxis, np.newaxis]
+    moved = phasors_from_stored(wrong, found.phasor_map) - phasors_from_stored(frame, found.phasor_map)
+    assert found.noise is not None
+    for part in (moved.real, moved.imag):
+        np.testing.assert_allclose(
+            part**2, np.broadcast_to(np.array(found.noise.dark)[:, np.newaxis], part.shape), rtol=1e-9
+        )
 
 
 @pytest.mark.parametrize("parts", [(dark(),), (response(),)], ids=len)

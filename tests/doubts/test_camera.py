@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage
-from cadtof_cli.doubts.camera import other_noise, striped, unequal_harmonics
+from cadtof_cli.doubts.camera import other_noise, other_offsets, striped, unequal_harmonics
 from cadtof_cli.doubts.frame import camera_doubts
 from tests.support.boxes import AMPLITUDE_V, KNOWN, N_AV, SIZE, frame
 from tests.support.captures import record
@@ -30,6 +30,19 @@ def test_another_integration_length_is_doubted(seen: float, words: str) -> None:
     """A frame at night, of a tenth of the photons, and one of ten times as many."""
     (doubt,) = camera_doubts(frame(n_av=seen), KNOWN)
     assert words in doubt
+
+
+def test_the_calibration_of_another_camera_and_mirrored_frames_are_told() -> None:
+    """Thousands of neighbours show offsets of the size of the noise. Smaller ones do not matter."""
+    rng = np.random.default_rng(3)
+    for size in (0.0, 2e-4, 1e-3, 5e-3):
+        offset_v = rng.normal(0.0, size, (2, 2, *SIZE))
+        volts, known = frame() + offset_v, (offset_v + rng.normal(0.0, 1e-4, (2, 2, *SIZE))).astype(np.float32)
+        assert other_offsets(volts, KNOWN, known, (1e-4, 1e-4)) is None
+        for other in (volts[..., ::-1], volts[..., ::-1, ::-1], frame()):
+            told = other_offsets(other, KNOWN, known, (1e-4, 1e-4))
+            assert (told is not None) == (size >= 1e-3)
+        assert other_offsets(volts, KNOWN, known[..., ::-1], (0.0, 0.0)) is None
 
 
 def fence(*, stripes: bool) -> NDArray[np.float64]:

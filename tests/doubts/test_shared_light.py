@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli import simulate_scene
+from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pulse, Voltage
 from cadtof_cli.doubts.frame import doubts_before_run
 from cadtof_cli.doubts.shared_light import shared_in_words, shared_light, wrong_zero, wrong_zero_in_words
@@ -148,11 +149,12 @@ def test_saturated_pixels_do_not_count() -> None:
     assert _told(volts, replace(metadata, voltage=Voltage(saturated_counts=(-0.25, 0.25))))
 
 
-def test_triangle_waves_tell_nothing_and_no_response_with_further_terms() -> None:
+def test_triangle_waves_tell_nothing_and_no_response_with_further_terms(monkeypatch: pytest.MonkeyPatch) -> None:
     metadata = CaptureMetadata(pulse=Pulse(fwhm_ns=0.0))
     volts = _volts((0.1, 0.1))
     assert _told(volts, metadata)
     assert not _told(volts, replace(metadata, modulation=Modulation(waveform="triangle")))
+    monkeypatch.setattr(FramePlan, "read_calibration", lambda _: Calibration())
     use = CalibrationUse(Path("is not read"), "", sine=False)
     assert doubts_before_run(volts, FramePlan(metadata=metadata, calibration=use)) == ()
 

@@ -1,6 +1,7 @@
 """Paths become metres and volts: a full turn of the phase is the unambiguous range, c·T/2."""
 
 import numpy as np
+import pytest
 
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import DepthScale, write_block
@@ -102,12 +103,10 @@ def test_further_layers_are_numbered_from_the_third_path_on() -> None:
 
 def test_maps_have_a_page_for_every_layer_and_one_for_the_status() -> None:
     layers = wanted_layers(paths=3, searched=True, averaged=True)
-    units = ["m", "m", "V", "V", "m", "m", "V", "m", "V", "m", "", ""]
-    assert [layer.unit for layer in layers] == units
     maps = DepthMaps.empty(tuple(layer.name for layer in layers), (2, 5))
     assert maps.names == tuple(layer.name for layer in layers)
-    assert maps.pages.shape == (13, 2, 5)
-    assert maps.values.shape == (12, 2, 5)
+    assert maps.pages.shape == (len(layers) + 1, 2, 5)
+    assert maps.values.shape == (len(layers), 2, 5)
     assert np.shares_memory(maps.layer("mpi.depth"), maps.pages[1])
     assert maps.status.shape == (2, 5)
     assert (maps.pages.dtype.name, maps.status.dtype.name) == ("float32", "uint32")
@@ -142,3 +141,16 @@ def test_with_a_lamp_beside_the_camera_each_pixel_has_its_own_correction() -> No
     lamp = LampBeside(0.5 * offset @ ray, 0.5 * float(np.linalg.norm(offset)))
     found = DepthScale(METRES, VOLTS, lamp=lamp).from_camera(half_way[6:], slice(6, 12))
     np.testing.assert_allclose(found, range_m[6:], rtol=1e-6)
+
+
+@pytest.mark.parametrize("lamp_m", [8.0, 14.0])
+def test_depths_are_those_of_the_shortest_ways_that_light_from_a_far_lamp_can_go(lamp_m: float) -> None:
+    """The lamp is farther from the camera than the unambiguous range of 6 m. Half a way is at least half that distance, and
+    seen is its remainder."""
+    half_way = 0.5 * lamp_m + np.linspace(0.05, 5.94, 12)
+    # to the lamp's side, so that the triangle of camera, lamp and surface has a right angle at the camera
+    range_m = half_way - lamp_m**2 / (4.0 * half_way)
+    np.testing.assert_allclose(np.hypot(range_m, lamp_m) + range_m, 2.0 * half_way)
+    lamp = LampBeside(np.zeros(12), 0.5 * lamp_m)
+    found = DepthScale(METRES, VOLTS, lamp=lamp).from_camera(half_way % (2.0 * np.pi * METRES), slice(0, 12))
+    np.testing.assert_allclose(found, range_m, rtol=1e-9)

@@ -15,7 +15,7 @@ def test_by_default_depth_is_a_range_without_pooling_or_averaging() -> None:
     assert (chosen.depth, chosen.pool, chosen.average, chosen.min_confidence_v) == ("range", 1, 1, None)
 
 
-@pytest.mark.parametrize("options", [{"min_confidence_v": 0.0}, {"pool": 3}, {"average": 1}, {"depth": "z"}])
+@pytest.mark.parametrize("options", [{"min_confidence_v": 0.0}, {"pool": 255}, {"average": 1}, {"depth": "z"}])
 def test_values_at_a_limit_reach_the_plan(options: dict[str, Any]) -> None:
     optics = Optics(focal_length_px=28.0)
     plan = FramePlan(metadata=CaptureMetadata(optics=optics), settings=MapSettings(**options))
@@ -31,6 +31,7 @@ def test_values_at_a_limit_reach_the_plan(options: dict[str, Any]) -> None:
         ({"min_confidence_v": float("nan")}, "--min-confidence: found nan"),
         ({"pool": 2}, "--pool: found 2, expected an odd number of pixels"),
         ({"pool": -1}, "--pool: found -1"),
+        ({"pool": 257}, "--pool: found 257, expected an odd number of pixels such as 3 or 5, at most 255"),
         ({"average": 0}, "--average: found 0, expected 1 to 1000000 frames"),
         ({"depth": "y"}, "--depth: found 'y', expected one of range, z"),
     ],

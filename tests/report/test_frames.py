@@ -1,9 +1,13 @@
-"""How many pixels of each frame a page holds."""
+"""How many pixels of each frame a page holds, and the colours of its pictures."""
+
+import base64
+import io
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from cadtof_cli.report.colours import Limits, widen
+from cadtof_cli.report.colours import Limits, palette, thumbnail, widen
 from cadtof_cli.report.frames import embedded_frame, planned_page, sampled
 
 MB = 1_000_000
@@ -70,6 +74,20 @@ def test_only_as_many_frames_are_shown_as_fit() -> None:
 
 def test_thumbnails_shrink_if_there_are_many() -> None:
     assert planned_page([_planes()], 5000, limit_bytes=25 * MB, whole=None).thumbnail_px < 80
+
+
+def test_a_thumbnail_has_the_colours_of_the_scale_between_its_limits() -> None:
+    scale, none = palette()["sequential"], palette()["no_answer"]
+    nearest, middle, farthest = scale[0], scale[len(scale) // 2], scale[-1]
+    depth_m = np.array([[1.0, 2.0, 3.0], [0.5, 9.0, np.nan]], np.float32)
+    for limits_m, expected in (
+        ((1.0, 3.0), [nearest, middle, farthest, nearest, farthest, none]),
+        ((1.0, 1.0), [nearest, farthest, farthest, nearest, farthest, none]),
+        ((np.nan, np.nan), [none] * 6),
+    ):
+        picture = base64.b64decode(thumbnail(depth_m, limits_m).removeprefix("data:image/png;base64,"))
+        colours = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).reshape(-1, 3)
+        assert [f"#{colour.tobytes().hex()}" for colour in colours] == expected
 
 
 @pytest.mark.parametrize("size", [(1000, 1000), (2000, 2000), (1024, 1280), (1, 2000), (240, 320), (3, 4)])

@@ -212,6 +212,17 @@ def test_thumbnails_are_one_stop_of_the_tab_key_and_the_chosen_one_is_seen(shown
     assert others != chosen
 
 
+def test_the_button_of_the_next_frame_keeps_the_focus_at_the_last_frame(shown: Shown) -> None:
+    browser = shown.browser
+    browser.press("#next", "ENTER")
+    browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_1')")
+    browser.press("#next", "ENTER")
+    browser.wait("return document.querySelector('#next').ariaDisabled === 'true'")
+    assert browser.run("return document.activeElement.id") == "next"
+    browser.press("#next", "ENTER")
+    assert browser.find("#frame-name").text == "frame_3 (3 of 3)"
+
+
 def test_a_dragged_line_is_a_profile_of_the_file(shown: Shown) -> None:
     browser = shown.browser
     browser.click("#profile-table summary")

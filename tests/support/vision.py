@@ -32,9 +32,18 @@ def apart(some: NDArray[np.floating], others: NDArray[np.floating], seen: str) -
     return np.asarray(np.linalg.norm(first[:, None] - second[None], axis=-1))
 
 
+def contrast(one: str, other: str) -> float:
+    """Return the contrast of two colours `#rrggbb`, as WCAG 2 defines it."""
+    darker, brighter = sorted(_linear(rgb(one, other)) @ SEEN["in black and white"][0])
+    return float((brighter + 0.05) / (darker + 0.05))
+
+
+def _linear(colours: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+
+
 def _lab(colours: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
-    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
     white = _XYZ.sum(axis=1)
-    x, y, z = (np.clip(linear @ seen.T, 0.0, 1.0) @ _XYZ.T / white).T
+    x, y, z = (np.clip(_linear(colours) @ seen.T, 0.0, 1.0) @ _XYZ.T / white).T
     roots = [np.where(one > 0.008856, np.cbrt(one), 7.787 * one + 16.0 / 116.0) for one in (x, y, z)]
     return np.stack([116.0 * roots[1] - 16.0, 500.0 * (roots[0] - roots[1]), 200.0 * (roots[1] - roots[2])], axis=-1)

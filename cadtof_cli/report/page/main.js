@@ -83,8 +83,9 @@ async function showFrame(number) {
   const before = frame;
   frame = next;
   byId("frame-name").textContent = `${frame.name}  (${number + 1} of ${run.frames.length})`;
-  byId("previous").disabled = number === 0;
-  byId("next").disabled = number === run.frames.length - 1;
+  // a button that is `disabled` would lose the focus
+  byId("previous").setAttribute("aria-disabled", String(number === 0));
+  byId("next").setAttribute("aria-disabled", String(number === run.frames.length - 1));
   thumbnails.forEach((one) => {
     const chosen = Number(one.dataset.frame) === number;
     one.setAttribute("aria-pressed", String(chosen));

@@ -14,6 +14,7 @@ from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.execution.workers import Workers
+from cadtof_cli.files.digests import file_digest
 from cadtof_cli.files.documents import plain
 from cadtof_cli.files.layers import read_facts, read_layers
 from cadtof_cli.files.maps import STATUS
@@ -64,12 +65,13 @@ class MapFacts:
 
 def facts_of_maps(path: Path, /) -> MapFacts:
     """Return what a map file, or a folder of maps, holds; a map that cannot be read is a problem."""
-    facts, files = MapFacts(str(path), 0), None
+    facts, files, written = MapFacts(str(path), 0), None, dict[Path | None, str | None]()
     if is_run_folder(path):
         try:
             run = read_run(path)
             facts.run, files = run.record, run.files
             facts.problems += [] if run.record else [run.no_record]
+            written = {run.map_of(report): report.output_digest for report in run.reports()}
         except CaptureError as error:
             facts.problems.append(str(error))
     files = map_files(path) if files is None else files
@@ -80,6 +82,10 @@ def facts_of_maps(path: Path, /) -> MapFacts:
     for file in files:
         try:
             layers = read_layers(file)
+            if written.get(file) not in {None, file_digest(file)}:
+                facts.problems.append(
+                    f"{file}: changed since the run wrote it: damaged, or replaced by another program"
+                )
             if not described:
                 facts.about, described = read_facts(file), True
                 _describe(facts, layers)

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 from cadtof_cli.calibration.dark import DarkCalibration, Defect
 from cadtof_cli.calibration.fit.dark import fit_dark, tells_dead
@@ -246,3 +247,16 @@ def test_dead_pixels_are_told_if_volts_fall_with_counts() -> None:
     dark = dark_of(counts.astype(np.uint16), Voltage(volts_per_count=step, zero_counts=8192.0))
     assert dark.defects[12, 34] & Defect.DEAD
     assert dark.hot.sum() == 1
+
+
+@pytest.mark.parametrize("frames", [2, 3, 5])
+def test_dead_pixels_are_told_if_at_most_a_tenth_of_a_channel_holds_one_count_by_chance(frames: int) -> None:
+    """With a noise of σ counts, far above 1, n frames agree by chance with a probability of (1/(σ·√(2π)))^(n − 1)/√n."""
+    channels = {2: 4, 3: 120, 5: 90_000}[frames]
+    limit = (channels / 0.1 / np.sqrt(frames)) ** (1.0 / (frames - 1)) / np.sqrt(2.0 * np.pi)
+    assert limit > 6.0
+    for noise, told in ((0.98 * limit, False), (1.02 * limit, True)):
+        # half of all sample variances lie below this one; rounding adds a twelfth
+        variance = stats.chi2.median(frames - 1) / (frames - 1) * (noise**2 + 1.0 / 12.0)
+        volts = np.zeros((1, 2, 1, channels // 2))
+        assert tells_dead(MeanVolts(volts, np.full_like(volts, variance), frames, step=1.0)) is told

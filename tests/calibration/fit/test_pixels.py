@@ -58,3 +58,12 @@ def test_two_way_separates_the_parts_of_harmonics_and_of_targets() -> None:
     harmonic, target = two_way(by_harmonic + by_target[:, np.newaxis, :], weights)
     np.testing.assert_allclose(harmonic, by_harmonic, atol=1e-12)
     np.testing.assert_allclose(target, by_target, atol=1e-12)
+
+
+def test_two_way_separates_the_parts_of_a_sum_whatever_the_weights() -> None:
+    by_harmonic = np.stack([np.zeros(PIXELS), *RNG.normal(size=(2, PIXELS))])
+    by_target = RNG.normal(size=(TARGETS, PIXELS))
+    weights = RNG.exponential(size=(TARGETS, 3, PIXELS))
+    harmonic, target = two_way(by_harmonic + by_target[:, np.newaxis, :], weights)
+    np.testing.assert_allclose(harmonic, by_harmonic, atol=1e-12)
+    np.testing.assert_allclose(target, by_target, atol=1e-12)

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy import optimize
 
 from cadtof_cli.calibration.fit.pixels import Observations, Terms, series
 from cadtof_cli.calibration.fit.terms import TermFit, composed, fit_terms
@@ -122,6 +124,32 @@ def test_one_distance_determines_no_further_terms() -> None:
     assert found.kept.all()
     (told,) = found.findings
     assert "depths at other distances will be wrong, at 5 % by centimetres, and sigma will not say it" in told
+
+
+def test_two_distances_that_are_the_same_for_all_pixels_determine_no_further_terms() -> None:
+    """Without noise, the normal matrix then has no inverse."""
+    phase = np.tile([[0.4], [2.3]], (1, 50))
+    volts = np.stack([0.06 * np.exp(1j * h * phase) * series({-1: 0.02 + 0j}, h * phase) for h in HARMONICS], axis=1)
+    found = fit_terms(Observations(volts, np.full((2, 2), 1e-4), phase, HARMONICS), ({}, {}), distances=2)
+    assert not orders(found)
+    assert all("cannot be determined: standard error inf, condition inf" in text for text in found.findings)
+
+
+def test_the_residual_of_one_pixel_is_that_of_the_best_fit() -> None:
+    """24 numbers were measured, and 9 are fitted: an amplitude for each of 6 targets, a gain for the second harmonic, and a
+    phase for each harmonic."""
+    seen = observed(pixels=1, truth=({}, {}))
+
+    def misfits(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        gain, phases = np.array([1.0, numbers[6]]), numbers[7:]
+        theta = np.stack([h * seen.phase[:, 0] + phase for h, phase in zip(HARMONICS, phases, strict=True)], axis=1)
+        left = seen.volts[:, :, 0] - numbers[:6, np.newaxis] * gain * np.exp(1j * theta)
+        return np.asarray(left.ravel().view(np.float64) / 1e-4)
+
+    best = optimize.least_squares(misfits, [*np.abs(seen.volts[:, 0, 0]), 1.0, 0.0, 0.0])
+    found = fit_terms(seen, ({}, {}), distances=6)
+    assert not orders(found)
+    assert found.residual == pytest.approx(np.sqrt(2.0 * best.cost / (24 - 9)), rel=0.01)
 
 
 def test_terms_are_added_to_those_of_the_waveform() -> None:

@@ -186,9 +186,9 @@ def test_both_paths_are_freed_of_their_tails(harmonics: tuple[int, ...]) -> None
     seen = first * near[:, None] + second * far[:, None]
     found = freed_paths(seen.reshape(-1, 5, 8), Tails(near, far, harmonics))
     assert found.phasors.shape == (len(harmonics), 5, 8)
-    assert np.median(np.abs(found.phasors.reshape(-1, 40) - first - second)) < 0.01
-    assert np.median(np.abs(found.near_share.ravel() - share)) < 0.02
-    assert np.median(np.abs(found.later_rad.ravel() - later)) < 0.03
+    assert np.abs(found.phasors.reshape(-1, 40) - first - second).max() < 1e-3
+    assert np.abs(found.near_share.ravel() - share).max() < 1e-3
+    assert np.abs(found.later_rad.ravel() - later).max() < 1e-3
     same = freed_paths(seen, Tails(near, near, harmonics))
     assert_allclose(same.phasors, seen / near[:, None])
 

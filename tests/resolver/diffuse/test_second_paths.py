@@ -12,6 +12,7 @@ from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.resolver.diffuse.noise import median_of_noise
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
+    Scatter,
     SecondPaths,
     delay_spread,
     further_chi_squared,
@@ -115,6 +116,13 @@ def test_noise_that_hides_the_scatter_of_shares_is_not_taken_for_one_share() -> 
             assert not have_one_share(patches)
 
 
+def test_the_scatter_of_noisy_values_is_that_of_the_values_without_their_noise() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(scale=0.3, size=40_000) + rng.normal(scale=0.1, size=40_000)
+    found = Scatter.of(values, np.full(values.size, 0.1**2))
+    assert_allclose([found.least, found.most], 0.3**2, rtol=0.05)
+
+
 def test_fewer_than_64_patches_do_not_show_one_share() -> None:
     few = np.where(np.arange(COUNT) < 63, 1.0, 0.0)
     for more, same in ((0, False), (2, True)):
@@ -149,6 +157,13 @@ def test_weak_mpi_does_not_tell_two_paths_from_a_tail() -> None:
     for sigma, seen in ((1.5e-3, True), (4e-3, False)):
         patches = data(*mpi, sigma=sigma)
         assert third_is_predicted(patches) is seen
+
+
+@pytest.mark.parametrize(("sigma", "tells"), [(2.5e-3, True), (6e-3, False)])
+def test_mpi_below_five_times_its_noise_tells_nothing_however_late_it_is(sigma: float, tells: bool) -> None:
+    """For a share of .01, |q_2 − 1| is .02: 8 times its noise, and 3 times."""
+    patches = data(*second(0.01, 16.0, 3), sigma=sigma)
+    assert further_harmonics_tell(found_in(patches), patches) is tells
 
 
 @pytest.mark.parametrize(("later_ns", "sigma", "tells"), [(3.5, 1e-3, True), (3.5, 3e-3, False), (9.0, 3e-3, True)])

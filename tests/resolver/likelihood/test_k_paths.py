@@ -231,12 +231,12 @@ def test_paths_of_the_same_phase_cannot_be_told_apart_at_all() -> None:
 
 
 def test_a_path_with_an_amplitude_of_0_is_missing_and_comes_last() -> None:
-    """In the first pixel, the first path has the amplitude 0. In the second pixel both paths exist and keep their order."""
-    amplitude, phase = np.array([[0.0, 0.2], [1.0, 0.9]]), np.array([[2.0, 2.0], [1.0, 3.0]])
+    """In the first pixel, the first path has the amplitude 0. In the other pixels both paths exist and keep their order."""
+    amplitude, phase = np.array([[0.0, 0.2, 0.4], [1.0, 0.9, 0.3]]), np.array([[2.0, 2.0, 1.5], [1.0, 3.0, 2.5]])
     found = LikelyPaths(
-        Found(amplitude, np.cos(phase), np.sin(phase)), np.full((2, 2), 0.01), np.zeros(2), np.ones(2, np.bool_)
+        Found(amplitude, np.cos(phase), np.sin(phase)), np.full((2, 3), 0.01), np.zeros(3), np.ones(3, np.bool_)
     )
     paths = found.fit().paths
-    assert_allclose(paths.amplitude, [[1.0, 0.2], [np.nan, 0.9]])
-    assert_allclose(paths.phase_rad, [[1.0, 2.0], [np.nan, 3.0]], atol=1e-6)
-    assert_allclose(paths.sigma_rad, [[0.01, 0.01], [np.nan, 0.01]])
+    assert_allclose(paths.amplitude, [[1.0, 0.2, 0.4], [np.nan, 0.9, 0.3]])
+    assert_allclose(paths.phase_rad, [[1.0, 2.0, 1.5], [np.nan, 3.0, 2.5]], atol=1e-6)
+    assert_allclose(paths.sigma_rad, [[0.01, 0.01, 0.01], [np.nan, 0.01, 0.01]])
