@@ -20,7 +20,6 @@ REASONS = frozenset(
         "_other_distances",
         "_lost",
         "_message_and_status",
-        "_zero_in_words",
     }
 )
 """Functions that return the text of a message instead of raising an error; besides them, all of `DOUBTS` that may return
