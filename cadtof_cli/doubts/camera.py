@@ -14,6 +14,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, left_by_one_path, scatters, sound_phasors, sound_values
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.voltages import (
+    PhasorMap,
     ideal_phasor_map,
     phasors_from_stored,
     saturated_pixels,
@@ -80,12 +81,11 @@ _GAPS, _GAP_RANGE = 2, 1.25
 distinct surfaces have other gaps. In 1270 sound frames nothing is told."""
 
 _CLEAR_OFFSET, _CLEAR_STEPS, _CLEAR_SHARE = 7.0, 3.0, 0.05
-"""Differences of offsets count that are more than so many standard errors, and steps of whole numbers, if at least this share
-of them are: others are mostly errors, or rounded away."""
+"""Standard errors and steps of whole numbers that a difference of offsets must exceed, and the least share of such ones."""
 
-_SAME_OFFSETS, _OTHER_OFFSETS = 0.5, 8.0
-"""A frame has other offsets if its own differences are at most this share of them, and less by so many standard errors. In
-10,000 sound frames of many sizes, lights, patterns of offsets, steps and saturated shares nothing is told."""
+_SAME_OFFSETS, _OTHER_OFFSETS = 0.3, 8.0
+"""A frame has other offsets if its own differences are at most this share of them, and less by so many standard errors. Of 9000
+sound frames, two are told: nine rows with offsets of their own look like the edges of a scene."""
 
 _PILED_UP = 8
 """Values are likely cut off if the outermost value occurs more than this many times as often as the next value."""
@@ -95,18 +95,20 @@ _NOISE_STEPS = 0.5
 in every plane: the noise then does not spread values, and many pixels hold the same value for that reason."""
 
 
-def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return a message if neighbours differ by far more, or far less, than the integration length explains; else None."""
+def other_noise(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap | None = None, /) -> str | None:
+    """Return a message if neighbours, calibrated by a map, differ by far more or less than the integration length explains."""
     n_av, (height, width) = metadata.pixel.integration_length, stored.shape[2:]
     if n_av is None or min(height, width) < 2:
         return None
-    pairs = stored[:, :, : height // 2 * 2].reshape(*stored.shape[:2], height // 2, 2, width)
-    pairs = pairs[:, :, :: max(1, 2 * pairs.shape[2] * width // LOOKED_AT)]
-    if pairs.shape[2] * width < FEWEST:
+    pairs = np.arange(height // 2 * 2).reshape(-1, 2)
+    pairs = pairs[:: max(1, pairs.size * width // LOOKED_AT)]
+    if len(pairs) * width < FEWEST:
         return None
     # pairs of rows, one beside the other: a frame of two rows
-    values = pairs.swapaxes(2, 3).reshape(*stored.shape[:2], -1)
-    phasors = phasors_from_stored(values, ideal_phasor_map(metadata, stored.dtype))
+    rows = pairs.T.ravel()
+    values = stored[:, :, rows].reshape(*stored.shape[:2], -1)
+    places = np.add.outer(rows * width, np.arange(width)).ravel()
+    phasors = phasors_from_stored(values, (phasor_map or ideal_phasor_map(metadata, stored.dtype))[places])
     phasors[:, saturated_pixels(values, metadata.voltage.saturated_counts)] = np.nan
     whole = stored.dtype.kind in "iu"
     lengths = np.abs(phasors[0][np.isfinite(phasors[0])])
@@ -141,21 +143,20 @@ def other_offsets(
 
     `offset_v`, (H, 2, Y, X), are known to `stderr_v`, (H,); 0: not known how well. NaN and saturated pixels are left out.
     """
-    if not all(stderr_v):
-        return None
     # an odd number: the upper row is even and odd in turn, so the slope of a scene cancels if even rows have another offset
     each = 2 * (stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)) + 1
     upper, lower = slice(0, -1, each), slice(1, None, each)
     above, below = (_sound_volts(stored[:, :, rows], metadata) for rows in (upper, lower))
     seen, known = above - below, (offset_v[:, :, upper] - offset_v[:, :, lower]).astype(np.float64)
     step_v = abs(volts_per_count(metadata.voltage, stored.dtype)) if stored.dtype.kind in "iu" else 0.0
-    least = np.maximum(_CLEAR_OFFSET * np.reshape(stderr_v, (-1, 1, 1, 1)), _STEP * metadata.modulation.amplitude_v)
-    clear = (finite := np.isfinite(seen + known)) & (np.abs(known) > np.maximum(least, _CLEAR_STEPS * step_v))
-    along, sizes = (seen * np.sign(known))[clear], np.abs(known[clear])
-    if sizes.size < max(FEWEST, _CLEAR_SHARE * np.count_nonzero(finite)):
+    least = np.maximum(_CLEAR_OFFSET * np.reshape(stderr_v, (-1, 1, 1, 1)), _CLEAR_STEPS * step_v)
+    finite, least = np.isfinite(seen + known), np.maximum(least, _STEP * metadata.modulation.amplitude_v)
+    clear = finite & (np.abs(known) > least)
+    if np.count_nonzero(clear) < max(FEWEST, _CLEAR_SHARE * np.count_nonzero(finite)) or not all(stderr_v):
         return None
-    share = median(along) / median(sizes)
-    error = 1.25 * median(np.abs(along - median(along))) / MAD_PER_SIGMA / math.sqrt(sizes.size) / median(sizes)
+    along, size = (seen * np.sign(known))[clear], median(np.abs(known[clear]))
+    share = median(along) / size
+    error = 1.25 * median(np.abs(along - median(along))) / MAD_PER_SIGMA / math.sqrt(along.size) / size
     if share > _SAME_OFFSETS or share > 1.0 - _OTHER_OFFSETS * error:
         return None
     return (
@@ -166,9 +167,8 @@ def other_offsets(
 
 def _sound_volts(some: Stored, metadata: CaptureMetadata) -> Float:
     """Return some pixels in V, (H, 2, …); NaN at each harmonic in those that are saturated or not finite."""
-    volts = volts_from_stored(some, metadata.voltage)
-    volts[:, :, ~sound_pixels(some, metadata.voltage.saturated_counts)] = np.nan
-    return volts
+    is_sound = sound_pixels(some, metadata.voltage.saturated_counts)
+    return np.where(is_sound, volts_from_stored(some, metadata.voltage), np.nan)
 
 
 def _tells_scene(metadata: CaptureMetadata) -> bool:

@@ -13,6 +13,7 @@ REASONS = frozenset(
     {
         "doubt",
         "likely_cause",
+        "_zero_in_words",
         "why_no_answer",
         "hint_of_planes",
         "_too_much_scatter",

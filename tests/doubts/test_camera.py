@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage
 from cadtof_cli.doubts.camera import other_noise, other_offsets, striped, unequal_harmonics
 from cadtof_cli.doubts.frame import camera_doubts
+from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.phasors.voltages import pixel_phasor_map
 from tests.support.boxes import AMPLITUDE_V, KNOWN, N_AV, SIZE, frame
 from tests.support.captures import record
 from tests.support.run_cadtof import cadtof
@@ -72,6 +74,25 @@ def test_other_offsets_of_a_small_sensor_are_told() -> None:
         assert other_offsets(seen, KNOWN, offset_v.astype(np.float32), (1e-4, 1e-4)) is None
         told.append(other_offsets(seen[..., ::-1], KNOWN, offset_v.astype(np.float32), (1e-4, 1e-4)) is not None)
     assert np.mean(told) > 0.8
+
+
+def test_another_integration_length_is_doubted_behind_a_calibration() -> None:
+    """Offsets of 5 mV are 12 times the noise; with them taken out, the noise shows."""
+    offset_v = np.random.default_rng(3).normal(0.0, 5e-3, (2, 2, *SIZE))
+    for seen, words in ((1e4, " times too small"), (1e5, None), (1e6, " times too large")):
+        volts = frame(n_av=seen) + offset_v
+        calibrated = pixel_phasor_map(
+            ideal_response(KNOWN),
+            KNOWN,
+            volts.dtype,
+            offset_v=offset_v.reshape(2, 2, -1),
+            phase_rad=None,
+            gain=None,
+            pixels=SIZE[0] * SIZE[1],
+        )
+        told = other_noise(volts, KNOWN, calibrated)
+        assert words in told if told and words else told is words
+        assert " times too small" in str(other_noise(volts, KNOWN))
 
 
 def fence(*, stripes: bool) -> NDArray[np.float64]:

@@ -71,18 +71,16 @@ def test_residuals_of_phases_wrap_and_those_of_moduli_do_not() -> None:
 
 
 def test_the_parts_of_the_lag_are_its_derivatives_by_their_strengths() -> None:
-    """With H = 1 + seen + beside + w, arg H grows by Im(beside/H) per unit of ln b, and by Im(w/H) per unit of ln v.
-
-    Per unit of ln s it grows by Im((seen + beside)/H), because later bounces are switched off here.
+    """With H = 1 + seen + beside + later + w, arg H grows by Im(beside/H) per unit of ln b, by Im(later/H) per unit of ln u,
+    and by Im(w/H) per unit of ln v. Per unit of ln s it grows by Im((seen + beside + 2·later)/H).
     """
     tail, state = model(), states()
-    state[2] = -80.0
     shown, beside, unseen, guessed = tail.lag_parts(state, 3.0 * tail.light.beyond[0])
-    for component, part in ((0, shown + beside), (1, beside), (3, unseen)):
-        less = state.copy()
-        less[component] -= 1e-6
-        slope = (tail.values(state)[0][-1] - tail.values(less)[0][-1]) / 1e-6
-        np.testing.assert_allclose(part, slope, atol=1e-7)
+    by_s, by_b, by_u, by_v = (tail.values(state)[1][component, -1] for component in range(4))
+    assert np.abs(by_u).min() > 1e-4
+    np.testing.assert_allclose(shown + beside, by_s - 2.0 * by_u, atol=1e-9)
+    np.testing.assert_allclose(beside, by_b, atol=1e-9)
+    np.testing.assert_allclose(unseen, by_v, atol=1e-9)
     np.testing.assert_allclose(guessed, 3.0 * beside, rtol=1e-12)
 
 
