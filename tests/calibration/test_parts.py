@@ -168,6 +168,7 @@ def test_figures_are_read_as_written_and_a_change_of_the_file_is_refused(tmp_pat
     assert found is not None
     assert found.quality() == part.figures
     text = (tmp_path / "dark.toml").read_text()
+    assert "# its maps are in dark.exr\n" in text
     (tmp_path / "dark.toml").write_text(text.replace("0.00125", "0.00126"))
     with pytest.raises(MetadataError, match="does not match its digest"):
         load_calibration(tmp_path)
