@@ -1,5 +1,7 @@
 """Sphinx: how `scripts/docs` turns these pages into a site."""
 
+import html
+import re
 from typing import Any
 
 from docutils.nodes import SkipNode
@@ -27,7 +29,7 @@ html_math_renderer = "mathml"
 html_show_sourcelink = False
 smartquotes = False
 highlight_language = "text"
-pygments_style = "friendly"
+pygments_style = "a11y-high-contrast-light"
 pygments_dark_style = "github-dark"
 
 
@@ -43,6 +45,26 @@ def setup(app: Any) -> None:
         raise SkipNode
 
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
+    # after the theme has made its sidebar
+    app.connect("html-page-context", _for_keys_and_screen_readers, priority=900)
+
+
+LONGEST_LINE = 80
+"""About the length of a line of code that a page of usual width shows; a block with a longer one scrolls."""
+
+
+def _for_keys_and_screen_readers(_app: Any, _page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
+    """Give headings of the contents a level, and let the Tab key reach blocks of code that scroll."""
+    for part in {"body", "furo_navigation_tree"} & context.keys():
+        levelled = context[part].replace('role="heading">', 'role="heading" aria-level="2">')
+        context[part] = re.sub("<pre>(.*?)</pre>", _scrollable, levelled, flags=re.DOTALL)
+
+
+def _scrollable(block: re.Match[str]) -> str:
+    lines = html.unescape(re.sub("<[^>]*>", "", block[1])).splitlines()
+    return (
+        block[0].replace("<pre>", '<pre tabindex="0">') if max(map(len, lines), default=0) > LONGEST_LINE else block[0]
+    )
 
 
 def _mathml(latex: str, **more: Any) -> str:

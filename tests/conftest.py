@@ -13,6 +13,8 @@ from tests.support.outside_tools import MAKERS, run_tool
 
 Tool = Callable[..., str]
 
+ROOT = Path(__file__).parents[1]
+
 
 def pytest_configure() -> None:
     """Undo what a user has set for a terminal and for warnings of other packages, and let programs that tests start be stopped.
@@ -28,6 +30,17 @@ def pytest_configure() -> None:
     # no deadline: the time of an example depends on how busy the machine is
     hypothesis.settings.register_profile("any machine", deadline=None)
     hypothesis.settings.load_profile("any machine")
+
+
+def pytest_terminal_summary(terminalreporter: "pytest.TerminalReporter") -> None:
+    """After failures, say if C code has changed since it was compiled: pytest does not compile it."""
+    files = [file for file in (ROOT / "cadtof_cli" / "resolver").rglob("*") if file.is_file()]
+    built = [file.stat().st_mtime for file in files if file.suffix in {".so", ".pyd"}]
+    if terminalreporter.stats.get("failed") and built:
+        for file in files:
+            if file.suffix in {".c", ".h"} and file.stat().st_mtime > max(built):
+                told = "is newer than the compiled modules: .venv/bin/python setup.py build_ext --inplace"
+                terminalreporter.write_line(f"{file.relative_to(ROOT)} {told}")
 
 
 @pytest.fixture

@@ -369,9 +369,17 @@ def test_options_are_the_fields_of_the_records() -> None:
     typed = get_type_hints(ResolveOptions)
     known = {one.name for one in fields(ResolverSettings)} - {"min_confidence"}
     assert set(ResolverOptions.__annotations__) == known, "api/resolve.py: ResolverOptions repeats resolver/settings.py"
-    assert set(typed) - set(ResolverOptions.__annotations__) == set(maps) - {"resolver", "average"}
+    of_maps = set(typed) - set(ResolverOptions.__annotations__)
+    assert of_maps == set(maps) - {"resolver", "average"}, "api/resolve.py: ResolveOptions repeats pipeline/plan.py"
     for name, hint in typed.items():
         assert hint == (resolver | maps)[name], name
+
+
+def test_the_page_about_python_names_every_option() -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    names = ResolveOptions.__annotations__
+    unnamed = [name for name in names if f"--{name.replace('_', '-')}" not in page and f"`{name}=" not in page]
+    assert not unnamed, f"docs/python.md, Options, does not name {', '.join(unnamed)}"
 
 
 def test_defaults_that_were_taken_are_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -3,7 +3,6 @@
 import logging
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -13,7 +12,7 @@ from cadtof_cli.api.frames import Frame
 from cadtof_cli.api.maps import Maps
 from cadtof_cli.api.values import as_declared
 from cadtof_cli.arrays import Stored
-from cadtof_cli.calibration.store import Calibration, load_calibration
+from cadtof_cli.calibration.store import current_calibration
 from cadtof_cli.doubts.plausible import Copies, require_plausible
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.digests import content_digest
@@ -84,7 +83,7 @@ def resolve(
     loaded, use = None, None
     if calibration is not None:
         folder = Path(calibration)
-        loaded = _loaded(folder, _stamp(folder))
+        loaded = current_calibration(folder)
         loaded.require_match(first.metadata, pixels)
         use = CalibrationUse(folder, loaded.digest, sine=loaded.sine)
     plan = FramePlan(metadata=first.metadata, settings=settings, calibration=use)
@@ -140,16 +139,3 @@ def _without_copies(frames: Sequence[Frame]) -> Iterator[Stored]:
             _log.warning(f"warning: {one}: holds the same values as another of these frames, so the mean is without it")
         else:
             yield one.stored
-
-
-def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
-    """Return name, size and modification time of each file in a calibration folder; a change in the folder changes them."""
-    if not folder.is_dir():
-        return ()
-    return tuple((one.name, one.stat().st_size, one.stat().st_mtime_ns) for one in sorted(folder.iterdir()))
-
-
-@lru_cache(maxsize=4)
-def _loaded(folder: Path, _stamp: tuple[tuple[str, int, int], ...], /) -> Calibration:
-    """Return the calibration in a folder. It is read again only when the stamp of the folder has changed."""
-    return load_calibration(folder)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Float32, sealed
+from cadtof_cli.arrays import Bool, Float32, median, sealed
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import median_variance_ratio
@@ -64,6 +64,11 @@ class DarkCalibration:
         return np.asarray(self.defects != 0)
 
     @property
+    def sound_offset_v(self) -> Float32:
+        """The offsets in V, (H, 2, Y, X); NaN in pixels with a defect."""
+        return np.where(self.hot, np.float32(np.nan), self.offset_v)
+
+    @property
     def summary(self) -> str:
         """The part in a few words."""
         return f"{int(self.hot.sum())} bad pixels"
@@ -92,11 +97,11 @@ class DarkCalibration:
         """Return the standard error of the offsets of each harmonic, in V, by the noise of its channels; 0 if the noise
         is unknown."""
         whole, noise = self.quality(), spread_over(self.noise_v, TYPICAL_PIXELS).astype(np.float64)
-        typical = np.median(noise, axis=(1, 2))
+        typical = median(noise.reshape(len(noise), -1))
         if not whole["noise_v"] > 0.0:
             return (0.0,) * len(typical)
         # noise below a count does not show in most pixels: all that is known then is the rounding
-        shares = typical / np.median(noise) if typical.all() else np.ones_like(typical)
+        shares = typical / median(noise.ravel()) if typical.all() else np.ones_like(typical)
         return tuple((whole["offset_stderr_v"] * shares).tolist())
 
     def tables(self) -> dict[str, dict[str, Any]]:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -188,14 +189,35 @@ def load_calibration(folder: Path, /, *, kinds: Sequence[PartKind] = PART_KINDS)
     return Calibration(**found)
 
 
+def current_calibration(folder: Path, /) -> Calibration:
+    """Return the calibration in a folder; it is read again only when one of its files has changed. See `load_calibration`."""
+    return _read_at(folder, _stamp(folder))
+
+
+def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
+    """Return name, size and modification time of each file of a calibration; a change of one of them changes these."""
+    stamp = list[tuple[str, int, int]]()
+    for name in (f"{kind}.{suffix}" for kind in PART_KINDS for suffix in ("toml", "exr")):
+        # whatever cannot be reached is left to `load_calibration`
+        with suppress(OSError, ValueError):
+            now = (folder / name).stat()
+            stamp.append((name, now.st_size, now.st_mtime_ns))
+    return tuple(stamp)
+
+
+@lru_cache(maxsize=4)
+def _read_at(folder: Path, _stamp: tuple[tuple[str, int, int], ...], /) -> Calibration:
+    return load_calibration(folder)
+
+
 @lru_cache(maxsize=4)
 def cached_calibration(folder: Path, digest: str, /) -> Calibration:
-    """Read a calibration once per process; raise MetadataError unless it has this digest.
+    """Return a calibration without a look at its folder after the first; raise MetadataError unless it has this digest.
 
     It may have changed since the start of the run that recorded the digest. That run may still go on, or may have ended
     long ago.
     """
-    calibration = load_calibration(folder)
+    calibration = current_calibration(folder)
     if calibration.digest != digest:
         raise MetadataError(
             f"{folder}: holds another calibration (digest {calibration.digest}) than when the run began (digest {digest});"

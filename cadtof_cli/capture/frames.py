@@ -214,17 +214,26 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
     return stored
 
 
-def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] | None = None) -> Iterator[FrameSource]:
+def single_frames(
+    capture: Capture,
+    /,
+    *,
+    typical: "TypicalFile | None" = None,
+    taken: Callable[[], Collection[str]] | None = None,
+) -> Iterator[FrameSource]:
     """Yield every frame of a capture, and every frame of its stacks.
 
     To open thousands of files beforehand would cost as much time as to read them. So if a file has as many bytes as a
     file with a single frame, we assume that it holds a single frame too; `read_stored` checks that. A file that cannot
     be opened is yielded as a single frame; it fails when it is read.
 
-    `taken` returns names that the frames of stacks must not get, by default those of the capture's own frames. It is
-    called at most once, and only if there is a stack.
+    Args:
+        capture: its frames.
+        typical: what most of its files hold, if that is known: then no file of this size need be opened.
+        taken: returns names that the frames of stacks must not get, by default those of the capture's own frames. It is
+            called at most once, and only if there is a stack.
     """
-    layout, size_of_one = capture.layout, 0
+    layout, size_of_one = capture.layout, typical.bytes if typical and typical.frames == 1 else 0
     names: Collection[str] | None = None
     for source in capture.frames:
         size = file_size(source.paths[0]) if len(source.paths) == 1 else 0
@@ -255,6 +264,7 @@ class TypicalFile:
         pixels: (Y, X) of a frame.
         dtype: type of the stored values.
         frames: number of frames in the file.
+        bytes: size of the file.
         source: the file.
         is_plain: whether the file is known to hold a single frame whose values are not compressed.
     """
@@ -262,6 +272,7 @@ class TypicalFile:
     pixels: tuple[int, int]
     dtype: np.dtype[Any]
     frames: int
+    bytes: int
     source: FrameSource
     is_plain: bool
 
@@ -273,7 +284,8 @@ def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[Typ
             with open_frames(source, layout) as frames:
                 height, width = frames.shape[2:]
                 is_plain = frames.read_like is not None
-                found = TypicalFile((height, width), frames.dtype, frames.count, source, is_plain)
+                size = file_size(source.paths[0])
+                found = TypicalFile((height, width), frames.dtype, frames.count, size, source, is_plain)
         except FrameError:
             continue
         yield found

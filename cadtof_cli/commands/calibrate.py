@@ -185,7 +185,7 @@ def _response_lines(figures: Mapping[str, Any]) -> list[str]:
             f"harmonic {harmonic.removeprefix('H')}: gain {gain:.4f}, phase {phase:+.4f} rad; pixel to pixel {spread:.4f} rad "
             f"(each known to {error:.4f}), {gain_spread:.2%} of gain (known to {gain_error:.2%})"
         )
-    lines.append(f"residual over noise: {figures['residual']:.3f} (1: nothing but noise is left)")
+    lines.append(f"residual over noise: {figures['residual']:.3f} (about 1 or less: nothing but noise is left)")
     return lines
 
 

@@ -8,7 +8,7 @@ from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
-from cadtof_cli.workflows.inspect.export import FORMATS, ExportSettings, export_maps
+from cadtof_cli.workflows.inspect.export import EXPORTS, ExportSettings, export_maps
 
 
 @click.command(
@@ -24,7 +24,7 @@ from cadtof_cli.workflows.inspect.export import FORMATS, ExportSettings, export_
     "--out",
     required=True,
     type=PATH,
-    metavar="OUT.ply|.pcd|.png|.npz|.csv",
+    metavar=f"OUT{'|'.join(EXPORTS)}",
     help="File to write. With several maps, one file per map is written: the name of the map is added to the name of OUT.",
 )
 @RecordOptions("settings", ExportSettings)
@@ -40,8 +40,8 @@ def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings) -> No
     NPZ, CSV  all layers
     """
     kind = out.suffix.lower()
-    if kind in FORMATS:
-        note_given(FORMATS[kind].unused, f"with {kind}")
+    if kind in EXPORTS:
+        note_given(EXPORTS[kind].unused, f"with {kind}")
     with progress_bar("exporting", "maps") as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar)
     for output in outputs:

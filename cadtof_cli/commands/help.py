@@ -14,6 +14,9 @@ NARROW = 60
 _LEAST_COLUMNS = 20
 """Width in columns that every terminal is assumed to have."""
 
+_UNBROKEN_HYPHEN = "\u2011"
+"""Stands for a hyphen while lines are broken, because lines are broken after a hyphen."""
+
 
 class _Formatter(click.HelpFormatter):
     """Writes no line that is wider than the terminal. Click itself assumes that a terminal has at least 50 columns."""
@@ -24,6 +27,12 @@ class _Formatter(click.HelpFormatter):
         columns = shutil.get_terminal_size().columns
         self._narrow = width is None and columns < NARROW
         super().__init__(indent_increment, max(columns - 1, _LEAST_COLUMNS) if self._narrow else width, max_width)
+
+    def write_text(self, text: str) -> None:
+        """Write a text. No line ends within a name that has a hyphen, such as an option, so that it can be copied."""
+        begin = len(self.buffer)
+        super().write_text(text.replace("-", _UNBROKEN_HYPHEN))
+        self.buffer[begin:] = [one.replace(_UNBROKEN_HYPHEN, "-") for one in self.buffer[begin:]]
 
     def write_dl(self, rows: Iterable[tuple[str, str]], col_max: int = 30, col_spacing: int = 2) -> None:
         """Write names and their meanings: side by side, or on a narrow terminal each meaning under its name."""

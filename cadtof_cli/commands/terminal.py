@@ -260,7 +260,13 @@ def _drawn(description: str, unit: str) -> Iterator["RichProgress"]:
             return False
 
     # Without a refresh thread: a process that has threads must not fork workers.
-    console = CursorStays(file=cast("TextIO", _Terminal(sys.stderr)))
+    # rich believes these two whatever they say, and draws nothing in 0 columns
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in {"COLUMNS", "LINES"} or re.fullmatch("[1-9][0-9]{0,3}", value)
+    }
+    console = CursorStays(file=cast("TextIO", _Terminal(sys.stderr)), _environ=environment)
     with OneLine(*columns, console=console, auto_refresh=False) as progress:
         progress.add_task(description, total=None)
         try:

@@ -5,14 +5,16 @@ Nothing of this shows in a pixel alone. Offsets and amplitudes look like a secon
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Stored, median, plane_names, quantiles
+from cadtof_cli.arrays import Complex, Float, Float32, Stored, median, plane_names, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, left_by_one_path, scatters, sound_phasors, sound_values
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.voltages import (
+    PhasorMap,
     ideal_phasor_map,
     phasors_from_stored,
     saturated_pixels,
@@ -44,11 +46,8 @@ second number if depth and brightness are left out: not all of an offset is left
 _RIPPLED = 0.005
 """Share of the light up to which offsets may be ripples of the scene, such as those of a corrugated sheet."""
 
-_THIRD = math.sqrt(1.0 + 9.0 + 9.0 + 1.0)
-"""Standard deviation of third differences of independent numbers. Surfaces hardly have third differences."""
-
-_SECOND = math.sqrt(1.0 + 4.0 + 1.0)
-"""The same of second differences."""
+_THIRD, _SECOND = math.sqrt(1.0 + 9.0 + 9.0 + 1.0), math.sqrt(1.0 + 4.0 + 1.0)
+"""Standard deviations of third and second differences of independent numbers. Surfaces hardly have third differences."""
 
 _LINES, _LEAST_LINES = 96, 48
 """Rows or columns that are looked at, and fewest of them: a part of them lies at edges of the scene."""
@@ -84,6 +83,10 @@ _GAPS, _GAP_RANGE = 2, 1.25
 """Fewest gaps that a stuck bit leaves between the values, and how many times the bit the largest of them may be. Values of
 distinct surfaces have other gaps. In 1270 sound frames nothing is told."""
 
+_CLEAR_OFFSET, _SAME_OFFSETS = 5.0, 0.5
+"""Differences of offsets count that are more than so many standard errors. A frame has the offsets of a calibration if its own
+differences are at least this share of them, by more than so many standard errors."""
+
 _PILED_UP = 8
 """Values are likely cut off if the outermost value occurs more than this many times as often as the next value."""
 
@@ -92,18 +95,22 @@ _NOISE_STEPS = 0.5
 in every plane: the noise then does not spread values, and many pixels hold the same value for that reason."""
 
 
-def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return a message if neighbours differ by far more, or far less, than the integration length explains; else None."""
+def other_noise(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap | None = None, /) -> str | None:
+    """Return a message if neighbours, calibrated by a map, differ by far more or less than the integration length explains."""
     n_av, (height, width) = metadata.pixel.integration_length, stored.shape[2:]
     if n_av is None or min(height, width) < 2:
         return None
-    pairs = stored[:, :, : height // 2 * 2].reshape(*stored.shape[:2], height // 2, 2, width)
-    pairs = pairs[:, :, :: max(1, 2 * pairs.shape[2] * width // LOOKED_AT)]
-    if pairs.shape[2] * width < FEWEST:
+    pairs = np.arange(height // 2 * 2).reshape(-1, 2)
+    pairs = pairs[:: max(1, pairs.size * width // LOOKED_AT)]
+    if len(pairs) * width < FEWEST:
         return None
     # pairs of rows, one beside the other: a frame of two rows
-    values = pairs.swapaxes(2, 3).reshape(*stored.shape[:2], -1)
-    phasors = phasors_from_stored(values, ideal_phasor_map(metadata, stored.dtype))
+    rows = pairs.T.ravel()
+    values, places = (
+        stored[:, :, rows].reshape(*stored.shape[:2], -1),
+        np.add.outer(rows * width, np.arange(width)).ravel(),
+    )
+    phasors = phasors_from_stored(values, (phasor_map or ideal_phasor_map(metadata, stored.dtype))[places])
     phasors[:, saturated_pixels(values, metadata.voltage.saturated_counts)] = np.nan
     whole = stored.dtype.kind in "iu"
     lengths = np.abs(phasors[0][np.isfinite(phasors[0])])
@@ -129,6 +136,33 @@ def other_noise(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
             "integration_length or leave it out, or record without a filter that smooths"
         )
     return None
+
+
+def other_offsets(
+    stored: Stored, metadata: CaptureMetadata, offset_v: Float32, stderr_v: Sequence[float], /
+) -> str | None:
+    """Return a message if neighbours in a frame, (H, 2, Y, X), do not differ as their calibrated offsets do; else None.
+
+    `offset_v`, (H, 2, Y, X), are known to `stderr_v`, (H,); 0: it is not known how well. No scene differs as they do.
+    """
+    # an odd step: the upper row is even and odd in turn, so the slope of a scene cancels if even rows have another offset
+    step = 2 * (stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)) + 1
+    upper, lower = slice(0, -1, step), slice(1, None, step)
+    volts = (volts_from_stored(stored[:, :, rows], metadata.voltage) for rows in (upper, lower))
+    seen, known = next(volts) - next(volts), (offset_v[:, :, upper] - offset_v[:, :, lower]).astype(np.float64)
+    least = np.maximum(_CLEAR_OFFSET * np.reshape(stderr_v, (-1, 1, 1, 1)), _STEP * metadata.modulation.amplitude_v)
+    clear = np.isfinite(seen) & (np.abs(known) > least)
+    along, sizes = (seen * np.sign(known))[clear], np.abs(known[clear])
+    if sizes.size < FEWEST or not all(stderr_v):
+        return None
+    share = median(along) / median(sizes)
+    error = 1.25 * median(np.abs(along - median(along))) / MAD_PER_SIGMA / math.sqrt(sizes.size) / median(sizes)
+    if share > _SAME_OFFSETS - _CLEAR_OFFSET * error:
+        return None
+    return (
+        "its pixels do not have the offsets of the calibration, which makes depths worse: is it the calibration of another "
+        "camera, were the frames mirrored or turned, or have the offsets drifted? Repeat calibrate dark"
+    )
 
 
 def _tells_scene(metadata: CaptureMetadata) -> bool:
@@ -268,11 +302,12 @@ def stuck_bit(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     changing = [one & mask for one in (either ^ both).tolist()]
     changing.append(int(np.bitwise_or.reduce(either) ^ np.bitwise_and.reduce(both)) & mask)
     least = _BIT_MATTERS * metadata.modulation.amplitude_v / abs(volts_per_count(metadata.voltage, stored.dtype))
-    names, groups = [*plane_names(metadata.modulation.harmonics), "all planes"], (*rows, rows)
+    groups = (*rows, rows)
     for place in reversed(range(len(groups))):
         for bit in range(max(1, math.ceil(math.log2(least))), changing[place].bit_length()):
             # nearly all frames have no such bit
             if not changing[place] >> bit & 1 and changing[place] & ((1 << bit) - 1) and _has_gaps(groups[place], bit):
+                names = [*plane_names(metadata.modulation.harmonics), "all planes"]
                 return (
                     f"bit {bit} ({1 << bit}) of {names[place]} is {int(groups[place].flat[0]) >> bit & 1} in every pixel, and "
                     "the values jump there: a line of the converter or of its cable is stuck. Depths are wrong by centimetres to "

@@ -4,13 +4,13 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.doubts.camera import cut_off, other_noise, stepped, striped, stuck_bit, unequal_harmonics
+from cadtof_cli.doubts.camera import cut_off, other_noise, other_offsets, stepped, striped, stuck_bit, unequal_harmonics
 from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT
 from cadtof_cli.doubts.planes import mistaken_order, share_of_one_path, sheared, wrong_planes
-from cadtof_cli.doubts.shared_light import shared_light_in_words, wrong_zero_in_words
+from cadtof_cli.doubts.shared_light import shared_in_words, wrong_zero_in_words
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MISFIT
-from cadtof_cli.phasors.voltages import PhasorMap, ideal_phasor_map, spread_over
+from cadtof_cli.phasors.voltages import ideal_phasor_map, spread_over
 from cadtof_cli.pipeline.frame import stages_of
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.status import StatusCounts
@@ -69,7 +69,7 @@ def camera_doubts(stored: Stored, metadata: CaptureMetadata, /) -> tuple[str, ..
             # each row or column with an offset of its own makes a step in the middle, too
             striped(stored, metadata, "columns") or stepped(stored, metadata),
             unequal_harmonics(stored, metadata),
-            _shared(stored, metadata, ideal_phasor_map(metadata, stored.dtype)),
+            shared_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)),
         )
 
 
@@ -88,10 +88,18 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
         return found
     if use is None:
         return camera_doubts(stored, metadata)
-    if not use.sine:
-        return ()
-    stages = stages_of(stored, plan, plan.read_calibration())
-    return _told(_shared(stored, metadata, stages.correction.phasor_map))
+    calibration = plan.read_calibration()
+    dark = calibration.dark if calibration else None
+    if dark and stored.shape == dark.offset_v.shape:
+        found = _told(other_offsets(stored, metadata, dark.sound_offset_v, dark.offset_stderr_v()))
+    if found or not use.sine:
+        return found
+    correction, n_av = stages_of(stored, plan, calibration).correction, metadata.pixel.integration_length
+    # sigma holds the noise of the calibration, too; where this is larger than that of the frame, it is all that neighbours show
+    own = correction.noise
+    is_frames = own is None or n_av is None or max(own.dark) + max(own.response) < 0.5 / n_av
+    noise = other_noise(stored, metadata, correction.phasor_map) if is_frames else None
+    return _told(noise, shared_in_words(stored, metadata, correction.phasor_map))
 
 
 def frame_doubts(stored: Stored | None, maps: DepthMaps, counts: StatusCounts, plan: FramePlan, /) -> tuple[str, ...]:
@@ -125,10 +133,6 @@ def _zero_or_order(stored: Stored, metadata: CaptureMetadata, *, count: int = LO
     several = share_of_one_path(spread_over(stored, _QUICK_LOOK), metadata) <= _FITTING
     zero = wrong_zero_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)) if several else None
     return zero or mistaken_order(stored, metadata, count=count)
-
-
-def _shared(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap) -> str | None:
-    return wrong_zero_in_words(stored, metadata, phasor_map) or shared_light_in_words(stored, metadata, phasor_map)
 
 
 def _misfit_in_words(maps: DepthMaps, plan: FramePlan) -> str | None:

@@ -9,7 +9,7 @@ Another zero adds one number to all stored values. The right one is that with wh
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Stored, even_step, median
-from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.doubts.pixels import FEWEST, left_over, left_over_projections, squared_misfits, turned_by_phase
 from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored, sound_pixels
 
@@ -52,21 +52,21 @@ Of 2930 sound frames, those beyond the first number have .23 and more of the sec
 within the second have 16 at most of the first."""
 
 
-def shared_light_in_words(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap, /) -> str | None:
-    """Return a message if all pixels of a frame, (H, 2, Y, X), share light or an offset; else None.
+def shared_in_words(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap, /) -> str | None:
+    """Return a message if all pixels of a frame, (H, 2, Y, X), share another zero, light or an offset; else None.
 
     `phasor_map` makes phasors of the stored values. NaN and saturated pixels are left out. Triangle waves tell nothing.
     """
-    if metadata.modulation.waveform != "sine":
+    modulation = metadata.modulation
+    if modulation.waveform != "sine":
         # the further terms of a triangle differ from pixel to pixel
         return None
-    phasors, _ = _spread_phasors(stored, metadata, phasor_map)
-    share = shared_light(phasors, metadata.modulation.harmonics)
-    if share is None:
+    phasors, unit = _spread_phasors(stored, metadata, phasor_map)
+    if (off := wrong_zero(phasors, unit, modulation.harmonics)) is not None:
+        return _zero_in_words(off, metadata.voltage)
+    if (share := shared_light(phasors, modulation.harmonics)) is None:
         return None
-    parts = ", ".join(
-        f"{abs(part):.2g} at H{h}" for h, part in zip(metadata.modulation.harmonics, share.tolist(), strict=True)
-    )
+    parts = ", ".join(f"{abs(part):.2g} at H{h}" for h, part in zip(modulation.harmonics, share.tolist(), strict=True))
     return (
         f"all pixels share light or an offset ({parts}; the light of the surfaces is 1): depths may be wrong by far more than "
         "sigma says. Fog, a dirty window or pane, or light that the lens scatters: --return strongest takes what is behind. "
@@ -111,20 +111,18 @@ def shared_light(phasors: Complex, harmonics: tuple[int, ...], /) -> Complex | N
 
 
 def wrong_zero_in_words(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap, /) -> str | None:
-    """Return a message if all values of a frame, (H, 2, Y, X), are off by the same number; else None.
-
-    `phasor_map` makes phasors of the stored values. NaN and saturated pixels are left out. Triangle waves tell nothing.
-    """
+    """Return that message of `shared_in_words` which tells of another zero; None: there is none."""
     if metadata.modulation.waveform != "sine":
         return None
     off = wrong_zero(*_spread_phasors(stored, metadata, phasor_map), metadata.modulation.harmonics)
-    if off is None:
-        return None
-    zero = metadata.voltage.zero + off
+    return None if off is None else _zero_in_words(off, metadata.voltage)
+
+
+def _zero_in_words(off: float, voltage: Voltage) -> str:
     return (
-        f"all stored values seem to be {off:+.3g} off, 0 V is probably {zero:.6g} instead of {metadata.voltage.zero:g}: correct "
-        "zero_counts, or run calibrate dark if the offsets of the camera drift. Until then depths are wrong by decimetres to "
-        "metres, and sigma does not say so"
+        f"all stored values seem to be {off:+.3g} off, 0 V is probably {voltage.zero + off:.6g} instead of {voltage.zero:g}: "
+        "correct zero_counts, or run calibrate dark if the offsets of the camera drift. Until then depths are wrong by "
+        "decimetres to metres, and sigma does not say so"
     )
 
 

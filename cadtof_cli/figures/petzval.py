@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +20,10 @@ ROWS = 5
 """Number of rows around the principal point; their median is drawn."""
 
 DOTS_PER_INCH = 110
+
+_BEFORE: dict[str, Any] = {"ls": "", "marker": "x", "ms": 4, "color": "tab:red"}
+_AFTER: dict[str, Any] = {"ls": "", "marker": ".", "ms": 5, "color": "tab:blue"}
+"""Styles of points before and after the correction. Their shapes tell them apart in black and white, too."""
 
 
 def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: Path, /) -> None:
@@ -65,9 +70,9 @@ def _section(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration,
     rows = slice(max(middle - ROWS // 2, 0), min(middle + ROWS // 2 + 1, height))
     columns = np.arange(flat.shape[1])
     corrected = range_m - petzval.range_offset_m
-    for values, label, colour in ((range_m, "before", "tab:red"), (corrected, "after", "tab:blue")):
+    for values, label, style in ((range_m, "before", _BEFORE), (corrected, "after", _AFTER)):
         medians = [_median(column) for column in (values / facing)[rows].T]
-        axes.plot(columns, medians, ".", markersize=3, color=colour, label=label)
+        axes.plot(columns, medians, **style, label=label)
     axes.plot(columns, (flat / facing)[middle], color="black", linewidth=1, label="flat wall, as fitted")
     axes.set(xlabel="column, px", ylabel="planar depth, m")
     _finish(axes, f"{name}: rows {rows.start} to {rows.stop - 1}")
@@ -80,9 +85,9 @@ def _radial(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration, 
     centres = 0.5 * (edges[1:] + edges[:-1])
     before = 100 * (range_m - flat)
     after = before - 100 * petzval.range_offset_m
-    for values, label, colour in ((before, "before", "tab:red"), (after, "after", "tab:blue")):
+    for values, label, style in ((before, "before", _BEFORE), (after, "after", _AFTER)):
         medians = [_median(values.ravel()[place == index]) for index in range(centres.size)]
-        axes.plot(centres, medians, "o", markersize=3.5, color=colour, label=f"{label}, median of a ring")
+        axes.plot(centres, medians, **style, label=f"{label}, median of a ring")
     curve = 100 * (petzval.curvature.k2_m * centres**2 + petzval.curvature.k4_m * centres**4)
     axes.plot(centres, curve, color="black", linewidth=1, label="k2 ρ² + k4 ρ⁴")
     axes.set(xlabel="ρ, distance from the principal point over half the diagonal", ylabel="range − flat wall, cm")

@@ -1,6 +1,7 @@
 """Classes of pixels by their status, and the colour of each class.
 
-No scale of colours contains one of these colours.
+No scale of colours contains one of these colours. Colour-blind people can tell them from each other and from the scales,
+and in black and white they differ in lightness.
 """
 
 from enum import Enum
@@ -16,14 +17,14 @@ from cadtof_cli.resolver.status import StatusBit, has_answer
 class PixelClass(Enum):
     """A class of pixels: its name in the legend and its colour; in the order of the legend."""
 
-    ONE_PATH = "one path", "#d9d9d9"
-    FEWER_PATHS = "fewer paths", "#d9d9d9"
-    TWO_PATHS = "two paths", "#0072b2"
-    ILL_CONDITIONED = "two paths, ill-conditioned", "#56b4e9"
-    MORE_PATHS = "three paths or more", "#009e73"
-    DIFFUSE = "diffuse MPI", "#e69f00"
-    NO_ANSWER = "no answer", "#737373"
-    SATURATED = "saturated", "#ff2fd0"
+    ONE_PATH = "one path", "#e3e3e3"
+    FEWER_PATHS = "fewer paths", "#e3e3e3"
+    TWO_PATHS = "two paths", "#054b86"
+    ILL_CONDITIONED = "two paths, ill-conditioned", "#81d3ff"
+    MORE_PATHS = "three paths or more", "#008060"
+    DIFFUSE = "diffuse MPI", "#d58f00"
+    NO_ANSWER = "no answer", "#b2b2b2"
+    SATURATED = "saturated", "#7b06fa"
     IN_ONE = "a value in only one of the two", "#f0e442"
 
     @property

@@ -57,7 +57,7 @@ def plot_voltages(axes: Axes, recording: Evolution, /) -> None:
     """Plot SC1 and SC2 after each photon on the given axes."""
     thousands = recording.photons / 1e3
     axes.plot(thousands, 1e3 * recording.voltages_v[0], color=DIRECT_COLOUR, lw=0.9, label="SC1")
-    axes.plot(thousands, 1e3 * recording.voltages_v[1], color=MPI_COLOUR, lw=0.9, label="SC2")
+    axes.plot(thousands, 1e3 * recording.voltages_v[1], color=MPI_COLOUR, lw=0.9, ls="--", label="SC2")
     axes.set(xlim=(0, thousands[-1]), xlabel="photons sampled (thousands)", ylabel="voltage, mV")
     legend_beside(axes)
 

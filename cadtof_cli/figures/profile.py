@@ -18,7 +18,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Colours of runs, in their order. They are those of Okabe and Ito, which colour-blind people can tell apart."""
 
 _LINES = ("-", "-.", ":")
-"""Lines of the first runs, and of those that have the colours of the first ones again."""
+"""Lines of runs, in their order: in black and white, they tell runs apart. No two of 18 runs share both colour and line."""
 
 _ENTRY_IN, _BESIDE_ENTRIES_IN, _HIGHEST_IN = 0.17, 0.8, 100.0
 """Height of an entry of the legend, of what is above and below the legend, and of the largest picture, in inches."""
@@ -73,9 +73,11 @@ def _curves(axes: Axes, profile: Profile, shown: Callable[[Float], Float], facto
         depths = shown(first)
         axes.plot(profile.along, depths, **_DASHED, **_points(depths, fewest=0), color=colour, label=name)
     for number, (curve, name, colour) in enumerate(_named(profile)):
-        values, line = shown(curve.values), _LINES[number // len(COLOURS) % len(_LINES)]
+        values, line = shown(curve.values), _LINES[(number + number // len(COLOURS)) % len(_LINES)]
         if curve.sigma is not None:
-            low, high = values - factor * curve.sigma, values + factor * curve.sigma
+            # maps of other programs may hold infinite depths with infinite sigma
+            with np.errstate(invalid="ignore"):
+                low, high = values - factor * curve.sigma, values + factor * curve.sigma
             label = f"{name}: ± 1 σ, predicted"
             axes.fill_between(profile.along, low, high, color=colour, alpha=0.2, lw=0, label=label)
         axes.plot(profile.along, values, lw=1.3, ls=line, **_points(values), color=colour, label=name)
@@ -116,6 +118,6 @@ def _to_lines(axes: Axes) -> None:
     values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.get_lines()])
     finite = values[np.isfinite(values)]
     if finite.size:
-        margin = 0.06 * float(np.ptp(finite)) + 1e-6
+        margin = 0.06 * float(np.ptp(finite)) + 1e-6 * max(1.0, float(np.abs(finite).max()))
         axes.set_ylim(float(finite.min()) - margin, float(finite.max()) + margin)
     axes.grid(alpha=0.25)

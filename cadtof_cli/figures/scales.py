@@ -43,9 +43,9 @@ class Scale:
         if ".SC" in name or ".offset" in name:
             return cls.of_differences(known, share=99.5)
         if name.endswith((".sigma", ".std", ".noise")):
-            return cls(SIGMAS, (0.0, limits_of(known)[1]))
+            return cls(SIGMAS, _from_zero(limits_of(known)))
         if name.endswith(("amplitude", "confidence")):
-            return cls(VOLTAGES, (0.0, limits_of(known)[1]))
+            return cls(VOLTAGES, _from_zero(limits_of(known)))
         return cls(DEPTHS, limits_of(known))
 
     @classmethod
@@ -58,6 +58,11 @@ class Scale:
     def chosen(self, limits: tuple[float, float] | None, colours: str | None, /) -> "Scale":
         """Return the scale with the limits and colours that a user chose; None: these stay."""
         return replace(self, limits=limits or self.limits, colours=colours or self.colours)
+
+
+def _from_zero(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return limits that begin at 0; if no value is above 0, as in files of other programs, they stay."""
+    return (0.0, limits[1]) if limits[1] > 0.0 else limits
 
 
 def limits_of(values: NDArray[np.floating], /) -> tuple[float, float]:

@@ -89,8 +89,8 @@ def draw_sheet(
         x = (_SPACE + column * pitch + width / 2) / page_width
         below = _TOP + row * (height + _NAME_HEIGHT) + height
         y = 1 - (below + _NAME_HEIGHT / 2) / page_height
-        short = within(name, pitch / DOTS_PER_INCH, size=6.5)
-        figure.text(x, y, short, ha="center", va="center", fontsize=6.5, parse_math=False)
+        short = within(name, pitch / DOTS_PER_INCH, size=7)
+        figure.text(x, y, short, ha="center", va="center", fontsize=7, parse_math=False)
         if image is None:
             y = 1 - (below - height / 2) / page_height
             figure.text(x, y, "cannot\nbe drawn", ha="center", va="center", fontsize=7, color="#b00020")

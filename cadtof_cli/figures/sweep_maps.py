@@ -21,6 +21,9 @@ _READABLE_CELLS = 12
 _MOST_LENGTHS, _MOST_ASRS = 5, 20
 """Largest number of integration lengths and of ASRs that the axes of a map show; with more, their numbers would overlap."""
 
+MARKERS = "os^Dv"
+"""Points of MPI ratios, in their order: colours alone do not tell the ratios apart in black and white."""
+
 _TITLE_INCHES = 7.5
 """Least width of a figure of maps: that of its title."""
 
@@ -51,7 +54,7 @@ def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> N
 def draw_confidence(table: Table, path: Path, /) -> None:
     """Draw confidence, phase precision and phase error of the first phasor over ASR, one curve per MPI ratio.
 
-    The curves are those of the longest integration length. Lines show the analytical model, dots the simulation.
+    The curves are those of the longest integration length. Lines show the analytical model, points the simulation.
     """
     longest = max(row["integration_length"] for row in table)
     chosen = [row for row in table if row["integration_length"] == longest]
@@ -69,7 +72,8 @@ def draw_confidence(table: Table, path: Path, /) -> None:
         for index, ratio in enumerate(ratios):
             rows = sorted((row for row in chosen if row["mpi_ratio"] == ratio), key=lambda row: row["asr"])
             asr = [row["asr"] for row in rows]
-            axes.plot(asr, [scale * row[column] for row in rows], "o", ms=4, color=f"C{index}", label=f"{ratio:g}")
+            points = {"marker": MARKERS[index % len(MARKERS)], "ls": "", "ms": 4}
+            axes.plot(asr, [scale * row[column] for row in rows], **points, color=f"C{index}", label=f"{ratio:g}")
             if model:
                 # a line of one point would not be seen
                 line = "-" if len(asr) > 1 else "_"

@@ -16,7 +16,7 @@ from cadtof_cli.files.digests import Digest, file_digest
 from cadtof_cli.files.formats import detect_format, format_by_suffix
 from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader, NotMapsError
 
-_STATUS_LIMIT = 2**13
+STATUS_LIMIT = 2**13
 """All numbers below it are status bits: those of `StatusBit`, which this room may not import."""
 
 
@@ -40,7 +40,7 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
         return layers
     # as float64, in which every number keeps its value
     numbers = status.astype(np.float64)
-    are_bits = np.isfinite(numbers) & (numbers >= 0) & (numbers < _STATUS_LIMIT) & (numbers == np.floor(numbers))
+    are_bits = np.isfinite(numbers) & (numbers >= 0) & (numbers < STATUS_LIMIT) & (numbers == np.floor(numbers))
     # every pixel of a map has a bit, but numbers that were scaled to 0 … 1 may be too small for half floats
     if not are_bits.all() or (status.dtype.kind == "f" and not numbers.any()):
         raise FrameError(

@@ -33,6 +33,8 @@ A header that promises more than both is damaged. Deflate reaches a ratio of 1,0
 _MOST_LETTERS = 300
 """Most letters of a library's remark that a message shows."""
 
+_OBJECT = re.compile(r":? ?<[\w.]+ object at 0x[0-9a-fA-F]+>")
+
 _DIGITS = re.compile(r"(\d+)")
 
 _KINDS = {
@@ -155,9 +157,9 @@ def read_through(path: Path, /) -> None:
 def in_brief(remarks: Iterable[object], /) -> str:
     """Return the first remark of a library on a damaged file, shortened, and the number of different remarks after it.
 
-    A library may make thousands of remarks on one file.
+    A library may make thousands of remarks on one file. Objects of Python go: their addresses differ from run to run.
     """
-    first, *others = dict.fromkeys(map(str, remarks))
+    first, *others = dict.fromkeys(_OBJECT.sub("", str(remark)) for remark in remarks)
     told = first if len(first) <= _MOST_LETTERS else f"{first[:_MOST_LETTERS]} …"
     return f"{told} (and {counted(len(others), 'more remark')})" if others else told
 

@@ -4,15 +4,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32, SomePixels, Stored, median
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
 from cadtof_cli.phasors.response import ideal_response, pulse_response
-from cadtof_cli.phasors.rotors import Rotor
 from cadtof_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from cadtof_cli.phasors.rotors import Rotor
 
 MAD_PER_SIGMA = 0.6744897501960817
 """Median absolute deviation of a Gaussian over its standard deviation."""
@@ -86,7 +88,7 @@ class HarmonicNoise:
         along = self.dark_variance + doubled - self.averaging * share * share
         return np.maximum(along, LEAST_SHARE * self.ambient_variance), across
 
-    def covariance(self, phasor: Rotor, doubled: Rotor, /) -> tuple[Float, Float, Float]:
+    def covariance(self, phasor: "Rotor", doubled: "Rotor", /) -> tuple[Float, Float, Float]:
         """Return the covariance's entries re·re, re·im and im·im, (n,) each, for light whose phasors at h and 2h are given.
 
         The equation is that of `noise_model`; `LEAST_SHARE` keeps the matrix positive definite.

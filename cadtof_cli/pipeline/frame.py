@@ -5,6 +5,7 @@ resolves each pixel alone, block by block. If a frame is split over processes, i
 resolve a part of it.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -80,9 +81,7 @@ def resolve_frame(
     """
     stages = stages_of(frame, plan, calibration)
     pixels = prepare_frame(frame, stages)
-    maps = resolve_pixels(pixels, stages)
-    pages, status = maps.pages.reshape(-1, *pixels.size), maps.status.reshape(pixels.size)
-    return ResolvedFrame(replace(maps, pages=pages, status=status), pixels.noise, pixels.choice)
+    return ResolvedFrame(resolve_pixels(pixels, stages), pixels.noise, pixels.choice)
 
 
 def stages_of(frame: Stored | FrameMean, /, plan: FramePlan, calibration: "Calibration | None" = None) -> FrameStages:
@@ -128,12 +127,13 @@ def prepare_frame(frame: Stored | FrameMean, stages: FrameStages, /) -> FramePix
 
 
 def resolve_pixels(pixels: FramePixels, stages: FrameStages, /) -> DepthMaps:
-    """Return the maps, (1, n), of a prepared frame's pixels, or of a part of them, resolved block by block.
+    """Return the maps, (Y, X), of a prepared frame's pixels, or those of a part of them, (1, n), resolved block by block.
 
     The answer of a pixel does not depend on the pixels that are resolved with it, so neither the size of the blocks nor
     the size of the part changes a bit of it.
     """
-    maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.count))
+    size = pixels.size if pixels.count == math.prod(pixels.size) else (1, pixels.count)
+    maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), size)
     in_kernel = stages.solver_module == CLOSED_FORM and stages.layers[len(IN_KERNEL) :] in ((), (AVERAGED,))
     if chosen_kernel() != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.nets is None):
         _fill_by_kernel(maps, pixels, stages)

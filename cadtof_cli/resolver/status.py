@@ -102,7 +102,7 @@ def why_no_answer(status: Status, /, *, noise_estimated: bool = False) -> str:
         )
     impossible = (
         "; impossible means: amplitudes above what the modulation can record, or the same values in all pixels; check "
-        "amplitude_v, volts_per_count and fwhm_ns"
+        "amplitude_v, volts_per_count and fwhm_ns; if the view moves fast, try --order 1"
     )
     hints = (weak if shares[StatusBit.LOW_CONFIDENCE] else "") + (impossible if shares[StatusBit.IMPOSSIBLE] else "")
     return f"no pixel has an answer ({', '.join(found)}){hints}"

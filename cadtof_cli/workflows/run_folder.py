@@ -5,8 +5,9 @@ the second says.
 """
 
 import io
+import itertools
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
@@ -28,8 +29,9 @@ from cadtof_cli.workflows.resolve.lines import FRAMES_FILE, place_in
 from cadtof_cli.workflows.resolve.reports import FrameReport, report_of
 from cadtof_cli.workflows.resolve.run_json import NOT_OF_A_RUN, RUN_FILE, RunRecord, optics_of, read_record
 
-RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
-"""For each map, by its name: the capture, and the recorded frames that the map was made from (several if it shows a mean)."""
+RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...], str | None]]
+"""For each map, by its name: the capture, the recorded frames that the map was made from (several if it shows a mean), and the
+digest of their values if `frames.jsonl` has it."""
 
 NOT_EVALUATED = "so the first phasor is left out"
 """End of all notes on recorded frames that are unknown or have changed."""
@@ -196,6 +198,12 @@ class Run:
         named = {self.map_of(report) for report in self.reports()}
         return [file for file in self.files if named and file not in named]
 
+    def tell_if_unfinished(self, say: Callable[[str], None], /) -> None:
+        """Say that frames may be missing if the run was stopped, or goes on. Of a single map that is no matter."""
+        if self.maps.is_dir() and self.record is not None and not self.record.is_finished:
+            hint = "if it was stopped, `cadtof resolve --resume` completes it"
+            say(f"{self.maps}: the run has not finished, so frames may be missing; {hint}")
+
     def frames_without_maps(self) -> int:
         """Return how many frames of the run failed, or lost their map file since; 0 if only a part of its maps was given.
 
@@ -213,21 +221,36 @@ class Run:
             say(f"{self.no_record}, {NOT_EVALUATED}")
             return {}
         try:
-            captures = self.record.recorded_captures(self.folder)
-            return _by_map(captures, self.record.frames, self.record.average)
+            return self._recorded_frames(self.record.recorded_captures(self.folder), self.record.average)
         except (CadtofError, *NOT_OF_A_RUN) as error:
             say(f"the recorded frames are no longer where they were, {NOT_EVALUATED}: {error}")
             return {}
 
-
-def _by_map(captures: Sequence[Capture], chosen: slice, average: int) -> RecordedFrames:
-    """Return the frames of each map. The name of a map is the name of the first of its frames."""
-    found: dict[str, tuple[Capture, tuple[FrameSource, ...]]] = {}
-    for capture in captures:
-        frames = tuple(single_frames(capture, taken=partial(frame_names, captures)))[chosen]
-        for place in range(0, len(frames), average):
-            found[frames[place].name] = capture, frames[place : place + average]
-    return found
+    def _recorded_frames(self, captures: Sequence[Capture], average: int) -> RecordedFrames:
+        """Return the frames of each map. Its line says which they are; without it, those from the one with the map's name on."""
+        lines = dict[str, FrameReport]()
+        with suppress(CaptureError):
+            lines = {self.name(file): one for one in self.reports() if (file := self.map_of(one)) is not None}
+        places = dict[str, tuple[Capture, tuple[FrameSource, ...], int]]()
+        for capture in captures:
+            frames = tuple(single_frames(capture, taken=partial(frame_names, captures)))
+            for place, frame in enumerate(frames):
+                # a line may call the folder otherwise than we do now
+                for name in (frame.name, f"{Path(frame.name).parent}/{Path(str(frame)).name}"):
+                    places.setdefault(name, (capture, frames, place))
+        found = dict[str, tuple[Capture, tuple[FrameSource, ...], str | None]]()
+        for name in map(self.name, self.files):
+            line = lines.get(name)
+            first = places.get(f"{Path(name).parent}/{Path(line.source).name}" if line else name)
+            if first is None:
+                continue
+            capture, frames, place = first
+            later: Iterable[FrameSource] = itertools.islice(frames, place, None)
+            if line is not None and line.files is not None:
+                files = {file.name for file in line.files}
+                later = (frame for frame in later if files.issuperset(path.name for path in frame.paths))
+            found[name] = capture, tuple(itertools.islice(later, average)), line.digest if line else None
+        return found
 
 
 def read_run(maps: Path, /) -> Run:

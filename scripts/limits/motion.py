@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cadtof_cli.capture.metadata import Modulation
+from cadtof_cli.figures.sweep_maps import MARKERS
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition, Motion
@@ -97,7 +98,8 @@ def draw(groups: Sequence[tuple[Key, list[Moved]]], path: Path) -> None:
     figure = Figure(figsize=(13, 4.8), dpi=110, layout="constrained")
     error, share = figure.subplots(1, 2)
     for index, (key, some) in enumerate(groups):
-        style, colour = ("-", "--")[key[0] - 2], f"C{index % (len(RATIOS) * len(NOISE))}"
+        place = index % (len(RATIOS) * len(NOISE))
+        style, colour = MARKERS[place] + ("-", "--")[key[0] - 2], f"C{place}"
         speeds = [max(one.speed_m_s, 0.03) for one in some]
         error.plot(speeds, [one.rmse_cm for one in some], style, color=colour, label=_named(key))
         share.plot(speeds, [one.two for one in some], style, color=colour)

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from cadtof_cli.figures.sweep_maps import MARKERS
 from limits.drawn import SEEDS, markdown, named_noise, power, write_csv
 from limits.separation_cells import ASRS, LENGTHS, RATIOS, SEAM, SEPARATIONS_NS, SHOWN, WORTH, Cell, measured
 
@@ -29,18 +30,18 @@ def separation(out: Path, *, pixels: int) -> str:
 
 
 def draw(cells: list[Cell], path: Path) -> None:
-    """Draw errors and shares at MPI/laser 0.3 over the separation, in one colour per noise."""
+    """Draw errors and shares at MPI/laser 0.3 over the separation, in one colour and with one kind of points per noise."""
     figure = Figure(figsize=(13, 8), dpi=110, layout="constrained")
     error, share, doubt, order = figure.subplots(2, 2).ravel()
     for index, noise in enumerate(SHOWN):
         chosen = [cell for cell in cells if cell.mpi_ratio == 0.3 and (cell.asr, cell.n_av) == noise]
-        x, colour = [cell.separation_ns for cell in chosen], f"C{index}"
-        error.plot(x, [cell.rmse_cm for cell in chosen], "-", color=colour, label=named_noise(*noise))
-        error.plot(x, [cell.sigma_cm for cell in chosen], ":", color=colour)
-        share.plot(x, [cell.two for cell in chosen], "-", color=colour)
-        doubt.plot(x, [cell.beyond for cell in chosen], "-", color=colour)
-        doubt.plot(x, [cell.missed for cell in chosen], "--", color=colour)
-        order.plot(x, [cell.over_better for cell in chosen], "-", color=colour)
+        x, style = [cell.separation_ns for cell in chosen], {"color": f"C{index}", "marker": MARKERS[index], "ms": 4}
+        error.plot(x, [cell.rmse_cm for cell in chosen], "-", **style, label=named_noise(*noise))
+        error.plot(x, [cell.sigma_cm for cell in chosen], ":", **style)
+        share.plot(x, [cell.two for cell in chosen], "-", **style)
+        doubt.plot(x, [cell.beyond for cell in chosen], "-", **style)
+        doubt.plot(x, [cell.missed for cell in chosen], "--", **style)
+        order.plot(x, [cell.over_better for cell in chosen], "-", **style)
     order.axhline(WORTH, color="black", lw=0.8)
     _titled(error, "RMSE of the direct depth; dotted: median predicted sigma", "cm")
     error.set_yscale("log")

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from cadtof_cli.figures.sweep_maps import MARKERS
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages, effective_length
 from limits.drawn import SEEDS, markdown, write_csv
 from tests.support.mixtures import F
@@ -154,11 +155,11 @@ def draw(found: list[Ripple], shown: tuple[Way, Way, Way], path: Path) -> None:
     weights, left = figure.subplots(1, 2)
     ages = np.arange(PHOTONS)[::-1] / RATE_HZ * 1e3
     for index, way in enumerate(shown):
-        weights.plot(ages[::50], way.weights[::50] * RATE_HZ / 1e3, color=f"C{index}", lw=1, label=way.name)
+        style, colour = ("-", "--", ":")[index], f"C{index}"
+        weights.plot(ages[::50], way.weights[::50] * RATE_HZ / 1e3, style, color=colour, lw=1.2, label=way.name)
         column = ("dc", "dc_as_quiet", "switched")[index]
-        left.plot(
-            [one.frequency_hz for one in found], [getattr(one, column) for one in found], "o-", ms=3, color=f"C{index}"
-        )
+        frequencies, read = [one.frequency_hz for one in found], [getattr(one, column) for one in found]
+        left.plot(frequencies, read, MARKERS[index] + style, ms=3, color=colour)
     weights.set(xlim=(0.0, 1.0), yscale="log", ylim=(1e-2, 1e2), xlabel="age of a photon, ms", ylabel="weight, 1/ms")
     left.set(
         xscale="log", yscale="log", xlabel="frequency of the ripple, Hz", ylabel="r.m.s. read of an amplitude of 1"

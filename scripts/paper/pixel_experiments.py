@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import plot_histogram, plot_phase, plot_voltages
+from cadtof_cli.figures.sweep_maps import MARKERS
 from cadtof_cli.files.documents import write_rows
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.evolution import evolution
@@ -178,16 +179,17 @@ def draw_figure_3(table: Sequence[Mapping[str, float]], out: Path) -> None:
         chosen = [i for i, row in enumerate(table) if row["mpi_ratio"] == ratio]
         asr = [table[i]["asr"] for i in chosen]
         colour, label = f"C{index}", f"MPI/laser {ratio:g}"
-        axes[0].plot(asr, [1e3 * table[i]["confidence_v"] for i in chosen], "o", color=colour, label=label)
+        marker = MARKERS[index]
+        axes[0].plot(asr, [1e3 * table[i]["confidence_v"] for i in chosen], marker, color=colour, label=label)
         axes[0].plot(asr, [1e3 * table[i]["confidence_model_v"] for i in chosen], "-", color=colour, lw=1)
-        axes[1].plot(asr, [math.degrees(table[i]["phase_std_rad"]) for i in chosen], "o", color=colour)
+        axes[1].plot(asr, [math.degrees(table[i]["phase_std_rad"]) for i in chosen], marker, color=colour)
         axes[1].plot(asr, [math.degrees(table[i]["phase_model_std_rad"]) for i in chosen], "-", color=colour, lw=1)
         axes[1].plot(asr, [single_deg[i] for i in chosen], ":", color=colour, lw=1)
         axes[2].errorbar(
             asr,
             [math.degrees(table[i]["phase_bias_rad"]) for i in chosen],
             [math.degrees(table[i]["phase_std_rad"]) for i in chosen],
-            fmt="o-",
+            fmt=f"{marker}-",
             lw=1,
             color=colour,
         )
@@ -196,7 +198,7 @@ def draw_figure_3(table: Sequence[Mapping[str, float]], out: Path) -> None:
         axis.grid(alpha=0.3)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
     figure.suptitle(
-        "Dots: photon by photon, n_av 4000; lines: analytical model of the mix; dotted: one-path model, MPI as signal;\n"
+        "Points: photon by photon, n_av 4000; lines: analytical model of the mix; dotted: one-path model, MPI as signal;\n"
         "vertical bars: the standard deviation of single runs",
         fontsize=10,
     )

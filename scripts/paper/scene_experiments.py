@@ -24,6 +24,9 @@ from paper.effort import SEED, Effort
 ROW = 120
 DIRECT, MEASURED, TRUTH, DISCRETE = "#1b6ca8", "#d1495b", "#e8871e", "#5aa469"
 
+STYLES = ("-", "--", "-.", ":")
+"""Lines of the four curves: colours alone do not tell them apart in black and white."""
+
 PETZVAL_M = (-0.12, 0.03)
 """Field curvature of Fig. 4(c), which bends the measured distance by some centimetres over the panel."""
 
@@ -113,8 +116,8 @@ def figure_4(effort: Effort) -> Figure4:
     figure.colorbar(shown, ax=image, label="change by the second object, cm", shrink=0.75)
     image.set(xlabel="column, px", ylabel="row, px", title="first phasor")
     image.axhline(ROW, color="black", lw=0.6)
-    for (label, line), colour in zip(lines.items(), ("black", MEASURED, DIRECT, DISCRETE), strict=True):
-        axes.plot(columns, line, color=colour, lw=1.2, label=label)
+    for (label, line), colour, style in zip(lines.items(), ("black", MEASURED, DIRECT, DISCRETE), STYLES, strict=True):
+        axes.plot(columns, line, style, color=colour, lw=1.2, label=label)
     axes.set(xlabel="column, px", ylabel="planar distance, cm", title="profile across the panel; bent by the lens")
     legend_beside(axes)
     axes.grid(alpha=0.3)
@@ -192,13 +195,14 @@ def _draw_corner(effort: Effort, lines: list[Float], first: Float, direct: Float
         image.axhline(ROW, color="white", lw=0.6)
         image.set(title=title, xlabel="column, px", ylabel="row, px")
     figure.colorbar(shown, ax=(before, after), label="planar depth, m", shrink=0.75)
-    for line, colour, label in zip(
+    for line, colour, style, label in zip(
         lines,
         (TRUTH, MEASURED, DIRECT, DISCRETE),
+        STYLES,
         ("true", "first phasor, as measured", f"resolved: MPI {taken}, by default", "resolved: MPI discrete"),
         strict=True,
     ):
-        axes.plot(line, color=colour, lw=1.3, label=label)
+        axes.plot(line, style, color=colour, lw=1.3, label=label)
     axes.set(xlabel="column, px", ylabel="planar depth, m", title=f"cross-section, {effort.frames} frames")
     legend_beside(axes)
     axes.grid(alpha=0.3)

@@ -13,10 +13,18 @@ import pytest
 
 from cadtof_cli.calibration.apply import frame_correction
 from cadtof_cli.calibration.dark import DarkCalibration
-from cadtof_cli.calibration.parts import Origin, named_planes, stacked
+from cadtof_cli.calibration.parts import PART_KINDS, Origin, named_planes, stacked
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.calibration.response import ResponseCalibration
-from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
+from cadtof_cli.calibration.store import (
+    Calibration,
+    cached_calibration,
+    current_calibration,
+    digest_of,
+    load_calibration,
+    save_part,
+)
+from cadtof_cli.capture.discovery import OUTPUT_FILES
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Voltage
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.files.layers import read_layers
@@ -62,6 +70,11 @@ def petzval(used: dict[str, str] | None = None) -> PetzvalCalibration:
 def test_an_impossible_origin_is_refused(changes: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="found"):
         origin(**changes)
+
+
+def test_a_folder_with_any_part_is_no_capture() -> None:
+    unknown = {f"{kind}.toml" for kind in PART_KINDS} - OUTPUT_FILES
+    assert not unknown, f"capture/discovery.py: OUTPUT_FILES needs {', '.join(unknown)}: --recursive skips calibrations"
 
 
 def test_an_origin_of_one_frame_of_one_pixel_is_accepted() -> None:
@@ -192,6 +205,15 @@ def test_the_digest_changes_with_every_change_of_a_part(tmp_path: Path) -> None:
         MetadataError, match=f"another calibration .digest {found.digest}. than when the run began .digest {'0' * 16}"
     ):
         cached_calibration(tmp_path, "0" * 16)
+
+
+def test_a_calibration_is_read_again_only_when_its_files_have_changed(tmp_path: Path) -> None:
+    save_part(tmp_path, dark())
+    first = current_calibration(tmp_path)
+    assert current_calibration(tmp_path) is first
+    assert cached_calibration(tmp_path, first.digest) is first
+    save_part(tmp_path, petzval())
+    assert current_calibration(tmp_path).petzval is not None
 
 
 def test_the_digest_can_be_computed_from_the_files(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, open_frames
 from cadtof_cli.errors import CaptureError, FrameError
 from tests.files.forms import known_frame, planes_of, tiff
+from tests.support.captures import FRAME_SUFFIXES
 
 PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
 
@@ -136,10 +137,7 @@ def test_a_folder_and_a_file_in_it_are_one_capture(tmp_path: Path) -> None:
 )
 def test_empty_folder_says_what_it_holds(names: tuple[str, ...], found: str, tmp_path: Path) -> None:
     _touch(tmp_path, *names)
-    assert (
-        _message(tmp_path)
-        == f"{tmp_path}: no frames: looked for .exr, .tif, .tiff, .npy files other than truth.*, {found}"
-    )
+    assert _message(tmp_path) == f"{tmp_path}: no frames: looked for {FRAME_SUFFIXES} files other than truth.*, {found}"
 
 
 @pytest.mark.parametrize(
@@ -147,9 +145,9 @@ def test_empty_folder_says_what_it_holds(names: tuple[str, ...], found: str, tmp
     [
         (
             "{frame}_{harmonic}_{channel}.pgm",
-            "found a_1_1.pgm; planes are read from .exr, .tif, .tiff, .npy, .png files",
+            f"found a_1_1.pgm; planes are read from {FRAME_SUFFIXES}, .png files",
         ),
-        ("{frame}_{harmonic}_{channel}", "found a_1_1.pgm; planes are read from .exr, .tif, .tiff, .npy, .png files"),
+        ("{frame}_{harmonic}_{channel}", f"found a_1_1.pgm; planes are read from {FRAME_SUFFIXES}, .png files"),
         ("h{harmonic}/{frame}_{channel}.png", "found a_1_1.pgm"),
     ],
 )

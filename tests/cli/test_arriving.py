@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from cadtof_cli.workflows.resolve.lock import LOCK_FILE
+from cadtof_cli.workflows.resolve.output import LOCK_FILE
 from tests.support.captures import layers_of, record, write_frame
 from tests.support.forward import step_frame
 from tests.support.runs import lines_of, require_same_run, run_of
@@ -114,6 +114,14 @@ def test_names_in_other_case_share_no_map_if_they_arrive_together_or_are_of_a_st
     assert "cam/A.tif would be written as live/A, as cam/a.tif was" in done.err
     names = [path.stem for path in (tmp_path / "live").glob("*.tif")]
     assert sorted(names) == ["S_0000", "a", "first", "s_00000", "s_00001"]
+    # the record of the run tells which frames they show
+    done = shell("cadtof evaluate live --truth live/first.tif --json", tmp_path)
+    assert (done.status, "recorded frame" in done.err) == (0, False)
+    assert json.loads(done.out)["first_phasor"] is not None
+    assert "inspect the recorded frame: " in (
+        told := shell("cadtof inspect live/s_00001.tif --pixel 3,3", tmp_path).err
+    )
+    assert told.endswith("cam/s.tif --frame 1\n")
 
 
 def test_a_watcher_that_is_started_again_keeps_what_is_recorded(tmp_path: Path) -> None:

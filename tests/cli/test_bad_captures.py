@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Float
-from tests.support.captures import PLANE_NAMES, TOML, layers_of, record, write_exr, write_pages
+from tests.support.captures import (
+    FRAME_SUFFIXES,
+    KNOWN_FORMATS,
+    PLANE_NAMES,
+    TOML,
+    layers_of,
+    record,
+    write_exr,
+    write_pages,
+)
 from tests.support.forward import step_frame, step_truth
 from tests.support.run_cadtof import cadtof, program, without_privilege
 
@@ -111,7 +120,7 @@ def test_inputs_without_frames_say_what_was_looked_for(tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
     for inputs, message in (
-        ((empty,), f"{empty}: no frames: looked for .exr, .tif, .tiff, .npy files other than truth.*, found nothing"),
+        ((empty,), f"{empty}: no frames: looked for {FRAME_SUFFIXES} files other than truth.*, found nothing"),
         ((tmp_path / "gone",), f"{tmp_path / 'gone'}: no such file or folder; expected a capture folder or a frame"),
     ):
         for command in (("resolve", "-o", tmp_path / "out"), ("info",)):
@@ -183,8 +192,8 @@ DAMAGE: list[tuple[str, Callable[[Path], None], str]] = [
     ("tif", _without_last_plane, "found 3 pages of 32 × 24 uint16, expected 4 for one frame"),
     ("exr", _without_last_plane, "H2.SC2"),
     ("tif", _gone, "cannot be read: No such file or directory"),
-    ("tif", _empty, "found an empty file, expected one of EXR, TIFF, NPY, PNG"),
-    ("exr", _picture, "found a file of another kind (first bytes ff d8 ff e0), expected one of EXR, TIFF, NPY, PNG"),
+    ("tif", _empty, f"found an empty file, expected one of {KNOWN_FORMATS}"),
+    ("exr", _picture, f"found a file of another kind (first bytes ff d8 ff e0), expected one of {KNOWN_FORMATS}"),
 ]
 
 

@@ -223,6 +223,21 @@ def test_frames_that_differ_by_more_than_noise_are_warned_of(campaign: Campaign,
         assert (done.status, said in done.err) == (0, warned), done.err
 
 
+def test_frames_of_another_camera_than_the_dark_frames_are_warned_of(tmp_path: Path) -> None:
+    one, other = (camera(Defects(offset_v=0.005, seed=seed)) for seed in (1, 2))
+    dark, out = write(tmp_path / "dark", one, covered(one, count=10)), tmp_path / "camera"
+    assert cadtof("calibrate", "dark", dark, "-o", out).status == 0
+    told = "its pixels do not have the offsets of the calibration, which makes depths worse"
+    for name, seen in (("own", one), ("foreign", other)):
+        target = write(tmp_path / name, seen, wall(seen, 1.0, count=3, seed=4), distance_m=1.0)
+        for done in (
+            cadtof("calibrate", "response", target, "-o", out, "--overwrite"),
+            cadtof("calibrate", "petzval", target, "-o", out, "--overwrite"),
+            cadtof("resolve", target, "-o", tmp_path / f"{name}_maps", "--calibration", out, "-j", 1, "--overwrite"),
+        ):
+            assert (f"warning: {target}: {told}" in done.err) == (name == "foreign"), done.err
+
+
 @pytest.mark.parametrize("swapped", [False, True])
 def test_dark_offsets_are_no_other_order_of_the_planes(tmp_path: Path, swapped: bool) -> None:
     """Each plane of this camera has an offset of up to 24 mV. Before a wall, these look like another order of the planes."""

@@ -217,10 +217,20 @@ def test_a_run_that_has_not_finished_is_told(tmp_path: Path) -> None:
     run = json.loads((out / "run.json").read_text())
     (out / "run.json").write_text(json.dumps({**run, "finished": False, "totals": None}))
     done = cadtof("evaluate", out, "--truth", truth, "--json")
-    told = f"{out}: the run has not finished, so frames may be missing; `cadtof resolve --resume` completes it\n"
+    hint = "if it was stopped, `cadtof resolve --resume` completes it"
+    told = f"{out}: the run has not finished, so frames may be missing; {hint}\n"
     assert (done.status, done.err, json.loads(done.out)["frames"]) == (0, told, 1)
     assert cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr").err == told
     assert cadtof("evaluate", out / "frame_0.tif", "--truth", truth).err == ""
+    others: dict[str, list[object]] = {
+        "compare": [truth],
+        "preview": ["-o", tmp_path / "picture.png"],
+        "profile": ["--row", 1, "--no-first-phasor"],
+        "export": ["-o", tmp_path / "maps.npz"],
+    }
+    for command, more in others.items():
+        done = cadtof(command, out, *more)
+        assert (done.status, done.err) == (0, told), command
 
 
 def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:

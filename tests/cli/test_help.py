@@ -66,12 +66,13 @@ def test_a_default_is_shown_once(words: str) -> None:
 @pytest.mark.parametrize("words", ["", *every_command()])
 @pytest.mark.parametrize("columns", [30, 40, 59])
 def test_help_fits_a_narrow_terminal(words: str, columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only a single word may be longer than a line."""
+    """Only a single word may be longer than a line, and no line ends within the name of an option."""
     monkeypatch.setenv("COLUMNS", str(columns))
     done = cadtof(*words.split(), "--help")
     options = done.out.partition("Options:\n")[2].partition("Capture options")[0].partition("Example")[0]
     assert "--help" in options
     assert not [line for line in options.splitlines() if len(line) > columns and " " in line.strip()]
+    assert not re.findall(r"--[\w-]*-$", options, re.MULTILINE)
 
 
 def test_an_option_with_a_default_per_scene_shows_all_of_them() -> None:

@@ -12,7 +12,16 @@ import tifffile
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata
 from tests.support.calibrations import made_up_calibration
-from tests.support.captures import PLANE_NAMES, VOLTS_PER_COUNT, Form, layers_of, record, write_exr, write_pages
+from tests.support.captures import (
+    KNOWN_FORMATS,
+    PLANE_NAMES,
+    VOLTS_PER_COUNT,
+    Form,
+    layers_of,
+    record,
+    write_exr,
+    write_pages,
+)
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, step_frame, step_truth
 from tests.support.run_cadtof import ROOT, cadtof
 
@@ -146,7 +155,7 @@ def test_problems_are_reported_with_status_1(tmp_path: Path) -> None:
     done = cadtof("info", capture.folder, "-j", 1, "--json")
     assert done.status == 1
     empty, unscaled = done.err.splitlines()
-    assert empty.startswith(f"wrong: {capture.files[1]}: found an empty file, expected one of EXR, TIFF, NPY, PNG")
+    assert empty.startswith(f"wrong: {capture.files[1]}: found an empty file, expected one of {KNOWN_FORMATS}")
     assert unscaled.startswith(
         f"wrong: {capture.folder}: frames hold whole numbers (uint16), and the volts per count are unknown"
     )
@@ -241,6 +250,34 @@ def test_maps_of_one_capture_of_many(tmp_path: Path) -> None:
     assert cadtof("resolve", tmp_path / "hall", tmp_path / "stairs", "-o", tmp_path / "out", "-j", 1).status == 0
     done = cadtof("info", tmp_path / "out" / "stairs")
     assert (done.status, done.out.splitlines()[1].split()[:2]) == (0, ["maps", "1"])
+
+
+def test_maps_in_folders_below_without_the_record_of_their_run(tmp_path: Path) -> None:
+    """`info` and `preview` take them for maps; with a capture in a folder beside, the tree holds recorded frames."""
+    capture, tree = record(tmp_path / "hall"), tmp_path / "tree"
+    assert cadtof("resolve", capture.folder, "-o", tree / "maps", "-j", 1).status == 0
+    for name in ("run.json", "frames.jsonl"):
+        (tree / "maps" / name).unlink()
+    done = cadtof("info", tree)
+    assert (done.status, done.out.splitlines()[1].split()[:2]) == (0, ["maps", "1"])
+    assert cadtof("preview", tree, "-o", tmp_path / "a.png").status == 0
+    capture.folder.rename(tree / "recorded")
+    assert f"{tree / 'recorded'}\n  frames                      1" in cadtof("info", tree, "--recursive").out
+
+
+def test_a_flipped_bit_in_a_map_is_told(tmp_path: Path) -> None:
+    """The pixels have no checksum of their own, but the record of the run holds a digest of each map."""
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    assert cadtof("info", out).status == 0
+    content = bytearray((out / "frame_1.tif").read_bytes())
+    content[len(content) // 2] ^= 1
+    (out / "frame_1.tif").write_bytes(content)
+    done = cadtof("info", out)
+    told = f"wrong: {out / 'frame_1.tif'}: changed since the run wrote it: damaged, or replaced by another program\n"
+    assert (done.status, done.err) == (1, told)
+    # the map by itself has nothing to be compared with
+    assert cadtof("info", out / "frame_1.tif").status == 0
 
 
 def test_damaged_maps_and_records(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.captures import Form, record
+from tests.support.captures import MAP_LAYERS, Form, record
 from tests.support.run_cadtof import Finished, cadtof, program, with_small_files, without_privilege
 
 
@@ -254,7 +254,7 @@ def test_maps_beyond_the_limit_of_file_sizes_leave_nothing_behind(map_format: st
     done = with_small_files(16_000, *words)
     failed, stopped = done.err.splitlines()
     assert failed == (
-        f"failed: {out / f'frame_0.{map_format}'}: cannot be written: File too large for {8 * 4 * 24 * 32:,} bytes;"
+        f"failed: {out / f'frame_0.{map_format}'}: cannot be written: File too large for {len(MAP_LAYERS) * 4 * 24 * 32:,} bytes;"
         " here a file may have 16,000 (ulimit -f)"
     )
     assert stopped.startswith(
@@ -314,7 +314,8 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A file system of 300 kB; only root can make one."""
     place = tmp_path / "small"
     place.mkdir()
-    mount = ("mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(place))
+    # room for about eleven maps of `record`
+    mount = ("mount", "-t", "tmpfs", "-o", f"size={38_400 * len(MAP_LAYERS)}", "tmpfs", str(place))
     if os.geteuid() != 0 or subprocess.run(mount, check=False, capture_output=True).returncode != 0:
         pytest.skip("nothing can be mounted here")
     yield place
@@ -324,7 +325,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 @pytest.mark.parametrize("form", ["tif", "exr"])
 def test_a_full_disk_leaves_whole_maps_and_ends_the_run(small_disk: Path, form: Form, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=16, form=form), small_disk / "out"
-    # 16 maps of 27 kB do not fit; the rest, which is less than a map, has room for the lines
+    # 16 maps do not fit; the rest, which is less than a map, has room for the lines
     done = program("resolve", capture.folder, "-o", out, "-j", 2)
     assert done.status in {1, 2}
     assert "No space left on device" in done.err

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -20,6 +21,7 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration, WallFit
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
 from cadtof_cli.figures.petzval import draw_petzval
+from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.figures.profile import draw_profile
 from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import wall_range_m
@@ -29,6 +31,7 @@ from tests.support.calibrations import PETZVAL_QUALITY, curved, made_up_calibrat
 from tests.support.captures import record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
 from tests.support.run_cadtof import cadtof
+from tests.support.vision import SEEN, apart, rgb
 
 HOSTILE = "$a$_{b}^2 $\\frac$ 深度 ☃ new\nline \\x"
 
@@ -107,6 +110,11 @@ def test_pictures_of_simulations_are_whole(figures: list[Figure], tmp_path: Path
     assert len(figures) == 6
     for figure in figures:
         _require_whole(figure)
+    # curves of one plot are told apart without their colours
+    for figure in figures:
+        for axes in (axes for axes in figure.axes if axes.get_ylabel() in {"voltage, mV", "confidence, mV"}):
+            named = [line for line in axes.get_lines() if not str(line.get_label()).startswith("_")]
+            assert len({(line.get_marker(), line.get_linestyle()) for line in named}) == len(named) == 2
 
 
 def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) -> None:
@@ -126,7 +134,8 @@ def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) ->
     titles = [axes.get_title() for axes in figure.axes]
     assert titles == ["wall: rows 9 to 13", "wall", f"{SHOWN_HOSTILE}: rows 9 to 13", SHOWN_HOSTILE]
     for radial in (figure.axes[1], figure.axes[3]):
-        _, after, curve = radial.get_lines()
+        before, after, curve = radial.get_lines()
+        assert before.get_marker() != after.get_marker()
         medians = np.asarray(after.get_ydata(), np.float64)
         np.testing.assert_allclose(medians[np.isfinite(medians)], 0.0, atol=1e-9)
         assert np.ptp(np.asarray(curve.get_ydata(), np.float64)) > 1.0
@@ -219,9 +228,35 @@ def test_frames_of_few_rows_or_columns_can_be_seen(
                 assert places == [round(place) for place in places]
 
 
+@pytest.mark.parametrize("value", [-2.0, 0.0, np.nan, np.inf, 1e30])
+def test_layers_of_other_programs_are_drawn_whatever_they_hold(
+    value: float, figures: list[Figure], tmp_path: Path
+) -> None:
+    """Nothing keeps another program from writing a sigma or an amplitude below 0."""
+    names = ("direct.depth", "direct.sigma", "direct.amplitude", "confidence")
+    write_exr(tmp_path / "a.exr", {name: np.full((24, 32), value, np.float32) for name in names})
+    done = cadtof("preview", tmp_path / "a.exr", "-o", tmp_path / "a.png")
+    assert (done.status, done.err) == (0, "")
+    assert cadtof("profile", tmp_path / "a.exr", "--row", 3, "-o", tmp_path / "b.png").status == 0
+    assert len(figures) == 2
+
+
+def test_classes_of_pixels_are_told_apart_by_everybody() -> None:
+    """From each other, and, where a layer has no value, from the colours of its scale."""
+    classes = [one for one in PixelClass if one is not PixelClass.IN_ONE]
+    shown = rgb(*dict.fromkeys(one.colour for one in classes))
+    none = rgb(PixelClass.NO_ANSWER.colour, PixelClass.SATURATED.colour)
+    for seen in SEEN:
+        distances = apart(shown, shown, seen)[np.triu_indices(len(shown), 1)]
+        assert distances.min() > (6.0 if seen == "in black and white" else 15.0), seen
+        # in black and white, no grey can be missing in a scale from dark to bright
+        for scale in ("viridis", "plasma", "magma", "inferno", "RdBu_r") if seen != "in black and white" else ():
+            assert apart(none, mpl.colormaps[scale](np.linspace(0.0, 1.0, 256))[:, :3], seen).min() > 12.0, scale
+
+
 @pytest.mark.parametrize("truth", [False, True])
 def test_the_legend_of_many_runs_is_whole(truth: bool, figures: list[Figure], tmp_path: Path) -> None:
-    """No two runs have the same colour and kind of line."""
+    """No two runs have the same colour and kind of line. In black and white, the first three still differ."""
     place, along = np.arange(9), np.arange(9.0)
     curves = tuple(Curve(f"a run with a long name {run}", along + run, np.ones(9)) for run in range(18))
     expected = along if truth else None
@@ -231,6 +266,7 @@ def test_the_legend_of_many_runs_is_whole(truth: bool, figures: list[Figure], tm
     _require_whole(figures[0])
     lines = [line for line in figures[0].axes[0].get_lines() if "long name" in str(line.get_label())]
     assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 18
+    assert len({line.get_linestyle() for line in lines[:3]}) == 3
 
 
 def test_runs_of_any_name_stand_in_the_legend(figures: list[Figure], tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.workflows.resolve.reports import RunTotals
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from tests.support.captures import (
+    MAP_LAYERS,
     PLANE_NAMES,
     TOML,
     VOLTS_PER_COUNT,
@@ -29,10 +30,6 @@ from tests.support.captures import (
 from tests.support.forward import AMPLITUDE_V, depth_m, step_frame, step_truth
 from tests.support.run_cadtof import cadtof, program
 
-LAYERS = [
-    *("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"),
-    *("confidence", "status"),
-]
 ONE_PATH, TWO_PATHS, ILL_CONDITIONED = 8, 16, 32
 LINE_KEYS = [
     *("source", "output", "status", "reason", "seconds", "one_path", "two_paths", "diffuse", "invalid"),
@@ -54,7 +51,7 @@ def test_maps_hold_the_truth_within_noise(form: Form, map_format: str, tmp_path:
     assert "resolved 1 of 1 frames in " in done.err
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"frame_0.{suffix}", "frames.jsonl", "run.json"]
     layers = layers_of(tmp_path / "out" / f"frame_0.{suffix}")
-    assert sorted(layers) == sorted(LAYERS)
+    assert sorted(layers) == sorted(MAP_LAYERS)
     assert {layer.shape for layer in layers.values()} == {(24, 32)}
     _require_truth(layers)
 
@@ -369,7 +366,7 @@ def _require_bad_pixels_marked(layers: dict[str, NDArray[Any]], form: Form) -> N
     for bit, pixels in marked.items():
         assert set(zip(*np.nonzero(status & bit), strict=True)) == pixels
     bad = (status & (1 | 2 | 4096)) != 0
-    for name in LAYERS[:-1]:
+    for name in MAP_LAYERS[:-1]:
         assert np.isnan(layers[name][bad]).all()
     assert np.median(np.abs(layers["direct.depth"] - step_truth())[~bad]) < 0.01
 

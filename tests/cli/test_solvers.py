@@ -1,6 +1,7 @@
 """`cadtof resolve` with other solvers, more periods, more paths, pooled neighbours and averaged frames."""
 
 import json
+import pickle
 import time
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows import recording
 from cadtof_cli.workflows.resolve import ongoing_run
+from cadtof_cli.workflows.resolve.split_frames import FramePart
 from tests.support.forward import depth_m
 from tests.support.mixture_captures import read_maps, write_capture
 from tests.support.mixtures import Mixture
@@ -146,6 +148,14 @@ def test_a_lone_frame_over_processes_is_the_same_to_the_bit(
     assert one == three
     lines = [json.loads((tmp_path / name / "frames.jsonl").read_text()) for name in ("one", "three")]
     assert {**lines[0], "output": None, "seconds": 0} == {**lines[1], "output": None, "seconds": 0}
+
+
+def test_a_worker_gets_its_part_of_a_frame_and_not_the_whole_frame() -> None:
+    whole: Any = np.zeros(10_000)
+    part = FramePart("task", "pixels", whole)  # type: ignore[arg-type]
+    sent = pickle.dumps(part)
+    assert len(sent) < 1000
+    assert pickle.loads(sent) == FramePart("task", "pixels", None)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -45,6 +45,13 @@ def test_the_bar_takes_one_line_however_narrow_the_terminal_is(columns: int, par
     assert [part in last for part in by_importance] == [place < parts for place in range(5)]
 
 
+@pytest.mark.parametrize("size", ["0", "²", "9" * 5000])
+def test_a_size_in_the_environment_that_no_terminal_has_is_ignored(size: str, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=4, form="exr")
+    _, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, COLUMNS=size, LINES=size)
+    assert "━━━━━━━━ 4/4" in _without_control_sequences(shown)
+
+
 def test_lines_are_broken_between_words(tmp_path: Path) -> None:
     """This holds above the bar, below it, and in an error. A path stays whole."""
     capture, out = record(tmp_path / "capture", frames=2).folder, tmp_path / ("long_" * 20 + "name")

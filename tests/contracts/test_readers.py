@@ -13,6 +13,7 @@ import tifffile
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, open_frames
+from cadtof_cli.files.formats import FORMATS, detect_format
 from cadtof_cli.files.frames import FrameLayout
 from tests.files.forms import FORMS, Form, exr, known_frame, tiff
 
@@ -37,6 +38,12 @@ def _assert_same(frame: Stored, recorded: Stored) -> None:
     assert frame.flags.c_contiguous
     assert frame.shape == recorded.shape
     assert frame.tobytes() == recorded.tobytes()
+
+
+def test_every_format_keeps_the_contract(tmp_path: Path) -> None:
+    written = {form.write(tmp_path / form.name, known_frame(form.dtype)).paths[0] for form in FORMS}
+    lost = {one.name for one in FORMATS if one.magics} - {detect_format(path).name for path in written}
+    assert not lost, f"tests/files/forms.py, FORMS, needs a form of {', '.join(lost)}: all readers are tested with them"
 
 
 @pytest.mark.parametrize("byteorder", ["<", ">"])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
-from cadtof_cli.resolver.settings import CLOSED_FORM, ResolverSettings
+from cadtof_cli.resolver.settings import CLOSED_FORM, SOLVERS, ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import ns_from_rad
 from tests.support.mixtures import C, F, Mixture, noise_of
@@ -94,6 +94,11 @@ every_resolver = pytest.mark.parametrize("resolver", RESOLVERS, ids=lambda resol
 
 def delays(resolved: ResolvedPaths) -> list[float]:
     return [float(ns_from_rad(path.phase_rad)[0]) for path in resolved.paths]
+
+
+def test_every_solver_keeps_the_contract() -> None:
+    lost = set(SOLVERS) - {resolver.settings.solver for resolver in (*RESOLVERS, *ONE_PATH)}
+    assert not lost, f"RESOLVERS, above, needs settings with solver={', '.join(lost)}: the tests below run with them"
 
 
 @every_resolver

@@ -10,6 +10,7 @@ from docs_site.stage import anchor
 from tests.support.commands import every_command
 from tests.support.needed import needed_module
 from tests.support.run_cadtof import ROOT
+from tests.support.vision import contrast
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +35,21 @@ def test_every_page_is_in_the_contents(site: Path) -> None:
     assert {f"{page}.html" for page in ("tour", "capture", "accuracy", "security")} <= set(
         re.findall(r'href="([^"#]+)"', sidebar)
     )
+
+
+def test_pages_can_be_used_with_a_screen_reader_and_with_keys(site: Path) -> None:
+    """WCAG 2.1: 4.1.2, headings have a level; 2.1.1, what scrolls can be reached; 1.4.3, code has enough contrast."""
+    for page in site.rglob("*.html"):
+        assert not re.search(r'role="heading"(?! aria-level)', page.read_text()), page.name
+    tour = (site / "tour.html").read_text()
+    assert tour.count('<pre tabindex="0">') >= 3
+    assert "<pre>" in tour
+    style = (site / "_static" / "pygments.css").read_text()
+    ground = re.search(r"^\.highlight \{ background: (#\w{6})", style, re.MULTILINE)
+    colours = re.findall(r"^\.highlight \.\w+ \{ color: (#\w{6})", style, re.MULTILINE)
+    assert ground is not None
+    assert len(colours) > 20
+    assert min(contrast(colour, ground[1]) for colour in colours) >= 4.5
 
 
 def test_every_section_of_the_readme_is_on_the_site(site: Path) -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from docs_checks.messages import entries, messages, unexplained
+from docs_checks.messages import REASONS, entries, messages, unexplained
 
 from tests.support.run_cadtof import ROOT, cadtof
 
@@ -25,6 +25,20 @@ def test_messages_are_found_in_the_source() -> None:
     assert "they look like millivolts: give --volts-per-count 0.001" in found
     assert any(text.startswith("…: the worker process died twice") for text in found)
     assert "No such command '…': did you mean …?" in found
+
+
+def test_functions_that_return_messages_exist() -> None:
+    source = "".join(file.read_text(encoding="utf-8") for file in PACKAGE.rglob("*.py"))
+    gone = [name for name in REASONS if f"def {name}(" not in source]
+    assert not gone, f"scripts/docs_checks/messages.py, REASONS, names {', '.join(gone)}, which the package has no more"
+
+
+def test_every_doubt_about_a_recording_is_a_message(tmp_path: Path) -> None:
+    (tmp_path / "doubts").mkdir()
+    (tmp_path / "doubts" / "lens.py").write_text(
+        "def dirty(x) -> str | None:\n    return f'the lens is dirty by {x}'\n"
+    )
+    assert [message.text for message in messages(tmp_path)] == ["the lens is dirty by …"]
 
 
 def test_a_message_that_a_user_sees_has_an_entry(tmp_path: Path) -> None:

@@ -9,8 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage
-from cadtof_cli.doubts.camera import other_noise, striped, unequal_harmonics
+from cadtof_cli.doubts.camera import other_noise, other_offsets, striped, unequal_harmonics
 from cadtof_cli.doubts.frame import camera_doubts
+from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.phasors.voltages import pixel_phasor_map
 from tests.support.boxes import AMPLITUDE_V, KNOWN, N_AV, SIZE, frame
 from tests.support.captures import record
 from tests.support.run_cadtof import cadtof
@@ -30,6 +32,38 @@ def test_another_integration_length_is_doubted(seen: float, words: str) -> None:
     """A frame at night, of a tenth of the photons, and one of ten times as many."""
     (doubt,) = camera_doubts(frame(n_av=seen), KNOWN)
     assert words in doubt
+
+
+def test_the_calibration_of_another_camera_and_mirrored_frames_are_told() -> None:
+    """Thousands of neighbours show offsets of the size of the noise. Smaller ones do not matter."""
+    rng = np.random.default_rng(3)
+    for size in (0.0, 2e-4, 1e-3, 5e-3):
+        offset_v = rng.normal(0.0, size, (2, 2, *SIZE))
+        volts, known = frame() + offset_v, (offset_v + rng.normal(0.0, 1e-4, (2, 2, *SIZE))).astype(np.float32)
+        assert other_offsets(volts, KNOWN, known, (1e-4, 1e-4)) is None
+        for other in (volts[..., ::-1], volts[..., ::-1, ::-1], frame()):
+            told = other_offsets(other, KNOWN, known, (1e-4, 1e-4))
+            assert (told is not None) == (size >= 1e-3)
+        assert other_offsets(volts, KNOWN, known[..., ::-1], (0.0, 0.0)) is None
+
+
+def test_another_integration_length_is_doubted_behind_a_calibration() -> None:
+    """Offsets of 5 mV are 12 times the noise; with them taken out, the noise shows."""
+    offset_v = np.random.default_rng(3).normal(0.0, 5e-3, (2, 2, *SIZE))
+    for seen, words in ((1e4, " times too small"), (1e5, None), (1e6, " times too large")):
+        volts = frame(n_av=seen) + offset_v
+        calibrated = pixel_phasor_map(
+            ideal_response(KNOWN),
+            KNOWN,
+            volts.dtype,
+            offset_v=offset_v.reshape(2, 2, -1),
+            phase_rad=None,
+            gain=None,
+            pixels=SIZE[0] * SIZE[1],
+        )
+        told = other_noise(volts, KNOWN, calibrated)
+        assert words in told if told and words else told is words
+        assert " times too small" in str(other_noise(volts, KNOWN))
 
 
 def fence(*, stripes: bool) -> NDArray[np.float64]:

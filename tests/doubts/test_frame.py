@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli import read_frames
+from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
 from cadtof_cli.doubts.camera import cut_off
 from cadtof_cli.doubts.frame import doubt_of_planes, doubts, doubts_before_run
@@ -239,12 +240,13 @@ def test_recordings_of_one_plane_may_differ_by_a_little_more_than_noise(times: f
     assert (wrong_planes(volts, CaptureMetadata()) is not None) == is_same
 
 
-def test_an_order_is_not_doubted_before_a_run_with_a_calibration() -> None:
+def test_an_order_is_not_doubted_before_a_run_with_a_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its phases were measured with these planes."""
     swapped = hill(60, 80)[:, ::-1]
     metadata = CaptureMetadata(voltage=COUNTS)
     (told,) = doubts_before_run(swapped, FramePlan(metadata=metadata))
     assert "with SC1 and SC2 swapped" in told
+    monkeypatch.setattr(FramePlan, "read_calibration", lambda _: Calibration())
     use = CalibrationUse(Path("is not read"), "", sine=False)
     assert doubts_before_run(swapped, FramePlan(metadata=metadata, calibration=use)) == ()
 

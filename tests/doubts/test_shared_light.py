@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli import simulate_scene
+from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pulse, Voltage
 from cadtof_cli.doubts.frame import doubts_before_run
-from cadtof_cli.doubts.shared_light import shared_light, shared_light_in_words, wrong_zero, wrong_zero_in_words
+from cadtof_cli.doubts.shared_light import shared_in_words, shared_light, wrong_zero, wrong_zero_in_words
 from cadtof_cli.phasors.voltages import ideal_phasor_map
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.units import C_M_PER_NS
@@ -137,7 +138,7 @@ def _volts(shared: tuple[complex, ...]) -> NDArray[np.float64]:
 
 
 def _told(stored: NDArray[np.float64], metadata: CaptureMetadata) -> bool:
-    return shared_light_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)) is not None
+    return shared_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)) is not None
 
 
 def test_saturated_pixels_do_not_count() -> None:
@@ -148,11 +149,12 @@ def test_saturated_pixels_do_not_count() -> None:
     assert _told(volts, replace(metadata, voltage=Voltage(saturated_counts=(-0.25, 0.25))))
 
 
-def test_triangle_waves_tell_nothing_and_no_response_with_further_terms() -> None:
+def test_triangle_waves_tell_nothing_and_no_response_with_further_terms(monkeypatch: pytest.MonkeyPatch) -> None:
     metadata = CaptureMetadata(pulse=Pulse(fwhm_ns=0.0))
     volts = _volts((0.1, 0.1))
     assert _told(volts, metadata)
     assert not _told(volts, replace(metadata, modulation=Modulation(waveform="triangle")))
+    monkeypatch.setattr(FramePlan, "read_calibration", lambda _: Calibration())
     use = CalibrationUse(Path("is not read"), "", sine=False)
     assert doubts_before_run(volts, FramePlan(metadata=metadata, calibration=use)) == ()
 
@@ -188,7 +190,7 @@ def test_in_a_view_of_one_depth_nothing_is_told(seed: int) -> None:
     card = simulate_scene("card", seed=seed, integration_length=10.0 ** (seed + 2), modulation=modulation, camera=size)
     frame = card.frames[0]
     phasor_map = ideal_phasor_map(frame.metadata, frame.stored.dtype)
-    assert shared_light_in_words(frame.stored, frame.metadata, phasor_map) is None
+    assert shared_in_words(frame.stored, frame.metadata, phasor_map) is None
 
 
 @pytest.mark.parametrize("harmonics", HARMONICS)

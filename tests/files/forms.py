@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import imagecodecs
 import numpy as np
 import OpenEXR
 import tifffile
@@ -158,11 +159,20 @@ def plane_files(suffix: str, **options: Any) -> Writer:
         for file, plane in zip(files, planes_of(frame), strict=True):
             if suffix == ".tif":
                 tifffile.imwrite(file, plane, photometric="minisblack", **options)
+            elif suffix == ".png":
+                file.write_bytes(imagecodecs.png_encode(plane))
             else:
                 OpenEXR.File({}, {"Y": plane.copy()}, num_threads=0).write(str(file))
         return FrameSource(path.name, files)
 
     return write
+
+
+def npy(path: Path, frame: Stored) -> FrameSource:
+    """Write an NPY file."""
+    file = path.with_suffix(".npy")
+    np.save(file, frame)
+    return FrameSource(path.name, (file,))
 
 
 _PAGES = {"arrange": planes_of, "metadata": None}
@@ -223,10 +233,14 @@ EXR_FORMS = [
     Form("parts-counted", exr_parts({"first": ("SC1", "SC2"), "second": ("SC1", "SC2")}), "u4"),
 ]
 
+ARRAY_FORMS = [Form("npy", npy)]
+
 PLANE_FORMS = [
     Form("planes-tif", plane_files(".tif")),
     Form("planes-tif-plain", plane_files(".tif", metadata=None, byteorder=">"), "f4"),
     Form("planes-exr", plane_files(".exr"), "f2"),
 ]
 
-FORMS = TIFF_FORMS + CODEC_FORMS + EXR_FORMS + PLANE_FORMS
+PNG_FORMS = [Form("planes-png", plane_files(".png"), checked=True)]
+
+FORMS = TIFF_FORMS + CODEC_FORMS + EXR_FORMS + ARRAY_FORMS + PLANE_FORMS + PNG_FORMS

@@ -263,6 +263,15 @@ def test_a_npy_header_that_is_too_long_is_refused(tmp_path: Path) -> None:
     assert message(path).startswith(f"{path}: damaged NPY: Header info length")
 
 
+def test_the_message_on_a_damaged_npy_header_is_the_same_in_every_run(tmp_path: Path) -> None:
+    """numpy names the object of Python that it did not expect there, with its address in memory."""
+    path = tmp_path / "frame.npy"
+    np.save(path, known_frame("u2"))
+    path.write_bytes(path.read_bytes().replace(b"False", b"Talse"))
+    told = "damaged NPY: malformed node or string on line 1; expected a complete file, try copying it again"
+    assert message(path) == f"{path}: {told}"
+
+
 def _opencv(path: Path, plane: Stored) -> None:
     cv2 = pytest.importorskip("cv2")
     assert cv2.imwrite(str(path), plane)

@@ -19,7 +19,7 @@ from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.reading import in_brief
 from tests.files.forms import known_frame, plane_files, planes_of, tiff
 from tests.files.refusals import LAYOUT, message, message_of
-from tests.support.captures import write_exr, write_pages
+from tests.support.captures import KNOWN_FORMATS, write_exr, write_pages
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_a_file_of_no_known_format_is_refused(content: bytes, found: str, tmp_pa
     path = tmp_path / "frame.tif"
     path.write_bytes(content)
     text = message(path)
-    assert text == f"{path}: found {found}, expected one of EXR, TIFF, NPY, PNG"
+    assert text == f"{path}: found {found}, expected one of {KNOWN_FORMATS}"
 
 
 def test_a_file_that_is_gone(tmp_path: Path) -> None:

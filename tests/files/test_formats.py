@@ -46,7 +46,16 @@ def test_exr_is_exr_whatever_its_name(tmp_path: Path) -> None:
     assert detect_format(path).name == "exr"
 
 
-def test_suffixes_and_formats_are_those_of_the_readme() -> None:
+def test_the_readme_names_every_format() -> None:
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    table = readme.partition("| files | frames |")[2].partition("\n\n")[0]
+    unnamed = [one.title for one in FORMATS if one.title not in table]
+    assert not unnamed, f"README.md, The capture format, needs a row in its table of files for {', '.join(unnamed)}"
+    option = f"`--format {'|'.join((*MAP_FORMATS, 'same'))}`"
+    assert option in readme, f"README.md, What comes out, needs {option}"
+
+
+def test_suffixes_and_formats_are_those_that_are_promised() -> None:
     assert MAP_SUFFIXES == (".exr", ".tif", ".tiff")
     assert (*MAP_SUFFIXES, ".npy") == FRAME_SUFFIXES
     assert frame_suffixes(planes=True, raw=False) == (*FRAME_SUFFIXES, ".png")

@@ -13,12 +13,8 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import wanted_layers
 from tests.conftest import Tool
-from tests.support.captures import write_maps
+from tests.support.captures import MAP_LAYERS, write_maps
 
-NAMES = (
-    *("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"),
-    *("confidence", "status"),
-)
 HEIGHT, WIDTH = 6, 10
 
 
@@ -58,7 +54,7 @@ def exr(maps: DepthMaps, tmp_path: Path) -> Path:
 
 def test_our_own_reader_returns_the_maps_that_were_written(written: Path, maps: DepthMaps) -> None:
     layers = read_layers(written)
-    assert sorted(layers) == sorted(NAMES)
+    assert sorted(layers) == sorted(MAP_LAYERS)
     for name, values in _expected(maps).items():
         np.testing.assert_array_equal(layers[name], values)
 
@@ -78,26 +74,26 @@ def test_tifffile_finds_the_names_and_one_series(tif: Path, maps: DepthMaps) -> 
         assert series.dtype == np.float32
         assert file.ome_metadata is not None
         pixels = tifffile.xml2dict(file.ome_metadata)["OME"]["Image"]["Pixels"]
-        assert tuple(channel["Name"] for channel in pixels["Channel"]) == NAMES
-        np.testing.assert_array_equal(series.asarray(), np.stack([_expected(maps)[name] for name in NAMES]))
+        assert tuple(channel["Name"] for channel in pixels["Channel"]) == MAP_LAYERS
+        np.testing.assert_array_equal(series.asarray(), np.stack([_expected(maps)[name] for name in MAP_LAYERS]))
 
 
 def test_libtiff_reads_every_page(tif: Path, tool: Tool) -> None:
     text = tool("tiffinfo", tif)
-    assert text.count("TIFF Directory at offset") == len(NAMES)
-    assert text.count(f"Image Width: {WIDTH} Image Length: {HEIGHT}") == len(NAMES)
-    assert text.count("Sample Format: IEEE floating point") == len(NAMES)
+    assert text.count("TIFF Directory at offset") == len(MAP_LAYERS)
+    assert text.count(f"Image Width: {WIDTH} Image Length: {HEIGHT}") == len(MAP_LAYERS)
+    assert text.count("Sample Format: IEEE floating point") == len(MAP_LAYERS)
 
 
 def test_libtiff_copies_the_values(tif: Path, maps: DepthMaps, tool: Tool, tmp_path: Path) -> None:
     tool("tiffcp", tif, tmp_path / "copy.tif")
     np.testing.assert_array_equal(
-        tifffile.imread(tmp_path / "copy.tif"), np.stack([_expected(maps)[name] for name in NAMES])
+        tifffile.imread(tmp_path / "copy.tif"), np.stack([_expected(maps)[name] for name in MAP_LAYERS])
     )
 
 
 def test_imagemagick_extracts_a_value(tif: Path, maps: DepthMaps, tool: Tool) -> None:
-    assert tool("identify", "-format", "%w %h\n", tif).split() == [str(WIDTH), str(HEIGHT)] * len(NAMES)
+    assert tool("identify", "-format", "%w %h\n", tif).split() == [str(WIDTH), str(HEIGHT)] * len(MAP_LAYERS)
     # builds with 16 bits per value keep values between 0 and 1 only, and the voltages of these layers are
     for page, name in ((2, "direct.amplitude"), (6, "confidence")):
         value = float(tool("identify", "-precision", "9", "-format", "%[fx:p{7,4}]", Path(f"{tif}[{page}]")))
@@ -108,7 +104,7 @@ def test_exr_tools_list_the_channels(exr: Path, tool: Tool) -> None:
     text = tool("exrheader", exr)
     kinds = dict(re.findall(r"^    ([\w.]+), (32-bit [\w -]+), sampling 1 1$", text, re.MULTILINE))
     assert kinds.pop("status") == "32-bit unsigned integer"
-    assert kinds == dict.fromkeys(NAMES[:-1], "32-bit floating-point")
+    assert kinds == dict.fromkeys(MAP_LAYERS[:-1], "32-bit floating-point")
     assert f"(0 0) - ({WIDTH - 1} {HEIGHT - 1})" in text
     assert 'software (type string): "cadtof ' in text
 

@@ -44,7 +44,7 @@ from cadtof_cli.files.system import (
     remove_and_close,
     write_parts,
 )
-from cadtof_cli.workflows.resolve.lock import locked
+from cadtof_cli.workflows.resolve.output import locked
 from tests.support.captures import record
 from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
 from tests.support.runs import require_same_run
@@ -59,7 +59,7 @@ WITHOUT_POSIX = {
 _HOLD = """
 import sys
 from pathlib import Path
-from cadtof_cli.workflows.resolve.lock import locked
+from cadtof_cli.workflows.resolve.output import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

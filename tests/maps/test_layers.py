@@ -1,6 +1,7 @@
 """The registry of layers: their names, their order, their units and their values."""
 
 import re
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +11,21 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import DepthScale, write_block
 from cadtof_cli.maps.layers import layer_unit, wanted_layers
 from cadtof_cli.resolver.paths import Paths, ResolvedPaths
+from tests.support.captures import MAP_LAYERS
 
-ALWAYS = (
-    *("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"),
-    "confidence",
+ALWAYS = MAP_LAYERS[:-1]
+
+EVERY = wanted_layers(
+    paths=3, **{name: True for name, one in signature(wanted_layers).parameters.items() if one.default is False}
 )
+"""The layers of maps that have all kinds of layers."""
 
 
 def test_layers_come_in_the_documented_order() -> None:
-    assert tuple(layer.name for layer in wanted_layers()) == ALWAYS
+    found = tuple(layer.name for layer in wanted_layers())
+    assert found == ALWAYS, (
+        "maps/layers.py: a layer that all maps have is named in MAP_LAYERS of tests/support/captures.py, too"
+    )
     most = [layer.name for layer in wanted_layers(paths=4, searched=True, averaged=True)]
     later = [f"path{number}.{quantity}" for number in (3, 4) for quantity in ("depth", "amplitude", "sigma")]
     assert most == [*ALWAYS, *later, "chi_squared", "effective_pixels"]
@@ -31,7 +38,9 @@ def test_layers_come_in_the_documented_order() -> None:
         ("path3.sigma", "m"),
         ("mpi.amplitude", "V"),
         ("confidence", "V"),
+        ("direct.sigma", "m"),
         ("chi_squared", ""),
+        ("effective_pixels", ""),
         ("x", ""),
     ],
 )
@@ -40,11 +49,16 @@ def test_the_unit_of_a_layer_follows_from_its_name(name: str, unit: str) -> None
     assert {layer.name: layer.unit for layer in wanted_layers(paths=3, searched=True)}.get(name, unit) == unit
 
 
+def test_every_layer_has_the_unit_that_follows_from_its_name() -> None:
+    lost = [layer.name for layer in EVERY if layer_unit(layer.name) != layer.unit]
+    assert not lost, f"maps/layers.py: layer_unit does not know {', '.join(lost)}"
+
+
 def test_the_readme_says_what_each_layer_means() -> None:
     readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     part = readme.partition("## What comes out")[2].partition("\n- ")[0]
     named = set(re.findall(r"`([\w.]+)`", part))
-    unnamed = {layer.name for layer in wanted_layers(searched=True, averaged=True)} - named
+    unnamed = {layer.name for layer in EVERY if not layer.name.startswith("path3.")} - named
     assert not unnamed, f"README.md, What comes out, does not say what {', '.join(sorted(unnamed))} means"
 
 

@@ -3,10 +3,13 @@
 import re
 from importlib.resources import files
 
+import matplotlib as mpl
 import numpy as np
 
+from cadtof_cli.report.colours import palette
 from cadtof_cli.report.frames import embedded_frame
 from cadtof_cli.report.sections import LISTED_FAILURES, FrameLine, PageText, embedded_section, failures, frame_table
+from tests.support.vision import SEEN, apart, contrast, rgb
 
 
 def test_the_rounding_of_the_truth_is_stated() -> None:
@@ -34,22 +37,32 @@ def test_of_thousands_of_failed_frames_the_first_are_listed() -> None:
     assert "501 of 2001 frames" in str(frame_table(page))
 
 
-def _luminance(colour: str) -> float:
-    """Return the relative luminance of a colour such as #1f5fbf, as WCAG 2 defines it."""
-    parts = np.array([int(colour[place : place + 2], 16) for place in (1, 3, 5)]) / 255.0
-    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-    return float(linear @ (0.2126, 0.7152, 0.0722))
-
-
-def test_the_bar_of_shares_is_seen_on_its_ground() -> None:
-    """WCAG 2.1, 1.4.11: a contrast of 3 or more, in light and in dark colours."""
+def _colours() -> tuple[dict[str, str], dict[str, str]]:
+    """Return the light and the dark colours of the page by name."""
     style = (files("cadtof_cli.report") / "page" / "page.css").read_text("utf-8")
     light, dark = (
         dict(re.findall(r"--([\w-]+): (#\w{6});", block)) for block in re.findall(r":root \{([^}]*)\}", style)[:2]
     )
     assert dark["card"] != light["card"]
-    for colours in (light, light | dark):
-        ground = _luminance(colours["card"])
+    return light, light | dark
+
+
+def test_the_bar_of_shares_is_seen_on_its_ground() -> None:
+    """WCAG 2.1, 1.4.11: a contrast of 3 or more, in light and in dark colours."""
+    for colours in _colours():
         for name in (f"share-{number}" for number in range(5)):
-            darker, brighter = sorted((ground, _luminance(colours[name])))
-            assert (brighter + 0.05) / (darker + 0.05) >= 3.0, name
+            assert contrast(colours[name], colours["card"]) >= 3.0, name
+
+
+def test_colours_of_shares_and_of_no_answer_are_told_apart_by_everybody() -> None:
+    for colours in _colours():
+        shares = rgb(*(colours[f"share-{number}"] for number in range(5)))
+        for seen in SEEN:
+            distances = apart(shares, shares, seen)[np.triu_indices(5, 1)]
+            assert distances.min() > (5.0 if seen == "in black and white" else 12.0), seen
+    none = rgb(palette()["no_answer"])
+    for scale in ("viridis", "RdBu_r"):
+        colours_of_scale = mpl.colormaps[scale](np.linspace(0.0, 1.0, 256))[:, :3]
+        # in black and white, no grey can be missing in a scale from dark to bright
+        for seen in SEEN.keys() - {"in black and white"}:
+            assert apart(none, colours_of_scale, seen).min() > 12.0, (scale, seen)

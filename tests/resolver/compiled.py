@@ -19,8 +19,8 @@ def compiled_kernels() -> list[str]:
 
 
 def bits_of(maps: DepthMaps) -> NDArray[np.uint32]:
-    """Return the bits of all layers and of the status as 32-bit words."""
-    return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]])
+    """Return the bits of all layers and of the status as 32-bit words, (layers + 1, pixels)."""
+    return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]]).reshape(len(maps.pages), -1)
 
 
 def assert_refused(function: Callable[..., object], sound: list[Any], place: int, value: object) -> None:

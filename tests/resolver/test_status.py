@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cadtof_cli.files.layers import STATUS_LIMIT
 from cadtof_cli.report.colours import palette
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.status import StatusBit, describe_status, has_answer, why_no_answer
@@ -41,6 +42,11 @@ def test_the_kernel_has_the_same_numbers() -> None:
         assert value == StatusBit[name], f"_kernel_frame.h: {name} is {value}, not as in resolver/status.py"
 
 
+def test_files_hold_all_bits_and_no_larger_number() -> None:
+    limit = 1 << len(StatusBit)
+    assert limit == STATUS_LIMIT, f"files/layers.py: STATUS_LIMIT must be {limit}, or maps with the new bit are refused"
+
+
 def test_every_bit_has_a_colour_of_its_own_on_the_page() -> None:
     colours = palette()["status"]
     assert list(colours) == [bit.name for bit in StatusBit], "report/page/palette.json needs a colour for each bit"
@@ -75,6 +81,8 @@ def test_the_reasons_for_no_answer_are_printed_with_their_shares() -> None:
     low = np.full(4, StatusBit.LOW_CONFIDENCE, np.uint32)
     assert "--min-confidence" in why_no_answer(low)
     impossible = why_no_answer(np.full(4, StatusBit.IMPOSSIBLE, np.uint32))
-    assert impossible.endswith("; check amplitude_v, volts_per_count and fwhm_ns")
+    assert impossible.endswith(
+        "; check amplitude_v, volts_per_count and fwhm_ns; if the view moves fast, try --order 1"
+    )
     assert "--min-confidence" not in impossible
     assert "100.0%" in why_no_answer(low)

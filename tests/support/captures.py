@@ -20,6 +20,12 @@ ZERO_COUNTS = 8192
 VOLTS_PER_COUNT = 6.0e-5
 PLANE_NAMES = ("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2")
 
+MAP_LAYERS = (
+    *("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"),
+    *("confidence", "status"),
+)
+"""The layers of the maps of two periods, in their order, as the README says; all tests take them from here."""
+
 _OF_VOLTS = """\
 [modulation]
 periods_ns = [40.0, 20.0]
@@ -42,6 +48,9 @@ principal_point_px = [15.0, 10.0]
 """
 
 TOML: dict[Form, str] = {"tif": _OF_VOLTS + _OF_COUNTS, "exr": _OF_VOLTS}
+
+KNOWN_FORMATS, FRAME_SUFFIXES = "EXR, TIFF, NPY, PNG", ".exr, .tif, .tiff, .npy"
+"""What messages list: the formats that are known by their first bytes, and the suffixes of files that are frames."""
 
 
 @dataclass(frozen=True)

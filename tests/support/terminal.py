@@ -12,8 +12,8 @@ def on_terminal(*arguments: object, columns: int = 120, status: int = 0, **envir
     """Run `cadtof` with stderr on a terminal; return stdout and the text on the terminal. It must end with `status`."""
     ours, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (24, columns))
-    environment = {**ENVIRONMENT, "TERM": "xterm-256color", **environment}
-    environment.pop("COLUMNS", None)
+    usual = {name: value for name, value in ENVIRONMENT.items() if name not in {"COLUMNS", "LINES"}}
+    environment = {**usual, "TERM": "xterm-256color", **environment}
     process = subprocess.Popen(
         [*PROGRAM, *map(str, arguments)], env=environment, stdout=subprocess.PIPE, stderr=theirs, text=True
     )

@@ -170,7 +170,7 @@ def test_settings_are_compared_with_those_of_the_capture_alone(tmp_path: Path, *
     known = [_Read(resolved_root=root, metadata=metadata) for root in roots]
     arguments = {"inputs": [], "overrides": {}, "depth": "range"}
     run = Run(tmp_path, (), tmp_path, RunRecord(arguments=arguments, captures=known))
-    recorded = {f"{number}": (one, tuple(one.frames)) for number, one in enumerate(found)}
+    recorded = {f"{number}": (one, tuple(one.frames), None) for number, one in enumerate(found)}
     object.__setattr__(run, "recorded_frames", lambda _: recorded)
     said = list[str]()
     assert len(first_phasors.first_phasors(run, said.append).recorded) == MANY

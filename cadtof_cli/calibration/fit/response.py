@@ -49,12 +49,13 @@ class TargetMean:
     """The mean frame of one flat target, without dark offsets.
 
     `volts` is complex128 (H, Y, X), NaN in pixels that cannot be used; `noise_v`, (H,), is the mean's standard
-    deviation per channel.
+    deviation per channel. `offset_noise_v` is that of the dark offsets, a part of `noise_v` that all targets share.
     """
 
     volts: Complex
     noise_v: Float
     distance_m: float
+    offset_noise_v: float = 0.0
 
 
 def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata, origin: Origin) -> ResponseCalibration:
@@ -93,7 +94,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
         phases.reshape(shape),
         gains.reshape(shape),
         curvature,
-        _quality(pixels, terms, tuple(distances), terms.findings + said),
+        _quality(pixels, observed, targets[0].offset_noise_v, terms, tuple(distances), terms.findings + said),
         metadata.optics.lamp_offset_m or ResponseCalibration.lamp_offset_m,
     )
 
@@ -240,19 +241,28 @@ def _why_targets_differ(optics: Optics) -> str:
 
 def _quality(
     pixels: PixelFit,
+    observed: Observations,
+    offset_noise_v: float,
     terms: TermFit,
     distances: tuple[float, ...],
     findings: tuple[str, ...],
 ) -> ResponseQuality:
-    weights = pixels.weights
-    information = weights.sum(axis=0)
-    against_first = [(1.0 / (1.0 / weights[:, 0] + 1.0 / one)).sum(axis=0) for one in np.moveaxis(weights, 1, 0)]
-    gain = [0.0] + [float(np.median(one**-0.5)) for one in against_first[1:]]
+    own = np.maximum(observed.noise_v**2 - offset_noise_v**2, 0.0)
+
+    def stderr(weights: Float, *rows: int) -> float:
+        """Return the typical error of a mean over targets with these weights, (N, n), by the noise of these harmonics."""
+        each = weights[:, np.newaxis, :] / observed.volts[:, rows]
+        # all targets share the error of a pixel's offsets, which cancels in part if their phasors point elsewhere
+        variance = (own[:, rows, np.newaxis] * np.abs(each) ** 2).sum(axis=0)
+        variance += (offset_noise_v * np.abs(each.sum(axis=0))) ** 2
+        return float(np.median(np.sqrt(variance.sum(axis=0)) / weights.sum(axis=0)))
+
+    rows, of_targets = range(len(observed.harmonics)), pixels.weights.sum(axis=1)
     return ResponseQuality(
         distances_m=distances,
         residual=terms.residual,
-        phase_stderr_rad=tuple(float(np.median(one**-0.5)) for one in information),
-        gain_stderr=tuple(gain),
+        phase_stderr_rad=tuple([stderr(pixels.weights[:, row], row) for row in rows]),
+        gain_stderr=(0.0, *[stderr(of_targets, 0, row) for row in rows[1:]]),
         term_stderr=terms.stderr,
         findings=findings,
     )

@@ -10,7 +10,6 @@ from pathlib import Path
 import tifffile
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.reading import damage_as_frame_error, in_brief
 from cadtof_cli.files.tiff import jpeg_xr
 
@@ -69,6 +68,9 @@ def decoding(path: Path, page: tifffile.TiffPage) -> Iterator[None]:
         if page.compression not in _PRINTING:
             yield
             return
+        # imported here because few compressions need it
+        from cadtof_cli.files.library_output import library_output
+
         with library_output() as printed:
             yield
         if printed:

@@ -63,7 +63,8 @@ function drawCloud(frame, points, layer, view) {
   cloudCanvas.getContext("2d").putImageData(image, 0, 0);
 }
 
-function turned(view, key) {
+function turned(view, { key, shiftKey }) {
+  const moves = { ArrowLeft: { right: view.right - 0.05 }, ArrowRight: { right: view.right + 0.05 }, ArrowUp: { down: view.down - 0.05 }, ArrowDown: { down: view.down + 0.05 } };
   const changes = {
     ArrowLeft: { yaw: view.yaw - 0.1 },
     ArrowRight: { yaw: view.yaw + 0.1 },
@@ -72,6 +73,7 @@ function turned(view, key) {
     "+": { zoom: Math.min(20, view.zoom * 1.15) },
     "-": { zoom: Math.max(0.2, view.zoom / 1.15) },
     0: START_VIEW,
+    ...(shiftKey && moves),
   };
   return changes[key] && { ...view, ...changes[key] };
 }
@@ -106,7 +108,7 @@ function onCloud(view, changed) {
     change({ zoom: Math.max(0.2, Math.min(20, view().zoom * Math.exp(-event.deltaY / 300))) });
   }, { passive: false });
   cloudCanvas.addEventListener("keydown", (event) => {
-    const next = turned(view(), event.key);
+    const next = turned(view(), event);
     if (!next) return;
     event.preventDefault();
     changed(next);

@@ -24,6 +24,7 @@ function drawAll() {
   byId("compare-label").hidden = !hasPhasor;
   const compare = state.compare && hasPhasor;
   byId("split").hidden = byId("compare-marks").hidden = !compare;
+  mapCanvas.setAttribute("aria-label", `Map of ${state.layer}, ${frame.name}, ${frame.columns} × ${frame.rows} pixels`);
   byId("compare-marks").lastElementChild.textContent = state.layer === DIRECT || state.layer === ERROR ? "resolved" : state.layer;
   drawMap(frame, { ...state, compare });
   drawScale(frame, state.layer);
@@ -43,6 +44,7 @@ function setPoints() {
   note.hidden = Boolean(frame.optics);
   note.textContent = "The optics are not known, so the points cannot be computed: write the page with --focal-length-px, and for maps of a --roi also with --principal-point-px.";
   cloudCanvas.hidden = !frame.optics;
+  cloudCanvas.setAttribute("aria-label", `Points of ${state.cloudLayer}, ${frame.name}`);
   points = frame.optics ? pointsOf(frame, state.cloudLayer) : null;
 }
 
@@ -81,9 +83,15 @@ async function showFrame(number) {
   const before = frame;
   frame = next;
   byId("frame-name").textContent = `${frame.name}  (${number + 1} of ${run.frames.length})`;
-  byId("previous").disabled = number === 0;
-  byId("next").disabled = number === run.frames.length - 1;
-  thumbnails.forEach((one) => one.setAttribute("aria-pressed", String(Number(one.dataset.frame) === number)));
+  // a button that is `disabled` would lose the focus
+  byId("previous").setAttribute("aria-disabled", String(number === 0));
+  byId("next").setAttribute("aria-disabled", String(number === run.frames.length - 1));
+  thumbnails.forEach((one) => {
+    const chosen = Number(one.dataset.frame) === number;
+    one.setAttribute("aria-pressed", String(chosen));
+    // one stop of the Tab key for all thumbnails; arrows go from one to the next
+    one.tabIndex = chosen ? 0 : -1;
+  });
   state.layer = showOptions(byId("layer"), [...frame.layers.keys()].filter((name) => name !== STATUS), state.layer);
   const middle = [Math.floor(frame.columns / 2), Math.floor(frame.rows / 2)];
   setPixel(before && state.pixel ? moved(state.pixel, before) : middle);
@@ -92,6 +100,7 @@ async function showFrame(number) {
   showOverlays(frame, state.layer, state.bits, redraw);
   showSampling(frame);
   setPoints();
+  if (before) say(byId("frame-name").textContent);
   redraw();
 }
 
@@ -135,12 +144,15 @@ function onMapKey(event) {
     if (state.begun) setProfile([state.begun, state.pixel]);
   } else if (key === "enter") {
     state.begun = state.begun ? null : state.pixel;
+    say(state.begun ? "The line begins here" : byId("profile-title").textContent);
   } else if (key === "escape") {
     state.begun = null;
   } else if (key === "r" && !event.ctrlKey && !event.metaKey) {
     setProfile(rowLine(state.pixel));
+    say(byId("profile-title").textContent);
   } else if (key === "c" && !event.ctrlKey && !event.metaKey) {
     setProfile(columnLine(state.pixel));
+    say(byId("profile-title").textContent);
   } else if (key === "pageup") {
     step(-1);
   } else if (key === "pagedown") {
@@ -201,7 +213,7 @@ async function start() {
     byId("too-old").hidden = false;
     return;
   }
-  byId("viewer").hidden = byId("points").hidden = false;
+  byId("skip").hidden = byId("viewer").hidden = byId("points").hidden = false;
   await showFrame(0);
   onMap();
   onProfile();

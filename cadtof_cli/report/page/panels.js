@@ -18,11 +18,14 @@ function showReadout(frame, [i, j]) {
   byId("readout-title").textContent = `Pixel ${frame.x0 + i * frame.step}, ${frame.y0 + j * frame.step}`;
 }
 
+// For screen readers: what a key has changed.
+const say = (words) => (byId("said").textContent = words);
+
 // For screen readers: the pixel, and its value in the layer that is shown.
 function sayPixel(frame, [i, j], name) {
   const layer = frame.layers.get(name);
   const value = shownNumber(layer.values[j * frame.columns + i], layer.unit);
-  byId("said").textContent = `Column ${frame.x0 + i * frame.step}, row ${frame.y0 + j * frame.step}: ${name} ${value}`;
+  say(`Column ${frame.x0 + i * frame.step}, row ${frame.y0 + j * frame.step}: ${name} ${value}`);
 }
 
 function showOptions(select, names, chosen) {

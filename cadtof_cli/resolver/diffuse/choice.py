@@ -12,17 +12,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, median, quantiles
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchLight, PatchMeans
-from cadtof_cli.resolver.diffuse.second_paths import (
-    PatchData,
-    SecondPaths,
-    further_harmonics_tell,
-    has_one_share,
-    median_of_noise,
-    predict_further_harmonics,
-)
-from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
+from cadtof_cli.resolver.diffuse.noise import median_of_noise
 
 LARGEST_LEAD_RAD = 0.1
 """Largest arg q_2 of a tail. A tail that decays has at most 0; the rest is the margin that renderings of 30 rooms need."""
@@ -160,25 +151,21 @@ def patch_kinds(light: PatchLight, means: PatchMeans, frame: FrameTraits, /) -> 
         reason = "separate paths"
     elif misfit < LEAST_MISFIT or median(misfits.sum(axis=0)) < LEAST_MISFIT * median_of_noise(len(misfits)):
         reason = "no MPI to be seen"
-    elif are_two_paths(
-        PatchData.of(means, lit, frame),
-        PatchPlaces(frame.grid.even[lit], lit, settings.rad_per_ns, frame.shared.neighbours),
-    ) or are_smoothed_by_two_paths(light, means, lit, frame):
+    elif _are_two_paths(light, means, lit, frame):
         reason = "separate paths"
     return PatchKinds(lit, separate, DiffuseChoice(reason, count, share), probability)
 
 
-def are_two_paths(data: PatchData, places: PatchPlaces, /) -> bool:
-    """Return whether the patches have two true paths each.
+def _are_two_paths(light: PatchLight, means: PatchMeans, lit: Bool, frame: FrameTraits) -> bool:
+    """Return whether the lit patches have two true paths each, by any sign of them."""
+    # imported here because only frames with MPI need it
+    from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_two_paths
+    from cadtof_cli.resolver.diffuse.second_paths import PatchData
+    from cadtof_cli.resolver.diffuse.smoothness import are_smoothed_by_two_paths
 
-    Further harmonics show it, if they can tell. If they cannot, one share of the light or evenness shows it.
-    """
-    with np.errstate(all="ignore"):
-        # if a patch has one path, the delay of the other is NaN
-        second = SecondPaths.of(data)
-        if further_harmonics_tell(second, data):
-            return predict_further_harmonics(second, data)
-        return has_one_share(second, rad_per_ns=places.rad_per_ns) or are_even(second, data, places)
+    data = PatchData.of(means, lit, frame)
+    places = PatchPlaces(frame.grid.even[lit], lit, frame.settings.rad_per_ns, frame.shared.neighbours)
+    return are_two_paths(data, places) or are_smoothed_by_two_paths(light, means, lit, frame)
 
 
 def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:

@@ -10,12 +10,15 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, median
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.noise import median_of_noise
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     Scatter,
     SecondPaths,
-    median_of_noise,
+    further_harmonics_tell,
+    has_one_share,
     of_two_paths,
+    predict_further_harmonics,
 )
 from cadtof_cli.resolver.diffuse.tail import wrapped
 
@@ -99,6 +102,19 @@ class _JointFit:
         if not (self.room_chi_squared >= least and self.misfit <= LARGEST_MISFIT):
             return False
         return self.neighbour_product <= LARGEST_NEIGHBOUR_PRODUCT
+
+
+def are_two_paths(data: PatchData, places: PatchPlaces, /) -> bool:
+    """Return whether the patches have two true paths each.
+
+    Further harmonics show it, if they can tell. If they cannot, one share of the light or evenness shows it.
+    """
+    with np.errstate(all="ignore"):
+        # if a patch has one path, the delay of the other is NaN
+        second = SecondPaths.of(data)
+        if further_harmonics_tell(second, data):
+            return predict_further_harmonics(second, data)
+        return has_one_share(second, rad_per_ns=places.rad_per_ns) or are_even(second, data, places)
 
 
 def are_even(second: SecondPaths, data: PatchData, places: PatchPlaces, /) -> bool:

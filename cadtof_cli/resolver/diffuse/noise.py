@@ -1,4 +1,7 @@
-"""Noise of the data ln|p_h/p_1| and arg p_h − h·arg p_1, which all contain the noise of p_1, and of ln|p_1| and arg p_1."""
+"""Noise of the data ln|p_h/p_1| and arg p_h − h·arg p_1, which all contain the noise of p_1, and of ln|p_1| and arg p_1.
+
+Also the χ² that noise leaves.
+"""
 
 from collections.abc import Mapping
 
@@ -28,3 +31,8 @@ def noise_covariance(relative: list[Values], /, *, harmonics: tuple[int, ...]) -
         covariance[size, i] = -first
         covariance[phase, count + i] = first * -h
     return covariance
+
+
+def median_of_noise(numbers: int, /) -> float:
+    """Return the median χ² of so many independent normal numbers, by the approximation of Wilson and Hilferty."""
+    return numbers * (1.0 - 2.0 / (9.0 * numbers)) ** 3

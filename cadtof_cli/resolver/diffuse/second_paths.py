@@ -14,7 +14,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float, median, quantiles
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.light import FrameTraits, PatchMeans
-from cadtof_cli.resolver.diffuse.noise import noise_covariance
+from cadtof_cli.resolver.diffuse.noise import median_of_noise, noise_covariance
 from cadtof_cli.resolver.diffuse.tail import wrapped
 from cadtof_cli.resolver.two_path.decomposition import decomposed
 
@@ -224,11 +224,6 @@ def further_chi_squared(second: SecondPaths, data: PatchData, /) -> Float:
         difference = _Difference.of(second, data, row)
         chi_squared += np.einsum("in,ijn,jn->n", difference.residual, difference.precision, difference.residual)
     return chi_squared
-
-
-def median_of_noise(numbers: int, /) -> float:
-    """Return the median χ² of so many independent normal numbers, by the approximation of Wilson and Hilferty."""
-    return numbers * (1.0 - 2.0 / (9.0 * numbers)) ** 3
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from cadtof_cli.capture.checks import shown
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, single_frames
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target, Voltage
+from cadtof_cli.doubts.camera import other_offsets
 from cadtof_cli.doubts.frame import doubts
 from cadtof_cli.doubts.planes import mistaken_order
 from cadtof_cli.doubts.plausible import Copies
@@ -117,10 +118,13 @@ def averaged_captures(
     for one, mean in averaged:
         if earlier and (doubt := earlier.doubt(one.source.metadata)):
             progress.say(f"warning: {one.root}: {doubt}")
-        if has_light and earlier and earlier.dark:
-            # offsets of all pixels look like another order
+        if dark := earlier and earlier.dark:
             in_volts = replace(one.source.metadata, voltage=Voltage())
-            if doubt := mistaken_order(mean.volts - earlier.dark.offset_v, in_volts):
+            doubt = other_offsets(mean.volts, in_volts, dark.sound_offset_v, dark.offset_stderr_v())
+            # offsets of all pixels look like another order
+            if not doubt and has_light:
+                doubt = mistaken_order(mean.volts - dark.offset_v, in_volts)
+            if doubt:
                 progress.say(f"warning: {one.root}: {doubt}")
     origin = Origin(
         captures=tuple(str(one.root) for one in captures),
@@ -147,7 +151,7 @@ def _frames(capture: Capture, progress: Progress, *, has_light: bool, of_order: 
             noise that is measured too small.
     """
     reader, copies = FrameReader.of(capture), Copies()
-    for number, source in enumerate(single_frames(capture)):
+    for number, source in enumerate(single_frames(capture, typical=capture.typical)):
         stored, digest = reader.one(source)
         if original := copies.original_of(stored, digest, source):
             raise FrameError(

@@ -49,12 +49,13 @@ def calibrate_response(
 def _target(capture: Capture, mean: MeanVolts, earlier: Calibration | None) -> TargetMean:
     volts, noise = mean.volts, np.full(mean.volts.shape[0], predicted_noise_v(capture.source.metadata))
     noise = mean.mean_noise() if mean.frames >= FRAMES_ENOUGH else noise / math.sqrt(mean.frames)
+    offset_noise_v = earlier.dark.quality()["offset_stderr_v"] if earlier and earlier.dark else 0.0
     if earlier and earlier.dark:
         volts = np.where(earlier.dark.hot, np.nan, volts - earlier.dark.offset_v)
-        noise = np.hypot(noise, earlier.dark.quality()["offset_stderr_v"])
+        noise = np.hypot(noise, offset_noise_v)
     distance = capture.source.metadata.target.distance_m
     assert distance is not None
-    return TargetMean(volts[:, 0] + 1j * volts[:, 1], noise, distance)
+    return TargetMean(volts[:, 0] + 1j * volts[:, 1], noise, distance, offset_noise_v)
 
 
 def _figures(response: ResponseCalibration) -> dict[str, Any]:

@@ -222,7 +222,7 @@ class _LookedInto:
             return
         facts.lossy_compression = capture.lossy_compression
         reader = FrameReader.of(capture)
-        for source in single_frames(capture):
+        for source in single_frames(capture, typical=typical):
             yield FrameLook(self._place, source, reader)
 
     def add(self, frame: FrameFacts, /) -> None:

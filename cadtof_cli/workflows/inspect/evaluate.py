@@ -68,8 +68,7 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
 
 def _tell_what_is_left_out(run: Run, say: Callable[[str], None]) -> None:
     """Say how many frames of the run have no maps, and whether it has not finished."""
-    if run.maps == run.folder and run.record is not None and not run.record.get("finished"):
-        say(f"{run.maps}: the run has not finished, so frames may be missing; `cadtof resolve --resume` completes it")
+    run.tell_if_unfinished(say)
     try:
         if lost := run.frames_without_maps():
             say(f"{run.maps}: {counted(lost, 'frame')} of the run without maps, not compared: see {FRAMES_FILE}")

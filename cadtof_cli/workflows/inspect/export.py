@@ -68,10 +68,13 @@ def export_maps(
         CadtofError: the maps cannot be read or lack layers, points need optics that are unknown, a file cannot be written, or
             a file is there already and may not be replaced.
     """
-    format = FORMATS.get(out.suffix.lower())
+    format = EXPORTS.get(out.suffix.lower())
     if format is None:
-        raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(FORMATS)}")
-    found = [(run, file) for run in map(read_run, maps) for file in run.require_maps()]
+        raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(EXPORTS)}")
+    runs = [read_run(path) for path in maps]
+    for run in runs:
+        run.tell_if_unfinished(progress.say)
+    found = [(run, file) for run in runs for file in run.require_maps()]
     by_output: dict[Path, tuple[Run, Path]] = {}
     for run, file in found:
         several = f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}"
@@ -169,11 +172,11 @@ class ExportFormat:
 _FOR_POINTS = tuple(one.name for one in fields(GivenOptics))
 _FOR_DEPTHS = "layer", "depth", *_FOR_POINTS
 
-FORMATS = {
+EXPORTS = {
     ".ply": ExportFormat(_write_points),
     ".pcd": ExportFormat(_write_points),
     ".png": ExportFormat(_write_png, _FOR_POINTS),
     ".npz": ExportFormat(_write_npz, _FOR_DEPTHS),
     ".csv": ExportFormat(_write_csv, _FOR_DEPTHS),
 }
-"""The registry of formats by the suffix of the file."""
+"""The registry of the formats of other software, by the suffix of the file."""

@@ -5,8 +5,7 @@ A pixel that has no answer in the maps has no answer here either.
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.frames import Capture
-from cadtof_cli.errors import CadtofError, CaptureError
+from cadtof_cli.errors import CadtofError
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.pipeline.first_phasor import first_phasor_depth
@@ -29,14 +28,13 @@ from cadtof_cli.workflows.run_folder import NOT_EVALUATED, RecordedFrames, Run
 class FirstPhasors:
     """The recorded frames of a run, with the plans by which `cadtof resolve` read them, by the folders of their captures.
 
-    `say` is called with notes for the user. `digests` are of the values that the run read, if `frames.jsonl` has them.
+    `say` is called with notes for the user.
     """
 
     run: Run
     recorded: RecordedFrames
     plans: Mapping[Path, FramePlan]
     say: Callable[[str], None]
-    digests: Mapping[str, str] = field(default_factory=dict)
 
     def depth(self, one: RunMap, /) -> Float | None:
         """Return the first phasor's depth of a map's frame, float64 (Y, X) in m; NaN where the direct depth of the map is NaN.
@@ -49,11 +47,11 @@ class FirstPhasors:
             if self.recorded:
                 self.say(f"{file}: run.json names no recorded frame of it, {NOT_EVALUATED}")
             return None
-        capture, sources = self.recorded[name]
+        capture, sources, digest = self.recorded[name]
         plan = self.plans[capture.root]
         try:
             recording = FrameReader(capture.layout, plan.metadata).read(sources)
-            if self.digests.get(name, recording.digest) != recording.digest:
+            if digest not in {None, recording.digest}:
                 self.say(f"{file}: its recorded frame has changed since the run, {NOT_EVALUATED}")
                 return None
             depth = self.run.cropped(
@@ -79,7 +77,7 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
         for one in known:
             by_root.setdefault(one.get("resolved_root"), []).append(one)
         plans = dict[Path, FramePlan]()
-        for root, capture in {one.root: one for one, _ in recorded.values()}.items():
+        for root, capture in {one.root: one for one, *_ in recorded.values()}.items():
             # captures that were moved together with the run are compared with all captures of the run
             if changed := _changed_setting(capture, by_root.get(real_path(root), known)):
                 say(f"{root}: {changed} since the run, {NOT_EVALUATED}")
@@ -93,12 +91,7 @@ def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
     except CadtofError as error:
         say(f"the calibration of the run has changed or is gone, {NOT_EVALUATED}: {error}")
         return none
-    digests = {}
-    with suppress(CaptureError):
-        for report in run.reports():
-            if (file := run.map_of(report)) is not None and report.digest is not None:
-                digests[run.name(file)] = report.digest
-    return FirstPhasors(run, recorded, plans, say, digests)
+    return FirstPhasors(run, recorded, plans, say)
 
 
 def _changed_setting(capture: Capture, known: Sequence[Mapping[str, Any]], /) -> str | None:

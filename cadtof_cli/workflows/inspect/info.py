@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from cadtof_cli.calibration.store import is_calibration_folder, load_calibration
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture
-from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.execution.workers import Workers
+from cadtof_cli.files.digests import file_digest
 from cadtof_cli.files.documents import plain
-from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.layers import read_facts, read_layers
-from cadtof_cli.files.maps import STATUS, is_map_layer
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.capture_facts import CaptureFacts, facts_of_captures
-from cadtof_cli.workflows.inspect.run_map import first_sound_layers
+from cadtof_cli.workflows.inspect.run_map import holds_maps
 from cadtof_cli.workflows.map_files import map_files
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import is_run_folder, read_run
@@ -64,28 +63,15 @@ class MapFacts:
     problems: list[str] = field(default_factory=list)
 
 
-def is_map(path: Path, /) -> bool:
-    """Return whether a file has layers of maps, as truth has too; in a folder without capture.toml, its first sound image."""
-    try:
-        if not path.is_dir():
-            files = [path] if path.suffix.lower() in MAP_SUFFIXES and path.is_file() else []
-        elif (path / CAPTURE_FILE).exists():
-            files = []
-        else:
-            files = sorted(one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
-    except OSError:
-        return False
-    return any(map(is_map_layer, first_sound_layers(files) or ()))
-
-
 def facts_of_maps(path: Path, /) -> MapFacts:
     """Return what a map file, or a folder of maps, holds; a map that cannot be read is a problem."""
-    facts, files = MapFacts(str(path), 0), None
+    facts, files, written = MapFacts(str(path), 0), None, dict[Path | None, str | None]()
     if is_run_folder(path):
         try:
             run = read_run(path)
             facts.run, files = run.record, run.files
             facts.problems += [] if run.record else [run.no_record]
+            written = {run.map_of(report): report.output_digest for report in run.reports()}
         except CaptureError as error:
             facts.problems.append(str(error))
     files = map_files(path) if files is None else files
@@ -96,6 +82,10 @@ def facts_of_maps(path: Path, /) -> MapFacts:
     for file in files:
         try:
             layers = read_layers(file)
+            if (digest := written.get(file)) is not None and digest != file_digest(file):
+                facts.problems.append(
+                    f"{file}: changed since the run wrote it: damaged, or replaced by another program"
+                )
             if not described:
                 facts.about, described = read_facts(file), True
                 _describe(facts, layers)
@@ -169,7 +159,7 @@ def look_into(
     for path in inputs:
         if is_calibration_folder(path):
             found.append(facts_of_calibration(path))
-        elif is_run_folder(path) or is_map(path):
+        elif holds_maps(path):
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)

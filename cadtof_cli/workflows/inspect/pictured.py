@@ -1,5 +1,6 @@
 """What `cadtof preview` can draw: maps, truth, other files of named layers, and recorded frames, as layers by name."""
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,20 +12,15 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures, placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, read_stored, single_frames
-from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.layers import Shown
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.files.maps import is_map_layer
-from cadtof_cli.files.named_planes import channel_in_words
 from cadtof_cli.files.system import common_folder, path_from
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.inspect.run_map import first_sound_layers
-from cadtof_cli.workflows.map_files import map_files
-from cadtof_cli.workflows.resolve.run_json import RUN_FILE
+from cadtof_cli.workflows.inspect.run_map import holds_maps
 from cadtof_cli.workflows.run_folder import Run, read_run
 
 LIGHT = "H1.amplitude"
@@ -42,8 +38,10 @@ class Pictured:
     file: Path | None = None
 
 
-def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
+def pictured(inputs: Sequence[Path], /, *, say: Callable[[str], None]) -> Iterator[Pictured]:
     """Yield every frame that can be drawn from folders of maps, map files, truth, captures and recorded frames.
+
+    `say` is called with a note on each run that has not finished.
 
     Raises:
         CadtofError: an input does not exist, or holds nothing that can be drawn.
@@ -52,8 +50,11 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
     folders = (path if path.is_dir() else path.parent for path in inputs)
     base = common_folder(folders) if len(inputs) > 1 else None
     for path in inputs:
-        if _holds_maps(path):
+        # where there is no file, maps are missed first of all
+        has_files = any(one.is_file() for one in itertools.chain([path], path.rglob("*")))
+        if not has_files or holds_maps(path, or_other_layers=True):
             run = read_run(path)
+            run.tell_if_unfinished(say)
             for file in run.require_maps():
                 name = run.name(file) if base is None else Path(path_from(base, file)).with_suffix("").as_posix()
                 yield Pictured(name, partial(_read_map, run, file), DIRECT_DEPTH, run, file)
@@ -61,23 +62,6 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
         for capture in placed_captures(find_captures([path], recursive=path.is_dir()), [path], base=base)[0]:
             for source in single_frames(capture):
                 yield Pictured(source.name, partial(_read_frame, capture, source), LIGHT)
-
-
-def _holds_maps(path: Path) -> bool:
-    """Return whether a folder or file holds maps or other named layers, not recorded frames. A missing path counts as maps."""
-    if path.is_dir():
-        if (path / RUN_FILE).exists():
-            return True
-        files = () if (path / CAPTURE_FILE).exists() else map_files(path)
-        return not any(one.is_file() for one in path.rglob("*")) or _are_of_layers(files)
-    return not path.exists() or _are_of_layers([path])
-
-
-def _are_of_layers(files: Sequence[Path]) -> bool:
-    layers = first_sound_layers(files)
-    if layers is None:
-        return False
-    return any(map(is_map_layer, layers)) or not any(map(channel_in_words, layers))
 
 
 def _read_map(run: Run, file: Path) -> Shown:

@@ -15,7 +15,7 @@ from cadtof_cli.files.maps import STATUS, DepthMaps
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.voltages import volts_per_count
-from cadtof_cli.pipeline.frame import joined_parts, prepare_frame, resolve_pixels, stages_of
+from cadtof_cli.pipeline.frame import prepare_frame, resolve_pixels, stages_of
 from cadtof_cli.pipeline.one_pixel import OrderTest, PixelEvidence, pixel_evidence
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
@@ -63,12 +63,12 @@ def inspect_pixel(
     x, y = pixel
     expected = f"a column 0 … {width - 1} and a row 0 … {height - 1} of {source}"
     require(0 <= x < width and 0 <= y < height, "--pixel", f"{x},{y}", expected)
-    resolved = joined_parts(pixels, [resolve_pixels(pixels, stages)])
+    maps = resolve_pixels(pixels, stages)
     evidence = pixel_evidence(pixels, y * width + x, stages)
     recorded = stored.stored if isinstance(stored, FrameMean) else stored
     voltage = plan.metadata.voltage
     volts = (recorded[:, :, y, x].astype(np.float64) - voltage.zero) * volts_per_count(voltage, pixels.dtype)
-    status = int(resolved.maps.status[y, x])
+    status = int(maps.status[y, x])
     document = {
         "frame": source,
         "pixel": [x, y],
@@ -78,10 +78,10 @@ def inspect_pixel(
         "one_path": None if evidence.one is None else asdict(evidence.one[0]) | {"chi_squared": evidence.one[1]},
         "two_paths": dict(zip(("direct", "mpi"), map(asdict, evidence.two), strict=True)) if evidence.two else None,
         "order_test": _order_test(evidence.test, status),
-        "diffuse": _diffuse(resolved.mpi, evidence, status),
-        "chosen": {name: float(resolved.maps.layer(name)[y, x]) for name in resolved.maps.names} | {STATUS: status},
+        "diffuse": _diffuse(pixels.choice, evidence, status),
+        "chosen": {name: float(maps.layer(name)[y, x]) for name in maps.names} | {STATUS: status},
         "status": list(describe_status(status)),
-        "neighbours_m": _neighbours(resolved.maps, x, y),
+        "neighbours_m": _neighbours(maps, x, y),
     }
     return InspectedPixel(plain(document), evidence)
 
@@ -108,7 +108,7 @@ def _with_recorded_frame(error: NotAFrameError, file: Path) -> NotAFrameError:
     """Return an error that names the recorded frame to inspect, if the record of the map's run tells it; else the error."""
     try:
         run = read_run(file)
-        capture, recorded = run.recorded_frames(NO_PROGRESS.say)[run.name(file)]
+        capture, recorded, _ = run.recorded_frames(NO_PROGRESS.say)[run.name(file)]
     except (CadtofError, LookupError):
         return error
     what = "the recorded frame" if len(recorded) == 1 else f"the first of the {len(recorded)} recorded frames"

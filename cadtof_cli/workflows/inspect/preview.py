@@ -65,7 +65,7 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
     if len(inputs) == 1 and is_calibration_folder(inputs[0]):
         _draw_calibration(inputs[0], out, settings)
         return
-    found = list(pictured(inputs))
+    found = list(pictured(inputs, say=progress.say))
     if settings.frame is not None:
         require(settings.frame < len(found), "--frame", settings.frame, f"0 … {len(found) - 1}")
         found = [found[settings.frame]]

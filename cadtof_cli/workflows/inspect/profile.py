@@ -92,6 +92,8 @@ def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress
             or they show different parts of the recorded frames.
     """
     runs = [read_run(path) for path in maps]
+    for run in runs:
+        run.tell_if_unfinished(progress.say)
     for run in runs[1:]:
         require_same_depth(runs[0], run)
         # maps of other programs, which have neither a record nor a header, may show any part

@@ -110,7 +110,7 @@ def _facts(record: Mapping[str, Any], totals: RunTotals, lines: Sequence[FrameLi
 def _notes(run: Run, reports: Sequence[FrameReport], problems: Mapping[Path, str], *, shown: int) -> Iterator[str]:
     if run.record is None:
         yield f"There is no {RUN_FILE} beside the maps: settings, totals and failures of the run are not known."
-    elif not run.record.get("finished"):
+    elif not run.record.is_finished:
         yield "The run has not finished: this page shows what it had done until then."
     if run.record is not None and not reports:
         yield f"There is no {FRAMES_FILE} beside the maps, or it is empty: which frames were resolved, and how, is not known."

@@ -9,14 +9,17 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.frames import TRUTH
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
+from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
+from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, UnlistedError
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.files.maps import NotMapsError
-from cadtof_cli.files.named_planes import is_of_a_plane
+from cadtof_cli.files.maps import NotMapsError, is_map_layer
+from cadtof_cli.files.named_planes import channel_in_words, is_of_a_plane
+from cadtof_cli.files.reading import is_folder
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
-from cadtof_cli.workflows.run_folder import Run
+from cadtof_cli.workflows.map_files import map_files
+from cadtof_cli.workflows.run_folder import Run, is_run_folder
 
 Layers = Mapping[str, NDArray[Any]]
 """Layers of a map by name, (Y, X) each, as they are stored."""
@@ -76,7 +79,27 @@ class GivenOptics:
         return Optics(focal_length_px=known.focal_length_px if focal is None else focal, principal_point_px=point)
 
 
-def first_sound_layers(files: Sequence[Path], /) -> Layers | None:
+def holds_maps(path: Path, /, *, or_other_layers: bool = False) -> bool:
+    """Return whether a folder or file holds maps, as truth does too, and no recorded frames. Its first sound file tells.
+
+    A folder with a `capture.toml`, in it or beside images below it, holds recorded frames. `or_other_layers`: layers of other
+    names count as maps, although each may be a plane of a frame, unless a name gives a channel.
+    """
+    if is_run_folder(path):
+        return True
+    try:
+        files = map_files(path, on_unlisted=lambda *_: None)
+    except UnlistedError:
+        return False
+    if is_folder(path) and any((one / CAPTURE_FILE).exists() for one in {path, *(file.parent for file in files)}):
+        return False
+    layers = _first_sound_layers(files)
+    if layers is None:
+        return False
+    return any(map(is_map_layer, layers)) or (or_other_layers and not any(map(channel_in_words, layers)))
+
+
+def _first_sound_layers(files: Sequence[Path], /) -> Layers | None:
     """Return the layers of the first file that can be read; None if it has no named layers, or if no file can be read.
 
     They tell what kind of files all of them are. Truth is read only if there are no other files: if these are damaged, truth does

@@ -1,12 +1,12 @@
 """Frames whose paths arrive during a run, such as from a program that watches the folder of a camera."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 
 from cadtof_cli.capture.discovery import is_existing_folder
 from cadtof_cli.capture.frames import Capture
-from cadtof_cli.errors import CadtofError, CaptureError, OutputError
+from cadtof_cli.errors import CadtofError, CaptureError, OutputError, RunStoppedError
 from cadtof_cli.files.reading import absolute, is_folder
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.earlier import earlier_shared_folder
@@ -27,7 +27,8 @@ class Arrivals:
         batches: the paths that arrive during the run.
         base: folder whose tree OUT mirrors; None: it is not known yet.
         waiting: files of frames that wait for more files.
-        failed: reports on inputs that cannot be resolved; the run continues.
+        failed: reports on inputs that failed before the run began.
+        report: called with the report on each input that cannot be resolved; the run continues.
         calibration: the calibration that is applied; None: none.
         names: names of the maps of all captures that have come so far.
         document: content of `run.json`, to which inputs and captures are added.
@@ -45,6 +46,10 @@ class Arrivals:
     document: RunDocument = field(init=False)
     counted: frozenset[str] = frozenset()
     known: dict[Path, CapturePlan] = field(default_factory=dict)
+    report: Callable[[FrameReport], None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.report = self.failed.append
 
     def first_captures(self, inputs: Sequence[Path], /) -> tuple[tuple[Capture, ...], Path]:
         """Return the captures of the inputs that are there when the run begins, and the folder whose tree OUT mirrors."""
@@ -86,14 +91,15 @@ class Arrivals:
                 is_existing_folder(path)
                 there.append(path)
             except CaptureError as error:
-                self.failed.append(failed_input(path, error))
+                self.report(failed_input(path, error))
         return there
 
-    def plans(self) -> Iterator[tuple[list[FrameReport], list[CapturePlan]]]:
-        """Yield reports on failures and the plans for each batch of paths, and add the batch to the document.
+    def plans(self, report: Callable[[FrameReport], None], /) -> Iterator[list[CapturePlan]]:
+        """Yield the plans for each batch of paths, and add the batch to the document. A failure is reported when it is found.
 
         A frame of several files waits for all of its files.
         """
+        self.report = report
         inputs = set(self.document["arguments"]["resolved_inputs"])
         for paths in self.batches:
             self.document.add_inputs(paths, inputs)
@@ -102,22 +108,23 @@ class Arrivals:
             # no more files will come: each frame is tried with the files that are there
             yield self._planned((), last=True)
 
-    def _planned(self, paths: Iterable[Path], *, last: bool = False) -> tuple[list[FrameReport], list[CapturePlan]]:
-        self.failed = []
+    def _planned(self, paths: Iterable[Path], *, last: bool = False) -> list[CapturePlan]:
         there = self._existing((*self.waiting, *paths))
         self.waiting = []
         found: list[CapturePlan] = []
         for folder, named in _by_folder(there).items():
             try:
                 found += self._known(self._captures(named, last=last))
+            except RunStoppedError:
+                raise
             except CadtofError as error:
-                self.failed.append(failed_input(folder if len(named) > 1 else named[0], error))
+                self.report(failed_input(folder if len(named) > 1 else named[0], error))
         self.document.add_captures(found, self.counted)
-        return self.failed, found
+        return found
 
     def _captures(self, paths: Sequence[Path], *, last: bool = False) -> tuple[Capture, ...]:
         """Return the captures of paths. Unless these are the last paths, frames that lack files wait for them."""
-        captures, self.base = captures_in(paths, self.settings, self.failed, base=self.base)
+        captures, self.base = captures_in(paths, self.settings, self.report, base=self.base)
         if not last:
             captures, waiting = _without_incomplete_frames(captures, paths, self.settings)
             self.waiting += waiting
@@ -127,7 +134,7 @@ class Arrivals:
         """Return the plans of captures; a capture that has come before keeps its plan."""
         new = plan_captures([one for one in captures if one.root not in self.known], self.settings, self.calibration)
         plans = [
-            replace(known, capture=replace(known.capture, frames=one.frames), stack_frame_bytes=None)
+            replace(known, capture=replace(known.capture, frames=one.frames), typical=None)
             for one in captures
             if (known := self.known.get(one.root))
         ] + new
@@ -147,7 +154,7 @@ class Arrivals:
                 own.append(frame)
                 continue
             error = OutputError(f"{first} would be written as {self.settings.out}/{frame.name}, as {other} was")
-            self.failed.append(failed_input(frame, error))
+            self.report(failed_input(frame, error))
         if len(own) == len(plan.capture.frames):
             return plan
         return replace(plan, capture=replace(plan.capture, frames=tuple(own)))

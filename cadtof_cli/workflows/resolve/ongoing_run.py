@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cadtof_cli.capture.frames import FrameSource
 from cadtof_cli.errors import CaptureError, OutputError, RunStoppedError
@@ -17,7 +18,6 @@ from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, writing
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import MapNames, require_inside
 from cadtof_cli.workflows.resolve.plans import CapturePlan
@@ -25,10 +25,13 @@ from cadtof_cli.workflows.resolve.record import RunRecorder
 from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
+if TYPE_CHECKING:
+    from cadtof_cli.workflows.progress import Progress
+
 Outcomes = Generator[Outcome[FrameTask, FrameReport], None, None]
 
 Batch = tuple[Sequence[FrameReport], Outcomes]
-"""Reports on inputs that failed, and the outcomes of the frames of all others."""
+"""Reports on inputs that failed before, and the outcomes of the frames of all others."""
 
 WORTH_SPLITTING_S = 0.5
 """Expected seconds per frame above which each part of a frame is worth a process: its pixels have to go there and back."""
@@ -68,7 +71,7 @@ class OngoingRun:
     """
 
     settings: ResolveSettings
-    progress: Progress
+    progress: "Progress"
     on_frame: Callable[[FrameReport], None]
     names: MapNames
     token: str = field(default_factory=lambda: os.urandom(8).hex())
@@ -114,12 +117,12 @@ class OngoingRun:
             for failed, batch in batches:
                 with closing(batch) as outcomes:
                     for report in failed:
-                        self._report(report)
+                        self.report(report)
                     for outcome in outcomes:
                         found, task = outcome.result, outcome.task
                         if isinstance(found, WorkerDied):
                             found = task.report("failed", _lost(task.sources[0], found), 0.0)
-                        self._report(found)
+                        self.report(found)
             for why, count in self.notes.only_counted.items():
                 self.progress.say(f"{settings.out}: {counted(count, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
@@ -133,7 +136,7 @@ class OngoingRun:
             raise KeyboardInterrupt(told) from interrupt
         return totals
 
-    def _report(self, report: FrameReport) -> None:
+    def report(self, report: FrameReport) -> None:
         """Record, count and show the report on a frame.
 
         Raises:
@@ -185,7 +188,7 @@ class OngoingRun:
                             output.parent.mkdir(parents=True, exist_ok=True)
                     yield FrameTask(sources, one.reader, one.plan, output, self.settings.resume, before, self.token)
             except CaptureError as error:
-                self._report(failed_input(one.capture.root, error))
+                self.report(failed_input(one.capture.root, error))
             self.expected += min(number - one.expected_maps, 0)
             self.progress.advance(0, total=self.expected)
 

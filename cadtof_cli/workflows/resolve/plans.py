@@ -10,7 +10,7 @@ from typing import Any
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures, placed_captures
-from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, FrameSource, TypicalFile, file_size, open_frames, single_frames
 from cadtof_cli.doubts.frame import doubts_before_run
 from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.plausible import implausible
@@ -45,7 +45,7 @@ class CapturePlan:
         reader: how its frames are read.
         plan: everything that decides its maps.
         settings: settings of the run.
-        stack_frame_bytes: bytes per frame of a stack; None if each file holds one frame.
+        typical: what most of its files hold; None: no file can be opened, or they arrive during the run.
         doubts: what is likely wrong with its values, planes or metadata, in words.
     """
 
@@ -53,14 +53,15 @@ class CapturePlan:
     reader: FrameReader
     plan: FramePlan
     settings: ResolveSettings
-    stack_frame_bytes: float | None = None
+    typical: TypicalFile | None = None
     doubts: tuple[str, ...] = ()
 
     @cached_property
     def expected_maps(self) -> int:
         """The expected number of maps. In stacks, frames are estimated from one file and the sizes of all files."""
-        frames, frame_bytes = len(self.capture.frames), self.stack_frame_bytes
-        if frame_bytes is not None:
+        frames, typical = len(self.capture.frames), self.typical
+        if typical is not None and typical.frames > 1:
+            frame_bytes = max(typical.bytes / typical.frames, 1.0)
             sizes = (file_size(source.paths[0]) for source in self.capture.frames)
             frames = sum(max(round(size / frame_bytes), 1) for size in sizes)
         if self.settings.frames is not None:
@@ -76,7 +77,7 @@ class CapturePlan:
         Raises:
             CaptureError: nothing tells how many frames come before those of `--frames`.
         """
-        frames = single_frames(self.capture, taken=taken)
+        frames = single_frames(self.capture, typical=self.typical, taken=taken)
         if self.settings.frames is not None:
             frames = self._chosen(frames, self.settings.frames)
         while sources := tuple(itertools.islice(frames, self.settings.maps.average)):
@@ -90,7 +91,7 @@ class CapturePlan:
     def _chosen(self, frames: Iterator[FrameSource], chosen: slice) -> Iterator[FrameSource]:
         """Yield the frames that `--frames` chooses: all frames are counted, so stacks before these must be readable."""
         for source in itertools.islice(frames, chosen.start or 0):
-            if self.stack_frame_bytes is not None and source.index is None:
+            if self.typical is not None and self.typical.frames > 1 and source.index is None:
                 try:
                     with open_frames(source, self.capture.layout):
                         continue
@@ -130,18 +131,23 @@ class CapturePlan:
 
 
 def captures_in(
-    inputs: Sequence[Path], settings: ResolveSettings, failed: list[FrameReport], /, *, base: Path | None = None
+    inputs: Sequence[Path],
+    settings: ResolveSettings,
+    report: Callable[[FrameReport], None],
+    /,
+    *,
+    base: Path | None = None,
 ) -> tuple[tuple[Capture, ...], Path]:
     """Return the captures in inputs, and the folder `base` whose tree OUT mirrors (see `find_captures`, `placed_captures`).
 
-    For each folder that cannot be listed, a report is added to `failed`.
+    `report` is called with the report on each folder that cannot be listed.
     """
     found = find_captures(
         inputs,
         overrides=settings.overrides,
         settings_file=settings.settings_file,
         recursive=settings.recursive,
-        on_unlisted=lambda folder, error: failed.append(failed_input(folder, error)),
+        on_unlisted=lambda folder, error: report(failed_input(folder, error)),
     )
     return placed_captures(found, inputs, base=base)
 
@@ -170,15 +176,13 @@ def plan_captures(
                 raise CaptureError(found[0])
             plans.append(CapturePlan(capture, reader, plan, settings))
             continue
-        size = file_size(typical.source.paths[0])
-        frame_bytes = max(size / typical.frames, 1.0) if typical.frames > 1 else None
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
         doubtful = () if stored is None else doubts_before_run(stored, plan)
         if of_unit := mistaken_unit(plan.metadata, typical.pixels):
             doubtful += (of_unit,)
-        plans.append(CapturePlan(capture, reader, plan, settings, frame_bytes, doubtful))
+        plans.append(CapturePlan(capture, reader, plan, settings, typical, doubtful))
     return plans
 
 
@@ -235,9 +239,9 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
         MetadataError: the calibration cannot be read, or is damaged.
         SettingsError: its array size, periods or waveform differ from those of a capture.
     """
-    from cadtof_cli.calibration.store import load_calibration
+    from cadtof_cli.calibration.store import current_calibration
 
-    calibration = load_calibration(folder)
+    calibration = current_calibration(folder)
     for capture in captures:
         with _of_capture(capture):
             calibration.require_match(capture.source.metadata, capture.typical.pixels if capture.typical else None)

@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING
 
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.files.atomic import make_folder, remove_partial_files
-from cadtof_cli.resolver.kernels import NUMPY, numpy_note
-from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, numpy_note
 from cadtof_cli.workflows.resolve.earlier import earlier_run, remove_run
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
-from cadtof_cli.workflows.resolve.lock import locked
 from cadtof_cli.workflows.resolve.ongoing_run import Batch, OngoingRun
-from cadtof_cli.workflows.resolve.output import MapNames, map_names
+from cadtof_cli.workflows.resolve.output import MapNames, locked, map_names
 from cadtof_cli.workflows.resolve.plans import (
     AppliedCalibration,
     CapturePlan,
@@ -30,6 +28,7 @@ from cadtof_cli.workflows.resolve.run_document import run_document
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
+    from cadtof_cli.workflows.progress import Progress
     from cadtof_cli.workflows.resolve.arrivals import Arrivals
 
 
@@ -39,7 +38,7 @@ def resolve_captures(
     *,
     settings: ResolveSettings,
     arriving: Iterable[tuple[Path, ...]] | None,
-    progress: Progress,
+    progress: "Progress",
     on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
     """Resolve every frame of the inputs into a file of maps in `settings.out`. A frame that fails does not stop the others.
@@ -70,7 +69,7 @@ def resolve_captures(
         if settings.overwrite or settings.resume:
             remove_partial_files(settings.out)
         # files of two folders that are named in turn are many captures of the same folders
-        for note in dict.fromkeys(_notes(plans, calibration, settings, kernel=document["kernel"])):
+        for note in dict.fromkeys(_notes(plans, calibration, settings)):
             progress.say(note)
         run = OngoingRun(settings, progress, on_frame, names)
         try:
@@ -81,7 +80,7 @@ def resolve_captures(
             batches: Iterator[Batch] = iter([(failed, first)])
             if arrivals:
                 arrivals.begin(plans, calibration, names, document, earlier)
-                later = ((failures, run.outcomes(more)) for failures, more in arrivals.plans())
+                later = (((), run.outcomes(more)) for more in arrivals.plans(run.report))
                 batches = itertools.chain(batches, later)
             record = recorded_run(
                 settings.out, document, earlier=earlier, arriving=arrivals is not None, say=progress.say
@@ -105,17 +104,17 @@ def _first_captures(
         arrivals = Arrivals(settings, arriving)
         return *arrivals.first_captures(inputs), arrivals, arrivals.failed
     failed = list[FrameReport]()
-    return *captures_in(inputs, settings, failed), None, failed
+    return *captures_in(inputs, settings, failed.append), None, failed
 
 
 def _notes(
-    plans: Sequence[CapturePlan], calibration: AppliedCalibration | None, settings: ResolveSettings, *, kernel: str
+    plans: Sequence[CapturePlan], calibration: AppliedCalibration | None, settings: ResolveSettings
 ) -> Iterator[str]:
     """Yield what the user should know before the run begins."""
     for one in plans:
         yield from one.notes()
     yield from calibration.notes if calibration else ()
-    if kernel == NUMPY:
+    if chosen_kernel() == NUMPY:
         yield numpy_note()
     if settings.maps.pool > 1:
         yield from pooling_notes(plans, settings)

@@ -71,6 +71,11 @@ class RunRecord(dict[str, Any]):
         """How many frames each map is the mean of."""
         return int(self["arguments"].get("average", 1))
 
+    @property
+    def is_finished(self) -> bool:
+        """Whether the run has come to its end."""
+        return bool(self.get("finished"))
+
     def checked(self) -> "RunRecord":
         """Return the record, after a check of the entries that other commands read; optics may raise a MetadataError."""
         arguments = self["arguments"]

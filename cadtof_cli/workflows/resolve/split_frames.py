@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
+from typing import Any
 
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.ordered import run_ordered
@@ -19,11 +20,15 @@ from cadtof_cli.workflows.resolve.reports import FrameReport
 
 @dataclass(frozen=True)
 class FramePart:
-    """A part of a frame's pixels, or the report on a frame that is not resolved; and how the frame was read."""
+    """A part of a frame's pixels, or the report on a frame that is not resolved; of the first part, how the frame was read."""
 
     task: FrameTask
     pixels: FramePixels | FrameReport
     recording: Recording | None
+
+    def __reduce__(self) -> tuple[type["FramePart"], tuple[Any, ...]]:
+        """Return how pickle makes a copy for a worker, which does not need the whole frame."""
+        return FramePart, (self.task, self.pixels, None)
 
 
 def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:

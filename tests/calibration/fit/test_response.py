@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.calibration.fit.response import TargetMean, fit_response
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration
@@ -35,6 +35,28 @@ def mean_of(sensor: DefectiveCamera, ranges_m: Float, distance_m: float, *, seed
     mean = volts.mean(axis=0)
     noise = np.sqrt(volts.var(axis=0, ddof=1).mean(axis=(1, 2, 3)) / FRAMES)
     return TargetMean(mean[:, 0] + 1j * mean[:, 1], noise, distance_m)
+
+
+@pytest.mark.parametrize("distances_m", [(1.5,), (0.8, 2.0, 3.5, 5.0), (0.5, 0.8, 1.2)])
+def test_errors_of_few_dark_frames_are_counted_once(distances_m: tuple[float, ...]) -> None:
+    """All targets share them. If they were taken for noise of each target, ± would be too large by 2 or too small by 1.5."""
+    rng, shape = np.random.default_rng(3), (2, *PIXELS)
+    own_v, offset_noise_v = 1e-4, 3e-4
+
+    def noise(standard_deviation: float) -> Complex:
+        noises = rng.normal(scale=standard_deviation, size=(2, *shape))
+        return np.asarray(noises[0] + 1j * noises[1])
+
+    offset = noise(offset_noise_v)
+    targets = []
+    for distance in distances_m:
+        turn = 2.0 * np.pi * distance / 5.99584916
+        light = 0.1 * np.exp(1j * np.array([turn, 2.0 * turn]))[:, np.newaxis, np.newaxis]
+        noise_v = np.full(2, np.hypot(own_v, offset_noise_v))
+        targets.append(TargetMean(light + noise(own_v) - offset, noise_v, distance, offset_noise_v))
+    found = fit_response(targets, metadata=CaptureMetadata(), origin=origin_of(targets))
+    np.testing.assert_allclose(found.phase_rad.std(axis=(1, 2)), found.quality.phase_stderr_rad, rtol=0.06)
+    np.testing.assert_allclose(found.gain[1].std(), found.quality.gain_stderr[1], rtol=0.06)
 
 
 def origin_of(

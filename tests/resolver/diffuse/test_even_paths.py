@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Complex, Float
-from cadtof_cli.resolver.diffuse.choice import are_two_paths
-from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
+from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even, are_two_paths
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, has_one_share, of_two_paths
 from tests.support.diffuse_frames import OMEGA, F, Tail
 from tests.support.diffuse_patches import LIT, PATCHES, patch_data

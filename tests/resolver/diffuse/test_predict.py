@@ -7,7 +7,7 @@ import pytest
 
 from cadtof_cli import resolve, simulate_scene
 from cadtof_cli.arrays import Float32
-from cadtof_cli.resolver.diffuse import choice, predict
+from cadtof_cli.resolver.diffuse import predict, smoothness
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, RoomNumbers
 from cadtof_cli.resolver.diffuse.patches import first_planes
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
@@ -183,7 +183,7 @@ def test_second_paths_of_different_shares_and_delays_are_not_taken_for_a_tail(mo
         (1.5, True, "separate paths"),
         (1.5, False, "no tail fits"),
     ):
-        monkeypatch.setattr(choice, "are_smoothed_by_two_paths", lambda *_, smooth=smooth, **__: smooth)
+        monkeypatch.setattr(smoothness, "are_smoothed_by_two_paths", lambda *_, smooth=smooth, **__: smooth)
         found = weak_paths(0.05, (1, 2), 1.4, 1e5, uneven_ns=uneven_ns)
         assert isinstance(found, DiffuseChoice)
         assert (found.taken, found.reason) == ("discrete", reason)

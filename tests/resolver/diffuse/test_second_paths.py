@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.resolver.diffuse.noise import median_of_noise
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     Scatter,
@@ -17,7 +18,6 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     further_chi_squared,
     further_harmonics_tell,
     has_one_share,
-    median_of_noise,
     predict_further_harmonics,
     two_path_lag,
 )

@@ -24,7 +24,7 @@ from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.response.newton import Equations, searched
 from cadtof_cli.resolver.response.table import ENTRIES, STAGES, ResponseBlock, response_block
 from cadtof_cli.resolver.settings import ResolverSettings
-from tests.resolver.compiled import compiled_kernels
+from tests.resolver.compiled import bits_of, compiled_kernels
 from tests.support.calibrations import made_up_calibration
 from tests.support.hard_pixels import HARD
 from tests.support.kernels import by_kernel
@@ -131,14 +131,12 @@ def test_maps_of_a_triangle_have_the_same_bits(name: str, calibrated: bool) -> N
         plan = replace(plan, calibration=CalibrationUse(Path("made up"), calibration.digest))
     stages = stages_of(volts(name, size), plan, calibration)
     pixels = prepare_frame(volts(name, size), stages)
-    expected = by_kernel(NUMPY, resolve_pixels, pixels, stages)
+    expected = bits_of(by_kernel(NUMPY, resolve_pixels, pixels, stages))
     for kernel in compiled_kernels():
         for cut in (0, 33):
             parts = [pixels[:cut], pixels[cut:]] if cut else [pixels]
-            found = [by_kernel(kernel, resolve_pixels, part, stages) for part in parts]
-            values = np.concatenate([maps.values for maps in found], axis=-1)
-            np.testing.assert_array_equal(values.view(np.uint32), expected.values.view(np.uint32), err_msg=kernel)
-            np.testing.assert_array_equal(np.concatenate([maps.status for maps in found], axis=-1), expected.status)
+            found = [bits_of(by_kernel(kernel, resolve_pixels, part, stages)) for part in parts]
+            np.testing.assert_array_equal(np.concatenate(found, axis=-1), expected, err_msg=kernel)
 
 
 # --- buffers ----------------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cadtof_cli.errors import CadtofError
-from tests.support.fuzz.readers import READERS, Reader, run_command
+from tests.support.fuzz.readers import AN_ADDRESS, READERS, Reader, run_command
 from tests.support.fuzz.samples import copy_of, make_sound
 from tests.support.fuzz.spoil import spoiled
 
@@ -287,8 +287,10 @@ class _Reading:
         began = time.process_time()
         try:
             self._reader.read(self._here, content)
-        except CadtofError:
+        except CadtofError as error:
             self._refused += 1
+            if AN_ADDRESS in str(error):
+                self._find(number, "exception", str(error))
         except Exception:  # noqa: BLE001  (any exception but CadtofError is a finding)
             self._find(number, "exception", traceback.format_exc()[-3000:])
         took_s = time.process_time() - began

@@ -40,6 +40,10 @@ _METADATA = CaptureMetadata(
 _LAYOUT = FrameLayout((1, 2))
 
 
+AN_ADDRESS = " object at 0x"
+"""Where an object of Python stands in a message: it would differ from run to run."""
+
+
 class SurpriseError(Exception):
     """Something that must never reach a user."""
 
@@ -69,7 +73,11 @@ def run_command(arguments: Sequence[object], /, *, stdin: bytes | None = None) -
         except SystemExit as ended:
             status = ended.code
     stderr = err.getvalue()
-    words = [word for word in ("unexpected", "Traceback", "Warning:") if word in stderr.replace("; Warning: ", "; ")]
+    words = [
+        word
+        for word in ("unexpected", "Traceback", "Warning:", AN_ADDRESS)
+        if word in stderr.replace("; Warning: ", "; ")
+    ]
     if status not in {0, 1, 2} or (words and "unexpected extra argument" not in stderr):
         raise SurpriseError(f"{arguments} ended with {status}: {stderr[-1500:]}")
     if status and not stderr:
@@ -184,10 +192,12 @@ def _calibration(name: str, place: Path, content: bytes) -> None:
         # whoever changes a part can change its digest too
         with patch.object(store, "digest_of", trusting):
             store.cached_calibration.cache_clear()
+            store._read_at.cache_clear()
             if not run_command(("info", "cal", "--json")).startswith("wrong: "):
                 run_command(("resolve", "cap", "-o", "new", "-j", 1, "--overwrite", "--calibration", "cal"))
                 run_command(("inspect", "cap", "--pixel", "3,4", "--calibration", "cal"))
             store.cached_calibration.cache_clear()
+            store._read_at.cache_clear()
 
 
 def _record(name: str, place: Path, content: bytes) -> None:

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.errors import OutputError
-from cadtof_cli.workflows.resolve.lock import LOCK_FILE, locked
+from cadtof_cli.workflows.resolve.output import LOCK_FILE, locked
 from tests.support.captures import record
 from tests.support.run_cadtof import ENVIRONMENT, cadtof
 
 _HOLD = """
 import os, sys, time
 from pathlib import Path
-from cadtof_cli.workflows.resolve.lock import locked
+from cadtof_cli.workflows.resolve.output import locked
 with locked(Path(sys.argv[1])):
     if os.fork() == 0:
         time.sleep(60)
