@@ -46,14 +46,11 @@ second number if depth and brightness are left out: not all of an offset is left
 _RIPPLED = 0.005
 """Share of the light up to which offsets may be ripples of the scene, such as those of a corrugated sheet."""
 
-_THIRD, _SECOND = math.sqrt(1.0 + 9.0 + 9.0 + 1.0), math.sqrt(1.0 + 4.0 + 1.0)
-"""Standard deviations of third and second differences of independent numbers. Surfaces hardly have third differences."""
+_SECOND, _THIRD = math.sqrt(1.0 + 4.0 + 1.0), math.sqrt(1.0 + 9.0 + 9.0 + 1.0)
+"""Standard deviations of second and third differences of independent numbers. Surfaces hardly have third differences."""
 
-_LINES, _LEAST_LINES = 96, 48
-"""Rows or columns that are looked at, and fewest of them: a part of them lies at edges of the scene."""
-
-_LEAST_ALONG = 24
-"""Fewest pixels along a line."""
+_LINES, _LEAST_LINES, _LEAST_ALONG = 96, 48, 24
+"""Rows or columns that are looked at, fewest of them, as a part lies at edges of the scene, and fewest pixels along one."""
 
 _QUARTER_OF_NORMAL = 0.3186
 """First quartile of the magnitude of a normal distribution, in units of its standard deviation. Edges of the scene, such as
@@ -83,9 +80,12 @@ _GAPS, _GAP_RANGE = 2, 1.25
 """Fewest gaps that a stuck bit leaves between the values, and how many times the bit the largest of them may be. Values of
 distinct surfaces have other gaps. In 1270 sound frames nothing is told."""
 
-_CLEAR_OFFSET, _SAME_OFFSETS = 5.0, 0.5
-"""Differences of offsets count that are more than so many standard errors. A frame has the offsets of a calibration if its own
-differences are at least this share of them, by more than so many standard errors."""
+_CLEAR_OFFSET, _CLEAR_STEPS, _CLEAR_SHARE = 7.0, 3.0, 0.05
+"""Standard errors and steps of whole numbers that a difference of offsets must exceed, and the least share of such ones."""
+
+_SAME_OFFSETS, _OTHER_OFFSETS = 0.3, 8.0
+"""A frame has other offsets if its own differences are at most this share of them, and less by so many standard errors. Of 9000
+sound frames, two are told: nine rows with offsets of their own look like the edges of a scene."""
 
 _PILED_UP = 8
 """Values are likely cut off if the outermost value occurs more than this many times as often as the next value."""
@@ -106,10 +106,8 @@ def other_noise(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap
         return None
     # pairs of rows, one beside the other: a frame of two rows
     rows = pairs.T.ravel()
-    values, places = (
-        stored[:, :, rows].reshape(*stored.shape[:2], -1),
-        np.add.outer(rows * width, np.arange(width)).ravel(),
-    )
+    values = stored[:, :, rows].reshape(*stored.shape[:2], -1)
+    places = np.add.outer(rows * width, np.arange(width)).ravel()
     phasors = phasors_from_stored(values, (phasor_map or ideal_phasor_map(metadata, stored.dtype))[places])
     phasors[:, saturated_pixels(values, metadata.voltage.saturated_counts)] = np.nan
     whole = stored.dtype.kind in "iu"
@@ -143,26 +141,34 @@ def other_offsets(
 ) -> str | None:
     """Return a message if neighbours in a frame, (H, 2, Y, X), do not differ as their calibrated offsets do; else None.
 
-    `offset_v`, (H, 2, Y, X), are known to `stderr_v`, (H,); 0: it is not known how well. No scene differs as they do.
+    `offset_v`, (H, 2, Y, X), are known to `stderr_v`, (H,); 0: not known how well. NaN and saturated pixels are left out.
     """
-    # an odd step: the upper row is even and odd in turn, so the slope of a scene cancels if even rows have another offset
-    step = 2 * (stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)) + 1
-    upper, lower = slice(0, -1, step), slice(1, None, step)
-    volts = (volts_from_stored(stored[:, :, rows], metadata.voltage) for rows in (upper, lower))
-    seen, known = next(volts) - next(volts), (offset_v[:, :, upper] - offset_v[:, :, lower]).astype(np.float64)
-    least = np.maximum(_CLEAR_OFFSET * np.reshape(stderr_v, (-1, 1, 1, 1)), _STEP * metadata.modulation.amplitude_v)
-    clear = np.isfinite(seen) & (np.abs(known) > least)
-    along, sizes = (seen * np.sign(known))[clear], np.abs(known[clear])
-    if sizes.size < FEWEST or not all(stderr_v):
+    # an odd number: the upper row is even and odd in turn, so the slope of a scene cancels if even rows have another offset
+    each = 2 * (stored.shape[2] * stored.shape[3] // (2 * LOOKED_AT)) + 1
+    upper, lower = slice(0, -1, each), slice(1, None, each)
+    above, below = (_sound_volts(stored[:, :, rows], metadata) for rows in (upper, lower))
+    seen, known = above - below, (offset_v[:, :, upper] - offset_v[:, :, lower]).astype(np.float64)
+    step_v = abs(volts_per_count(metadata.voltage, stored.dtype)) if stored.dtype.kind in "iu" else 0.0
+    least = np.maximum(_CLEAR_OFFSET * np.reshape(stderr_v, (-1, 1, 1, 1)), _CLEAR_STEPS * step_v)
+    finite, least = np.isfinite(seen + known), np.maximum(least, _STEP * metadata.modulation.amplitude_v)
+    clear = finite & (np.abs(known) > least)
+    if np.count_nonzero(clear) < max(FEWEST, _CLEAR_SHARE * np.count_nonzero(finite)) or not all(stderr_v):
         return None
-    share = median(along) / median(sizes)
-    error = 1.25 * median(np.abs(along - median(along))) / MAD_PER_SIGMA / math.sqrt(sizes.size) / median(sizes)
-    if share > _SAME_OFFSETS - _CLEAR_OFFSET * error:
+    along, size = (seen * np.sign(known))[clear], median(np.abs(known[clear]))
+    share = median(along) / size
+    error = 1.25 * median(np.abs(along - median(along))) / MAD_PER_SIGMA / math.sqrt(along.size) / size
+    if share > _SAME_OFFSETS or share > 1.0 - _OTHER_OFFSETS * error:
         return None
     return (
         "its pixels do not have the offsets of the calibration, which makes depths worse: is it the calibration of another "
         "camera, were the frames mirrored or turned, or have the offsets drifted? Repeat calibrate dark"
     )
+
+
+def _sound_volts(some: Stored, metadata: CaptureMetadata) -> Float:
+    """Return some pixels in V, (H, 2, …); NaN at each harmonic in those that are saturated or not finite."""
+    is_sound = sound_pixels(some, metadata.voltage.saturated_counts)
+    return np.where(is_sound, volts_from_stored(some, metadata.voltage), np.nan)
 
 
 def _tells_scene(metadata: CaptureMetadata) -> bool:
@@ -191,9 +197,7 @@ def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | N
     count, along = planes.shape[2:]
     if count < _LEAST_LINES or along < _LEAST_ALONG:
         return None
-    volts = volts_from_stored(planes, metadata.voltage)
-    sound = sound_pixels(planes, metadata.voltage.saturated_counts)
-    volts[:, :, ~sound] = np.nan
+    volts = _sound_volts(planes, metadata)
     bent = np.diff(volts, n=3, axis=2).reshape(2 * len(planes), count - 3, along)
     bent = bent[:, :, np.isfinite(bent).all(axis=(0, 1))]
     if bent.shape[2] < _LEAST_ALONG:
@@ -208,7 +212,7 @@ def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | N
         return None
     if _tells_scene(metadata):
         phasors = phasors_from_stored(planes.reshape(*planes.shape[:2], -1), ideal_phasor_map(metadata, stored.dtype))
-        phasors[:, ~sound.ravel()] = np.nan
+        phasors[:, np.isnan(volts[0, 0]).ravel()] = np.nan
         left = metadata.modulation.amplitude_v * left_by_one_path(phasors, metadata.modulation.harmonics)
         if not _differ_in_lines(np.concatenate([left.real, left.imag]).reshape(-1, count, along), _RIPPLED * light):
             return None
@@ -239,10 +243,7 @@ def stepped(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         begin, lines = planes.shape[3] // 2 - 3, planes.shape[2]
         if begin < 0 or lines < 2 * _LEAST_ALONG:
             continue
-        across = planes[:, :, :, begin : begin + 6]
-        volts = volts_from_stored(across, metadata.voltage)
-        volts[:, :, ~sound_pixels(across, metadata.voltage.saturated_counts)] = np.nan
-        volts = volts.reshape(-1, lines, 6)
+        volts = _sound_volts(planes[:, :, :, begin : begin + 6], metadata).reshape(-1, lines, 6)
         # the step in the middle that the slopes on both sides do not explain
         steps = (volts[..., 3] - volts[..., 2]) - 0.25 * (volts[..., 5] - volts[..., 3] + volts[..., 2] - volts[..., 0])
         for part in (steps[:, : lines // 2], steps[:, lines // 2 :]):

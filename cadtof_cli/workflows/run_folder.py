@@ -245,7 +245,7 @@ class Run:
             if first is None:
                 continue
             capture, frames, place = first
-            later: Iterable[FrameSource] = itertools.islice(frames, place, None)
+            later: Iterable[FrameSource] = map(frames.__getitem__, range(place, len(frames)))
             if line is not None and line.files is not None:
                 files = {file.name for file in line.files}
                 later = (frame for frame in later if files.issuperset(path.name for path in frame.paths))

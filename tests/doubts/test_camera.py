@@ -47,6 +47,35 @@ def test_the_calibration_of_another_camera_and_mirrored_frames_are_told() -> Non
         assert other_offsets(volts, KNOWN, known[..., ::-1], (0.0, 0.0)) is None
 
 
+def test_offsets_that_saturation_steps_or_errors_hide_are_no_other_offsets() -> None:
+    """Saturated neighbours do not differ, most differences below a step are rounded to 0, and of differences as small as
+    their errors, those that look large are not."""
+    rng = np.random.default_rng(3)
+    shape = (2, 2, *SIZE)
+    offset_v, error_v = rng.normal(0.0, 5e-3, shape), rng.normal(0.0, 1e-4, shape)
+    least, most = np.quantile(frame(), (0.4, 0.6))
+    clipped = np.clip(frame() + offset_v, least, most)
+    limits = replace(KNOWN, voltage=Voltage(saturated_counts=(least, most)))
+    assert other_offsets(clipped, limits, (offset_v + error_v).astype(np.float32), (1e-4, 1e-4)) is None
+    steps = replace(KNOWN, voltage=Voltage(zero_counts=100.0, volts_per_count=8e-3))
+    counts = np.rint((frame() + 0.3 * offset_v) / 8e-3 + 100.0).astype(np.uint8)
+    assert other_offsets(counts, steps, (0.3 * offset_v + error_v).astype(np.float32), (1e-4, 1e-4)) is None
+    slope_v = np.broadcast_to(2e-3 * np.arange(SIZE[0])[:, np.newaxis], shape)
+    measured = (slope_v + 10.0 * error_v).astype(np.float32)
+    assert other_offsets(frame() + slope_v, KNOWN, measured, (1e-3, 1e-3)) is None
+
+
+def test_other_offsets_of_a_small_sensor_are_told() -> None:
+    rng = np.random.default_rng(3)
+    told = []
+    for seed in range(20):
+        offset_v = rng.normal(0.0, 2e-3, (2, 2, 16, 12))
+        seen = frame(size=(16, 12), seed=seed) + offset_v
+        assert other_offsets(seen, KNOWN, offset_v.astype(np.float32), (1e-4, 1e-4)) is None
+        told.append(other_offsets(seen[..., ::-1], KNOWN, offset_v.astype(np.float32), (1e-4, 1e-4)) is not None)
+    assert np.mean(told) > 0.8
+
+
 def test_another_integration_length_is_doubted_behind_a_calibration() -> None:
     """Offsets of 5 mV are 12 times the noise; with them taken out, the noise shows."""
     offset_v = np.random.default_rng(3).normal(0.0, 5e-3, (2, 2, *SIZE))

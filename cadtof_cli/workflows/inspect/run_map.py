@@ -1,5 +1,6 @@
 """A map of a run, as the commands after a run read it; what maps must have in common; the optics that a user gives."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,11 +88,15 @@ def holds_maps(path: Path, /, *, or_other_layers: bool = False) -> bool:
     """
     if is_run_folder(path):
         return True
+    if os.path.lexists(path / CAPTURE_FILE):
+        # asked first, because a capture may have very many files
+        return False
     try:
         files = map_files(path, on_unlisted=lambda *_: None)
     except UnlistedError:
         return False
-    if is_folder(path) and any((one / CAPTURE_FILE).exists() for one in {path, *(file.parent for file in files)}):
+    # False also where a folder lets nobody in, unlike `Path.exists`
+    if is_folder(path) and any(os.path.lexists(one / CAPTURE_FILE) for one in {file.parent for file in files}):
         return False
     layers = _first_sound_layers(files)
     if layers is None:
