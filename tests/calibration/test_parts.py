@@ -21,6 +21,7 @@ from cadtof_cli.calibration.store import (
     cached_calibration,
     current_calibration,
     digest_of,
+    is_calibration_folder,
     load_calibration,
     save_part,
 )
@@ -181,6 +182,7 @@ def test_figures_are_read_as_written_and_a_change_of_the_file_is_refused(tmp_pat
     assert found is not None
     assert found.quality() == part.figures
     text = (tmp_path / "dark.toml").read_text()
+    assert "# its maps are in dark.exr\n" in text
     (tmp_path / "dark.toml").write_text(text.replace("0.00125", "0.00126"))
     with pytest.raises(MetadataError, match="does not match its digest"):
         load_calibration(tmp_path)
@@ -244,6 +246,13 @@ def test_the_message_tells_what_is_wrong_with_a_part(before: str, after: str, me
     (tmp_path / "dark.toml").write_text(text.replace(before, after))
     with pytest.raises(MetadataError, match=re.escape(message)):
         load_calibration(tmp_path)
+
+
+def test_a_folder_with_a_part_is_that_of_a_calibration(tmp_path: Path) -> None:
+    assert not is_calibration_folder(tmp_path)
+    assert not is_calibration_folder(tmp_path / "nothing")
+    save_part(tmp_path, petzval())
+    assert is_calibration_folder(tmp_path)
 
 
 def test_maps_that_are_cut_off_cannot_be_read(tmp_path: Path) -> None:

@@ -120,10 +120,9 @@ def averaged_captures(
             progress.say(f"warning: {one.root}: {doubt}")
         if dark := earlier and earlier.dark:
             in_volts = replace(one.source.metadata, voltage=Voltage())
-            doubt = other_offsets(mean.volts, in_volts, dark.sound_offset_v, dark.offset_stderr_v())
-            # offsets of all pixels look like another order
-            if not doubt and has_light:
-                doubt = mistaken_order(mean.volts - dark.offset_v, in_volts)
+            # offsets of all pixels look like another order, and planes in another order have other offsets
+            order = mistaken_order(mean.volts - dark.offset_v, in_volts) if has_light else None
+            doubt = order or other_offsets(mean.volts, in_volts, dark.sound_offset_v, dark.offset_stderr_v())
             if doubt:
                 progress.say(f"warning: {one.root}: {doubt}")
     origin = Origin(

@@ -174,6 +174,21 @@ def test_pieces_are_two_rings_of_squares_of_three_patches_around_the_view() -> N
     np.testing.assert_allclose(np.linalg.norm(found.ray, axis=0), 1.0)
 
 
+def test_a_piece_beyond_the_view_continues_the_patch_that_is_nearest_in_the_image() -> None:
+    """Every patch has a depth of its own."""
+    grid = patch_grid(120, 160, View(140.0, (70.0, 50.0)))
+    normal, every = np.zeros_like(grid.ray), np.ones(grid.ray.shape[1:], bool)
+    normal[2] = -1.0
+    depth = 2.0 + 0.01 * np.arange(every.size).reshape(every.shape)
+    found = surfaces_beyond(Surfaces(depth / grid.ray[2], normal, grid.ray, grid.ray[2], every * 1.0), every, grid)
+    place = 140.0 * found.ray[:2] / found.ray[2] + np.array([[70.5], [50.5]])
+    column, row = (
+        np.abs(along[:, np.newaxis] - grid.side * (np.arange(count) + 0.5)).argmin(axis=1)
+        for along, count in zip(place, (grid.columns, grid.rows), strict=True)
+    )
+    np.testing.assert_allclose(found.range_m * found.ray[2], depth[row, column])
+
+
 @pytest.mark.parametrize(("distance_m", "some_left"), [(0.2, False), (0.3, True)])
 def test_pieces_too_near_the_camera_are_left_out(distance_m: float, some_left: bool) -> None:
     """Pieces are kept from a range of .25 m on. In this narrow view, all pieces of a wall have nearly one range."""

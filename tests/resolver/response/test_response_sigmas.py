@@ -146,7 +146,7 @@ def test_a_clear_second_path_of_a_triangle_is_found_though_it_hardly_moves_the_d
 def test_sigmas_of_a_sine_are_those_of_the_closed_form(pixel_phases: Float | None) -> None:
     """The phases that pixels add change nothing, because the noise is that of the light and not of the waveform."""
     rng = np.random.default_rng(1)
-    amplitude = np.stack([rng.uniform(0.3, 0.5, 200), rng.uniform(0.05, 0.3, 200)])
+    amplitude = np.stack([rng.uniform(0.3, 0.69, 200), rng.uniform(0.05, 0.3, 200)])
     first = rng.uniform(0.0, 2.0 * np.pi, 200)
     phase = np.stack([first, first + rng.uniform(0.3, 2.0 * np.pi - 0.3, 200)])
     phasors = (amplitude * np.exp(1j * np.array([1, 2])[:, None, None] * phase)).sum(axis=1)

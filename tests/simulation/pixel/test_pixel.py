@@ -14,7 +14,7 @@ from cadtof_cli.simulation.pixel.arrivals import detected, draw_detections, draw
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.evolution import evolution, trace_pixel
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
-from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
+from cadtof_cli.simulation.pixel.pixel import CHUNK, PixelModel, chunks, noise_length, pixel_weights, record_pixel
 
 AMPLITUDE_V = 0.2746
 
@@ -272,3 +272,20 @@ def test_a_trace_with_a_dead_time_is_that_of_the_photons_that_are_seen() -> None
     assert np.abs(times_ns - 10.0).max() < 4.0
     assert voltages_v.shape == (2, 400)
     assert voltages_v[1, -1] == pytest.approx(AMPLITUDE_V, rel=0.05)
+
+
+@pytest.mark.parametrize("cycles", [300, 1000, 3000])
+def test_an_average_that_does_not_settle_has_the_noise_of_a_shorter_length(cycles: int) -> None:
+    """The weights are powers of q = 1 − 1/n_av. Over their sum squared, the sum of the squares of the last m is
+    (1 − q)/(1 + q)·(1 + q^m)/(1 − q^m), which is 1/(2·n_av − 1) for all photons."""
+    model = PixelModel(averaging=Averaging(integration_length=1000.0), cycles=cycles)
+    left = (1.0 - 1.0 / 1000.0) ** model.photons
+    expected = 0.5 * (1.0 + 1999.0 * (1.0 - left) / (1.0 + left))
+    assert noise_length(model, counted=True) == pytest.approx(expected, rel=1e-3)
+    assert noise_length(model) == 1000.0
+
+
+def test_photons_are_drawn_in_chunks_none_of_which_is_empty() -> None:
+    for count in (1, CHUNK - 1, CHUNK, CHUNK + 1, 3 * CHUNK):
+        assert sum(chunks(count)) == count
+        assert 0 < min(chunks(count)) <= max(chunks(count)) <= CHUNK
