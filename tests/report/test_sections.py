@@ -6,6 +6,7 @@ from importlib.resources import files
 import matplotlib as mpl
 import numpy as np
 
+from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.report.colours import palette
 from cadtof_cli.report.frames import embedded_frame
 from cadtof_cli.report.sections import LISTED_FAILURES, FrameLine, PageText, embedded_section, failures, frame_table
@@ -66,3 +67,14 @@ def test_colours_of_shares_and_of_no_answer_are_told_apart_by_everybody() -> Non
         # in black and white, no grey can be missing in a scale from dark to bright
         for seen in SEEN.keys() - {"in black and white"}:
             assert apart(none, colours_of_scale, seen).min() > 12.0, (scale, seen)
+
+
+def test_a_kind_of_pixel_has_the_hue_of_pictures_on_the_page() -> None:
+    """Orange is diffuse MPI in `cadtof preview`; who looks at both must not take it for two paths here."""
+    kinds = (PixelClass.TWO_PATHS, PixelClass.MORE_PATHS, PixelClass.DIFFUSE)
+    pictures = rgb(*(kind.colour for kind in kinds))
+    for colours in _colours():
+        shares = rgb(*(colours[f"share-{number}"] for number in (1, 2, 3)))
+        assert apart(shares, pictures, "by most people").argmin(axis=1).tolist() == [0, 1, 2]
+    overlays = rgb(*(palette()["status"][name] for name in ("TWO_PATHS", "DIFFUSE_MPI")))
+    assert apart(overlays, pictures[[0, 2]], "by most people").argmin(axis=1).tolist() == [0, 1]
