@@ -1,7 +1,6 @@
 """The search for map files in a folder."""
 
-import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from cadtof_cli.capture.discovery import OUTPUT_FILES, OnUnlisted, fail
@@ -20,11 +19,16 @@ def map_files(maps: Path, /, *, on_unlisted: OnUnlisted = fail, on_run: OnRun = 
     An empty folder with the name of a map counts as a map: reading it fails, with a message that names it. By default, a folder
     below that cannot be listed raises the error, and one that holds a run of its own is left out.
     """
-    return _map_files(maps, set(), on_unlisted, on_run) if is_folder(maps) else (maps,)
+    return tuple(each_map_file(maps, on_unlisted=on_unlisted, on_run=on_run))
 
 
-def _map_files(folder: Path, seen: set[str], on_unlisted: OnUnlisted, on_run: OnRun) -> tuple[Path, ...]:
-    """Return the map files in a folder and below it. Folders in `seen` are left out, because links may lead in a circle."""
+def each_map_file(maps: Path, /, *, on_unlisted: OnUnlisted = fail, on_run: OnRun = lambda _: None) -> Iterator[Path]:
+    """Yield what `map_files` returns; a folder is listed when its files are asked for."""
+    return _map_files(maps, set(), on_unlisted, on_run) if is_folder(maps) else iter((maps,))
+
+
+def _map_files(folder: Path, seen: set[str], on_unlisted: OnUnlisted, on_run: OnRun) -> Iterator[Path]:
+    """Yield the map files in a folder and below it. Folders in `seen` are left out, because links may lead in a circle."""
     seen.add(real_path(folder))
     files, below = list[Path](), list[Path]()
     for path in _listed(folder):
@@ -39,8 +43,10 @@ def _map_files(folder: Path, seen: set[str], on_unlisted: OnUnlisted, on_run: On
             below.append(path)
         elif RUN_FILE in inside:
             on_run(path)
-    found = (_map_files(one, seen, on_unlisted, on_run) for one in below if real_path(one) not in seen)
-    return (*files, *itertools.chain.from_iterable(found))
+    yield from files
+    for one in below:
+        if real_path(one) not in seen:
+            yield from _map_files(one, seen, on_unlisted, on_run)
 
 
 def _listed(folder: Path) -> list[Path]:

@@ -249,7 +249,9 @@ class Run:
             if line is not None and line.files is not None:
                 files = {file.name for file in line.files}
                 later = (frame for frame in later if files.issuperset(path.name for path in frame.paths))
-            found[name] = capture, tuple(itertools.islice(later, average)), line.digest if line else None
+            # a damaged line may name files that no frame has
+            if sources := tuple(itertools.islice(later, average)):
+                found[name] = capture, sources, line.digest if line else None
         return found
 
 

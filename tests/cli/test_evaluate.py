@@ -180,6 +180,20 @@ def test_a_map_whose_frame_is_not_known_is_named(tmp_path: Path) -> None:
     )
 
 
+def test_a_line_that_names_files_of_no_frame_costs_only_the_first_phasor(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    first, second = (out / "frames.jsonl").read_text().splitlines()
+    line = json.loads(first)
+    line["files"][0]["name"] = "another.tif"
+    (out / "frames.jsonl").write_text(f"{json.dumps(line)}\n{second}\n")
+    done = cadtof("evaluate", out, "--truth", _truth(tmp_path / "truth.exr"))
+    assert (done.status, done.err) == (
+        0,
+        f"{out / 'frame_0.tif'}: run.json names no recorded frame of it, so the first phasor is left out\n",
+    )
+
+
 def test_frames_of_the_run_without_maps_are_counted(tmp_path: Path) -> None:
     """Else the errors of a run look as good if half of its frames failed."""
     capture, out = record(tmp_path / "capture", frames=3), tmp_path / "out"

@@ -19,7 +19,7 @@ from cadtof_cli.files.reading import is_folder
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
-from cadtof_cli.workflows.map_files import map_files
+from cadtof_cli.workflows.map_files import each_map_file
 from cadtof_cli.workflows.run_folder import Run, is_run_folder
 
 Layers = Mapping[str, NDArray[Any]]
@@ -91,12 +91,19 @@ def holds_maps(path: Path, /, *, or_other_layers: bool = False) -> bool:
     if os.path.lexists(path / CAPTURE_FILE):
         # asked first, because a capture may have very many files
         return False
+    files, is_below = list[Path](), is_folder(path)
     try:
-        files = map_files(path, on_unlisted=lambda *_: None)
+        # one by one: below an archive there may be very many
+        for file in each_map_file(path, on_unlisted=lambda *_: None):
+            # False also where a folder lets nobody in, unlike `Path.exists`
+            if (
+                is_below
+                and (not files or file.parent != files[-1].parent)
+                and os.path.lexists(file.parent / CAPTURE_FILE)
+            ):
+                return False
+            files.append(file)
     except UnlistedError:
-        return False
-    # False also where a folder lets nobody in, unlike `Path.exists`
-    if is_folder(path) and any(os.path.lexists(one / CAPTURE_FILE) for one in {file.parent for file in files}):
         return False
     layers = _first_sound_layers(files)
     if layers is None:
