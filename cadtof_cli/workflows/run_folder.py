@@ -221,10 +221,13 @@ class Run:
             say(f"{self.no_record}, {NOT_EVALUATED}")
             return {}
         try:
-            return self._recorded_frames(self.record.recorded_captures(self.folder), self.record.average)
+            found = self._recorded_frames(self.record.recorded_captures(self.folder), self.record.average)
         except (CadtofError, *NOT_OF_A_RUN) as error:
             say(f"the recorded frames are no longer where they were, {NOT_EVALUATED}: {error}")
             return {}
+        if self.files and not found:
+            say(f"{self.maps}: its records name no recorded frame of any map, {NOT_EVALUATED}")
+        return found
 
     def _recorded_frames(self, captures: Sequence[Capture], average: int) -> RecordedFrames:
         """Return the frames of each map. Its line says which they are; without it, those from the one with the map's name on."""

@@ -192,6 +192,12 @@ def test_a_line_that_names_files_of_no_frame_costs_only_the_first_phasor(tmp_pat
         0,
         f"{out / 'frame_0.tif'}: run.json names no recorded frame of it, so the first phasor is left out\n",
     )
+    (out / "frame_1.tif").unlink()
+    done = cadtof("evaluate", out, "--truth", tmp_path / "truth.exr")
+    assert (done.status, done.err.splitlines()[-1]) == (
+        0,
+        f"{out}: its records name no recorded frame of any map, so the first phasor is left out",
+    )
 
 
 def test_frames_of_the_run_without_maps_are_counted(tmp_path: Path) -> None:

@@ -91,16 +91,12 @@ def holds_maps(path: Path, /, *, or_other_layers: bool = False) -> bool:
     if os.path.lexists(path / CAPTURE_FILE):
         # asked first, because a capture may have very many files
         return False
-    files, is_below = list[Path](), is_folder(path)
+    files, in_folder = list[Path](), is_folder(path)
     try:
         # one by one: below an archive there may be very many
         for file in each_map_file(path, on_unlisted=lambda *_: None):
             # False also where a folder lets nobody in, unlike `Path.exists`
-            if (
-                is_below
-                and (not files or file.parent != files[-1].parent)
-                and os.path.lexists(file.parent / CAPTURE_FILE)
-            ):
+            if in_folder and os.path.lexists(file.parent / CAPTURE_FILE):
                 return False
             files.append(file)
     except UnlistedError:
