@@ -6,6 +6,7 @@ import pkgutil
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,8 @@ _ONCE = "once, below "
 
 @dataclass(frozen=True)
 class Test:
-    """A test: its processor time in s, the lines that it runs, and whether it starts other processes, which may run
-    any lines."""
+    """A test: its processor time in s, the lines that it runs, and whether it starts other processes of which none
+    says what it runs: they may run any lines."""
 
     seconds: float
     lines: Lines
@@ -66,20 +67,34 @@ class Watch:
 
     Lines that a fixture runs count for all tests of the same file, because they may share the fixture. Lines of a
     fixture that is set up once for many files count for all tests in its folder. The caches of the package are emptied
-    before each test, so that no test finds an answer there that another test has computed.
+    before each test, so that no test finds an answer there that another test has computed. Programs that a test starts
+    write the lines that they run into the folder `place`.
     """
 
-    def __init__(self, package: Path) -> None:
+    def __init__(self, package: Path, place: Path) -> None:
         self._package = package
+        self._place = place
         self._coverage = coverage.Coverage(data_file=None, source=[str(package)], config_file=False, messages=False)
         self._test = ""
         self._forks: set[str] = set()
+        self._failed: set[str] = set()
+        self._by_programs = defaultdict[str, Lines](dict)
         self._seconds: dict[str, float] = {}
 
     def start(self) -> None:
         """Begin to note. It must be called before the package is imported."""
         os.register_at_fork(before=self._note_fork)
         sys.addaudithook(lambda event, _: self._note_fork() if event == "subprocess.Popen" else None)
+        settings = self._place / "coverage.ini"
+        options = {
+            "parallel": True,
+            "data_file": self._place / "lines",
+            "source": self._package,
+            "patch": "_exit, fork",
+        }
+        settings.write_text("[run]\n" + "".join(f"{name} = {value}\n" for name, value in options.items()))
+        os.environ["COVERAGE_PROCESS_START"] = str(settings)
+        os.register_at_fork(after_in_child=self._watch_fork)
         self._coverage.start()
         import_all(self._package)
 
@@ -110,20 +125,37 @@ class Watch:
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        """Note the processor time of a test, including that of the processes that it starts."""
+        """Note the processor time of a test, including that of the processes that it starts, and the lines that these run."""
         before = sum(os.times()[:4])
         yield
         self._seconds[item.nodeid] = sum(os.times()[:4]) - before
+        for path in self._place.glob("lines.*"):
+            data = coverage.CoverageData(basename=path)
+            # a process that was killed leaves a file that cannot be read
+            with suppress(coverage.CoverageException):
+                data.read()
+                ran = {file: frozenset(data.lines(file) or ()) for file in data.measured_files()}
+                of_package = {str(Path(file).relative_to(self._package.parent)): lines for file, lines in ran.items()}
+                self._by_programs[item.nodeid] = _joined([self._by_programs[item.nodeid], of_package])
+            path.unlink(missing_ok=True)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note the tests that fail without any mutant: they kill nothing."""
+        if report.failed:
+            self._failed.add(report.nodeid)
+            print(f"fails without any mutant: {report.nodeid}", file=sys.__stderr__)
 
     def calls(self) -> Calls:
-        """Return what was noted."""
+        """Return what was noted of the tests that passed."""
         self._coverage.stop()
         noted = self._noted()
         folders = [context.removeprefix(_ONCE) for context in noted if context.startswith(_ONCE)]
         tests = {}
-        for name, seconds in self._seconds.items():
+        for name in self._seconds.keys() - self._failed:
             contexts = [name, file_of(name), *(_ONCE + folder for folder in folders if name.startswith(folder))]
-            tests[name] = Test(seconds, _joined([noted.get(context, {}) for context in contexts]), name in self._forks)
+            told = self._by_programs[name]
+            lines = _joined([*(noted.get(context, {}) for context in contexts), told])
+            tests[name] = Test(self._seconds[name], lines, name in self._forks and not told)
         return Calls(tests, noted.get("", {}))
 
     def _noted(self) -> dict[str, Lines]:
@@ -135,6 +167,11 @@ class Watch:
                 for context in contexts:
                     found[context][path].add(line)
         return {context: {path: frozenset(lines) for path, lines in files.items()} for context, files in found.items()}
+
+    def _watch_fork(self) -> None:
+        """In a fork of this process: write its lines into a file, as programs do."""
+        self._coverage.stop()
+        coverage.process_startup(force=True)
 
     def _note_fork(self) -> None:
         self._forks.add(self._test)

@@ -25,7 +25,17 @@ from mutation.session import NOT_PUT_IN, TOOL_FAILED, Request, Session, end_with
 
 LEFT_BEHIND = (".git", ".venv*", "out", "__pycache__", ".*_cache", ".hypothesis", "build", "dist")
 
+INNER = frozenset(("optics", "phasors", "resolver", "maps", "calibration", "simulation"))
+"""Rooms whose tests call them directly: their mutants are tried against these tests and the contracts. …"""
+
 CONTRACTS = "contracts"
+
+OUTER = (
+    *("capture", "cli", "commands", CONTRACTS, "doubts", "execution", "files", "pipeline", "report", "workflows"),
+    *("simulation/test_record.py", "test_api.py", "test_first_phasor.py"),
+)
+"""… Mutants of all other rooms are tried against these folders and files of tests: what such rooms do for a user is
+tested by commands."""
 
 KERNEL_LIBRARY = "_kernel*.so"
 
@@ -62,6 +72,8 @@ OPTIONS = (
 FAILED = r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$"
 """A test that failed, in what pytest prints."""
 
+NOTED = frozenset((pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED))
+
 USAGE_ERRORS = frozenset((pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.NO_TESTS_COLLECTED))
 
 
@@ -91,11 +103,14 @@ class Bench:
         self._failed = frozenset[str]()
 
     def watched(self, rooms: tuple[str, ...]) -> Calls:
-        """Run the unchanged tests, which must pass, and return which lines each of them runs, and how long it takes."""
-        for room in (*rooms, CONTRACTS):
-            code, _ = self._run(self._files(room), 1800.0, Watch(self.tree / PACKAGE))
-            if code not in {pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED}:
-                raise SystemExit(f"tests/{room} fail without any mutant:\n{self._log.read_text()[-4000:]}")
+        """Run the unchanged tests, and return which lines each of them runs, and how long it takes.
+
+        Tests that fail are told, and left out.
+        """
+        for part in dict.fromkeys(part for room in rooms for part in tests_of(room)):
+            code, _ = self._run(self._files(part), 3600.0, Watch(self.tree / PACKAGE, self._noted.parent))
+            if code not in {*NOTED, pytest.ExitCode.NO_TESTS_COLLECTED}:
+                raise SystemExit(f"tests/{part} cannot be run:\n{self._log.read_text()[-4000:]}")
             self._calls |= pickle.loads(self._noted.read_bytes())
         return self._calls
 
@@ -203,8 +218,10 @@ class Bench:
             if there.exists() != wanted:
                 (aside.rename(there) if wanted else there.rename(aside))
 
-    def _files(self, room: str) -> list[str]:
-        return sorted(str(path.relative_to(self.tree)) for path in (self.tree / "tests" / room).rglob("test_*.py"))
+    def _files(self, part: str) -> list[str]:
+        place = self.tree / "tests" / part
+        paths = [place] if place.is_file() else place.rglob("test_*.py")
+        return sorted(str(path.relative_to(self.tree)) for path in paths)
 
     def seconds(self, mutant: Mutant, *, quick: bool) -> float:
         """Return the time in s of the tests that `tried` runs against a mutant, if none fails."""
@@ -213,8 +230,8 @@ class Bench:
     def _portion(
         self, mutant: Mutant, *, quick: bool, left_out: frozenset[str] = frozenset()
     ) -> tuple[list[str], frozenset[str]]:
-        """Return the quick tests of a mutant's room and of the contracts that may notice it, or the others; their
-        files, too. The tests `left_out` are not among them.
+        """Return the quick tests that may notice a mutant, or the others; their files, too. The tests `left_out` are
+        not among them.
 
         Tests of the mutant's module come first. Tests in files that name the module come second, and all others last.
         """
@@ -229,7 +246,7 @@ class Bench:
                 return 0
             return 1 if module in (self.tree / file).read_text(encoding="utf-8") else 2
 
-        files, lines = {*self._files(mutant.room), *self._files(CONTRACTS)}, _lines(mutant)
+        files, lines = {file for part in tests_of(mutant.room) for file in self._files(part)}, _lines(mutant)
         of_kernel = self._of_kernel(mutant)
         tests = [
             test
@@ -269,11 +286,17 @@ class Bench:
         sys.dont_write_bytecode = False
         options = [*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files]
         if isinstance(plugin, Watch):
+            options.append("--maxfail=0")
             plugin.start()
         code = int(pytest.main(options, plugins=[plugin] if plugin else []))
         if isinstance(plugin, Watch):
             self._noted.write_bytes(pickle.dumps(plugin.calls()))
         return code
+
+
+def tests_of(room: str, /) -> tuple[str, ...]:
+    """Return the folders and files of `tests` that may notice mutants of a room."""
+    return (room, CONTRACTS) if room in INNER else OUTER
 
 
 def hands_to_kernel(source: str, line: int, /) -> bool:
