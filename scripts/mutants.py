@@ -19,7 +19,7 @@ from pathlib import Path
 from mutation.calls import Calls
 from mutation.mutants import PACKAGE, Mutant, all_mutants, drawn
 from mutation.named import Change, GoneError, changed_files, killer, read_changes
-from mutation.runs import KERNEL_LIBRARY, Bench, Outcome
+from mutation.runs import INNER, KERNEL_LIBRARY, Bench, Outcome
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -135,16 +135,20 @@ def _outcomes(chosen: Sequence[Mutant], jobs: int, most_s: float) -> Iterator[Ou
         importlib.import_module(name)
     rooms = tuple(sorted({mutant.room for mutant in chosen}))
     with tempfile.TemporaryDirectory(prefix="mutants-") as place:
-        calls = Bench(ROOT, _folder(Path(place))).watched(rooms)
+        # what a command says without the compiled kernel is another text
+        kernel = INNER.isdisjoint(rooms)
+        calls = Bench(ROOT, _folder(Path(place)), kernel=kernel).watched(rooms)
         context = multiprocessing.get_context("fork")
-        with ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(Path(place), calls, most_s)) as pool:
+        with ProcessPoolExecutor(
+            jobs, context, initializer=_start, initargs=(Path(place), calls, most_s, kernel)
+        ) as pool:
             left = []
             for done in as_completed([pool.submit(_try, mutant, quick=True) for mutant in chosen]):
                 if done.result().verdict == "survived":
                     left.append(done.result().mutant)
                 else:
                     yield done.result()
-            bench = Bench(ROOT, _folder(Path(place)), calls, most_s)
+            bench = Bench(ROOT, _folder(Path(place)), calls, most_s, kernel=kernel)
             left.sort(key=lambda mutant: bench.seconds(mutant, quick=False))
             print(f"{len(left)} of {len(chosen)} are left for the slower tests", file=sys.stderr)
             for done in as_completed([pool.submit(_try, mutant, quick=False) for mutant in left]):
@@ -155,8 +159,8 @@ _benches: list[Bench] = []
 """The bench of this worker process."""
 
 
-def _start(place: Path, calls: Calls, most_s: float) -> None:
-    _benches.append(Bench(ROOT, _folder(place), calls, most_s))
+def _start(place: Path, calls: Calls, most_s: float, kernel: bool) -> None:
+    _benches.append(Bench(ROOT, _folder(place), calls, most_s, kernel=kernel))
 
 
 def _folder(place: Path) -> Path:

@@ -23,8 +23,8 @@ _ONCE = "once, below "
 
 @dataclass(frozen=True)
 class Test:
-    """A test: its processor time in s, the lines that it runs, and whether it starts other processes of which none
-    says what it runs: they may run any lines."""
+    """A test: its processor time in s, the lines that it runs, and whether it may run any lines: it starts processes of
+    which none says what it runs, or it fails while it is watched."""
 
     seconds: float
     lines: Lines
@@ -140,22 +140,21 @@ class Watch:
             path.unlink(missing_ok=True)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Note the tests that fail without any mutant: they kill nothing."""
+        """Note the tests that fail, perhaps only because they are watched: their lines are not known."""
         if report.failed:
             self._failed.add(report.nodeid)
-            print(f"fails without any mutant: {report.nodeid}", file=sys.__stderr__)
 
     def calls(self) -> Calls:
-        """Return what was noted of the tests that passed."""
+        """Return what was noted."""
         self._coverage.stop()
         noted = self._noted()
         folders = [context.removeprefix(_ONCE) for context in noted if context.startswith(_ONCE)]
         tests = {}
-        for name in self._seconds.keys() - self._failed:
+        for name, seconds in self._seconds.items():
             contexts = [name, file_of(name), *(_ONCE + folder for folder in folders if name.startswith(folder))]
             told = self._by_programs[name]
             lines = _joined([*(noted.get(context, {}) for context in contexts), told])
-            tests[name] = Test(self._seconds[name], lines, name in self._forks and not told)
+            tests[name] = Test(seconds, lines, name in self._failed or (name in self._forks and not told))
         return Calls(tests, noted.get("", {}))
 
     def _noted(self) -> dict[str, Lines]:

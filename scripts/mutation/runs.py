@@ -87,13 +87,19 @@ class Outcome:
 
 
 class Bench:
-    """A copy of a tree in which mutants are tried one after the other, against tests that take at most `most_s` in all."""
+    """A copy of a tree in which mutants are tried one after the other, against tests that take at most `most_s` in all.
 
-    def __init__(self, root: Path, place: Path, calls: Calls | None = None, most_s: float = math.inf) -> None:
+    `kernel`: all mutants are tried with the compiled kernel.
+    """
+
+    def __init__(
+        self, root: Path, place: Path, calls: Calls | None = None, most_s: float = math.inf, *, kernel: bool = False
+    ) -> None:
         self.tree = place / "tree"
         shutil.copytree(root, self.tree, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
         self._kernels = {path: place / path.name for path in (self.tree / PACKAGE).rglob(COMPILED_LIBRARIES)}
-        self._use_kernel(False)
+        self._kernel = kernel
+        self._use_kernel(kernel)
         self._log = place / "log.txt"
         self._clock = time.time() + 10.0
         self._calls = calls or Calls()
@@ -103,10 +109,7 @@ class Bench:
         self._failed = frozenset[str]()
 
     def watched(self, rooms: tuple[str, ...]) -> Calls:
-        """Run the unchanged tests, and return which lines each of them runs, and how long it takes.
-
-        Tests that fail are told, and left out.
-        """
+        """Run the unchanged tests, and return which lines each of them runs, and how long it takes."""
         for part in dict.fromkeys(part for room in rooms for part in tests_of(room)):
             code, _ = self._run(self._files(part), 3600.0, Watch(self.tree / PACKAGE, self._noted.parent))
             if code not in {*NOTED, pytest.ExitCode.NO_TESTS_COLLECTED}:
@@ -154,10 +157,12 @@ class Bench:
         return self._calls.may_be_put_in(mutant.path, _lines(mutant)) and not self._of_kernel(mutant)
 
     def _of_kernel(self, mutant: Mutant) -> bool:
-        """Return whether a mutant changes code that hands work to the compiled kernel.
+        """Return whether a mutant, unlike the others, is tried with the compiled kernel: its code hands work to it.
 
         The first call must precede the change.
         """
+        if self._kernel:
+            return False
         if mutant not in self._handing:
             path = self.tree / mutant.path
             handing = path.stem in KERNEL_FRONTS or hands_to_kernel(path.read_text(encoding="utf-8"), mutant.lines[0])
@@ -196,7 +201,7 @@ class Bench:
         try:
             for path, text in texts.items():
                 self._write(path, text)
-            self._use_kernel(kernel)
+            self._use_kernel(kernel or self._kernel)
             yield
         finally:
             for path, text in before.items():

@@ -93,3 +93,28 @@ def test_a_sample_that_is_no_wall_has_no_field_curvature(name: str, tmp_path: Pa
     done = cadtof("calibrate", "petzval", ROOT / "sample_data" / name, "-o", tmp_path / "camera")
     assert done.status == 2
     assert "flat wall" in done.err
+
+
+def _dark(folder: Path, *, seed: int = 1, size: tuple[int, int] = (8, 9)) -> Path:
+    folder.mkdir()
+    (folder / "capture.toml").write_text("[voltage]\nzero_counts = 8192\nvolts_per_count = 6e-5\n")
+    np.save(folder / "0.npy", np.rint(np.random.default_rng(seed).normal(8192.0, 7.0, (2, 2, *size))).astype("u2"))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("step", "size", "options", "told"),
+    [
+        ("dark", (8, 9), (), "found 2 captures, expected one, recorded with the lens covered"),
+        ("response", (8, 7), ("--distance", 1), "other: found 7 × 8 pixels, expected 9 × 8 as in "),
+        ("response", (8, 9), ("--distance", 1, "--distance", 2, "--distance", 3), "found 3 distances for 2 captures"),
+    ],
+)
+def test_captures_that_do_not_go_together_are_refused(
+    step: str, size: tuple[int, int], options: tuple[object, ...], told: str, tmp_path: Path
+) -> None:
+    captures = _dark(tmp_path / "one"), _dark(tmp_path / "other", seed=2, size=size)
+    done = cadtof("calibrate", step, *captures, "-o", tmp_path / "camera", *options)
+    assert done.status == 2
+    assert told in done.err
+    assert not (tmp_path / "camera").exists()

@@ -163,6 +163,29 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
         assert "direct path" in done.out
 
 
+def test_a_recorded_frame_that_is_another_one_now_costs_only_its_first_phasor(tmp_path: Path) -> None:
+    """Of four frames one is sound, one damaged, one of another content, and one of another size that its line does not tell."""
+    capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
+    capture.files[1].write_bytes(b"II*\0 and no more")
+    write_frame(capture.files[2], step_frame(np.random.default_rng(9)))
+    write_frame(capture.files[3], step_frame(np.random.default_rng(9))[..., :5, :])
+    lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
+    lines[3]["digest"] = None
+    (out / "frames.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    table = tmp_path / "table.csv"
+    done = cadtof("evaluate", out, "--truth", _truth(tmp_path / "truth.exr"), "--csv", table)
+    assert done.status == 0
+    left_out = "so the first phasor is left out"
+    assert (
+        f"{out / 'frame_1.tif'}: its recorded frame cannot be read any more, {left_out}: {capture.files[1]}" in done.err
+    )
+    assert f"{out / 'frame_2.tif'}: its recorded frame has changed since the run, {left_out}\n" in done.err
+    assert f"{out / 'frame_3.tif'}: its recorded frame has another size now, {left_out}\n" in done.err
+    with table.open(newline="") as rows:
+        assert [bool(row["first_phasor_median_cm"]) for row in csv.DictReader(rows)] == [True, False, False, False]
+
+
 def test_a_map_whose_frame_is_not_known_is_named(tmp_path: Path) -> None:
     """Else the two lines of the table would be about other frames each."""
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
@@ -366,6 +389,9 @@ def test_one_frame_has_no_scatter_over_time(tmp_path: Path) -> None:
     done = cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr")
     assert (done.status, done.err) == (0, "")
     assert done.out.startswith("over 1 frame: no pixel has depths in two frames; predicted sigma of the median pixel: ")
+    done = cadtof("evaluate", out, "--over-time", tmp_path / "scatter.tif")
+    assert (done.status, "found the suffix '.tif', expected .exr" in done.err) == (2, True)
+    assert not (tmp_path / "scatter.tif").exists()
 
 
 def test_a_limit_of_the_median_fails_if_no_pixel_has_an_answer(tmp_path: Path) -> None:

@@ -287,12 +287,31 @@ def test_damaged_maps_and_records(tmp_path: Path) -> None:
     (out / "run.json").write_bytes(b'{"a": "\xe2')
     done = cadtof("info", out, "-j", 1)
     assert (done.status, "not the record of a run (not UTF-8 text: byte 7)" in done.err) == (1, True)
+    (out / "run.json").write_text("[" * 100_000)
+    done = cadtof("info", out, "-j", 1)
+    assert "not the record of a run (lists or objects are nested hundreds of levels deep)" in done.err
     (out / "run.json").write_text("{")
     done = cadtof("info", out, "-j", 1)
     assert done.status == 1
     record_problem, map_problem = done.err.splitlines()
     assert record_problem.startswith(f"wrong: {out / 'run.json'}: not the record of a run (")
     assert map_problem.startswith(f"wrong: {out / 'frame_1.tif'}: damaged or truncated TIFF")
+
+
+def test_a_run_without_maps_and_a_record_that_cannot_be_read_are_problems(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
+    (out / "frame_0.tif").unlink()
+    done = cadtof("info", out, "--json")
+    assert (done.status, json.loads(done.out)["problems"]) == (1, [f"{out}: found no maps"])
+    (out / "run.json").unlink()
+    (out / "run.json").mkdir()
+    done = cadtof("info", out, "--json")
+    assert done.status == 1
+    assert json.loads(done.out)["problems"] == [
+        f"{out / 'run.json'}: cannot be read: Is a directory",
+        f"{out}: found no maps",
+    ]
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])

@@ -237,6 +237,24 @@ def test_a_damaged_first_map_is_left_out_of_the_sheet(form: Form, tmp_path: Path
     assert _picture(tmp_path / "a.png").size > 0
 
 
+def test_frames_that_cannot_be_drawn_in_a_sheet_or_film_are_left_out_with_a_reason(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=3), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
+    write_frame(capture.files[2], step_frame(np.random.default_rng(0))[..., :12, :])
+    other = tmp_path / "other"
+    assert cadtof("resolve", capture.files[2], "-o", other, "-j", 1, "-q").status == 0
+    (out / "frame_2.tif").write_bytes((other / "frame_2.tif").read_bytes())
+    done = cadtof("preview", out, "-o", tmp_path / "a.gif")
+    assert (done.status, done.err) == (0, "left out: frame_2 has another size than the first frame\n")
+    for file in out.glob("*.tif"):
+        file.write_bytes(file.read_bytes()[:3000])
+    done = cadtof("preview", out, "-o", tmp_path / "b.png")
+    assert done.status == 2
+    assert done.err.count("left out: ") == 3
+    assert done.err.endswith("Error: none of the 3 frames can be drawn\n")
+    assert not (tmp_path / "b.png").exists()
+
+
 def test_a_frame_of_a_stack_that_became_shorter_is_left_out_with_a_reason(tmp_path: Path) -> None:
     frames = np.random.default_rng(0).normal(0.0, 0.05, (3, 2, 2, 8, 9))
     np.save(tmp_path / "stack.npy", frames)

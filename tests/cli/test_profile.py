@@ -141,6 +141,17 @@ def test_maps_of_other_pixels_are_not_drawn_together(runs: tuple[Path, Path], tm
         assert cadtof("profile", runs[0], tmp_path / roi, "--row", 1).status == status
 
 
+def test_a_map_of_another_program_may_show_any_part(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    """Nothing says which part it shows, so it is taken for that of the run beside it, whichever of the two comes first."""
+    out, other = tmp_path / "out", tmp_path / "other" / "frame.exr"
+    assert cadtof("resolve", runs[0].parent / "capture", "-o", out, "-j", 1, "-q", "--roi", "4,2,20,12").status == 0
+    other.parent.mkdir()
+    write_exr(other, {"direct.depth": np.ones((10, 16), np.float32)})
+    for maps in ((out, other), (other, out)):
+        done = cadtof("profile", *maps, "--row", 1)
+        assert (done.status, done.err) == (0, "")
+
+
 def test_a_damaged_first_map_does_not_hide_which_pixels_the_others_show(tmp_path: Path) -> None:
     capture, out, truth = record(tmp_path / "capture", frames=2), tmp_path / "out", tmp_path / "truth.exr"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--roi", "4,2,20,12").status == 0

@@ -40,6 +40,10 @@ def test_json_has_the_keys_of_the_contract_and_nothing_else_on_stdout() -> None:
     assert set(report["direct"]) == set(report["second"]) == PATH_KEYS
     assert report["runs"] == 50
     assert report["settings"]["asr"] == 5.0
+    assert (report["settings"]["photons_per_cycle"], report["settings"]["cycles"]) == (5, 250_000)
+    given = ("--photons", "--photons-per-cycle", 3, "--cycles", 70, "--runs", 2)
+    settings = json.loads(cadtof("simulate", *given, "--json", "--jobs", 1).out)["settings"]
+    assert (settings["photons_per_cycle"], settings["cycles"]) == (3, 70)
     assert report["confidence_v"] == pytest.approx(report["confidence_model_v"], rel=0.01)
 
 

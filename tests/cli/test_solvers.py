@@ -136,6 +136,16 @@ def test_a_frame_that_cannot_be_read_is_left_out_of_its_mean(tmp_path: Path) -> 
     assert (read_maps(tmp_path / "out" / "frame_0000.exr")["effective_pixels"] == 2.0).all()
 
 
+def test_a_mean_of_frames_that_cannot_be_read_fails_with_the_first_reason(tmp_path: Path) -> None:
+    capture = write_capture(tmp_path / "capture", TWO, frames=4)
+    for name in ("frame_0000.tif", "frame_0001.tif"):
+        (capture / name).write_bytes(b"II*\0 and no more")
+    done = cadtof("resolve", capture, "-o", tmp_path / "out", "--jobs", 1, "--average", 2, "--json")
+    failed, good = map(json.loads, done.out.splitlines())
+    assert (done.status, failed["status"], good["status"]) == (1, "failed", "ok")
+    assert failed["reason"].startswith(f"{capture / 'frame_0000.tif'}: damaged")
+
+
 @pytest.mark.parametrize("options", [("--solver", "lm"), ("--paths", 3), ("--pool", 3)])
 def test_a_lone_frame_over_processes_is_the_same_to_the_bit(
     tmp_path: Path, options: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
@@ -148,6 +158,18 @@ def test_a_lone_frame_over_processes_is_the_same_to_the_bit(
     assert one == three
     lines = [json.loads((tmp_path / name / "frames.jsonl").read_text()) for name in ("one", "three")]
     assert {**lines[0], "output": None, "seconds": 0} == {**lines[1], "output": None, "seconds": 0}
+
+
+def test_a_lone_frame_over_processes_is_kept_if_it_has_not_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, out = write_capture(tmp_path / "capture", TWO, size=(6, 8)), tmp_path / "out"
+    monkeypatch.setattr(ongoing_run, "WORTH_SPLITTING_S", 0.0)
+    assert resolve(capture, out, "--jobs", 3).status == 0
+    written_ns = (out / "frame_0000.exr").stat().st_mtime_ns
+    done = resolve(capture, out, "--jobs", 3, "--resume", "--json")
+    assert (done.status, json.loads(done.out)["status"]) == (0, "skipped")
+    assert (out / "frame_0000.exr").stat().st_mtime_ns == written_ns
 
 
 def test_a_worker_gets_its_part_of_a_frame_and_not_the_whole_frame() -> None:

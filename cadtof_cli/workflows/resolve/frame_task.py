@@ -179,17 +179,13 @@ def kept_maps(task: FrameTask, /) -> FrameReport | None:
     file was touched after the maps were written (ctime). A modification time can be set back, ctime cannot.
 
     Raises:
-        FrameError: the frame cannot be read any more.
+        FrameError: the frame cannot be read any more, or its file holds something else now.
     """
     began, line, files = time.monotonic(), task.kept_line(), files_of(task.sources)
     if line is None or files is None:
         return None
     if files != line.files or _touched_since(task):
-        try:
-            recording = task.reader.read(task.sources)
-        except NotAFrameError:
-            return None
-        if recording.digest != line.digest:
+        if task.reader.read(task.sources).digest != line.digest:
             return None
     return task.kept(replace(line, files=files), time.monotonic() - began)
 

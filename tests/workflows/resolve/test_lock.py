@@ -75,3 +75,23 @@ def test_a_link_in_place_of_the_lock_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="cannot be written: Too many levels of symbolic links"), locked(tmp_path):
         pass
     assert not (tmp_path / "mine").exists()
+
+
+def test_a_lock_whose_owner_has_not_named_itself_yet_holds(tmp_path: Path) -> None:
+    holder = subprocess.Popen(
+        [sys.executable, "-c", _HOLD, str(tmp_path)], env=ENVIRONMENT, stdout=subprocess.PIPE, start_new_session=True
+    )
+    try:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == b"held\n"
+        for text in ("", "7", "{}", "no JSON"):
+            (tmp_path / LOCK_FILE).write_text(text)
+            with (
+                pytest.raises(OutputError, match=": another process is writing into it; wait until it ends"),
+                locked(tmp_path),
+            ):
+                pass
+        assert (tmp_path / LOCK_FILE).exists()
+    finally:
+        os.killpg(holder.pid, signal.SIGKILL)
+        holder.communicate()

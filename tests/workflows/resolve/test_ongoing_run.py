@@ -1,15 +1,19 @@
 """A run in progress closes what it began and loses no line, whatever stops it."""
 
+import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from cadtof_cli.workflows.resolve import arrivals
+from cadtof_cli.execution.workers import ALONE
+from cadtof_cli.pipeline.frame import resolve_frame
+from cadtof_cli.workflows.resolve import arrivals, frame_task
 from cadtof_cli.workflows.resolve.ongoing_run import OngoingRun
 from cadtof_cli.workflows.resolve.output import MapNames
-from cadtof_cli.workflows.resolve.reports import FrameReport
+from cadtof_cli.workflows.resolve.reports import FrameReport, RunTotals
 from cadtof_cli.workflows.resolve.resolve import resolve_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from tests.support.captures import record
@@ -60,3 +64,48 @@ def test_an_input_that_failed_is_recorded_before_the_rest_of_its_batch_is_planne
         )
     sources = [(Path(line["source"]), line["status"]) for line in lines_of(tmp_path / "out")]
     assert sources == [(known.files[0], "ok"), (gone, "failed")]
+
+
+def _resolved(inputs: Sequence[Path], out: Path, *batches: tuple[Path, ...]) -> RunTotals:
+    progress: Any = SimpleNamespace(say=lambda _: None, advance=lambda *_, **__: None)
+    settings = ResolveSettings(out=out, workers=ALONE)
+    arriving = batches or None
+    return resolve_captures(inputs, settings=settings, arriving=arriving, progress=progress, on_frame=lambda _: None)
+
+
+def test_a_folder_with_wrong_settings_that_arrives_takes_no_other_folder_with_it(tmp_path: Path) -> None:
+    known, wrong, good = (record(tmp_path / name, frames=2) for name in ("known", "wrong", "good"))
+    (wrong.folder / "capture.toml").write_text("[pulse]\nfwhm_ns = 99.0\n")
+    totals = _resolved(
+        known.files[:1], tmp_path / "out", (wrong.files[0], good.files[0]), (*wrong.files, good.files[1])
+    )
+    assert (totals.ok, totals.failed) == (3, 2)
+    failed = [line for line in lines_of(tmp_path / "out") if line["status"] == "failed"]
+    assert [line["source"] for line in failed] == [str(wrong.files[0]), str(wrong.folder)]
+    assert all("pulse.fwhm_ns: found 99.0, expected" in line["reason"] for line in failed)
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (ZeroDivisionError("by zero"), "unexpected ZeroDivisionError: by zero; please report it with the frame"),
+        (MemoryError(), "not enough memory for a frame of this size: try fewer --jobs, or more memory"),
+    ],
+)
+def test_an_error_that_nobody_expected_costs_only_its_frame(
+    error: Exception, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, times = record(tmp_path / "capture", frames=3), itertools.count()
+
+    def failing(*arguments: Any, **more: Any) -> Any:
+        if next(times) == 1:
+            raise error
+        return resolve_frame(*arguments, **more)
+
+    monkeypatch.setattr(frame_task, "resolve_frame", failing)
+    totals = _resolved([capture.folder], tmp_path / "out")
+    assert (totals.ok, totals.failed) == (2, 1)
+    (line,) = (line for line in lines_of(tmp_path / "out") if line["status"] == "failed")
+    assert (line["source"], line["output"]) == (str(capture.files[1]), None)
+    assert line["reason"] == f"{capture.files[1]}: {told}"
+    assert not (tmp_path / "out" / "frame_1.tif").exists()
