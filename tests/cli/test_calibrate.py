@@ -284,3 +284,16 @@ def test_captures_of_different_settings_are_refused_by_the_key_that_differs(tmp_
         done = cadtof("calibrate", "response", first, other, "--distance", 1, "-o", tmp_path / "camera")
         assert (done.status, done.out) == (2, "")
         assert done.err.startswith(f"Error: {other}: {key} is {found}, expected {expected} as in {first}: all captures")
+
+
+def test_field_curvature_is_reported_as_one_json_object_and_drawn(
+    campaign: Campaign, calibrated: Path, tmp_path: Path
+) -> None:
+    camera, plot = Path(shutil.copytree(calibrated, tmp_path / "camera")), tmp_path / "walls.png"
+    words = ("calibrate", "petzval", *campaign.walls, "-o", camera, "--plot", plot, "--overwrite", "--json", "-q")
+    done = cadtof(*words)
+    assert (done.status, done.err) == (0, "")
+    report = json.loads(done.out)
+    assert report["written"] == [str(camera / "petzval.toml"), str(plot)]
+    assert (report["part"], len(report["figures"]["walls"])) == ("petzval", len(campaign.walls))
+    assert plot.read_bytes().startswith(b"\x89PNG")

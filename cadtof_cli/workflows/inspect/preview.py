@@ -69,8 +69,6 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
     if settings.frame is not None:
         require(settings.frame < len(found), "--frame", settings.frame, f"0 … {len(found) - 1}")
         found = [found[settings.frame]]
-    if not found:
-        raise CaptureError(f"{inputs[0]}: found no frames and no maps")
     if settings.truth is not None and len(found) > 1 and not film:
         progress.say(f"drawn with truth: the first of {len(found)} frames; --frame N draws another")
         found = found[:1]

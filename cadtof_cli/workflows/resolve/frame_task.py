@@ -184,9 +184,8 @@ def kept_maps(task: FrameTask, /) -> FrameReport | None:
     began, line, files = time.monotonic(), task.kept_line(), files_of(task.sources)
     if line is None or files is None:
         return None
-    if files != line.files or _touched_since(task):
-        if task.reader.read(task.sources).digest != line.digest:
-            return None
+    if (files != line.files or _touched_since(task)) and task.reader.read(task.sources).digest != line.digest:
+        return None
     return task.kept(replace(line, files=files), time.monotonic() - began)
 
 

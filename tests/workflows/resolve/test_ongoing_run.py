@@ -66,9 +66,9 @@ def test_an_input_that_failed_is_recorded_before_the_rest_of_its_batch_is_planne
     assert sources == [(known.files[0], "ok"), (gone, "failed")]
 
 
-def _resolved(inputs: Sequence[Path], out: Path, *batches: tuple[Path, ...]) -> RunTotals:
+def _resolved(inputs: Sequence[Path], out: Path, *batches: tuple[Path, ...], resume: bool = False) -> RunTotals:
     progress: Any = SimpleNamespace(say=lambda _: None, advance=lambda *_, **__: None)
-    settings = ResolveSettings(out=out, workers=ALONE)
+    settings = ResolveSettings(out=out, workers=ALONE, resume=resume)
     arriving = batches or None
     return resolve_captures(inputs, settings=settings, arriving=arriving, progress=progress, on_frame=lambda _: None)
 
@@ -109,3 +109,20 @@ def test_an_error_that_nobody_expected_costs_only_its_frame(
     assert (line["source"], line["output"]) == (str(capture.files[1]), None)
     assert line["reason"] == f"{capture.files[1]}: {told}"
     assert not (tmp_path / "out" / "frame_1.tif").exists()
+
+
+def test_a_watcher_that_always_resumes_begins_in_a_new_folder_too(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=2)
+    for skipped in (0, 2):
+        totals = _resolved(capture.files[:1], tmp_path / "out", capture.files[1:], resume=True)
+        assert (totals.ok, totals.already_there) == (2 - skipped, skipped)
+
+
+def test_maps_of_a_frame_whose_file_holds_no_frame_any_more_are_removed(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    _resolved([capture.folder], out)
+    capture.files[1].write_bytes((out / "frame_0.tif").read_bytes())
+    totals = _resolved([capture.folder], out, resume=True)
+    assert (totals.already_there, totals.skipped, totals.failed) == (1, 2, 0)
+    assert [(line["status"], line["output"]) for line in lines_of(out)] == [("ok", "frame_0.tif"), ("skipped", None)]
+    assert not (out / "frame_1.tif").exists()
