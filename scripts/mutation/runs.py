@@ -260,7 +260,10 @@ class Bench:
             and test not in left_out
             and (of_kernel or self._calls.may_notice(test, mutant.path, lines, reached=reached))
         ]
-        tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(file_of(test))])
+        # those that may run any lines come last
+        tests.sort(
+            key=lambda test: (self._calls.tests[test].forks, self._seconds(test) * NEAR_FIRST[near(file_of(test))])
+        )
         sums = list(itertools.accumulate(self._seconds(test) for test in tests))
         count, most = (sum(1 for total in sums if total <= limit) for limit in (FIRST_S, self._most_s))
         tests = tests[:count] if quick else tests[count:most]

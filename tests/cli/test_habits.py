@@ -13,6 +13,7 @@ import pytest
 import tifffile
 
 from cadtof_cli.capture.suggested_layout import layout_of_names
+from cadtof_cli.capture.toml import load_metadata
 from tests.support.captures import layers_of, record
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT
 from tests.support.shell import shell
@@ -279,6 +280,9 @@ def test_info_writes_settings_to_be_completed(here: Path) -> None:
         == 0
     )
     assert shell("cadtof resolve cap -o third -j 1", here).status == 0
+    # every example is a value that its key may have
+    toml.write_text(re.sub(r"^# (\w+ = )", r"\1", text, flags=re.MULTILINE))
+    assert load_metadata(toml).metadata.layout.frames == 100
 
 
 def test_info_writes_settings_of_volts_and_of_planes_that_nothing_names(here: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.resolver.status import StatusBit, bit_words
-from tests.support.captures import record, write_exr
+from tests.support.captures import layers_of, record, write_exr
 from tests.support.forward import step_truth
 from tests.support.run_cadtof import ROOT, cadtof
 
@@ -105,6 +105,16 @@ def test_frames_of_several_captures_are_told_apart_and_their_settings_folded(tmp
     # a setting that nobody has set has no line
     assert "modulation.periods_ns" in settings
     assert "layout.pattern" not in settings
+
+
+def test_the_colours_of_a_layer_suit_the_values_of_all_maps(tmp_path: Path) -> None:
+    out = _run(tmp_path)
+    _page(out)
+    (limits,) = re.findall(r'"limits":({.*?})', (tmp_path / "page.html").read_text(encoding="utf-8"))
+    lowest, highest = json.loads(limits)["direct.depth"][2:]
+    depths = np.stack([layers_of(file)["direct.depth"] for file in sorted(out.glob("*.tif"))])
+    assert (lowest, highest) == (pytest.approx(np.nanmin(depths), rel=1e-6), pytest.approx(np.nanmax(depths), rel=1e-6))
+    assert "status" not in json.loads(limits)
 
 
 def test_status_bits_are_explained_on_the_page(tmp_path: Path) -> None:

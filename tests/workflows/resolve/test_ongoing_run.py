@@ -1,6 +1,7 @@
 """A run in progress closes what it began and loses no line, whatever stops it."""
 
 import itertools
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -114,8 +115,10 @@ def test_an_error_that_nobody_expected_costs_only_its_frame(
 def test_a_watcher_that_always_resumes_begins_in_a_new_folder_too(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=2)
     for skipped in (0, 2):
+        began = time.monotonic()
         totals = _resolved(capture.files[:1], tmp_path / "out", capture.files[1:], resume=True)
         assert (totals.ok, totals.already_there) == (2 - skipped, skipped)
+        assert 0.0 < totals.seconds < time.monotonic() - began + 0.001
 
 
 def test_maps_of_a_frame_whose_file_holds_no_frame_any_more_are_removed(tmp_path: Path) -> None:
