@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.execution.cores import available_cores, quota_cores
+from cadtof_cli.execution.workers import Workers
 
 V2, V1 = {"cpu.max": "150000 100000\n"}, {"cpu.cfs_quota_us": "50000\n", "cpu.cfs_period_us": "100000\n"}
 
@@ -55,3 +56,8 @@ def test_available_cores_are_limited_by_the_quota_but_at_least_one(
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(5)), raising=False)
     monkeypatch.setattr("cadtof_cli.execution.cores.quota_cores", lambda: quota)
     assert available_cores() == cores
+
+
+@pytest.mark.parametrize(("jobs", "tasks", "processes"), [(4, 2, 2), (4, 9, 4), (4, 0, 1), (1, 5, 1)])
+def test_there_are_no_more_processes_than_tasks_but_at_least_one(jobs: int, tasks: int, processes: int) -> None:
+    assert Workers(jobs=jobs).at_most(tasks).jobs == processes

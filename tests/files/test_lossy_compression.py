@@ -95,6 +95,15 @@ def test_a_compression_is_called_lossy_if_and_only_if_it_changed_values(name: st
     assert found is None or found.split(" with ")[0] == name.partition(" of")[0].partition(",")[0].partition(" in ")[0]
 
 
+@pytest.mark.parametrize("size", [(16, 16), (40, 24), (13, 17), (30, 40), (301, 33), (270, 480)])
+@pytest.mark.parametrize("lossless", [False, True])
+def test_lossy_jpeg_xl_is_found_at_any_size(size: tuple[int, int], lossless: bool, tmp_path: Path) -> None:
+    """The header writes sizes in blocks of eight pixels or in pixels, and widths also as a ratio."""
+    stored = np.random.default_rng(0).normal(8192.0, 500.0, (4, *size)).astype(np.uint16)
+    _tiff("jpegxl", **({"lossless": True} if lossless else {"distance": 1, "lossless": False}))(tmp_path / "f", stored)
+    assert lossy_compression(tmp_path / "f", LAYOUT, np.dtype(np.uint16)) == (None if lossless else "JPEG XL")
+
+
 def test_the_error_that_lerc_allows_is_named(tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"
     _tiff("lerc", level=0.001)(path, VOLTS.astype(np.float32))

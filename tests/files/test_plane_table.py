@@ -293,3 +293,18 @@ def test_names_of_a_stack_that_say_channels_alone_must_agree_with_its_order() ->
     assert table.ravel().tolist() == list(range(8))
     with pytest.raises(FrameError, match="found two planes whose names mean the same plane"):
         plane_table("Q", [8], layout, where="file", names=sorted(names))
+
+
+@pytest.mark.parametrize("names", [("H2.SC2", "H1.SC1", "H2.SC1", "H1.SC2"), ()])
+def test_the_bands_of_a_geotiff_are_planes_by_their_descriptions(names: tuple[str, ...], tmp_path: Path) -> None:
+    """GDAL writes them into tag 42112; without them, the bands are in our order."""
+    ours = ["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"]
+    items = [f'<Item name="DESCRIPTION" sample="{n}" role="description">{name}</Item>' for n, name in enumerate(names)]
+    about = f"<GDALMetadata><Item name='made by'>a test</Item>{''.join(items)}</GDALMetadata>"
+    truth = np.arange(4 * 6 * 5, dtype=np.uint16).reshape(4, 6, 5)
+    bands = truth[[ours.index(name) for name in names or ours]].transpose(1, 2, 0)
+    path = tmp_path / "frame.tif"
+    tags = [(42112, "s", 0, about, True)]
+    tifffile.imwrite(path, bands, photometric="minisblack", planarconfig="contig", metadata=None, extratags=tags)
+    stored = read_stored(FrameSource("frame", (path,)), FrameLayout((1, 2)))
+    assert np.array_equal(stored.reshape(truth.shape), truth)
