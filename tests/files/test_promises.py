@@ -106,3 +106,16 @@ def test_a_stack_of_micromanager_over_two_files_is_not_called_ome(tmp_path: Path
         _micromanager_file(tmp_path / f"x_MMStack_{number}.tif", part, first=2 * number, frames=4)
     told = message(tmp_path / "x_MMStack_0.tif")
     assert "its metadata spreads it over several files, expected all planes in one file" in told
+
+
+def test_a_stack_of_micromanager_that_promises_endless_frames_takes_no_memory(tmp_path: Path) -> None:
+    path = tmp_path / "x_MMStack_0.tif"
+    _micromanager_file(path, np.zeros((2, 5, 7), np.uint16), first=0, frames=10**9)
+    assert "its metadata promises 1,000,000,000 planes, found a file of " in message(path)
+
+
+def test_a_fifo_with_the_name_of_a_stack_of_micromanager_is_not_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "x_MMStack_0.tif"
+    _micromanager_file(path, np.zeros((2, 5, 7), np.uint16), first=0, frames=4)
+    os.mkfifo(tmp_path / "x_MMStack_1.tif")
+    assert message(path, kind=UnreadableError) == f"{path}: cannot be read: found a FIFO, expected a file"
