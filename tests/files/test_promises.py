@@ -10,6 +10,7 @@ import pytest
 import tifffile
 
 from cadtof_cli.capture.frames import FrameSource, read_stored
+from cadtof_cli.errors import UnreadableError
 from tests.files.forms import known_frame
 from tests.files.refusals import LAYOUT, message
 
