@@ -50,7 +50,7 @@ def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPa
 
 
 def _series(path: Path, tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
-    """Return the series that tifffile finds, or a series for each page in the order of the file.
+    """Return the series that tifffile finds, or a series for each page in the order of the file, plain or not.
 
     If tifffile finds several plain series, it has sorted the pages by how they are stored. That is not the order of a
     stack, because pages that another program has rewritten differ in their strips. The description of a file that holds
@@ -68,7 +68,7 @@ def _series(path: Path, tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries
             return series
     tiff.pages.useframes = False
     pages = (page.aspage() if isinstance(page, tifffile.TiffFrame) else page for page in tiff.pages)
-    return [tifffile.TiffPageSeries([page]) for page in pages if is_plain_page(page)]
+    return [tifffile.TiffPageSeries([page]) for page in pages]
 
 
 def _is_alone(tiff: tifffile.TiffFile) -> bool:

@@ -208,6 +208,22 @@ def test_a_worker_that_never_answers_keeps_nobody_waiting(monkeypatch: pytest.Mo
     ]
 
 
+def test_a_worker_that_is_lost_before_it_has_answered_takes_no_other_worker_with_it() -> None:
+    class FirstIsLost(PretendedCluster):
+        def news(self) -> list[News]:
+            if self.joined < 2:
+                return [self.join(), self.join()]
+            first = "tcp://127.0.0.1:10001"
+            return [self.lose(first, expected=False)] if first in self.waiting else super().news()
+
+    cluster = FirstIsLost(0)
+    run = cluster_run(cluster, iter(range(3)))
+    run.welcome_workers()
+    assert [outcome.result for outcome in run.outcomes()] == [0, 1, 4]
+    # the second has done all of them: nobody else was needed
+    assert cluster.joined == 2
+
+
 def test_a_worker_whose_own_folder_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
