@@ -139,7 +139,7 @@ def planned_page(samples: Sequence[Planes], frames: int, /, *, limit_bytes: floa
     """
     most, room = _largest_step(samples), limit_bytes - _BESIDE_MAPS
     least = _TEXT_BYTES + _thumbnail_bytes(samples, THUMBNAIL_PX[-1]) + _bytes_at(samples, most)
-    shown = min(frames, max(1, whole or 0, int(room / least)))
+    shown = min(frames, max(whole or 1, int(room / least)))
     room = max(room - _TEXT_BYTES * shown, 0.0)
     sizes = [(px, shown * _thumbnail_bytes(samples, px)) for px in THUMBNAIL_PX]
     thumbnail_px, taken = next((one for one in sizes if one[1] < THUMBNAIL_SHARE * room), sizes[-1])

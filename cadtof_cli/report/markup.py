@@ -53,14 +53,14 @@ def table(
 ) -> Markup:
     """Return a table. If it is wider than the page, it scrolls on its own. The first column names the row.
 
-    `numbers` are the places of the columns that hold numbers. If `folded`, only the caption is shown until the reader opens it.
+    `numbers` are the places, above 0, of columns of numbers. If `folded`, only the caption is shown until the reader opens it.
     """
     kinds = ["number" if column in frozenset(numbers) else None for column in range(len(head))]
     titles = (element("th", title, scope="col", class_=kind) for title, kind in zip(head, kinds, strict=True))
     lines = (
         element(
             "tr",
-            element("th", row[0], scope="row", class_=kinds[0]),
+            element("th", row[0], scope="row"),
             *(element("td", content, class_=kind) for content, kind in zip(row[1:], kinds[1:], strict=True)),
         )
         for row in rows

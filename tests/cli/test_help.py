@@ -143,3 +143,11 @@ def test_an_option_that_is_mistyped() -> None:
 )
 def test_a_value_is_shown_as_its_unit_once_per_number(words: str, line: str) -> None:
     assert re.search(rf"^  {re.escape(line)}( |$)", cadtof(words, "--help").out, re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", ["resolve", "info"])
+def test_help_names_the_values_of_the_paper_that_are_used_if_none_is_given(command: str) -> None:
+    words = " ".join(cadtof(command, "--help").out.split())
+    for value in ("40,20", "sine", "0.2746", "1.7"):
+        assert f"[if not given: {value}, the paper's]" in words
+    assert words.count("[if not given: ") == 4

@@ -24,3 +24,23 @@ def test_a_random_search_starts_where_it_starts_in_the_whole_frame() -> None:
     pixels = prepare_frame(stored, stages)
     phases = [pixel_evidence(pixels, index, stages).resolved.paths.phase_rad[0, 0] for index in range(64)]
     np.testing.assert_allclose(np.array(phases) * metres_per_radian(40.0), depth_m, rtol=1e-5)
+
+
+def test_the_covariance_of_phasors_turns_with_the_light() -> None:
+    """Light that comes a quarter of the first period later turns its phasor by 90°, and that of the second harmonic by 180°."""
+    resolver = ResolverSettings(order="1", mpi_model="discrete")
+    plan = FramePlan(
+        metadata=CaptureMetadata(pixel=Pixel(integration_length=1e5)), settings=MapSettings(resolver=resolver)
+    )
+    found = []
+    for phase in (0.7, 0.7 + np.pi / 2.0):
+        angles = phase * np.array([1.0, 2.0])
+        volts = 0.1 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        stored = np.broadcast_to(volts[..., np.newaxis, np.newaxis], (2, 2, 8, 8)).copy()
+        stages = stages_of(stored, plan)
+        found.append(pixel_evidence(prepare_frame(stored, stages), 9, stages).covariance)
+    before, after = found
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    assert abs(before[0, 0, 1]) > 0.1 * before[0, 0, 0]
+    np.testing.assert_allclose(after[0], quarter @ before[0] @ quarter.T, rtol=1e-6)
+    np.testing.assert_allclose(after[1], before[1], rtol=1e-6)
