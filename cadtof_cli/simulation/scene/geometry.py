@@ -112,7 +112,7 @@ def hits(surfaces: tuple[Surface, ...], rays: Float, /) -> Hits:
     nearest = np.argmin(times, axis=0)
     reach = np.take_along_axis(times, nearest[None], axis=0)[0]
     seen = np.isfinite(reach)
-    points = np.where(seen, np.where(seen, reach, 0.0) * rays, np.nan)
+    points = np.where(seen, reach, np.nan) * rays
     normals = np.moveaxis(np.array([surface.normal for surface in surfaces])[nearest], -1, 0)
     normals = np.where(_dot3(normals, rays) > 0, -normals, normals)
     albedo = np.where(seen, np.array([surface.albedo for surface in surfaces])[nearest], 0.0)
