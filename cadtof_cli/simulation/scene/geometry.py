@@ -46,8 +46,8 @@ class Surface:
         height = _dot(self.normal, np.asarray(self.origin_m)) - _dot(self.normal, origins_m)
         with np.errstate(divide="ignore", invalid="ignore"):
             times = height / approach
-        times = np.where(np.isfinite(times) & (times > 1e-9), times, np.inf)
-        points = origins_m + np.where(np.isfinite(times), times, 0.0) * directions
+        times = np.where(times > 1e-9, times, np.inf)
+        points = origins_m + np.where(np.isfinite(times), times, np.nan) * directions
         return np.where(self._holds(points), times, np.inf)
 
     def _holds(self, points_m: Float) -> Bool:
@@ -161,13 +161,11 @@ def bounce_by_directions(seen: Hits, other: Surface, /, *, count: int) -> Bounce
     across, along = _tangents(seen.normals)
     directions = local[0] * across[:, None] + local[1] * along[:, None] + local[2] * seen.normals[:, None]
     times = other.distances(seen.points_m[:, None], directions)
-    reached = np.isfinite(times)
-    times = np.where(reached, times, 0.0)
+    times = np.where(np.isfinite(times), times, np.nan)
     points = seen.points_m[:, None] + times * directions
     towards = np.where(_dot(other.normal, points) > 0, -1.0, 1.0)
     lit = irradiance(points, other.normal.reshape(3, 1, 1, 1) * towards)
-    arriving = np.where(reached, other.albedo * lit / count, 0.0)
-    return Bounce(arriving, np.where(reached, times + np.sqrt(_dot3(points, points)), 0.0))
+    return Bounce(other.albedo * lit / count, np.nan_to_num(times + np.sqrt(_dot3(points, points))))
 
 
 def bounce_by_patches(seen: Hits, other: Surface, /, *, count: int) -> Bounce:

@@ -93,8 +93,8 @@ def transients(
 
 
 def bin_numbers(delays_ns: Float, /) -> Index:
-    """Return the bin of each delay after the direct light."""
-    steps = np.log1p(np.maximum(delays_ns, 0.0) / FIRST_NS) * (BINS / math.log1p(LAST_NS / FIRST_NS))
+    """Return the bin of each delay after the direct light; rounding may make a delay of 0 a little negative."""
+    steps = np.log1p(delays_ns / FIRST_NS) * (BINS / math.log1p(LAST_NS / FIRST_NS))
     return np.minimum(steps, BINS - 1).astype(np.intp)
 
 
