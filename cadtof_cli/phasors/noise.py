@@ -241,9 +241,8 @@ def estimated_integration_length(
     averaging = float(seen / expected)
     if averaging <= 0.0:
         return math.inf
-    length = 0.5 * (1.0 + 1.0 / averaging)
     # 1/(2·n_av − 1) of one recording is that of the mean, times the number of recordings
-    return length if samples == 1.0 else 0.5 * (1.0 + (2.0 * length - 1.0) / samples)
+    return 0.5 * (1.0 + 1.0 / averaging / samples)
 
 
 def _less_noise(phasors: Complex, each: Sequence[HarmonicNoise], waveform: Waveform, /) -> Float:
@@ -329,9 +328,8 @@ def chi_squared_threshold(false_alarm: float, *, pairs: int) -> float:
     probability falls with t, so bisection finds the threshold for more pairs.
     """
     low, high = 0.0, 4.0 * (pairs - math.log(false_alarm))
-    for _ in range(80):
-        middle = 0.5 * (low + high)
+    while low < (middle := 0.5 * (low + high)) < high:
         half = 0.5 * middle
         survival = math.exp(-half) * sum(half**k / math.factorial(k) for k in range(pairs))
         low, high = (middle, high) if survival > false_alarm else (low, middle)
-    return 0.5 * (low + high)
+    return middle
