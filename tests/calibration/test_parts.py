@@ -349,3 +349,27 @@ def test_a_response_keeps_field_curvature_and_lamp(tmp_path: Path) -> None:
     found = load_calibration(tmp_path).response
     assert found is not None
     assert (found.curvature, found.lamp_offset_m) == (made.curvature, (0.1, -0.02, 0.03))
+
+
+def test_a_calibration_names_its_parts_with_a_few_words_about_each() -> None:
+    made_up = made_up_calibration(CaptureMetadata(), SHAPE, PART_KINDS)
+    assert made_up.dark is not None
+    assert made_up.response is not None
+    defects = np.zeros(SHAPE, np.uint32)
+    defects[1, 2:4] = 1
+    every = replace(made_up, dark=replace(made_up.dark, defects=defects))
+    whole = "dark (2 bad pixels), response (k = 1, -1), petzval (k2 = 0.0500 m, k4 = -0.0300 m)"
+    assert every.summary == whole
+    found = replace(every, petzval=None).summary
+    assert found == "dark (2 bad pixels), response (k = 1, -1; with the field curvature it found)"
+    terms = (*((k, 0.1 + 0j) for k in (-7, 5, 9, -3, -1, 0)), (1, 1.0 + 0j))
+    for count, words in ((6, "k = 0, 1, -1, -3, 5, -7"), (7, "k = 0, 1, -1, -3, 5, -7 …")):
+        kept = tuple(term for term in terms if count == 7 or term[0] != 9)
+        assert replace(made_up.response, responses=tuple(HarmonicResponse(h, kept) for h in (1, 2))).summary == words
+
+
+def test_the_field_curvature_of_a_part_is_that_of_its_pixels() -> None:
+    """Δ = .06·ρ² − .02·ρ⁴ about the pixel (2.5, 1.5), the middle of 6 × 4 pixels; ρ is 1 at half their diagonal."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    rho2 = ((x - 2.5) ** 2 + (y - 1.5) ** 2) / (0.25 * (SHAPE[0] ** 2 + SHAPE[1] ** 2))
+    np.testing.assert_allclose(petzval().range_offset_m, 0.06 * rho2 - 0.02 * rho2**2)

@@ -63,6 +63,14 @@ def test_no_shares_without_a_standard_deviation() -> None:
     assert (tally.summary().within_1_sigma, tally.summary().within_2_sigma) == (None, None)
 
 
+def test_figures_are_told_in_cm_and_percent_and_missing_ones_by_a_dash() -> None:
+    assert DepthErrors(0.404, 1.0, 2.5, -0.026, 0.9, 0.905, 0.995).in_words == (
+        *("0.40", "1.00", "2.50", "-0.03"),
+        *("90.0%", "90.5%", "99.5%"),
+    )
+    assert DepthErrors(None, None, None, None, 0.0).in_words == ("–", "–", "–", "–", "0.0%", "–", "–")
+
+
 def test_the_first_phasor_is_evaluated_only_if_every_map_has_it() -> None:
     rng = np.random.default_rng(3)
     truth, sigma = rng.uniform(1.0, 2.0, (5, 7)), np.full((5, 7), 0.01)
