@@ -311,9 +311,7 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
     Noise makes it impossible if it is more than half a step of the stored values and the pixels are not just a few. If
     the noise is estimated from these pixels, it tells nothing, and they are taken for none that a camera recorded.
     """
-    count = stored.shape[2]
-    # two values are enough to tell for nearly all frames
-    if count < FEWEST_ALIKE or stored[0, 0, 0] != stored[0, 0, 1] or not (stored == stored[:, :, :1]).all():
+    if stored.shape[2] < FEWEST_ALIKE or not (stored == stored[:, :, :1]).all():
         return False
     # the floor is the variance of rounding to steps of s, s²/12: the rest is then more than 3·s²/12 = (s/2)²
     return noise.estimated or all(one.dark_variance > 4.0 * one.floor for one in noise.each)
