@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cadtof_cli.calibration.apply import frame_correction
+from cadtof_cli.calibration.apply import CalibrationNoise, frame_correction
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, named_planes, stacked
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
@@ -29,6 +29,7 @@ from cadtof_cli.capture.discovery import OUTPUT_FILES
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Voltage
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.files.layers import read_layers
+from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import HarmonicResponse
 from tests.support.calibrations import curved, made_up_calibration, response_quality
 
@@ -373,3 +374,41 @@ def test_the_field_curvature_of_a_part_is_that_of_its_pixels() -> None:
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     rho2 = ((x - 2.5) ** 2 + (y - 1.5) ** 2) / (0.25 * (SHAPE[0] ** 2 + SHAPE[1] ** 2))
     np.testing.assert_allclose(petzval().range_offset_m, 0.06 * rho2 - 0.02 * rho2**2)
+
+
+def test_the_noise_of_a_calibration_is_added_to_that_of_a_recording() -> None:
+    """The variance of dark frames is added, and that of targets times |p|²; a mean does not make them smaller."""
+    noise = noise_model(CaptureMetadata(), integration_length=1e5, quantised=False)
+    left = CalibrationNoise(dark=(1e-9, 2e-9), response=(4e-9, 8e-9))
+    for power, frames in ((1.0, 1.0), (0.25, 4.0), (0.0, 2.0)):
+        found = left.added_to(noise, powers=np.array([power, power]), frames=frames)
+        for before, after, dark, share in zip(noise.each, found.each, left.dark, left.response, strict=True):
+            assert after.floor - before.floor == pytest.approx(frames * (dark + max(power, 1e-6) * share), rel=0.1)
+    halves = left.added_to(noise, powers=np.array([0.5, 0.5]), frames=1.0).each
+    assert halves[0].floor - noise.each[0].floor == pytest.approx(1e-9 + 0.5 * 4e-9, rel=1e-6)
+
+
+def test_a_correction_holds_what_each_part_says_of_the_pixels() -> None:
+    metadata = CaptureMetadata()
+    made = made_up_calibration(metadata, SHAPE, PART_KINDS)
+    assert made.dark is not None
+    assert made.response is not None
+    defects = np.zeros(SHAPE, np.uint32)
+    defects[1, 2] = 1
+    dark = replace(made.dark, defects=defects)
+    response = replace(made.response, quality=response_quality(2, phase_stderr_rad=3e-4))
+    found = frame_correction(replace(made, dark=dark, response=response), metadata, np.dtype(np.float32), SHAPE)
+    assert found.hot is not None
+    assert found.noise is not None
+    np.testing.assert_array_equal(np.flatnonzero(found.hot), [1 * SHAPE[1] + 2])
+    np.testing.assert_array_equal(np.isnan(dark.sound_offset_v).all(axis=(0, 1)), defects == 1)
+    np.testing.assert_array_equal(dark.sound_offset_v[:, :, 0], dark.offset_v[:, :, 0])
+    amplitude_v = metadata.modulation.amplitude_v
+    mains = [abs(one.main) for one in response.responses]
+    errors = [volts / amplitude_v / main for volts, main in zip(dark.offset_stderr_v(), mains, strict=True)]
+    assert found.noise.dark == pytest.approx([error**2 for error in errors])
+    assert found.noise.response == pytest.approx([9e-8, 9e-8])
+    without = frame_correction(Calibration(petzval=made.petzval), metadata, np.dtype(np.float32), SHAPE)
+    assert (without.noise, without.hot, without.response) == (None, None, None)
+    clean = replace(made, dark=replace(dark, defects=0 * defects))
+    assert frame_correction(clean, metadata, np.dtype(np.float32), SHAPE).hot is None

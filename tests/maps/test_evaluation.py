@@ -84,8 +84,10 @@ def test_the_first_phasor_is_evaluated_only_if_every_map_has_it() -> None:
         assert found.first_phasor is not None
         assert found.first_phasor.bias_cm == pytest.approx(50.0)
         assert found.first_phasor.within_1_sigma is None
+        assert list(found.in_words.items()) == [("first phasor", found.first_phasor), ("direct path", found.direct)]
     tally.add(depth, truth, sigma_m=None, first_phasor_m=None)
     assert (tally.summary().frames, tally.summary().first_phasor) == (3, None)
+    assert list(tally.summary().in_words) == ["direct path"]
 
 
 def test_depths_that_are_not_finite_do_not_count() -> None:

@@ -22,6 +22,7 @@ from cadtof_cli.simulation.pixel.pixel import (
     pixel_weights,
     record_pixel,
     seen_length,
+    weight_sums,
 )
 
 AMPLITUDE_V = 0.2746
@@ -180,6 +181,16 @@ def test_sample_noise_is_averaged_like_the_samples() -> None:
         final(model(100.0, sample_noise_v=noise), light, seed) - final(model(100.0), light, seed) for seed in range(400)
     ]
     assert np.std(differences) == pytest.approx(noise / math.sqrt(199.0), rel=0.08)
+
+
+def test_sums_of_weights_are_those_of_equation_1_or_of_the_cascade() -> None:
+    assert weight_sums(model(200.0)) == pytest.approx((1.0, 1.0 / 399.0))
+    capacitors = Capacitors(values_ff=(1.0, 39.0, 1.0, 39.0) + (20.0,) * 8)
+    stages = Stages(drive="switched", f1_hz=1e7, f2_hz=5e6)
+    averaging = Averaging(integration_length=80.0, capacitors=capacitors, stages=stages)
+    cascade = PixelModel(averaging=averaging)
+    weights = pixel_weights(cascade)[0].astype(np.float64)
+    assert weight_sums(cascade) == pytest.approx((weights.sum(), (weights**2).sum()))
 
 
 @pytest.mark.parametrize(("share", "times"), [(0.0, 1.0), (1.0, 2.0), (0.5, 1.25)])
