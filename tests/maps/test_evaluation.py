@@ -108,7 +108,7 @@ def test_a_depth_beyond_float32_counts_as_missing(far: float) -> None:
     assert summary.valid == pytest.approx(4 / 5)
 
 
-@pytest.mark.parametrize("far", [np.inf, 1e300])
+@pytest.mark.parametrize("far", [np.inf, 1e300, -np.inf, -1e300])
 def test_depths_not_finite_or_beyond_float32_do_not_count_in_a_sequence(far: float) -> None:
     tally = SequenceTally((3,))
     for frame in ([far, 1.0, np.nan], [far, 3.0, np.nan], [2.0, np.nan, np.nan]):

@@ -175,7 +175,7 @@ def bounce_by_patches(seen: Hits, other: Surface, /, *, count: int) -> Bounce:
     the cosines at both ends of the way.
     """
     centres, area = other.patches(count)
-    towards = -1.0 if float(other.normal @ centres[:, 0]) > 0 else 1.0
+    towards = -1.0 if float(other.normal @ np.asarray(other.origin_m)) > 0 else 1.0
     normal = other.normal * towards
     lit = irradiance(centres, np.broadcast_to(normal[:, None], centres.shape))
     ways = seen.points_m[:, None] - centres[:, :, None, None]
