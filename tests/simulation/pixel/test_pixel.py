@@ -183,6 +183,14 @@ def test_sample_noise_is_averaged_like_the_samples() -> None:
     assert np.std(differences) == pytest.approx(noise / math.sqrt(199.0), rel=0.08)
 
 
+def test_sample_noise_of_a_trace_is_averaged_like_the_samples() -> None:
+    noisy, clean = (
+        trace_pixel(model(20.0, cycles=4000, sample_noise_v=noise), mix(), np.random.default_rng(1), harmonic=1)[1]
+        for noise in (0.05, 0.0)
+    )
+    assert np.std((noisy - clean)[:, 500:]) == pytest.approx(0.05 / math.sqrt(39.0), rel=0.05)
+
+
 def test_sums_of_weights_are_those_of_equation_1_or_of_the_cascade() -> None:
     assert weight_sums(model(200.0)) == pytest.approx((1.0, 1.0 / 399.0))
     capacitors = Capacitors(values_ff=(1.0, 39.0, 1.0, 39.0) + (20.0,) * 8)
