@@ -1,5 +1,6 @@
 """One recorded frame → one file of maps: the unit of work that goes to a worker process."""
 
+import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -209,9 +210,11 @@ def kept_maps(task: FrameTask, /) -> FrameReport | None:
 def _why_again(task: FrameTask) -> str | None:
     """Return in words why existing maps are made again; None: there are no maps, for example because the frame failed."""
     if task.before is None:
-        told = "has no line in frames.jsonl, probably because a run was stopped" if task.output.exists() else None
+        told = (
+            "has no line in frames.jsonl, probably because a run was stopped" if os.path.lexists(task.output) else None
+        )
     elif _maps_changed(task.output, task.before):
-        told = "changed since it was written" if task.output.exists() else "is gone"
+        told = "changed since it was written" if os.path.lexists(task.output) else "is gone"
     else:
         told = "its recorded frame has changed since"
     return told and f"{told}; made again"

@@ -4,8 +4,10 @@ import errno
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -112,3 +114,26 @@ def test_maps_stay_while_neither_they_nor_their_frame_can_be_read(
     elsewhere.replace(frame)
     assert _resolve(capture.folder, "-o", out, "--resume").status == 0
     assert maps_of(out) == before
+
+
+def test_a_name_that_a_share_refuses_fails_alone_also_when_the_run_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    r"""Linux gives EINVAL for whatever is asked about a name with `\` on SMB."""
+    capture, out, refused = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "out" / "frame_1.tif"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    refused.unlink()
+    (out / "frames.jsonl").unlink()
+    opened, stat = os.open, os.stat
+
+    def asked(ask: Callable[..., Any], path: Any, *arguments: Any, **options: Any) -> Any:
+        if str(path).startswith((str(refused), str(out / ".frame_1"))):
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(path))
+        return ask(path, *arguments, **options)
+
+    monkeypatch.setattr(os, "open", partial(asked, opened))
+    monkeypatch.setattr(os, "stat", partial(asked, stat))
+    done = _resolve(capture.folder, "-o", out, "--resume")
+    assert done.status == 1
+    assert f"failed: {refused}: cannot be written: Invalid argument" in done.err
+    assert "resolved 2 of 3 frames" in done.err
