@@ -55,7 +55,7 @@ PROGRAM = "cadtof"
 COMPLETE = "_CADTOF_COMPLETE"
 """Environment variable by which a shell asks for the completions of a command line (docs/shells.md)."""
 
-_OUTPUTS = frozenset({"-o", "--out", "--csv", "--log", "--plot"})
+_OUTPUTS = frozenset({"-o", "--out", "--csv", "--log", "--over-time", "--plot"})
 """Options that name a file or folder to write."""
 
 _CALLED_DASH = {f"{name}=-" if name.startswith("--") else f"{name}-": name for name in _OUTPUTS}

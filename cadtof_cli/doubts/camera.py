@@ -84,8 +84,8 @@ _CLEAR_OFFSET, _CLEAR_STEPS, _CLEAR_SHARE = 7.0, 3.0, 0.05
 """Standard errors and steps of whole numbers that a difference of offsets must exceed, and the least share of such ones."""
 
 _SAME_OFFSETS, _OTHER_OFFSETS = 0.3, 8.0
-"""A frame has other offsets if its own differences are at most this share of them, and less by so many standard errors. Of 9000
-sound frames, two are told: nine rows with offsets of their own look like the edges of a scene."""
+"""A frame has other offsets if its own differences are at most this share of them, and less by so many standard errors. Of
+13,500 sound frames, two are told: nine rows with offsets of their own look like the edges of a scene."""
 
 _PILED_UP = 8
 """Values are likely cut off if the outermost value occurs more than this many times as often as the next value."""

@@ -251,6 +251,7 @@ def test_a_run_that_has_not_finished_is_told(tmp_path: Path) -> None:
     for command, more in others.items():
         done = cadtof(command, out, *more)
         assert (done.status, done.err) == (0, told), command
+    assert cadtof("compare", out, out).err == told
 
 
 def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:

@@ -144,6 +144,7 @@ IMPOSSIBLE = [
     ),
     ("sweep -o-", "-o: found -, expected a name"),
     ("evaluate MAPS --truth MAPS --csv -", "--csv: found -, expected a name"),
+    ("evaluate MAPS --over-time -", "--over-time: found -, expected a name"),
     ("simulate --scene wall --seed -1 -o new", "seed: found -1, expected 0 or more"),
     ("report CAPTURE -o a.html", "CAPTURE/"),
 ]

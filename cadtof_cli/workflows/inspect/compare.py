@@ -137,7 +137,7 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
     """
     found, tallies = Comparison(), dict[str, MagnitudeTally]()
     frames, only_a, only_b = list[FrameDifference](), set[str](), set[str]()
-    for run in (pairs.a, pairs.b):
+    for run in {run.maps: run for run in (pairs.a, pairs.b)}.values():
         run.tell_if_unfinished(progress.say)
     progress.advance(0, total=len(pairs.files))
     for pair in map(pairs.pair, pairs.files):
