@@ -2,12 +2,14 @@
 
 import os
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import hypothesis
 import pytest
 
+from cadtof_cli import errors
 from tests.support.needed import miss
 from tests.support.outside_tools import MAKERS, run_tool
 
@@ -41,6 +43,13 @@ def pytest_terminal_summary(terminalreporter: "pytest.TerminalReporter") -> None
             if file.suffix in {".c", ".h"} and file.stat().st_mtime > max(built):
                 told = "is newer than the compiled modules: .venv/bin/python setup.py build_ext --inplace"
                 terminalreporter.write_line(f"{file.relative_to(ROOT)} {told}")
+
+
+@pytest.fixture
+def no_memory_for_scipy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let scipy count as not yet imported, and take more memory than any machine has."""
+    monkeypatch.delitem(sys.modules, "scipy", raising=False)
+    monkeypatch.setattr(errors, "SCIPY_BYTES", 2**62)
 
 
 @pytest.fixture

@@ -41,9 +41,9 @@ _ASKED_AGAIN_S = 0.02
 _LEAST_DIRECT_BYTES = 2**18
 
 _LOCKED_BYTE = 2**30
-"""Position of the byte that is locked on Windows.
+"""Position of the byte that is locked.
 
-It lies beyond the end of the lock file, because locked bytes cannot be read.
+It lies beyond the end of the lock file, because locked bytes cannot be read on Windows and on shares of SMB.
 """
 
 
@@ -262,7 +262,7 @@ def try_lock(descriptor: int, /) -> bool:
             msvcrt = import_module("msvcrt")
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         else:
-            fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _LOCKED_BYTE)
     except OSError as error:
         return error.errno not in {errno.EACCES, errno.EAGAIN, errno.EDEADLK}
     return True

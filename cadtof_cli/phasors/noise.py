@@ -241,9 +241,8 @@ def estimated_integration_length(
     averaging = float(seen / expected)
     if averaging <= 0.0:
         return math.inf
-    length = 0.5 * (1.0 + 1.0 / averaging)
     # 1/(2·n_av − 1) of one recording is that of the mean, times the number of recordings
-    return length if samples == 1.0 else 0.5 * (1.0 + (2.0 * length - 1.0) / samples)
+    return 0.5 * (1.0 + 1.0 / averaging / samples)
 
 
 def _less_noise(phasors: Complex, each: Sequence[HarmonicNoise], waveform: Waveform, /) -> Float:
@@ -312,9 +311,7 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
     Noise makes it impossible if it is more than half a step of the stored values and the pixels are not just a few. If
     the noise is estimated from these pixels, it tells nothing, and they are taken for none that a camera recorded.
     """
-    count = stored.shape[2]
-    # two values are enough to tell for nearly all frames
-    if count < FEWEST_ALIKE or stored[0, 0, 0] != stored[0, 0, 1] or not (stored == stored[:, :, :1]).all():
+    if stored.shape[2] < FEWEST_ALIKE or not (stored == stored[:, :, :1]).all():
         return False
     # the floor is the variance of rounding to steps of s, s²/12: the rest is then more than 3·s²/12 = (s/2)²
     return noise.estimated or all(one.dark_variance > 4.0 * one.floor for one in noise.each)
@@ -329,9 +326,8 @@ def chi_squared_threshold(false_alarm: float, *, pairs: int) -> float:
     probability falls with t, so bisection finds the threshold for more pairs.
     """
     low, high = 0.0, 4.0 * (pairs - math.log(false_alarm))
-    for _ in range(80):
-        middle = 0.5 * (low + high)
+    while low < (middle := 0.5 * (low + high)) < high:
         half = 0.5 * middle
         survival = math.exp(-half) * sum(half**k / math.factorial(k) for k in range(pairs))
         low, high = (middle, high) if survival > false_alarm else (low, middle)
-    return 0.5 * (low + high)
+    return middle

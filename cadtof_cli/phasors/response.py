@@ -1,5 +1,6 @@
 """The answer of a channel pair to one path of delay t: the complex Fourier series g_h(t) = Σ_k G[h,k]·exp(i k ω_h t)."""
 
+import itertools
 import math
 from functools import partial
 
@@ -12,9 +13,6 @@ from cadtof_cli.units import FWHM_PER_SIGMA
 
 NEGLIGIBLE_TERM = 1e-4
 """Terms of a triangle below this share of the fundamental are left out: 0.1 mm of depth at a period of 40 ns."""
-
-HIGHEST_TERM = 199
-"""Highest order of the series of a triangle; it ends there even if the pulse is so short that no term is negligible."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,9 @@ def ideal_response(metadata: CaptureMetadata, /) -> tuple[HarmonicResponse, ...]
     responses = []
     for h in modulation.harmonics:
         terms = []
-        for k in range(1, HIGHEST_TERM + 1, 2):
+        for k in itertools.count(1, 2):
             share = pulse(k * h) / pulse(h) / k**2
+            # 1/k² alone is negligible from k = 101 on
             if k > 5 and share < NEGLIGIBLE_TERM:
                 break
             terms.append((k if k % 4 == 1 else -k, complex(8.0 / math.pi**2 / k**2 * pulse(k * h))))

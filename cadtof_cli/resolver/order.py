@@ -118,7 +118,7 @@ def _fewer_where_enough(whole: Fit, pixels: SomePixels, fewer: tuple[Index, Fit]
     known, fit = fewer
     fitted = np.zeros(unresolved.size, np.bool_)
     fitted[pixels] = True
-    rivals = np.flatnonzero((fitted & unresolved)[known])
+    rivals = (fitted & unresolved)[known]
     kept = np.ones(known.size, np.bool_)
     kept[rivals] = ~worth_another(whole.paths[0][known[rivals]], fit.paths[0][rivals])
     chosen = np.flatnonzero(kept)

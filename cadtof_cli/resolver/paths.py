@@ -86,7 +86,7 @@ class Fit:
         )
         return Fit(paths, self.chi_squared[pixels], self.converged[pixels], self.doubt[pixels])
 
-    def __setitem__(self, pixels: SomePixels, other: "Fit", /) -> None:
+    def __setitem__(self, pixels: SomePixels | Bool, other: "Fit", /) -> None:
         """Overwrite the fit of some pixels. `other` may have fewer paths; the remaining rows become NaN."""
         for row, path in enumerate(self.paths):
             path[pixels] = other.paths[row] if row < len(other.paths) else NO_PATH

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cadtof_cli.calibration.apply import frame_correction
+from cadtof_cli.calibration.apply import CalibrationNoise, frame_correction
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, named_planes, stacked
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
@@ -29,6 +29,7 @@ from cadtof_cli.capture.discovery import OUTPUT_FILES
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Voltage
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.files.layers import read_layers
+from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import HarmonicResponse
 from tests.support.calibrations import curved, made_up_calibration, response_quality
 
@@ -349,3 +350,65 @@ def test_a_response_keeps_field_curvature_and_lamp(tmp_path: Path) -> None:
     found = load_calibration(tmp_path).response
     assert found is not None
     assert (found.curvature, found.lamp_offset_m) == (made.curvature, (0.1, -0.02, 0.03))
+
+
+def test_a_calibration_names_its_parts_with_a_few_words_about_each() -> None:
+    made_up = made_up_calibration(CaptureMetadata(), SHAPE, PART_KINDS)
+    assert made_up.dark is not None
+    assert made_up.response is not None
+    defects = np.zeros(SHAPE, np.uint32)
+    defects[1, 2:4] = 1
+    every = replace(made_up, dark=replace(made_up.dark, defects=defects))
+    whole = "dark (2 bad pixels), response (k = 1, -1), petzval (k2 = 0.0500 m, k4 = -0.0300 m)"
+    assert every.summary == whole
+    found = replace(every, petzval=None).summary
+    assert found == "dark (2 bad pixels), response (k = 1, -1; with the field curvature it found)"
+    terms = (*((k, 0.1 + 0j) for k in (-7, 5, 9, -3, -1, 0)), (1, 1.0 + 0j))
+    for count, words in ((6, "k = 0, 1, -1, -3, 5, -7"), (7, "k = 0, 1, -1, -3, 5, -7 …")):
+        kept = tuple(term for term in terms if count == 7 or term[0] != 9)
+        assert replace(made_up.response, responses=tuple(HarmonicResponse(h, kept) for h in (1, 2))).summary == words
+
+
+def test_the_field_curvature_of_a_part_is_that_of_its_pixels() -> None:
+    """Δ = .06·ρ² − .02·ρ⁴ about the pixel (2.5, 1.5), the middle of 6 × 4 pixels; ρ is 1 at half their diagonal."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    rho2 = ((x - 2.5) ** 2 + (y - 1.5) ** 2) / (0.25 * (SHAPE[0] ** 2 + SHAPE[1] ** 2))
+    np.testing.assert_allclose(petzval().range_offset_m, 0.06 * rho2 - 0.02 * rho2**2)
+
+
+def test_the_noise_of_a_calibration_is_added_to_that_of_a_recording() -> None:
+    """The variance of dark frames is added, and that of targets times |p|²; a mean does not make them smaller."""
+    noise = noise_model(CaptureMetadata(), integration_length=1e5, quantised=False)
+    left = CalibrationNoise(dark=(1e-9, 2e-9), response=(4e-9, 8e-9))
+    for power, frames in ((1.0, 1.0), (0.25, 4.0), (0.0, 2.0)):
+        found = left.added_to(noise, powers=np.array([power, power]), frames=frames)
+        for before, after, dark, share in zip(noise.each, found.each, left.dark, left.response, strict=True):
+            assert after.floor - before.floor == pytest.approx(frames * (dark + max(power, 1e-6) * share), rel=0.1)
+    halves = left.added_to(noise, powers=np.array([0.5, 0.5]), frames=1.0).each
+    assert halves[0].floor - noise.each[0].floor == pytest.approx(1e-9 + 0.5 * 4e-9, rel=1e-6)
+
+
+def test_a_correction_holds_what_each_part_says_of_the_pixels() -> None:
+    metadata = CaptureMetadata()
+    made = made_up_calibration(metadata, SHAPE, PART_KINDS)
+    assert made.dark is not None
+    assert made.response is not None
+    defects = np.zeros(SHAPE, np.uint32)
+    defects[1, 2] = 1
+    dark = replace(made.dark, defects=defects)
+    response = replace(made.response, quality=response_quality(2, phase_stderr_rad=3e-4))
+    found = frame_correction(replace(made, dark=dark, response=response), metadata, np.dtype(np.float32), SHAPE)
+    assert found.hot is not None
+    assert found.noise is not None
+    np.testing.assert_array_equal(np.flatnonzero(found.hot), [1 * SHAPE[1] + 2])
+    np.testing.assert_array_equal(np.isnan(dark.sound_offset_v).all(axis=(0, 1)), defects == 1)
+    np.testing.assert_array_equal(dark.sound_offset_v[:, :, 0], dark.offset_v[:, :, 0])
+    amplitude_v = metadata.modulation.amplitude_v
+    mains = [abs(one.main) for one in response.responses]
+    errors = [volts / amplitude_v / main for volts, main in zip(dark.offset_stderr_v(), mains, strict=True)]
+    assert found.noise.dark == pytest.approx([error**2 for error in errors])
+    assert found.noise.response == pytest.approx([9e-8, 9e-8])
+    without = frame_correction(Calibration(petzval=made.petzval), metadata, np.dtype(np.float32), SHAPE)
+    assert (without.noise, without.hot, without.response) == (None, None, None)
+    clean = replace(made, dark=replace(dark, defects=0 * defects))
+    assert frame_correction(clean, metadata, np.dtype(np.float32), SHAPE).hot is None

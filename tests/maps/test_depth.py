@@ -143,6 +143,17 @@ def test_with_a_lamp_beside_the_camera_each_pixel_has_its_own_correction() -> No
     np.testing.assert_allclose(found, range_m[6:], rtol=1e-6)
 
 
+def test_sigmas_follow_depths_from_a_lamp_beside_the_camera() -> None:
+    rng = np.random.default_rng(4)
+    lamp, depth, step = LampBeside(rng.uniform(-0.1, 0.1, 12), 0.15), rng.uniform(0.5, 4.0, 6), 1e-6
+    block, sigma = slice(6, 12), rng.uniform(0.001, 0.01, 6)
+    for planar in (None, np.linspace(0.8, 1.0, 12)):
+        scale = DepthScale(METRES, VOLTS, planar_per_range=planar, lamp=lamp)
+        grown = (scale.from_camera(depth + step, block) - scale.from_camera(depth, block)) / step
+        np.testing.assert_allclose(scale.sigma_from_camera(sigma, depth, block), sigma * grown, rtol=1e-6)
+    np.testing.assert_array_equal(SCALE.sigma_from_camera(sigma, depth, block), sigma)
+
+
 @pytest.mark.parametrize("lamp_m", [8.0, 14.0])
 def test_depths_are_those_of_the_shortest_ways_that_light_from_a_far_lamp_can_go(lamp_m: float) -> None:
     """The lamp is farther from the camera than the unambiguous range of 6 m. Half a way is at least half that distance, and

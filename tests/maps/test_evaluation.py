@@ -63,6 +63,14 @@ def test_no_shares_without_a_standard_deviation() -> None:
     assert (tally.summary().within_1_sigma, tally.summary().within_2_sigma) == (None, None)
 
 
+def test_figures_are_told_in_cm_and_percent_and_missing_ones_by_a_dash() -> None:
+    assert DepthErrors(0.404, 1.0, 2.5, -0.026, 0.9, 0.905, 0.995).in_words == (
+        *("0.40", "1.00", "2.50", "-0.03"),
+        *("90.0%", "90.5%", "99.5%"),
+    )
+    assert DepthErrors(None, None, None, None, 0.0).in_words == ("–", "–", "–", "–", "0.0%", "–", "–")
+
+
 def test_the_first_phasor_is_evaluated_only_if_every_map_has_it() -> None:
     rng = np.random.default_rng(3)
     truth, sigma = rng.uniform(1.0, 2.0, (5, 7)), np.full((5, 7), 0.01)
@@ -76,8 +84,10 @@ def test_the_first_phasor_is_evaluated_only_if_every_map_has_it() -> None:
         assert found.first_phasor is not None
         assert found.first_phasor.bias_cm == pytest.approx(50.0)
         assert found.first_phasor.within_1_sigma is None
+        assert list(found.in_words.items()) == [("first phasor", found.first_phasor), ("direct path", found.direct)]
     tally.add(depth, truth, sigma_m=None, first_phasor_m=None)
     assert (tally.summary().frames, tally.summary().first_phasor) == (3, None)
+    assert list(tally.summary().in_words) == ["direct path"]
 
 
 def test_depths_that_are_not_finite_do_not_count() -> None:
@@ -98,7 +108,7 @@ def test_a_depth_beyond_float32_counts_as_missing(far: float) -> None:
     assert summary.valid == pytest.approx(4 / 5)
 
 
-@pytest.mark.parametrize("far", [np.inf, 1e300])
+@pytest.mark.parametrize("far", [np.inf, 1e300, -np.inf, -1e300])
 def test_depths_not_finite_or_beyond_float32_do_not_count_in_a_sequence(far: float) -> None:
     tally = SequenceTally((3,))
     for frame in ([far, 1.0, np.nan], [far, 3.0, np.nan], [2.0, np.nan, np.nan]):

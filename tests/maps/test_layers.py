@@ -9,7 +9,7 @@ import pytest
 
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import DepthScale, write_block
-from cadtof_cli.maps.layers import layer_unit, wanted_layers
+from cadtof_cli.maps.layers import error_unit, layer_unit, wanted_layers
 from cadtof_cli.resolver.paths import Paths, ResolvedPaths
 from tests.support.captures import MAP_LAYERS
 
@@ -47,6 +47,10 @@ def test_layers_come_in_the_documented_order() -> None:
 def test_the_unit_of_a_layer_follows_from_its_name(name: str, unit: str) -> None:
     assert layer_unit(name) == unit
     assert {layer.name: layer.unit for layer in wanted_layers(paths=3, searched=True)}.get(name, unit) == unit
+
+
+def test_differences_in_metres_are_shown_in_centimetres() -> None:
+    assert [error_unit(unit) for unit in ("m", "V", "")] == [(100.0, "cm"), (1.0, "V"), (1.0, "")]
 
 
 def test_every_layer_has_the_unit_that_follows_from_its_name() -> None:

@@ -13,6 +13,7 @@ from cadtof_cli.phasors.voltages import (
     phasors_from_stored,
     saturated_pixels,
     sound_pixels,
+    spread_over,
     volts_from_stored,
 )
 
@@ -104,3 +105,12 @@ def test_there_are_as_many_phasors_as_harmonics(harmonics: int) -> None:
     pulse = [pulse_response(h, fwhm_ns=1.7, period_ns=40.0) for h in range(1, harmonics + 1)]
     expected = (stored[:, 0] + 1j * stored[:, 1]) / 0.2746 / np.array(pulse)[:, np.newaxis]
     np.testing.assert_allclose(phasors, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("pixels", "found"), [(1, 1), (9, 9), (10, 10), (19, 19), (20, 10), (29, 15), (305, 11)])
+def test_pixels_spread_over_a_frame_are_as_many_as_asked_or_up_to_twice_as_many(pixels: int, found: int) -> None:
+    stored = np.arange(4.0 * pixels).reshape(2, 2, 1, pixels)
+    some = spread_over(stored, 10)
+    assert some.shape == (2, 2, found)
+    assert np.ptp(np.diff(some, axis=2)) == 0.0 if found > 1 else True
+    np.testing.assert_array_equal(some[:, :, 0], stored[:, :, 0, 0])

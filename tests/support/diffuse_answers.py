@@ -31,6 +31,7 @@ def model_of(
     range_offset_m: F | None = None,
     second_paths: bool = False,
     period_ns: float = T1_NS,
+    terms: tuple[tuple[int, float], ...] | None = None,
 ) -> DiffuseModel | DiffuseChoice:
     """Return the diffuse model of a frame (H, Y, X), or the choice if another model is chosen.
 
@@ -45,7 +46,7 @@ def model_of(
     use = (np.ones((height, width), bool) if usable is None else usable)[sampled]
     grid = patch_grid(height, width, view or assumed_view(height, width))
     light = sampled_light(phasors[:, *sampled], use, grid, harmonics=harmonics)
-    settings = DiffuseSettings(model=model, period_ns=period_ns, harmonics=harmonics)
+    settings = DiffuseSettings(model=model, period_ns=period_ns, harmonics=harmonics, terms=terms)
     noise = np.full(len(phasors), variance(n_av))
     traits = FrameTraits(grid, settings, noise / samples, tuple(noise.tolist()), SharedNoise(1.0, 0.0), range_offset_m)
     means = patch_means(light, light.seen, traits)

@@ -132,9 +132,8 @@ def _of_all_pixels(every: Observations, seen: Bool, pixels: PixelFit, terms: Ter
     see; 0 if they see none."""
     phase, log_gain = np.zeros((2, len(every.harmonics), seen.shape[1]))
     phase[:, seen.all(axis=0)], log_gain[:, seen.all(axis=0)] = pixels.phase, pixels.log_gain
-    where = np.asarray(seen.any(axis=0) & ~seen.all(axis=0))
-    for kind in np.unique(seen[:, where], axis=1).T:
-        alike = where & (seen == kind[:, np.newaxis]).all(axis=0)
+    for kind in np.unique(seen[:, seen.any(axis=0) & ~seen.all(axis=0)], axis=1).T:
+        alike = (seen == kind[:, np.newaxis]).all(axis=0)
         some = Observations(every.volts[kind], every.noise_v[kind], every.phase[kind], every.harmonics)
         fit = fit_pixels(some[alike], terms)
         phase[:, alike], log_gain[:, alike] = fit.phase, fit.log_gain

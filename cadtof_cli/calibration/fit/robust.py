@@ -147,7 +147,7 @@ def blocks(where: Bool, /) -> list[Index]:
     """
     size = max(2, -(-min(where.shape) // BLOCKS))
     rows, columns = np.nonzero(where)
-    block = (rows // size) * (where.shape[1] // size + 1) + columns // size
+    block = (rows // size) * where.shape[1] + columns // size
     order = np.argsort(block, kind="stable")
     _, starts = np.unique(block[order], return_index=True)
     return [places for places in np.split(order, starts[1:]) if places.size >= LEAST_IN_BLOCK]

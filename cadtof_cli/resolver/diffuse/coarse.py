@@ -135,8 +135,6 @@ class CoarsePlanes:
         Means and covariances of the tail are multiplied by p. Whether the tail is there is the same for all pixels.
         This adds the variance p·(1 − p) times the square of the lag.
         """
-        if probability == 1.0:
-            return self
         planes = self.planes * np.float32(probability)
         planes[-2] += np.float32(probability * (1.0 - probability)) * self.planes[self.data + 1] ** 2
         planes[-1] = self.planes[-1] / np.float32(probability)

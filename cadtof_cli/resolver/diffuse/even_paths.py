@@ -58,7 +58,7 @@ OUTLIER_CHI_SQUARED = 6.0
 """χ² at which a patch keeps a quarter of its weight, in units of the noise level that the median patch shows. Such
 patches show edges, or surfaces without a second path."""
 
-TINY = 1e-300
+TINY = float(np.finfo(np.float64).tiny)
 """Keeps a fit that is exact to the bit from dividing by zero."""
 
 EVEN_COLUMNS = 3

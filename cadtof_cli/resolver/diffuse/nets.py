@@ -186,8 +186,8 @@ def find_nets(patches: LitPatches, fit: PatchFit, frame: FrameTraits, uncovered:
 def _with_surroundings(near_m: Float, found: Bool) -> Float:
     """Return the ranges of the patches found, their mean over the neighbours in the patches around, and NaN elsewhere."""
     count, total = over_neighbours(found.astype(np.float64)), over_neighbours(np.where(found, near_m, 0.0))
-    around = np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)
-    return np.where(found, near_m, around)
+    with np.errstate(invalid="ignore"):
+        return np.where(found, near_m, total / count)
 
 
 def _grown(found: Bool, more: Bool, near_m: Float) -> Bool:

@@ -9,6 +9,7 @@ If the tail is predicted, only a and x are unknown, and p_1 alone determines the
 follow from a and x. So no path is fitted to the noise of a pixel, nor to a tail, which is no path.
 """
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -110,7 +111,7 @@ def _seen(row: int, phase: Float32, tails: PixelTails, response: "ResponseBlock"
     slope = direct.slope_re + speed * sine[1], direct.slope_im - speed * sine[0]
     for k, share in _orders(table).items():
         light_re, light_im = tails.of_terms[abs(k) * harmonic]
-        tail = light_re - np.float32(1.0), light_im if k > 0 else -light_im
+        tail = light_re - np.float32(1.0), math.copysign(1.0, k) * light_im
         term = _times(_times(rotor(np.float32(k) * theta), tail), (np.float32(share.real), np.float32(share.imag)))
         value = _plus(value, term)
         slope = _plus(slope, (-np.float32(k * harmonic) * term[1], np.float32(k * harmonic) * term[0]))

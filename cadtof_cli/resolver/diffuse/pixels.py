@@ -82,9 +82,7 @@ def diffuse_pixels(
     answered = usable & (square < LARGEST_AMPLITUDE**2).all(axis=0) & (square[0] > 0.0)
     if model.separate.any():
         answered &= ~model.is_separate(pixels)
-    every = bool(answered.all())
-    if not every:
-        re, im, square = (np.where(answered, part, np.float32(one)) for part, one in ((re, 1), (im, 0), (square, 1)))
+    re, im, square = (np.where(answered, part, np.float32(np.nan)) for part in (re, im, square))
     seen = _pixel_data(phase_of(re, im), square, model, samples)
     planes = model.upsampler.joint(pixels, _first_range(seen.phase_rad, model, pixels))
     count = model.coarse.data
@@ -98,11 +96,7 @@ def diffuse_pixels(
     misfit = np.maximum(posterior.chi_squared / np.float32(USUAL_MISFIT + MISFIT_PER_DATUM * count), np.float32(1.0))
     direct = _direct(seen, shrink, lag, (np.maximum(posterior.covariance[1, 1], floor) + planes[-2]) * misfit)
     mpi = _mpi(seen, direct[1], shrink, lag, planes[-1], misfit)
-    rows = (*direct, *mpi, posterior.chi_squared)
-    if not every:
-        for row in rows:
-            row[~answered] = np.nan
-    return DiffusePixels(answered, *rows)
+    return DiffusePixels(answered, *direct, *mpi, posterior.chi_squared)
 
 
 def pixels_of_sine(

@@ -77,7 +77,7 @@ def interreflections(
     albedo = _relative_albedo(seen, amplitude, len(beyond.range_m))
     form, matrix, turn = _light_matrix(both, both, albedo, rad_per_m)
     faced = _gathered(form[:count], np.ones(len(form), np.float32)).astype(np.float64)
-    open_share = np.minimum(np.maximum(1.0 - faced, 0.0), 1.0)
+    open_share = np.maximum(1.0 - faced, 0.0)
     light, power = np.empty((3, len(harmonics), count), np.complex128), 1
     for row, h in enumerate(harmonics):
         for _ in range(power, h):

@@ -139,7 +139,8 @@ class SecondPaths:
 
 @dataclass(frozen=True)
 class Scatter:
-    """Lower and upper bound of the variance of numbers in addition to that of their noise, with certainty."""
+    """Lower and upper bound of the variance of numbers in addition to that of their noise, with certainty. The lower one
+    is below 0 if noise may explain all of it."""
 
     least: float
     most: float
@@ -150,8 +151,9 @@ class Scatter:
         low, high = quantiles(values, (0.25, 0.75))
         variance, noise_variance = float((high - low) / QUARTILE_DISTANCE) ** 2, float(median(noise))
         margin = CERTAINTY * VARIANCE_SIGMA / float(np.sqrt(values.size))
-        least = max(variance - (1.0 + margin) * noise_variance, 0.0)
-        return cls(least, max(variance - noise_variance, 0.0) + margin * noise_variance)
+        return cls(
+            variance - (1.0 + margin) * noise_variance, max(variance - noise_variance, 0.0) + margin * noise_variance
+        )
 
 
 def two_path_lag(ratio: Complex, /) -> Float:

@@ -36,10 +36,10 @@ class RandomStarts:
 
     def of(self, places: Index, number: int, /) -> Float:
         """Return start `number`, counted from 0, of the pixels at the places, (n,): Re z and Im z, (2, n)."""
-        bits = (places.astype(np.uint64) + np.uint64(number << ROW_SHIFT)) * np.uint64(GOLDEN) + np.uint64(self.key)
+        bits = (places.astype(np.uint64) + (number << ROW_SHIFT)) * GOLDEN + self.key
         for shift, factor in ROUNDS:
-            bits ^= bits >> np.uint64(shift)
-            bits *= np.uint64(factor)
-        halves = np.stack([bits >> np.uint64(32), bits & np.uint64(0xFFFFFFFF)])
+            bits ^= bits >> shift
+            bits *= factor
+        halves = np.stack([bits >> 32, bits & 0xFFFFFFFF])
         z: Float = halves * (2.0 * HALF_SIDE / 2**32) + np.array([[0.5 - HALF_SIDE], [-HALF_SIDE]])
         return z

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index, SomePixels
+from cadtof_cli.arrays import Bool, Complex, Float, SomePixels
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import Fit, Paths
 from cadtof_cli.resolver.response.one_path import one_path_of_response
@@ -65,13 +65,13 @@ class FullResponse:
         two, converged = two_paths_of_response(
             self._alone, self._phasors, in_two, response=self._response, noise=self._noise
         )
-        fit = fit_of_two(self._with_sigmas(two, np.flatnonzero(in_two)), two.sin_half, converged)
+        fit = fit_of_two(self._with_sigmas(two, in_two), two.sin_half, converged)
         if single.any():
             in_one = np.flatnonzero(single)
             fit[in_one] = self._alone.fit()[in_one]
         return slice(None), fit
 
-    def _with_sigmas(self, two: TwoPaths, pixels: Index) -> Paths:
+    def _with_sigmas(self, two: TwoPaths, pixels: Bool) -> Paths:
         """Return two paths, with standard deviations in some pixels; infinite in all other pixels."""
         phase_rad, sigma_rad = two.phases(), np.full(two.amplitude.shape, np.inf)
         sigma_rad[:, pixels] = response_sigmas(

@@ -56,7 +56,7 @@ class FundamentalFrame:
         """|p1|² and |p2|²."""
         return self.u * self.u, self.pr * self.pr + self.pi * self.pi
 
-    def __getitem__(self, pixels: SomePixels, /) -> "FundamentalFrame":
+    def __getitem__(self, pixels: SomePixels | Bool, /) -> "FundamentalFrame":
         return FundamentalFrame(*(values[pixels] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
 
 

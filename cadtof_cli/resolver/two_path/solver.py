@@ -44,8 +44,7 @@ class ClosedForm:
         paths = Paths(two.amplitude, two.phases(), two_path_sigmas(two, noise=self._noise))
         fit = fit_of_two(paths, two.sin_half, np.ones(two.single.size, np.bool_))
         if two.single.any():
-            single = np.flatnonzero(two.single)
-            fit[single] = one_path(frame[single], noise=self._noise, steps=ORDER_TEST_STEPS).fit()
+            fit[two.single] = one_path(frame[two.single], noise=self._noise, steps=ORDER_TEST_STEPS).fit()
         return chosen, fit
 
 

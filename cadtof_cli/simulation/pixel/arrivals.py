@@ -73,7 +73,7 @@ def detected(times_ns: Float, /, *, dead_time_ns: float) -> np.ndarray[tuple[int
     reached[0] = True
     stride = 1
     while stride <= count:
-        reached[following[np.flatnonzero(reached)]] = True
+        reached[following[reached]] = True
         following = following[following]
         stride *= 2
     return np.flatnonzero(reached[:count])

@@ -171,11 +171,10 @@ def cascade_weights(nodes_ff: tuple[float, ...], ticks: list[tuple[int, int]], p
     on_first, on_second, on_third = 0.0, 0.0, 1.0
     stop = photons
     for before, stage in reversed([(0, 0), *ticks]):
-        if before < stop:
-            count = stop - before
-            weights[before:stop] = on_first * (1.0 - keep) * fall[:count][::-1]
-            on_first *= keep**count
-            stop = before
+        count = stop - before
+        weights[before:stop] = on_first * (1.0 - keep) * fall[:count][::-1]
+        on_first *= keep**count
+        stop = before
         if stage == 1:
             both = on_first + on_second
             on_first, on_second = share1 * both, (1.0 - share1) * both

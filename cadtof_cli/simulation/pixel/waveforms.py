@@ -30,7 +30,7 @@ def highest_order(harmonics: tuple[int, ...], waveform: Waveform, spread_rad: fl
     if waveform == "sine":
         return 2 * max(harmonics)
     needed = _NEGLIGIBLE_EXPONENT / spread_rad if spread_rad > 0 else math.inf
-    return max(2 * max(harmonics), LARGEST_ORDER if needed > LARGEST_ORDER else math.ceil(needed))
+    return max(2 * max(harmonics), math.ceil(min(needed, LARGEST_ORDER)))
 
 
 def phasor_series(waveform: Waveform, largest: int) -> Series:

@@ -46,8 +46,8 @@ class Surface:
         height = _dot(self.normal, np.asarray(self.origin_m)) - _dot(self.normal, origins_m)
         with np.errstate(divide="ignore", invalid="ignore"):
             times = height / approach
-        times = np.where(np.isfinite(times) & (times > 1e-9), times, np.inf)
-        points = origins_m + np.where(np.isfinite(times), times, 0.0) * directions
+        times = np.where(times > 1e-9, times, np.inf)
+        points = origins_m + np.where(np.isfinite(times), times, np.nan) * directions
         return np.where(self._holds(points), times, np.inf)
 
     def _holds(self, points_m: Float) -> Bool:
@@ -112,7 +112,7 @@ def hits(surfaces: tuple[Surface, ...], rays: Float, /) -> Hits:
     nearest = np.argmin(times, axis=0)
     reach = np.take_along_axis(times, nearest[None], axis=0)[0]
     seen = np.isfinite(reach)
-    points = np.where(seen, np.where(seen, reach, 0.0) * rays, np.nan)
+    points = np.where(seen, reach, np.nan) * rays
     normals = np.moveaxis(np.array([surface.normal for surface in surfaces])[nearest], -1, 0)
     normals = np.where(_dot3(normals, rays) > 0, -normals, normals)
     albedo = np.where(seen, np.array([surface.albedo for surface in surfaces])[nearest], 0.0)
@@ -161,13 +161,11 @@ def bounce_by_directions(seen: Hits, other: Surface, /, *, count: int) -> Bounce
     across, along = _tangents(seen.normals)
     directions = local[0] * across[:, None] + local[1] * along[:, None] + local[2] * seen.normals[:, None]
     times = other.distances(seen.points_m[:, None], directions)
-    reached = np.isfinite(times)
-    times = np.where(reached, times, 0.0)
+    times = np.where(np.isfinite(times), times, np.nan)
     points = seen.points_m[:, None] + times * directions
     towards = np.where(_dot(other.normal, points) > 0, -1.0, 1.0)
     lit = irradiance(points, other.normal.reshape(3, 1, 1, 1) * towards)
-    arriving = np.where(reached, other.albedo * lit / count, 0.0)
-    return Bounce(arriving, np.where(reached, times + np.sqrt(_dot3(points, points)), 0.0))
+    return Bounce(other.albedo * lit / count, np.nan_to_num(times + np.sqrt(_dot3(points, points))))
 
 
 def bounce_by_patches(seen: Hits, other: Surface, /, *, count: int) -> Bounce:
@@ -177,7 +175,7 @@ def bounce_by_patches(seen: Hits, other: Surface, /, *, count: int) -> Bounce:
     the cosines at both ends of the way.
     """
     centres, area = other.patches(count)
-    towards = -1.0 if float(other.normal @ centres[:, 0]) > 0 else 1.0
+    towards = -1.0 if float(other.normal @ np.asarray(other.origin_m)) > 0 else 1.0
     normal = other.normal * towards
     lit = irradiance(centres, np.broadcast_to(normal[:, None], centres.shape))
     ways = seen.points_m[:, None] - centres[:, :, None, None]

@@ -171,8 +171,8 @@ def rename_lines(out: Path, earlier: RunRecord, /) -> None:
         return
     with writing(path), atomic_write(path) as temporary, path.open("rb") as lines, temporary.open("wb") as renamed:
         for line in lines:
-            # a last line without an end is incomplete, because the run was killed
-            if line.endswith(b"\n"):
+            # a last line without an end is incomplete, because the run was killed; zero bytes: see `LineFile`
+            if line.endswith(b"\n") and b"\0" not in line:
                 report = required_report(line, path)
                 output = report.output and Path(report.output)
                 if output and output.is_relative_to(called):

@@ -1,7 +1,9 @@
 """One recorded frame → one file of maps: the unit of work that goes to a worker process."""
 
+import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial, wraps
 from pathlib import Path
@@ -25,6 +27,7 @@ from cadtof_cli.files.digests import file_digest
 from cadtof_cli.files.frames import NotAFrameError
 from cadtof_cli.files.layers import stage_maps
 from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.files.reading import read_through
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.records import dataclass
@@ -97,17 +100,27 @@ def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameRepo
                 f"{source}: unexpected {type(error).__name__}: {error}; please report it with the frame"
             )
         note = kept = None
-        if task.resume and isinstance(failed, FrameError) and task.output.is_file():
-            kept = task.kept_line() if isinstance(failed, UnreadableError) else None
-            note = f"{task.output}: kept, because its recorded frame may be as it was"
-            if kept is None:
-                # the maps there are of an earlier content of the frame
-                task.output.unlink()
-                note = f"{task.output}: removed, because its recorded frame cannot be resolved any more"
+        # on a share that fails, maps may stay without a line, and the next run makes them again
+        with suppress(OSError):
+            if task.resume and isinstance(failed, FrameError) and task.output.is_file():
+                note, kept = _kept_or_removed(task, failed)
         more = {"files": files_of(task.sources), "kept": kept, "note": note, "stops": isinstance(failed, PlaceError)}
         return task.report(status, str(failed), time.monotonic() - began, **more)
 
     return attempted
+
+
+def _kept_or_removed(task: FrameTask, failed: FrameError) -> tuple[str, FrameReport | None]:
+    """Remove the maps of an earlier content of a frame that failed, unless the frame may be as it was and its maps are.
+
+    Return a note for the user, and the line of the maps if they were kept.
+    """
+    if isinstance(failed, UnreadableError):
+        read_through(task.output)
+        if kept := task.kept_line():
+            return f"{task.output}: kept, because its recorded frame may be as it was", kept
+    task.output.unlink()
+    return f"{task.output}: removed, because its recorded frame cannot be resolved any more", None
 
 
 @reported
@@ -192,9 +205,11 @@ def kept_maps(task: FrameTask, /) -> FrameReport | None:
 def _why_again(task: FrameTask) -> str | None:
     """Return in words why existing maps are made again; None: there are no maps, for example because the frame failed."""
     if task.before is None:
-        told = "has no line in frames.jsonl, probably because a run was stopped" if task.output.exists() else None
+        told = (
+            "has no line in frames.jsonl, probably because a run was stopped" if os.path.lexists(task.output) else None
+        )
     elif _maps_changed(task.output, task.before):
-        told = "changed since it was written" if task.output.exists() else "is gone"
+        told = "changed since it was written" if os.path.lexists(task.output) else "is gone"
     else:
         told = "its recorded frame has changed since"
     return told and f"{told}; made again"

@@ -59,13 +59,17 @@ class LineFile:
         return line
 
     def complete_lines(self) -> Iterator[tuple[int, bytes]]:
-        """Yield place and text of each line. Cut off a last line that is incomplete because the run was killed."""
+        """Yield place and text of each line. Cut off a last line that is incomplete because the run was killed.
+
+        Lines with zero bytes are left out: they stand where a network share lost what had been written.
+        """
         end = 0
         with writing(self.path), self.path.open("rb") as lines:
             for line in lines:
                 if not line.endswith(b"\n"):
                     break
-                yield end, line
+                if b"\0" not in line:
+                    yield end, line
                 end += len(line)
             self.file.truncate(end)
 
@@ -113,6 +117,9 @@ def open_lines(path: Path, /, *, anew: bool, say: Callable[[str], None]) -> Iter
     try:
         if not stat.S_ISREG(os.fstat(lines.file.fileno()).st_mode):
             raise not_written(path, OSError("found no regular file there"))
+        # a share that failed tells so once more when the file is synced next; the lines that it lost are found missing
+        with suppress(OSError):
+            os.fsync(lines.file.fileno())
         yield lines
     finally:
         # on a network share that is gone even closing fails; what was to be reported has been raised already

@@ -149,12 +149,18 @@ def _locked_file(folder: Path, path: Path) -> int:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
         if not try_lock(descriptor):
             owner = _owner(descriptor)
-            os.close(descriptor)
+            _close(descriptor)
             raise OutputError(f"{folder}: {owner}; wait until it ends, or choose another folder with -o")
         with contextlib.suppress(OSError):
             # its last owner may have removed the file before we got the lock
             if os.path.samestat(os.fstat(descriptor), path.lstat()):
                 return descriptor
+        _close(descriptor)
+
+
+def _close(descriptor: int) -> None:
+    # a network share reports here that it lost what the last owner wrote
+    with contextlib.suppress(OSError):
         os.close(descriptor)
 
 

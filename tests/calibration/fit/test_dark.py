@@ -205,6 +205,12 @@ def test_pixels_that_hold_one_count_in_few_frames_by_chance_are_not_dead(count: 
     assert not fitted(mean).hot.any()
 
 
+@pytest.mark.usefixtures("no_memory_for_scipy")
+def test_too_little_memory_to_tell_dead_pixels_is_told_and_not_waited_for() -> None:
+    with pytest.raises(MemoryError):
+        tells_dead(mean_of(counts_of(frames_v(1)), VOLTAGE))
+
+
 @pytest.mark.parametrize(("count", "is_dead"), [(4, False), (5, True)])
 def test_a_pixel_of_one_count_is_dead_if_there_are_too_many_frames_for_chance(count: int, is_dead: bool) -> None:
     """With a noise of nine counts, n frames agree by chance with a probability of (1/(9·√(2π)))^(n − 1)/√n.

@@ -86,6 +86,20 @@ def test_even_delays_are_even_with_any_shares(later_ns: F) -> None:
     assert not is_even(second_paths(share, uneven, 5e-4))
 
 
+@pytest.mark.parametrize(("share", "sigma"), [(0.15, 1e-3), (0.4, 2e-3)])
+def test_what_noise_alone_makes_of_even_delays_is_even(share: float, sigma: float) -> None:
+    shares = share * np.exp(0.5 * np.random.default_rng(7).normal(size=COUNT))
+    for seed in range(3):
+        assert is_even(second_paths(shares, 6.0 + 2.7 * ACROSS, sigma, seed=seed))
+
+
+@pytest.mark.parametrize("middle_ns", [-16.0, 8.0, 19.5, 20.5, 23.0])
+def test_even_delays_are_even_whichever_way_round_the_period_they_lie(middle_ns: float) -> None:
+    """Delays about half the period of 40 ns are seen as late and as early ones."""
+    shares = 0.2 * np.exp(0.5 * np.random.default_rng(7).normal(size=COUNT))
+    assert is_even(second_paths(shares, middle_ns + 5.0 * ACROSS, 3e-4))
+
+
 @pytest.mark.parametrize(("uneven_ns", "even"), [(0.05, True), (0.15, False)])
 def test_delays_may_be_uneven_by_a_tenth_of_a_nanosecond_per_unit_of_the_scatter_of_shares(
     uneven_ns: float, even: bool

@@ -105,6 +105,13 @@ def test_patches_that_touch_at_corners_are_side_by_side_and_others_are_not() -> 
     assert not found_by(with_gap).any()
 
 
+@pytest.mark.parametrize(("columns", "found"), [(14, True), (15, False)])
+def test_a_net_covers_at_most_two_fifths_of_the_patches(columns: int, found: bool) -> None:
+    net = rectangle(10, columns)
+    assert (net.mean() <= 0.4) == found
+    np.testing.assert_array_equal(found_by(net), net & found)
+
+
 @pytest.mark.parametrize(("share", "found"), [(0.24, False), (0.26, True), (0.79, True), (0.86, False)])
 def test_the_nearer_path_has_at_least_a_quarter_and_the_farther_a_fifth_of_the_light(share: float, found: bool) -> None:
     net = rectangle(4, 6)

@@ -231,12 +231,14 @@ def test_samples_within_a_tenth_of_the_median_inverse_depth_are_on_the_plane() -
 
 @pytest.mark.parametrize("upright", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
-def test_a_step_tilts_a_plane_unless_it_is_to_be_fitted_over_steps(upright: bool, noise: float) -> None:
+@pytest.mark.parametrize("stride", [1, 2])
+def test_a_step_tilts_a_plane_unless_it_is_to_be_fitted_over_steps(upright: bool, noise: float, stride: int) -> None:
     """Two boards that face the camera, one 6 % nearer: each patch sees both, and no surface that is tilted."""
-    frame_grid = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
-    assert (frame_grid.side, frame_grid.stride) == (8, 1)
-    place = np.mgrid[:120, :160][int(upright)] % 8
-    depth = np.where(place < 5, 2.0, 1.88) * (1 + noise * np.random.default_rng(0).normal(size=(120, 160)))
+    height, width = 120 * stride, 160 * stride
+    frame_grid = patch_grid(height, width, View(FOCAL * stride, (width / 2 - 0.5, height / 2 - 0.5)))
+    assert (frame_grid.side, frame_grid.stride) == (8 * stride, stride)
+    place = np.mgrid[:height, :width][int(upright)] // stride % 8
+    depth = np.where(place < 5, 2.0, 1.88) * (1 + noise * np.random.default_rng(0).normal(size=(height, width)))
     range_m = frame_grid.samples(depth) / frame_grid.cosine
     seen = np.ones(range_m.shape, bool)
     forward = [-patch_planes(range_m, seen, frame_grid, over_steps=over).surfaces.normal[2] for over in (False, True)]

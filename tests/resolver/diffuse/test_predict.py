@@ -271,6 +271,20 @@ def test_the_order_of_the_mpi_is_not_asked_if_the_waveform_is_no_sine(
     assert len(asked) == times
 
 
+def test_half_of_the_tail_that_other_terms_see_counts_as_the_error_of_the_direct_phase() -> None:
+    """A response whose terms see the multiples 3 and 9 with 10 % and 2 % gets larger sigmas than a sine."""
+    tail, shares = Tail(0.3, 3.0, 8.0), np.array([0.1, 0.02])
+    p = phasors_of(wall_range(), tail_of(tail))
+    sine, other = model_of(p), model_of(p, terms=((3, 0.1), (9, 0.02)))
+    assert isinstance(sine, DiffuseModel)
+    assert isinstance(other, DiffuseModel)
+    assert other.terms is not None
+    seen = np.abs(other.terms.planes[2:4] + 1j * other.terms.planes[4:6] - 1.0)
+    assert np.median(seen[0]) == pytest.approx(abs(tail.phasor(3)), rel=0.4)
+    added = other.coarse.planes[-2] - sine.coarse.planes[-2]
+    np.testing.assert_allclose(added, ((0.5 * shares[:, None, None] * seen) ** 2).sum(axis=0), rtol=1e-3)
+
+
 def test_only_pixels_of_separate_patches_are_left_to_two_paths() -> None:
     tail = Tail(0.3, 3.0, 8.0)
     mpi = {h: np.full((48, 64), tail.phasor(h)) for h in (1, 2)}

@@ -188,6 +188,18 @@ def test_three_paths_of_harmonics_with_gaps_seldom_end_in_a_wrong_minimum(
     assert np.mean(misfit > (np.abs(drawn - true) ** 2 / variances).sum(axis=0) + 0.5) < most
 
 
+@pytest.mark.parametrize("count", [3, 4])
+def test_as_many_paths_as_harmonics_explain_any_light_exactly(count: int) -> None:
+    """There always is such an answer (Carathéodory); the other starts miss it in one of ten pixels with four harmonics."""
+    rng, harmonics = np.random.default_rng(1), tuple(range(1, count + 1))
+    amplitudes, phases = rng.uniform(0.1, 1.0, (count, 500)) / count, rng.uniform(0.0, 2.0 * np.pi, (count, 500))
+    phasors = np.array([(amplitudes * np.exp(1j * h * phases)).sum(axis=0) for h in harmonics])
+    measured = Measured.of_phasors(phasors, harmonics=harmonics)
+    _, misfit = found_paths(measured, count, noise=noise_of(harmonics, n_av=1e6))
+    assert misfit.max() < 0.01
+    assert np.median(misfit) < 1e-15
+
+
 def test_chi_squared_is_large_where_two_paths_are_too_few() -> None:
     three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0)).exact((1, 2, 3, 4))
     two = Mixture((1.0, 0.6), (5.0, 13.0)).exact((1, 2, 3, 4))

@@ -114,3 +114,13 @@ def test_steps_in_a_row_that_raise_the_cost_multiply_the_damping_by_2_4_8(lower:
     assert steps[0] == lower + 9
     assert not end.converged[0]
     assert end.cost[0] == costs[-1]
+
+
+def test_the_damping_follows_the_share_of_its_promise_that_a_step_gains() -> None:
+    """It is multiplied by 1 − (2ρ − 1)³ with the share ρ (Nielsen 1999), and by a tenth at least."""
+    shares = np.array([0.25, 0.5, 0.75, 0.9, 1.0, 2.0])
+    damping, growth = LevenbergMarquardt(max_steps=1).next_damping(
+        np.array([np.full(6, 8.0), np.full(6, 4.0)]), 3.0 * shares, np.full(6, 3.0)
+    )
+    np.testing.assert_allclose(damping, 8.0 * np.array([1.125, 1.0, 0.875, 0.488, 0.1, 0.1]))
+    np.testing.assert_allclose(growth, 2.0)

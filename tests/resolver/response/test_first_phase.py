@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.phasors.response import ideal_response
-from cadtof_cli.resolver.response.as_sine import first_phase
+from cadtof_cli.resolver.response.as_sine import first_phase, single_path
 from cadtof_cli.resolver.response.table import response_block
 
 PHASE = np.linspace(0.0, 2.0 * np.pi, 721, endpoint=False)
@@ -37,6 +37,11 @@ def test_under_a_triangle_it_is_the_phase_of_the_path(phase_of_pixels: float | N
     assert phase_error(found, PHASE).max() < 1e-5
     assert found.min() >= 0.0
     assert found.max() < 2.0 * np.pi
+    path = single_path(phasor, response=model.block(slice(None)))
+    assert path.amplitude.shape == (1, PHASE.size)
+    assert_allclose(path.amplitude[0], 0.2, rtol=1e-5)
+    assert_allclose(path.phase_rad[0], found)
+    assert np.isnan(path.sigma_rad).all()
 
 
 def test_nan_stays_nan() -> None:

@@ -134,3 +134,11 @@ def test_a_step_turns_a_path_by_less_than_half_a_radian() -> None:
     turned = phase_error(one_path_of_response(start, p, response=block, noise=noise_of(1e5), steps=1), begin_rad)
     assert np.abs(turned).max() < 0.4 + 1e-5
     assert (np.abs(np.abs(turned) - 0.4) < 1e-5).any()
+
+
+def test_a_step_from_the_opposite_phase_leaves_no_amplitude_below_0() -> None:
+    _, phase, p = drawn(1e12, with_phases=False)
+    start = OnePath(np.full(PIXELS, 0.25), -np.cos(phase), -np.sin(phase), *(np.ones(PIXELS) for _ in range(3)))
+    block = response_block(RESPONSES, None).block(slice(None))
+    found = one_path_of_response(start, p, response=block, noise=noise_of(1e5), steps=1)
+    assert found.amplitude.min() == 0.0

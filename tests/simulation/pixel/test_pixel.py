@@ -14,7 +14,16 @@ from cadtof_cli.simulation.pixel.arrivals import detected, draw_detections, draw
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.evolution import evolution, trace_pixel
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
-from cadtof_cli.simulation.pixel.pixel import CHUNK, PixelModel, chunks, noise_length, pixel_weights, record_pixel
+from cadtof_cli.simulation.pixel.pixel import (
+    CHUNK,
+    PixelModel,
+    chunks,
+    noise_length,
+    pixel_weights,
+    record_pixel,
+    seen_length,
+    weight_sums,
+)
 
 AMPLITUDE_V = 0.2746
 
@@ -38,6 +47,12 @@ def test_trace_is_equation_1() -> None:
     for i in range(300):
         voltage = AMPLITUDE_V * math.cos(turn[i]) / 50.0 + (1 - 1 / 50.0) * voltage
         assert voltages_v[0, i] == pytest.approx(voltage, abs=1e-9)
+
+
+@pytest.mark.usefixtures("no_memory_for_scipy")
+def test_too_little_memory_for_a_trace_is_told_and_not_waited_for() -> None:
+    with pytest.raises(MemoryError):
+        trace_pixel(model(50.0, cycles=60), mix(), np.random.default_rng(1), harmonic=1)
 
 
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
@@ -166,6 +181,31 @@ def test_sample_noise_is_averaged_like_the_samples() -> None:
         final(model(100.0, sample_noise_v=noise), light, seed) - final(model(100.0), light, seed) for seed in range(400)
     ]
     assert np.std(differences) == pytest.approx(noise / math.sqrt(199.0), rel=0.08)
+
+
+def test_sample_noise_of_a_trace_is_averaged_like_the_samples() -> None:
+    noisy, clean = (
+        trace_pixel(model(20.0, cycles=4000, sample_noise_v=noise), mix(), np.random.default_rng(1), harmonic=1)[1]
+        for noise in (0.05, 0.0)
+    )
+    assert np.std((noisy - clean)[:, 500:]) == pytest.approx(0.05 / math.sqrt(39.0), rel=0.05)
+
+
+def test_sums_of_weights_are_those_of_equation_1_or_of_the_cascade() -> None:
+    assert weight_sums(model(200.0)) == pytest.approx((1.0, 1.0 / 399.0))
+    capacitors = Capacitors(values_ff=(1.0, 39.0, 1.0, 39.0) + (20.0,) * 8)
+    stages = Stages(drive="switched", f1_hz=1e7, f2_hz=5e6)
+    averaging = Averaging(integration_length=80.0, capacitors=capacitors, stages=stages)
+    cascade = PixelModel(averaging=averaging)
+    weights = pixel_weights(cascade)[0].astype(np.float64)
+    assert weight_sums(cascade) == pytest.approx((weights.sum(), (weights**2).sum()))
+
+
+@pytest.mark.parametrize(("share", "times"), [(0.0, 1.0), (1.0, 2.0), (0.5, 1.25)])
+def test_frames_show_a_length_that_sample_noise_makes_shorter(share: float, times: float) -> None:
+    """Ambient light alone has the variance A²/2 over 2·n − 1: as much more as sample noise adds is a shorter length."""
+    noise_v = share * AMPLITUDE_V / math.sqrt(2.0)
+    assert 2.0 * seen_length(model(200.0, sample_noise_v=noise_v)) - 1.0 == pytest.approx(399.0 / times)
 
 
 def test_jitter_shrinks_the_confidence_as_a_gaussian_does() -> None:

@@ -49,9 +49,10 @@ class Lattice:
         return range(max(pixels.start // self.step - self.reach, 0), (pixels.stop - 1) // self.step + self.reach + 1)
 
     def nearness(self, pixels: Index, places: Index, /) -> Float:
-        """Return the weight of places for pixels along one axis: 1 if the place is at the pixel, falling linearly to 0."""
+        """Return the weight of places within reach for pixels along one axis: 1 if the place is at the pixel, falling linearly
+        to 0."""
         middles = self.step * places + (self.step - 1) / 2
-        return np.asarray(np.maximum(1.0 - np.abs(pixels - middles) / (self.step * (self.reach + 0.5)), 0.0))
+        return np.asarray(1.0 - np.abs(pixels - middles) / (self.step * (self.reach + 0.5)))
 
 
 def neighbour_weights(lattice: Lattice, rows: range, seen: Faces, places: Index, faces: Faces, /) -> "csr_array":
@@ -71,7 +72,7 @@ def neighbour_weights(lattice: Lattice, rows: range, seen: Faces, places: Index,
     for down, right in itertools.product(range(-lattice.reach, lattice.reach + 1), repeat=2):
         row, column = y // lattice.step + down - first, x // lattice.step + right
         share = lattice.nearness(y, row + first) * lattice.nearness(x, column)
-        inside = (row >= 0) & (row < count) & (column >= 0) & (column < lattice.across) & (share > 0)
+        inside = (row >= 0) & (row < count) & (column >= 0) & (column < lattice.across)
         pixels = np.flatnonzero(inside)
         wanted = _keys(row[pixels] * lattice.across + column[pixels], seen.surface[pixels])
         sample = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
@@ -89,8 +90,8 @@ def means_of_cells(faces: Faces, across: int, cell: int, /) -> tuple["csr_array"
     """Return weights that average pixels of the same face over square cells, and the place and face of each average.
 
     `faces` has the faces of whole rows of `across` pixels; the first row begins a cell. A cell has `cell` pixels on each side.
+    `neighbour_weights`, which is called before, has made sure that there is memory for scipy.
     """
-    require_memory_for_scipy()
     from scipy.sparse import csr_array
 
     number = np.arange(len(faces.surface))

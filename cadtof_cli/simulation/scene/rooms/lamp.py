@@ -69,10 +69,10 @@ class Lamp:
     def flux(self) -> float:
         """Total light of the lamp; the unit is the light on one square metre at a distance of 1 m."""
         theta, light = self._by_angle()
-        return float(light.sum() * (theta[1] - theta[0]))
+        return float(light.sum() * theta[1])
 
     def _by_angle(self) -> tuple[Float, Float]:
-        """Return angles to the axis in even steps, (n + 1,), and the light per angle between them, (n,)."""
+        """Return angles to the axis in even steps from 0 on, (n + 1,), and the light per angle between them, (n,)."""
         theta = np.linspace(0.0, min(self.beam_rad + EDGE_RAD, math.pi), 4096)
         middles = (theta[1:] + theta[:-1]) / 2
         return theta, 2.0 * np.pi * np.sin(middles) * self._profile(middles)
@@ -87,7 +87,7 @@ class Lamp:
 
     def _profile(self, theta: Float) -> Float:
         beyond = np.clip((theta - self.beam_rad) / EDGE_RAD, 0, 1)
-        return np.where(beyond >= 1, 0, 0.5 + 0.5 * np.cos(np.pi * beyond))
+        return np.asarray(0.5 + 0.5 * np.cos(np.pi * beyond))
 
 
 @dataclass(frozen=True)

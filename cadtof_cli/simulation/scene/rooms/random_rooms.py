@@ -18,8 +18,8 @@ MOST_FURNITURE = 12
 DRAWN_FURNITURE = 8
 """How many pieces of furniture are drawn at most."""
 
-FARTHEST_M, NEAREST_M = 5.7, 0.5
-"""Limits of the ranges that the camera may see: less than the unambiguous range of 6 m, and nothing right before the lens."""
+FARTHEST_M = 5.7
+"""Limit of the ranges that the camera may see, below the unambiguous range of 6 m. Nothing stands right before the lens."""
 
 DRAWN_BEAM_DEG = (42.0, 65.0)
 """Limits between which half the angle of the lamp's beam is drawn."""
@@ -201,4 +201,4 @@ def _fits(room: Room) -> bool:
         return False
     ranges_m = seen.lengths_m[closed]
     lit = (view.direct(seen)[closed] > 0).mean()
-    return bool(ranges_m.max() < FARTHEST_M and ranges_m.min() > NEAREST_M and lit > 1 - LIGHT_LOST)
+    return bool(ranges_m.max() < FARTHEST_M and lit > 1 - LIGHT_LOST)

@@ -93,8 +93,8 @@ def transients(
 
 
 def bin_numbers(delays_ns: Float, /) -> Index:
-    """Return the bin of each delay after the direct light."""
-    steps = np.log1p(np.maximum(delays_ns, 0.0) / FIRST_NS) * (BINS / math.log1p(LAST_NS / FIRST_NS))
+    """Return the bin of each delay after the direct light; rounding may make a delay of 0 a little negative."""
+    steps = np.log1p(delays_ns / FIRST_NS) * (BINS / math.log1p(LAST_NS / FIRST_NS))
     return np.minimum(steps, BINS - 1).astype(np.intp)
 
 
@@ -131,7 +131,7 @@ def _continued(
     seen = np.flatnonzero(arriving)
     _add(total, ends.pixels[seen], arriving[seen], lengths[seen] + lamp.distances_m(met.points_m[:, seen]))
     chance = met.albedo * density / (density + light.later_density)
-    onward = np.flatnonzero(generator.random(len(chance), dtype=np.float32) < chance)
+    onward = generator.random(len(chance), dtype=np.float32) < chance
     return _Ends(
         ends.pixels[onward], ends.numbers[onward], met.points_m[:, onward], met.normals[:, onward], lengths[onward]
     )
@@ -145,7 +145,7 @@ def _path_density(leaving: Float32, arriving: Float32, lengths_m: Float32) -> Fl
 
 def _balanced(density: Float32, other: Float32) -> Float32:
     """Return the product of two densities over their sum, 0 where both are 0."""
-    return np.asarray(density * other / np.maximum(density + other, np.float32(1e-30)))
+    return np.asarray(density * other / np.maximum(density + other, np.finfo(np.float32).tiny))
 
 
 def _add(total: Float, pixels: Index, light: Float32, lengths_m: Float32) -> None:

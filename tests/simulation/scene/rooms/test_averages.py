@@ -47,6 +47,13 @@ def test_a_pixel_averages_neighbours_on_its_face_by_nearness_and_normal(step: in
         assert_allclose(found[pixel], expected, atol=1e-6)
 
 
+@pytest.mark.usefixtures("no_memory_for_scipy")
+def test_too_little_memory_to_average_is_told_and_not_waited_for() -> None:
+    one = bent(1, np.random.default_rng(1))
+    with pytest.raises(MemoryError):
+        neighbour_weights(Lattice(1, 1, 0), range(1), one, np.arange(1), one)
+
+
 def test_a_pixel_with_no_neighbour_on_its_face_gets_nothing() -> None:
     lattice, rng = Lattice(WIDTH, STEP, REACH), np.random.default_rng(2)
     count = len(lattice.rows(range(4))) * lattice.across

@@ -104,8 +104,9 @@ def test_a_room_that_has_no_place_for_its_furniture_is_refused(monkeypatch: pyte
     random_room.cache_clear()
     monkeypatch.setattr("cadtof_cli.simulation.scene.rooms.random_rooms.TRIES", 0)
     message = f"furniture: found 12 pieces, expected few enough that the {kind} of seed 2003 holds them"
-    with pytest.raises(SettingsError, match=message):
-        random_room(2003, furniture=12)
+    for beam_deg in (None, 10.0):
+        with pytest.raises(SettingsError, match=message):
+            random_room(2003, furniture=12, beam_deg=beam_deg)
 
 
 @pytest.mark.parametrize("beam_deg", [1.0, 10.0])
