@@ -23,7 +23,7 @@ from mutation.runs import INNER, KERNEL_LIBRARY, Bench, Outcome
 
 ROOT = Path(__file__).resolve().parent.parent
 
-ROOMS = ("optics", "phasors", "resolver", "maps", "calibration", "simulation", "doubts")
+ROOMS = ("optics", "phasors", "resolver", "maps", "calibration", "simulation")
 
 NAMED = Path(__file__).with_name("mutation") / "named.toml"
 
@@ -61,7 +61,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--count", type=int, default=400, help="mutants to draw [default: 400]")
     parser.add_argument("--seed", type=int, default=1, help="seed of the draw [default: 1]")
     parser.add_argument(
-        "--room", action="append", help="a room of the package; may be given several times [default: all seven]"
+        "--room",
+        action="append",
+        help="a room of the package; may be given several times [default: the six inner rooms]",
     )
     parser.add_argument(
         "--jobs", type=int, default=len(os.sched_getaffinity(0)), help="number of processes [default: all cores]"
