@@ -116,13 +116,14 @@ def _turns(angles_rad: Float) -> Float:
 
 def _path_summary(trials: Trials, times_ns: Float, true_ns: float, bound_ns: float) -> PathSummary:
     """Sum up times as errors against the truth. Runs without an answer count in `within_1ns` only, as failures."""
-    found = times_ns[np.isfinite(times_ns)]
-    if math.isnan(true_ns) or len(found) < 2:
-        return PathSummary(true_ns, math.nan, math.nan, math.nan, bound_ns, math.nan if math.isnan(true_ns) else 0.0)
-    period = trials.period_ns
+    if math.isnan(true_ns):
+        return PathSummary(true_ns, math.nan, math.nan, math.nan, bound_ns, math.nan)
+    found, period = times_ns[np.isfinite(times_ns)], trials.period_ns
     errors = _within(found, period) - _within(true_ns, period) if trials.wrapped else _within(found - true_ns, period)
-    bias = float(errors.mean())
     within = float((np.abs(errors) <= SUCCESS_NS).sum()) / len(times_ns)
+    if len(found) < 2:
+        return PathSummary(true_ns, math.nan, math.nan, math.nan, bound_ns, within)
+    bias = float(errors.mean())
     return PathSummary(true_ns, true_ns + bias, bias, float(errors.std(ddof=1)), bound_ns, within)
 
 

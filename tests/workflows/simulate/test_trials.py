@@ -309,6 +309,16 @@ def test_amplitudes_that_no_light_has_count_as_no_answer() -> None:
     assert outcome(trials(runs=100)).impossible == 0.0
 
 
+def test_a_single_run_with_an_answer_counts() -> None:
+    wanted = trials(runs=50)
+    runs = Recordings.joined([recordings(wanted, some) for some in wanted.blocks])
+    times = np.full_like(runs.times_ns, np.nan)
+    times[:, 7] = runs.times_ns[:, 7]
+    found = summary(wanted, replace(runs, times_ns=times))
+    assert (found.direct.within_1ns, found.second.within_1ns) == (0.02, 0.02)
+    assert math.isnan(found.direct.std_ns)
+
+
 def test_the_bound_of_an_average_that_has_not_settled_is_that_of_its_few_photons() -> None:
     """After N = n_av/2 photons, Eq. (1) gives Σw = 1 − e^(−1/2) and Σw² = (1 − e^(−1))/(2 n_av).
 
