@@ -14,7 +14,7 @@ from cadtof_cli.files.atomic import atomic_write, writing
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.system import sync_folder
 from cadtof_cli.units import first_of
-from cadtof_cli.workflows.resolve.lines import FRAMES_FILE, place_in, remove_map, required_report
+from cadtof_cli.workflows.resolve.lines import FRAMES_FILE, has_gap, place_in, remove_map, required_report
 from cadtof_cli.workflows.resolve.output import MapNames
 from cadtof_cli.workflows.resolve.reports import report_of
 from cadtof_cli.workflows.resolve.run_document import RunDocument
@@ -171,8 +171,8 @@ def rename_lines(out: Path, earlier: RunRecord, /) -> None:
         return
     with writing(path), atomic_write(path) as temporary, path.open("rb") as lines, temporary.open("wb") as renamed:
         for line in lines:
-            # a last line without an end is incomplete, because the run was killed; zero bytes: see `LineFile`
-            if line.endswith(b"\n") and b"\0" not in line:
+            # a last line without an end is incomplete, because the run was killed
+            if line.endswith(b"\n") and not has_gap(line):
                 report = required_report(line, path)
                 output = report.output and Path(report.output)
                 if output and output.is_relative_to(called):

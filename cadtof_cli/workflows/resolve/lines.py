@@ -61,14 +61,14 @@ class LineFile:
     def complete_lines(self) -> Iterator[tuple[int, bytes]]:
         """Yield place and text of each line. Cut off a last line that is incomplete because the run was killed.
 
-        Lines with zero bytes are left out: they stand where a network share lost what had been written.
+        Lines with a gap are left out.
         """
         end = 0
         with writing(self.path), self.path.open("rb") as lines:
             for line in lines:
                 if not line.endswith(b"\n"):
                     break
-                if b"\0" not in line:
+                if not has_gap(line):
                     yield end, line
                 end += len(line)
             self.file.truncate(end)
@@ -125,6 +125,11 @@ def open_lines(path: Path, /, *, anew: bool, say: Callable[[str], None]) -> Iter
         # on a network share that is gone even closing fails; what was to be reported has been raised already
         with suppress(OSError):
             lines.file.close()
+
+
+def has_gap(line: bytes, /) -> bool:
+    """Return whether a network share lost a part of a line that had been written: zero bytes stand there."""
+    return b"\0" in line
 
 
 def required_report(line: bytes, path: Path, /) -> FrameReport:
