@@ -90,8 +90,8 @@ def means_of_cells(faces: Faces, across: int, cell: int, /) -> tuple["csr_array"
     """Return weights that average pixels of the same face over square cells, and the place and face of each average.
 
     `faces` has the faces of whole rows of `across` pixels; the first row begins a cell. A cell has `cell` pixels on each side.
-    `neighbour_weights`, which is called before, has made sure that there is memory for scipy.
     """
+    require_memory_for_scipy()
     from scipy.sparse import csr_array
 
     number = np.arange(len(faces.surface))

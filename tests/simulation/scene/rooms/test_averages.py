@@ -52,6 +52,8 @@ def test_too_little_memory_to_average_is_told_and_not_waited_for() -> None:
     one = bent(1, np.random.default_rng(1))
     with pytest.raises(MemoryError):
         neighbour_weights(Lattice(1, 1, 0), range(1), one, np.arange(1), one)
+    with pytest.raises(MemoryError):
+        means_of_cells(one, 1, 1)
 
 
 def test_a_pixel_with_no_neighbour_on_its_face_gets_nothing() -> None:
