@@ -25,6 +25,8 @@ for that; f may also be the frame."""
 
 EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
 
+_FOLDERS = '; with a folder for each harmonic, in the folder above them: pattern = "H{harmonic}/{frame}_sc{channel}.tif"'
+
 
 @dataclass(frozen=True)
 class _Column:
@@ -73,6 +75,7 @@ def hint_of_planes(capture: Capture, /) -> tuple[str, Layout | None] | None:
     hint = (
         f"{capture.root}: found {len(capture.frames)} files with one plane each, and nothing says which plane is which; write "
         f"the pattern of their names under [layout] in capture.toml, {'probably' if guess else 'for example'}: {keys}"
+        f"{'' if guess else _FOLDERS}"
     )
     return hint, guess
 

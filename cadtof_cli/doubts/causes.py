@@ -6,6 +6,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.phasors.voltages import sound_pixels
 from cadtof_cli.records import dataclass
+from cadtof_cli.units import counted
 
 LONGEST = 1.35
 """Largest length of a phasor, in units of the modulation amplitude. Offsets of its channels may make it longer than 1;
@@ -27,12 +28,16 @@ _SCALED_VALUES = "or give --zero-counts and --volts-per-count of the scaled valu
 SCALED_TO_ONE = f"scaled to 0 … 1, as ImageMagick writes floats: export whole numbers, {_SCALED_VALUES}"
 
 
+_HALVES = {2.0 ** (bits - 1): bits for bits in (8, 10, 12, 14, 16)}
+"""Stored value in the middle of a converter's range, and its bits. Most cameras have 0 V there."""
+
+
 @dataclass(frozen=True)
 class StoredRange:
     """A summary of the stored values of the pixels that were looked at.
 
     `low`, `middle` and `high` are their quantiles at 1 %, 50 % and 99 %; `whole` says whether all of them are whole
-    numbers.
+    numbers. All integers are multiples of 2 to the power of `shift`.
     """
 
     dtype: np.dtype[np.generic]
@@ -40,6 +45,7 @@ class StoredRange:
     middle: float
     high: float
     whole: bool
+    shift: int = 0
 
     @property
     def largest(self) -> float:
@@ -55,7 +61,9 @@ def range_of(stored: Stored, /) -> StoredRange:
     """Return the summary of stored values of any shape, all of them finite."""
     values = stored.astype(np.float64)
     low, middle, high = (float(value) for value in np.quantile(values, (0.01, 0.5, 0.99)))
-    return StoredRange(stored.dtype, low, middle, high, whole=bool((values == np.rint(values)).all()))
+    bits = int(np.bitwise_or.reduce(stored, axis=None)) if stored.dtype.kind in "iu" else 0
+    shift = max((bits & -bits).bit_length() - 1, 0)
+    return StoredRange(stored.dtype, low, middle, high, whole=bool((values == np.rint(values)).all()), shift=shift)
 
 
 def all_saturated(planes: Stored, metadata: CaptureMetadata, /) -> str | None:
@@ -78,10 +86,7 @@ def likely_cause(found: StoredRange, voltage: Voltage, amplitude_v: float, /) ->
     if voltage.volts_per_count is None:
         low, high = _MILLIVOLTS
         if found.whole:
-            return (
-                "they look like counts: give --volts-per-count and --zero-counts (the middle of the values is "
-                f"{found.middle:.6g})"
-            )
+            return f"they look like counts: give --volts-per-count and --zero-counts ({_probable_zero(found.middle)})"
         if low < found.largest / amplitude_v < high:
             return "they look like millivolts: give --volts-per-count 0.001"
         return "give --volts-per-count (the volts of a stored step of 1) and --zero-counts, or correct --amplitude-v"
@@ -100,7 +105,7 @@ def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float)
     if around_zero(found.middle) or found.low <= zero <= found.high:
         return None
     if zero == 0.0:
-        return f"zero_counts is 0 or not given: give --zero-counts (the middle of the values is {found.middle:.6g})"
+        return f"zero_counts is 0 or not given: give --zero-counts ({_probable_zero(found.middle)})"
     is_scaled = found.dtype.kind == "f" and found.low >= 0.0 and found.high <= 1.0
     is_scaled = is_scaled and any(around_zero(found.middle * full) for full in (*FULL_SCALES, _BYTE))
     if found.dtype.kind == "f" and found.largest <= LONGEST * amplitude_v:
@@ -112,8 +117,19 @@ def _shifted_or_scaled(found: StoredRange, voltage: Voltage, amplitude_v: float)
         likely = f"scaled to 8 bits, as ImageMagick does with -depth 8: export 16 bits, {_SCALED_VALUES}"
     elif found.dtype.kind != "u" and found.largest * step <= LONGEST * amplitude_v:
         likely = "like counts from which the zero was subtracted: give --zero-counts 0, and saturated_counts to match"
-    else:
-        return (
-            f"zero_counts = {zero:g} is far from these values: give --zero-counts (their middle is {found.middle:.6g})"
+    elif found.shift and around_zero(found.middle / 2**found.shift):
+        likely = (
+            f"shifted by {counted(found.shift, 'bit')}: multiply zero_counts and saturated_counts by {2**found.shift}, and "
+            f"divide volts_per_count by {2**found.shift}"
         )
+    else:
+        return f"zero_counts = {zero:g} is far from these values: give --zero-counts ({_probable_zero(found.middle)})"
     return f"zero_counts = {zero:g} is far from these values; they look {likely}"
+
+
+def _probable_zero(middle: float) -> str:
+    """Return in words which stored value is probably 0 V if values lie around `middle`."""
+    near = [half for half in _HALVES if 0.5 * half < middle < 1.5 * half]
+    if not near:
+        return f"0 V is somewhere around their middle, {middle:.6g}"
+    return f"probably {near[0]:g}, half of {_HALVES[near[0]]} bits; their middle, {middle:.6g}, is only near it"

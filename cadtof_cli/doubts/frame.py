@@ -63,11 +63,12 @@ def camera_doubts(stored: Stored, metadata: CaptureMetadata, /) -> tuple[str, ..
         SettingsError: see `volts_per_count`.
     """
     with np.errstate(over="ignore", invalid="ignore"):
+        stripes = _told(*(striped(stored, metadata, lines) for lines in ("rows", "columns")))
         return _told(
             other_noise(stored, metadata),
-            striped(stored, metadata, "rows"),
+            *stripes,
             # each row or column with an offset of its own makes a step in the middle, too
-            striped(stored, metadata, "columns") or stepped(stored, metadata),
+            None if stripes else stepped(stored, metadata),
             unequal_harmonics(stored, metadata),
             shared_in_words(stored, metadata, ideal_phasor_map(metadata, stored.dtype)),
         )

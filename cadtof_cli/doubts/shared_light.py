@@ -120,7 +120,7 @@ def wrong_zero_in_words(stored: Stored, metadata: CaptureMetadata, phasor_map: P
 
 def _zero_in_words(off: float, voltage: Voltage) -> str:
     return (
-        f"all stored values seem to be {off:+.3g} off, 0 V is probably {voltage.zero + off:.6g} instead of {voltage.zero:g}: "
+        f"all stored values seem to be {off:+.5g} off, 0 V is probably {voltage.zero + off:.6g} instead of {voltage.zero:g}: "
         "correct zero_counts, or run calibrate dark if the offsets of the camera drift. Until then depths are wrong by "
         "decimetres to metres, and sigma does not say so"
     )

@@ -18,6 +18,7 @@ from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES, FrameLayout, Frames,
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error, open_regular
 from cadtof_cli.files.system import read_parts
+from cadtof_cli.units import counted
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def open_array(array: ArrayInFile, layout: FrameLayout, /, *, mended_by: tuple[s
     """
     array.require_planes()
     outer, size = array.shape[:-2], array.shape[-2:]
-    where = f"{array.path}: found {math.prod(outer)} planes of {shape_text(size, array.dtype)}"
+    where = f"{array.path}: found {counted(math.prod(outer), 'plane')} of {shape_text(size, array.dtype)}"
     try:
         table = plane_table("Q" * len(outer), outer, layout, where=where)
     except FrameError:

@@ -118,3 +118,13 @@ def test_captures_that_do_not_go_together_are_refused(
     assert done.status == 2
     assert told in done.err
     assert not (tmp_path / "camera").exists()
+
+
+def test_covered_frames_tell_the_right_zero(tmp_path: Path) -> None:
+    """Followed, the message is gone, and the zero is that with which the frames were made."""
+    capture, camera = _dark(tmp_path / "one", size=(20, 20)), tmp_path / "camera"
+    refused = cadtof("calibrate", "dark", capture, "-o", camera, "--zero-counts", 7500)
+    assert "saw light, or zero_counts is wrong" in refused.err
+    zero = refused.err.rpartition("their median is ")[2].strip()
+    assert abs(float(zero) - 8192.0) < 1.0
+    assert cadtof("calibrate", "dark", capture, "-o", camera, "--zero-counts", zero).status == 0

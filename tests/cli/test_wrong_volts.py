@@ -41,7 +41,7 @@ def test_the_sound_capture_is_resolved(recorded: Path, tmp_path: Path) -> None:
 def test_float_counts_without_settings_are_refused(recorded: Path, tmp_path: Path) -> None:
     folder = _capture(tmp_path / "floats", tifffile.imread(recorded).astype("f4"))
     done = _refused(folder)
-    assert "they look like counts: give --volts-per-count and --zero-counts (the middle of the values is 8" in done.err
+    assert f"they look like counts: give --volts-per-count and --zero-counts (probably {ZERO_COUNTS:g}, half of 14 bits" in done.err
     mended = ("--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", f"{ZERO_COUNTS}")
     assert cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).status == 0
 
@@ -52,7 +52,7 @@ def test_unsigned_counts_need_their_zero(recorded: Path, tmp_path: Path) -> None
     assert done.status == 2
     assert "unsigned numbers (uint16), and the stored value of 0 V is unknown: set zero_counts" in done.err
     refused = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", "0")
-    assert "give --zero-counts (the middle of the values is 8" in refused.err
+    assert f"give --zero-counts (probably {ZERO_COUNTS:g}, half of 14 bits" in refused.err
 
 
 def test_values_that_are_cut_off_are_reported_until_the_limit_is_given(recorded: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage
-from cadtof_cli.doubts.camera import other_noise, other_offsets, striped, unequal_harmonics
+from cadtof_cli.doubts.camera import other_noise, other_offsets, stepped, striped, unequal_harmonics
 from cadtof_cli.doubts.frame import camera_doubts
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.phasors.voltages import pixel_phasor_map
@@ -158,6 +158,13 @@ def test_offsets_of_rows_or_columns_are_doubted(lines: str, known: CaptureMetada
     assert doubt.startswith(f"{lines} have offsets of their own, ")
     assert 1.5 < float(doubt.split(", ")[1].split(" mV")[0]) < 3.0
     assert camera_doubts(frame() + 0.05 * offsets, known) == ()
+
+
+def test_offsets_of_rows_are_not_told_again_as_a_step_between_the_halves() -> None:
+    offsets = np.random.default_rng(1).normal(0.0, 2e-3, (SIZE[0], 1))
+    assert stepped(frame() + offsets, KNOWN) is not None
+    (doubt,) = camera_doubts(frame() + offsets, KNOWN)
+    assert doubt.startswith("rows have offsets of their own, ")
 
 
 def test_posts_and_shelves_are_no_offsets() -> None:

@@ -158,8 +158,14 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
         (
             (counts() + 20000).astype(np.uint16),
             COUNTS,
-            "zero_counts = 8192 is far from these values: give --zero-counts",
+            "zero_counts = 8192 is far from these values: give --zero-counts (probably 32768, half of 16 bits; their middle, 28",
         ),
+        (
+            np.rint(counts()).astype(np.uint16) * np.uint16(4),
+            COUNTS,
+            "shifted by 2 bits: multiply zero_counts and saturated_counts by 4, and divide volts_per_count by 4",
+        ),
+        (counts() * 20000.0, Voltage(), "look like counts: give --volts-per-count and --zero-counts (0 V is somewhere around"),
     ],
 )
 def test_the_message_tells_the_likely_cause(stored: NDArray[np.generic], voltage: Voltage, cause: str) -> None:

@@ -144,7 +144,8 @@ def test_several_arrays_in_a_file_are_refused_but_zeros_after_one_are_not(tmp_pa
         for _ in range(3):
             np.save(file, known_frame("u2"))
     assert message(path) == (
-        f"{path}: found several arrays, one after the other, expected one: numpy.save(PATH, numpy.stack(FRAMES))"
+        f"{path}: found several arrays, one after the other, expected one: call numpy.load for each of them, with the same open "
+        "file, then numpy.save(PATH, numpy.stack(FRAMES))"
     )
     np.save(path, known_frame("u2"))
     with path.open("ab") as file:

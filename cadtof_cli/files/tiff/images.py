@@ -19,6 +19,7 @@ from cadtof_cli.files.tiff.pages import require_sound_chain
 from cadtof_cli.files.tiff.planes import planes_of
 from cadtof_cli.files.tiff.remarks import reading_tiff
 from cadtof_cli.files.tiff.series import alike_series
+from cadtof_cli.units import counted
 
 _GDAL_NO_DATA = 42113
 """Code of the tag with the value that stands for no value."""
@@ -56,7 +57,7 @@ class TiffImages:
         """What was found in the file, as the beginning of a message."""
         samples = f" of {self.sizes[-1]} samples" if self.sizes[-1] > 1 else ""
         pages = math.prod(self.sizes[:-1])
-        return f"{self.path}: found {pages} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
+        return f"{self.path}: found {counted(pages, 'page')}{samples} of {shape_text(self.plane_shape, self.dtype)}"
 
     @property
     def no_data(self) -> float:

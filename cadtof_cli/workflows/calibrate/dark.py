@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from cadtof_cli.calibration.dark import Defect
 from cadtof_cli.calibration.fit.dark import fit_dark, tells_dead
 from cadtof_cli.calibration.fit.light import light_seen
@@ -64,8 +66,10 @@ def _require_dark(capture: Capture, mean: MeanVolts) -> None:
             "record again"
         )
     if seen.is_lit:
+        voltage = capture.source.metadata.voltage
+        middle = voltage.zero + float(np.nanmedian(mean.volts)) / (voltage.volts_per_count or 1.0)
         raise CaptureError(
             f"{capture.root}: these frames saw light, or zero_counts is wrong: at every harmonic, all pixels have at least "
             f"{seen.level:.0%} of the modulation amplitude in common, which is too much for offsets; cover the lens and record "
-            "again; if it was covered, correct --zero-counts, the stored value of 0 V"
+            f"again; if it was covered, correct --zero-counts, the stored value of 0 V: their median is {middle:.6g}"
         )

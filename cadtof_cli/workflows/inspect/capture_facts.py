@@ -110,11 +110,13 @@ def _facts(stored: Stored, container: str, look: FrameLook) -> FrameFacts:
     except CadtofError:
         # the missing setting is reported once, for the whole capture
         return facts
+    if wrong := implausible(stored, metadata):
+        # values that are no voltages show no noise either
+        return replace(facts, implausible=f"{look.source}: {wrong}")
     phasors = phasors_from_stored(planes, phasor_map)
     phasors[:, saturated] = np.nan
     why = (
-        implausible(stored, metadata)
-        or (why_no_answer(np.array([StatusBit.NOT_FINITE], np.uint16)) if facts.not_finite == 1.0 else None)
+        (why_no_answer(np.array([StatusBit.NOT_FINITE], np.uint16)) if facts.not_finite == 1.0 else None)
         or "; ".join(doubts(stored, metadata))
     )
     return replace(
