@@ -69,7 +69,7 @@ class Run:
         """
         if self.record is not None:
             return self.record.roi
-        return region_of(self._said("roi"))
+        return region_of(self._said("roi", if_missing="whole frames"))
 
     @cached_property
     def _headers(self) -> Mapping[Path, Mapping[str, str]]:
@@ -80,9 +80,13 @@ class Run:
                 headers[file] = read_facts(file)
         return headers
 
-    def _said(self, fact: str) -> str:
-        """Return a fact that the headers of all maps agree on; empty if no header has it. Raises SettingsError if they differ."""
-        files = {facts[fact]: file.name for file, facts in self._headers.items() if fact in facts}
+    def _said(self, fact: str, *, if_missing: str = "") -> str:
+        """Return a fact that the headers of all maps agree on; empty if no header has it. Raises SettingsError if they differ.
+
+        A header without the fact counts as one that says `if_missing`; empty: it does not count.
+        """
+        said = {file: facts.get(fact, if_missing) for file, facts in self._headers.items()}
+        files = {text: file.name for file, text in said.items() if text}
         if len(files) > 1:
             found = " and ".join(f"{said} ({name})" for said, name in list(files.items())[:2])
             hint = f"without a {RUN_FILE}, give each map by its own name"

@@ -49,6 +49,15 @@ def test_maps_of_different_parts_are_not_taken_for_one_part(halves: Path, tmp_pa
         assert (name, alone.status) == (name, 0)
 
 
+def test_a_map_of_a_whole_frame_is_not_taken_for_one_of_a_part(tmp_path: Path) -> None:
+    """Truth is that of whole frames: it must not be cut and then found too small."""
+    collected = _collected(tmp_path, left=("--roi", LEFT), whole=())
+    truth = write_exr(tmp_path / "truth.exr", {"direct.depth": step_truth().astype("float32")})
+    done = cadtof("evaluate", collected, "--truth", truth)
+    assert done.status == 2
+    assert f"{collected}: found maps of different roi, {LEFT} (left.tif) and whole frames (whole.tif), " in done.err
+
+
 def test_maps_of_different_parts_are_not_compared(halves: Path, tmp_path: Path) -> None:
     for name in ("left", "right"):
         (tmp_path / f"only_{name}").mkdir()

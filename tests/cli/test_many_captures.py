@@ -206,7 +206,7 @@ def test_a_tree_that_has_grown_is_resumed(tree: Path) -> None:
     require_same_run(tree / "out", tree / "fresh")
     # a tree that has lost a capture is another one
     shutil.rmtree(tree / "rec" / "a")
-    assert "cannot resume: folders of the frames was " in cadtof(*command, tree / "out", "--resume").err
+    assert "cannot resume: list of captures was " in cadtof(*command, tree / "out", "--resume").err
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,7 @@ def test_resume_takes_the_same_frames_or_more(tmp_path: Path) -> None:
     before = _files(out)
     for fewer in ("2:3", "1:2", "2:", "0:2", "4:5"):
         refused = cadtof(*resolve, "--resume", "--frames", fewer)
-        _require_refused(refused, f"{out / 'run.json'}: cannot resume: --frames leaves out frames of the earlier run")
+        _require_refused(refused, f"{out / 'run.json'}: cannot resume: --frames may leave out frames of the earlier run")
         assert _files(out) == before
     for more in (("--frames", "1:4"), ("--frames", "0:4"), ("--frames", "0:"), ()):
         assert cadtof(*resolve, "--resume", *more).status == 0
@@ -220,7 +220,7 @@ def test_resume_needs_the_same_settings(tmp_path: Path) -> None:
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     before = _files(out)
     for options, message in (
-        (("--order", "1"), "order was 'auto' and is '1' now; give the same options, or --overwrite"),
+        (("--order", "1"), "order was 'auto' and is '1' now; give the same options and settings, or --overwrite"),
         (("--depth", "z"), "depth was 'range' and is 'z' now"),
         (("--format", "exr"), "map_format was 'same' and is 'exr' now"),
         (("--amplitude", "0.3"), f"{capture.folder}: modulation.amplitude_v was 0.2746 and is 0.3 now"),
@@ -277,7 +277,7 @@ def test_a_record_that_takes_no_more_lines_ends_the_run_like_a_map_that_cannot_b
     assert 0 < lines < 30
     assert done.err == (
         f"Error: {out / 'frames.jsonl'}: cannot be written: File too large; here a file may have 9,000 (ulimit -f), so the run"
-        f" stopped with {lines} frames resolved; remove the cause and continue with --resume\n"
+        f" stopped with {lines} frames resolved; remove the cause, then the same command with --resume goes on\n"
     )
     assert done.status == 1
     assert program(*words, "--resume").status == 0

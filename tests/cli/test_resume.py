@@ -64,7 +64,7 @@ def test_another_capture_with_the_same_names(tmp_path: Path) -> None:
     assert _resolve(a.folder, "-o", out).status == 0
     done = _resolve(b.folder, "-o", out, "--resume")
     assert done.status == 2
-    assert f"cannot resume: folders of the frames was [{str(a.folder)!r}] and is [{str(b.folder)!r}] now" in done.err
+    assert f"cannot resume: list of captures was [{str(a.folder)!r}] and is [{str(b.folder)!r}] now" in done.err
     (tmp_path / "link").symlink_to(a.folder)
     linked = tmp_path / "linked"
     assert _resolve(tmp_path / "link", "-o", linked).status == 0

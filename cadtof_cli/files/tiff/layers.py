@@ -25,6 +25,7 @@ from cadtof_cli.files.tiff.images import TiffImages
 from cadtof_cli.files.tiff.names import GDAL_METADATA, PAGE_NAME
 from cadtof_cli.files.tiff.ome import facts_in, ome_xml
 from cadtof_cli.files.tiff.remarks import reading_tiff
+from cadtof_cli.units import counted
 
 _ASCII = 2
 
@@ -138,7 +139,7 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
         no_data = images.no_data
     if not names or len(names) != len(planes):
         raise NotMapsError(
-            f"{path}: found {len(planes)} pages without the names of maps, expected an OME-TIFF as `cadtof resolve` writes it"
+            f"{path}: found {counted(len(planes), 'page')} without the names of maps, expected an OME-TIFF as `cadtof resolve` writes it"
         )
     require_different_names(path, names)
     layers = dict(zip(names, planes, strict=True))

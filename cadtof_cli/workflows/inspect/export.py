@@ -108,6 +108,8 @@ def _kind(run: Run, settings: ExportSettings) -> DepthKind:
 def _write_points(one: _Exported, output: Path) -> None:
     """Write the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
     depth, path = one.depth, one.name.removesuffix(".depth")
+    # asked for first: without these layers, as in truth, optics do not help
+    amplitude, sigma, status = map(one.layer, (f"{path}.amplitude", f"{path}.sigma", STATUS))
     if one.optics.focal_length_px is None:
         raise SettingsError(
             f"{one.file}: its optics are unknown: give --focal-length-px, and for maps of a --roi also --principal-point-px, "
@@ -118,7 +120,6 @@ def _write_points(one: _Exported, output: Path) -> None:
     size = depth.shape[0], depth.shape[1]
     right, down = ray_slopes(one.optics, size)
     forward = depth if one.kind == "z" else depth * planar_per_range(one.optics, size)
-    amplitude, sigma, status = map(one.layer, (f"{path}.amplitude", f"{path}.sigma", STATUS))
     planes = {"x": forward * right, "y": forward * down, "z": forward, "amplitude": amplitude, "sigma": sigma}
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
     comment = f"cadtof: {one.name} of {one.file.name}, metres; amplitude V, sigma m"

@@ -38,7 +38,16 @@ _CHANGES_NO_MAP = frozenset(
 )
 """Arguments that may differ when a run is resumed. What they lead to is compared instead, such as the metadata of captures."""
 
-_INPUTS, _FOLDERS, _VERSION = "resolved_inputs", "folders of the frames", "version of cadtof"
+_INPUTS, _FOLDERS, _VERSION = "resolved_inputs", "list of captures", "version of cadtof"
+_CALIBRATION = "digest of the calibration"
+
+_AS_BEFORE = {
+    _INPUTS: "give the same inputs",
+    _FOLDERS: "give the same inputs",
+    _VERSION: "use that version",
+    _CALIBRATION: "give the same calibration",
+}
+"""What to do if one of these differs from that of the earlier run."""
 
 
 def earlier_run(
@@ -105,7 +114,7 @@ def _continued_record(out: Path, document: RunDocument, /, *, arriving: bool) ->
     # the lines of frames that are left out would be lost, while their maps would stay
     if frames_now[0] > frames[0] or frames_now[1] < frames[1]:
         raise OutputError(
-            f"{path}: cannot resume: --frames leaves out frames of the earlier run; give the same frames or more, or --overwrite"
+            f"{path}: cannot resume: --frames may leave out frames of the earlier run; give the same --frames or more, or --overwrite"
         )
     now = _what_decides_maps(RunRecord(json.loads(json.dumps(document, default=str))))
     if arriving:
@@ -118,7 +127,7 @@ def _continued_record(out: Path, document: RunDocument, /, *, arriving: bool) ->
         if before.get(name) != value:
             raise OutputError(
                 f"{path}: cannot resume: {name} was {before.get(name)!r} and is {value!r} now; "
-                f"{'use that version' if name == _VERSION else 'give the same options'}, or --overwrite"
+                f"{_AS_BEFORE.get(name, 'give the same options and settings')}, or --overwrite"
             )
     return earlier
 
@@ -130,7 +139,7 @@ def _what_decides_maps(record: RunRecord) -> dict[str, Any]:
     deciding[_FOLDERS] = [str(capture.get("resolved_root")) for capture in captures]
     arguments = record["arguments"]
     deciding |= {name: value for name, value in arguments.items() if name not in _CHANGES_NO_MAP}
-    deciding["digest of the calibration"] = (record["calibration"] or {}).get("digest")
+    deciding[_CALIBRATION] = (record["calibration"] or {}).get("digest")
     for capture in captures:
         for table, keys in capture["metadata"].items():
             deciding |= {f"{capture.get('resolved_root')}: {table}.{key}": value for key, value in keys.items()}

@@ -112,7 +112,7 @@ class OngoingRun:
             RunStoppedError: the output folder takes no more maps, or no more lines of the record.
             KeyboardInterrupt: the message says how to continue the run.
         """
-        settings, totals = self.settings, self.totals
+        totals = self.totals
         try:
             for failed, batch in batches:
                 with closing(batch) as outcomes:
@@ -124,15 +124,13 @@ class OngoingRun:
                             found = task.report("failed", _lost(task.sources[0], found), 0.0)
                         self.report(found)
             for why, count in self.notes.only_counted.items():
-                self.progress.say(f"{settings.out}: {counted(count, 'more map')}: {why}")
+                self.progress.say(f"{self.settings.out}: {counted(count, 'more map')}: {why}")
             totals.seconds = round(time.monotonic() - self.began, 3)
             with self._needed():
                 self.record.finish(totals.seconds)
         except KeyboardInterrupt as interrupt:
-            again = "the same command"
-            if not settings.resume:
-                again += " with --resume in place of --overwrite" if settings.overwrite else " with --resume"
-            told = f"{totals.ok + totals.already_there} of {self.expected} frames are resolved; {again} goes on"
+            done = totals.ok + totals.already_there
+            told = f"{done} of {self.expected} frames are resolved; {self._same_command} goes on"
             raise KeyboardInterrupt(told) from interrupt
         return totals
 
@@ -164,8 +162,15 @@ class OngoingRun:
         """Return the error for a run that cannot go on."""
         done = counted(self.totals.ok, "frame")
         return RunStoppedError(
-            f"{why}, so the run stopped with {done} resolved; remove the cause and continue with --resume"
+            f"{why}, so the run stopped with {done} resolved; remove the cause, then {self._same_command} goes on"
         )
+
+    @property
+    def _same_command(self) -> str:
+        """The command that continues this run, in words."""
+        if self.settings.resume:
+            return "the same command"
+        return f"the same command with --resume{' in place of --overwrite' if self.settings.overwrite else ''}"
 
     def _tasks(self, plans: Sequence[CapturePlan]) -> Iterator[FrameTask]:
         """Yield the tasks of all plans. A task is drawn when a worker has room for it.
