@@ -156,7 +156,7 @@ class ResolverSettings:
         if not in_closed_form:
             raise SettingsError(
                 f"{found}, --solver {self.solver}, --paths {self.paths}; the waveform or calibrated response is not a pure sine, "
-                "and needs the periods T1 and T1/2, --solver two-path or one-path, and at most two paths"
+                "and needs a recording of the periods T1 and T1/2 alone, --solver two-path or one-path, and at most two paths"
             )
         return "response.solver"
 

@@ -231,8 +231,8 @@ def test_the_scheduler_is_lost_and_resume_finishes(
         assert process.returncode == 1
         assert "Traceback" not in err
         assert err.splitlines()[-1] == (
-            f"Error: the scheduler at {address} does not answer any more; finished maps are kept: start it again, then give the "
-            "same command with --resume, without --overwrite"
+            f"Error: the scheduler at {address} does not answer any more; finished maps are kept: start it and "
+            "its workers again, then give the same command with --resume, without --overwrite"
         )
     left = contents(tmp_path / "out")
     assert left["finished"] is False

@@ -207,6 +207,6 @@ class Connection:
 
     def _lost(self) -> ClusterError:
         return ClusterError(
-            f"the scheduler at {self.address} does not answer any more; finished maps are kept: start it again, then give the same "
-            "command with --resume, without --overwrite"
+            f"the scheduler at {self.address} does not answer any more; finished maps are kept: start it and its workers "
+            "again, then give the same command with --resume, without --overwrite"
         )

@@ -83,7 +83,7 @@ def map_names(captures: Sequence[Capture], out: Path, /) -> MapNames:
         OutputError: the output folder is the folder of a capture; or two frames would be written to one file; or a folder
             below belongs to another run, or is a link that leads out of the output folder.
     """
-    if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
+    if os.path.lexists(out / CAPTURE_FILE) or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
     names = MapNames(out)
     names.require_different((frame.name, frame.paths[0]) for capture in captures for frame in capture.frames)
