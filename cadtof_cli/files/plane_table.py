@@ -1,6 +1,7 @@
 """Finds the frame, harmonic and channel of every plane of a file, from names and from the axes of the file."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -61,7 +62,8 @@ def _table_by_names(named: dict[int, PlaneLabel], layout: FrameLayout, where: st
     for place, (harmonic, channel) in named.items():
         found.setdefault((harmonic or 0, channel or 0), []).append(place)
     planes = planes_in_order(found, layout, where=where)
-    count = min(map(len, planes))
+    # the message is about the name that is unlike the others
+    (count, _), *_ = Counter(map(len, planes)).most_common(1)
     for plane, places in found.items():
         if places in planes and len(places) != count:
             raise FrameError(
