@@ -361,3 +361,20 @@ def test_a_calibration_has_a_line_for_each_value_and_each_finding(tmp_path: Path
     first = next(place for place, line in enumerate(lines) if "response.quality.findings" in line)
     assert tuple(line[column:] for line in lines[first : first + 2]) == findings
     assert not lines[first + 1][:column].strip()
+
+
+@pytest.mark.parametrize(
+    ("name", "options"), [("0.npy", ()), ("0.raw", ("--raw-dtype", "uint16", "--raw-shape", "2,2,24,32"))]
+)
+def test_settings_are_begun_for_frames_that_are_no_maps_beside_their_truth(
+    name: str, options: tuple[str, ...], tmp_path: Path
+) -> None:
+    counts = np.rint(np.random.default_rng(1).normal(8192.0, 300.0, (2, 2, 24, 32))).astype("u2")
+    np.save(tmp_path / "0.npy", counts)
+    if name != "0.npy":
+        (tmp_path / "0.npy").unlink()
+        counts.tofile(tmp_path / name)
+    write_exr(tmp_path / "truth.exr", {"direct.depth": np.ones((24, 32), "f4")})
+    done = cadtof("info", tmp_path, "--write-settings", *options)
+    assert f"wrote {tmp_path / 'capture.toml'}" in done.err
+    assert f"{tmp_path}: frames hold whole numbers (uint16), and the volts per count are unknown" in done.err

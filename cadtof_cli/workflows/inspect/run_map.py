@@ -12,6 +12,7 @@ from cadtof_cli.capture.frames import TRUTH
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, UnlistedError
+from cadtof_cli.files.formats import FRAME_SUFFIXES, MAP_SUFFIXES, RAW
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import NotMapsError, is_map_layer
 from cadtof_cli.files.named_planes import channel_in_words, is_of_a_plane
@@ -101,10 +102,18 @@ def holds_maps(path: Path, /, *, or_other_layers: bool = False) -> bool:
             files.append(file)
     except UnlistedError:
         return False
+    if in_folder and files and all(map(_is_truth_of_frames, files)):
+        return False
     layers = _first_sound_layers(files)
     if layers is None:
         return False
     return any(map(is_map_layer, layers)) or (or_other_layers and not any(map(channel_in_words, layers)))
+
+
+def _is_truth_of_frames(file: Path, /) -> bool:
+    """Return whether a file is a truth beside files that may be frames, but not maps, such as NPY."""
+    suffixes = {*FRAME_SUFFIXES, *RAW.suffixes}.difference(MAP_SUFFIXES)
+    return file.stem == TRUTH and any(path.suffix.lower() in suffixes for path in file.parent.iterdir())
 
 
 def _first_sound_layers(files: Sequence[Path], /) -> Layers | None:
