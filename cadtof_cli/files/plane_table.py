@@ -11,6 +11,7 @@ from cadtof_cli.arrays import plane_name
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels
 from cadtof_cli.files.named_planes import PlaneLabel, plane_labels, planes_in_order
+from cadtof_cli.units import counted
 
 _CHANNEL_LABELS = "CS"
 
@@ -116,7 +117,12 @@ def _names(layout: FrameLayout) -> str:
 
 def _advice(total: int, layout: FrameLayout) -> str:
     count, rest = divmod(total, layout.planes)
-    if rest or count < 2 or layout.frames == count:
+    if rest or not count or layout.frames == count:
+        return ""
+    if layout.frames is not None:
+        own = "move such files into a folder of their own, with its own capture.toml"
+        return f"; this may be {counted(count, 'frame')}: correct it (--stack-frames {count}), or {own}"
+    if count < 2:
         return ""
     return f"; if this is a stack of {count} frames, say so: --stack-frames {count}, or frames = {count} under [layout]"
 
