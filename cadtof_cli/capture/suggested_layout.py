@@ -25,7 +25,9 @@ for that; f may also be the frame."""
 
 EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
 
-_FOLDERS = '; with a folder for each harmonic, in the folder above them: pattern = "H{harmonic}/{frame}_sc{channel}.tif"'
+_FOLDERS = (
+    '; with a folder for each harmonic, in the folder above them: pattern = "H{harmonic}/{frame}_sc{channel}.tif"'
+)
 
 
 @dataclass(frozen=True)

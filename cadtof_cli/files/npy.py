@@ -51,8 +51,8 @@ def _array(path: Path) -> ArrayInFile:
         after = file.read(_LOOKED_AT_AFTER)
         if after.startswith(MAGIC_PREFIX):
             raise FrameError(
-                f"{path}: found several arrays, one after the other, expected one: call numpy.load for each of them, with the same"
-                " open file, then numpy.save(PATH, numpy.stack(FRAMES))"
+                f"{path}: found several arrays, one after the other, expected one: call numpy.load for each of them, with the "
+                "same open file, then numpy.save(PATH, numpy.stack(FRAMES))"
             )
         if any(after):
             raise FrameError(

@@ -137,8 +137,8 @@ def _frame_count(total: int, layout: FrameLayout, where: str) -> int:
         )
     if rest or not count:
         raise FrameError(
-            f"{where}, expected {layout.planes} for one frame ({_names(layout)}), two for each of modulation.periods_ns, or a whole "
-            "multiple for a stack"
+            f"{where}, expected {layout.planes} for one frame ({_names(layout)}), two for each of modulation.periods_ns, or a "
+            "whole multiple for a stack"
         )
     return count
 

@@ -1,5 +1,6 @@
 """`cadtof calibrate` takes suitable captures, and refuses other captures with a message that names cause and cure."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -128,3 +129,11 @@ def test_covered_frames_tell_the_right_zero(tmp_path: Path) -> None:
     zero = refused.err.rpartition("their median is ")[2].strip()
     assert abs(float(zero) - 8192.0) < 1.0
     assert cadtof("calibrate", "dark", capture, "-o", camera, "--zero-counts", zero).status == 0
+
+
+def test_optics_in_another_unit_are_told_once_before_the_walls_are_blamed(tmp_path: Path) -> None:
+    walls = [ROOT / "sample_data" / "wall", tmp_path / "other"]
+    shutil.copytree(walls[0], walls[1])
+    done = cadtof("calibrate", "petzval", *walls, "-o", tmp_path / "camera", "--principal-point-px", "0.5,0.5")
+    told = "optics.principal_point_px = 0.5, 0.5 lies in a corner of the frame: is the value a share"
+    assert [line.startswith(f"warning: {walls[0]}: ") for line in done.err.splitlines() if told in line] == [True]

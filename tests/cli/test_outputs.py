@@ -187,7 +187,9 @@ def test_resume_takes_the_same_frames_or_more(tmp_path: Path) -> None:
     before = _files(out)
     for fewer in ("2:3", "1:2", "2:", "0:2", "4:5"):
         refused = cadtof(*resolve, "--resume", "--frames", fewer)
-        _require_refused(refused, f"{out / 'run.json'}: cannot resume: --frames may leave out frames of the earlier run")
+        _require_refused(
+            refused, f"{out / 'run.json'}: cannot resume: --frames may leave out frames of the earlier run"
+        )
         assert _files(out) == before
     for more in (("--frames", "1:4"), ("--frames", "0:4"), ("--frames", "0:"), ()):
         assert cadtof(*resolve, "--resume", *more).status == 0

@@ -41,7 +41,10 @@ def test_the_sound_capture_is_resolved(recorded: Path, tmp_path: Path) -> None:
 def test_float_counts_without_settings_are_refused(recorded: Path, tmp_path: Path) -> None:
     folder = _capture(tmp_path / "floats", tifffile.imread(recorded).astype("f4"))
     done = _refused(folder)
-    assert f"they look like counts: give --volts-per-count and --zero-counts (probably {ZERO_COUNTS:g}, half of 14 bits" in done.err
+    assert (
+        f"they look like counts: give --volts-per-count and --zero-counts (probably {ZERO_COUNTS:g}, half of 14 bits"
+        in done.err
+    )
     mended = ("--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", f"{ZERO_COUNTS}")
     assert cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).status == 0
 

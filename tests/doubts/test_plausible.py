@@ -165,7 +165,11 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
             COUNTS,
             "shifted by 2 bits: multiply zero_counts and saturated_counts by 4, and divide volts_per_count by 4",
         ),
-        (counts() * 20000.0, Voltage(), "look like counts: give --volts-per-count and --zero-counts (0 V is somewhere around"),
+        (
+            counts() * 20000.0,
+            Voltage(),
+            "look like counts: give --volts-per-count and --zero-counts (0 V is somewhere around",
+        ),
     ],
 )
 def test_the_message_tells_the_likely_cause(stored: NDArray[np.generic], voltage: Voltage, cause: str) -> None:

@@ -63,7 +63,11 @@ def test_a_frame_without_permission_to_read_it_is_named(tmp_path: Path, monkeypa
         (12, None, "if this is a stack of 3 frames, say so: --stack-frames 3, or frames = 3 under [layout]"),
         (12, 2, "found 12 pages of 7 × 5 uint16, expected 8: layout.frames = 2 frames of 4 planes"),
         (4, 2, "; this may be 1 frame: correct it (--stack-frames 1), or move such files into a folder of their own, "),
-        (12, 2, "; this may be 3 frames: correct it (--stack-frames 3), or move such files into a folder of their own, "),
+        (
+            12,
+            2,
+            "; this may be 3 frames: correct it (--stack-frames 3), or move such files into a folder of their own, ",
+        ),
         (10, 3, "found 10 pages of 7 × 5 uint16, expected 12: layout.frames = 3 frames"),
     ],
 )

@@ -233,7 +233,7 @@ def test_planes_without_a_voltages_name_are_passed_over() -> None:
     [
         (["H1.SC1", "H1.SC2", "H2.SC1", "x"], None, "file: no channel H2.SC2; found H1.SC1, H1.SC2, H2.SC1"),
         (["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2", "H1.SC1"], None, "2 of them are named H1.SC1"),
-        ([*["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"] * 2][:7] + ["H2.SC1"], None, "3 of them are named H2.SC1"),
+        ([*("H1.SC1", "H1.SC2", "H2.SC1") * 2, "H2.SC2", "H2.SC1"], None, "3 of them are named H2.SC1"),
         (["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"], 2, "expected layout.frames = 2"),
         (["SC1", "SC1", "SC1", "SC2"], None, "found two planes whose names mean the same plane"),
         (["H1", "H1", "H5", "H5"], None, "found a plane of harmonic 5"),

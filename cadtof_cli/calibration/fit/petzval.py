@@ -334,7 +334,7 @@ def _findings(problem: _Problem, quality: PetzvalQuality, fit: RobustFit, optics
         findings.append(
             f"warning: the residual, {1000 * quality.rms_after_m:.2f} mm, is more than the noise, "
             f"{1000 * quality.noise_rms_m:.2f} mm: the walls are not flat, the response is not calibrated, "
-            "or a given distance is wrong"
+            "or a given distance or focal length is wrong"
         )
     return tuple(findings)
 

@@ -139,7 +139,8 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
         no_data = images.no_data
     if not names or len(names) != len(planes):
         raise NotMapsError(
-            f"{path}: found {counted(len(planes), 'page')} without the names of maps, expected an OME-TIFF as `cadtof resolve` writes it"
+            f"{path}: found {counted(len(planes), 'page')} without the names of maps, expected an OME-TIFF as `cadtof resolve` "
+            "writes it"
         )
     require_different_names(path, names)
     layers = dict(zip(names, planes, strict=True))

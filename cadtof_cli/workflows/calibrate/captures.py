@@ -19,6 +19,7 @@ from cadtof_cli.capture.frames import Capture, single_frames
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata, Target, Voltage
 from cadtof_cli.doubts.camera import other_offsets
 from cadtof_cli.doubts.frame import doubts
+from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.planes import mistaken_order
 from cadtof_cli.doubts.plausible import Copies
 from cadtof_cli.errors import FrameError, OutputError, SettingsError
@@ -106,8 +107,10 @@ def averaged_captures(
             progress.say(f"{capture.root}: {taken}")
         frames = _frames(capture, progress, has_light=has_light, of_order=not has_dark)
         mean = mean_volts(frames, voltage=capture.source.metadata.voltage)
-        if doubt := _too_much_scatter(capture, mean):
-            progress.say(f"warning: {capture.root}: {doubt}")
+        # all captures have the same periods and optics
+        of_unit = None if averaged else mistaken_unit(capture.source.metadata, mean.pixels)
+        for told in filter(None, (_too_much_scatter(capture, mean), of_unit)):
+            progress.say(f"warning: {capture.root}: {told}")
         first, expected = averaged[0] if averaged else (capture, mean)
         if mean.pixels != expected.pixels:
             here, there = size_text(mean.pixels), size_text(expected.pixels)

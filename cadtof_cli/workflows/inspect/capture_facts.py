@@ -116,9 +116,8 @@ def _facts(stored: Stored, container: str, look: FrameLook) -> FrameFacts:
     phasors = phasors_from_stored(planes, phasor_map)
     phasors[:, saturated] = np.nan
     why = (
-        (why_no_answer(np.array([StatusBit.NOT_FINITE], np.uint16)) if facts.not_finite == 1.0 else None)
-        or "; ".join(doubts(stored, metadata))
-    )
+        why_no_answer(np.array([StatusBit.NOT_FINITE], np.uint16)) if facts.not_finite == 1.0 else None
+    ) or "; ".join(doubts(stored, metadata))
     return replace(
         facts,
         integration_length_seen=estimated_integration_length(

@@ -102,9 +102,8 @@ def holds_maps(path: Path, /, *, or_other_layers: bool = False) -> bool:
             files.append(file)
     except UnlistedError:
         return False
-    if in_folder and files and all(map(_is_truth_of_frames, files)):
-        return False
-    layers = _first_sound_layers(files)
+    of_frames = in_folder and all(map(_is_truth_of_frames, files))
+    layers = None if of_frames else _first_sound_layers(files)
     if layers is None:
         return False
     return any(map(is_map_layer, layers)) or (or_other_layers and not any(map(channel_in_words, layers)))

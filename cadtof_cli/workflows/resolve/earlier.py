@@ -114,7 +114,8 @@ def _continued_record(out: Path, document: RunDocument, /, *, arriving: bool) ->
     # the lines of frames that are left out would be lost, while their maps would stay
     if frames_now[0] > frames[0] or frames_now[1] < frames[1]:
         raise OutputError(
-            f"{path}: cannot resume: --frames may leave out frames of the earlier run; give the same --frames or more, or --overwrite"
+            f"{path}: cannot resume: --frames may leave out frames of the earlier run; give the same --frames or more, or "
+            "--overwrite"
         )
     now = _what_decides_maps(RunRecord(json.loads(json.dumps(document, default=str))))
     if arriving:
