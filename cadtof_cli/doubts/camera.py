@@ -131,7 +131,7 @@ def other_noise(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap
         return (
             f"neighbouring pixels scatter as with integration_length = {seen:.2g} instead of {n_av:g}: standard deviations "
             f"are about {math.sqrt(seen / n_av):.2g} times too large, and weak light and MPI are not found. Correct "
-            "integration_length or leave it out; or, if a filter smooths the frames, record without it: only that makes sigma right"
+            "integration_length or leave it out; or, if a filter smooths the frames, record without it: else sigma is wrong"
         )
     return None
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from cadtof_cli.arrays import plane_name
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
+from cadtof_cli.files.maps import is_map_layer
 from cadtof_cli.files.named_planes import (
     PlaneLabel,
     channel_in_words,
@@ -56,6 +57,8 @@ def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: st
     found = _labelled(parts, layout, where)
     if not found:
         names = [place.channel for place in places_in(parts)]
+        if any(map(is_map_layer, names)):
+            raise NotAFrameError(f"{where}: holds maps ({', '.join(names)}), expected voltages")
         what = "a colour picture, " if _COLOURS.issuperset(names) else ""
         raise NotAFrameError(
             f"{where}: holds {what}the channels {', '.join(names)}, expected voltages {', '.join(layout.plane_names)}"

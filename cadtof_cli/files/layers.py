@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.errors import FrameError
 from cadtof_cli.files.atomic import PartialFile, atomic_write
 from cadtof_cli.files.digests import Digest, file_digest
 from cadtof_cli.files.formats import detect_format, format_by_suffix
-from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader, NotMapsError
+from cadtof_cli.files.maps import STATUS, DamagedMapsError, DepthMaps, MapHeader, NotMapsError
 
 STATUS_LIMIT = 2**13
 """All numbers below it are status bits: those of `StatusBit`, which this room may not import."""
@@ -43,7 +42,7 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     are_bits = np.isfinite(numbers) & (numbers >= 0) & (numbers < STATUS_LIMIT) & (numbers == np.floor(numbers))
     # every pixel of a map has a bit, but numbers that were scaled to 0 … 1 may be too small for half floats
     if not are_bits.all() or (status.dtype.kind == "f" and not numbers.any()):
-        raise FrameError(
+        raise DamagedMapsError(
             f"{path}: damaged maps: their status holds numbers that are no bits; a program that scales numbers may have"
             " written them"
         )

@@ -32,6 +32,10 @@ class NotMapsError(FrameError):
     """An undamaged file without named layers, such as a recorded frame."""
 
 
+class DamagedMapsError(FrameError):
+    """Maps whose values another program has changed, so that they are maps no more."""
+
+
 @dataclass(frozen=True)
 class DepthMaps:
     """The maps of one frame.

@@ -378,3 +378,13 @@ def test_settings_are_begun_for_frames_that_are_no_maps_beside_their_truth(
     done = cadtof("info", tmp_path, "--write-settings", *options)
     assert f"wrote {tmp_path / 'capture.toml'}" in done.err
     assert f"{tmp_path}: frames hold whole numbers (uint16), and the volts per count are unknown" in done.err
+
+
+@pytest.mark.parametrize("command", [("info",), ("preview", "-o", "x.png")])
+def test_maps_whose_status_was_scaled_are_damaged_maps_and_no_frames(command: tuple[str, ...], tmp_path: Path) -> None:
+    layers = {"direct.depth": np.ones((24, 32), "f4"), "status": np.full((24, 32), 8 / 65535, "f4")}
+    path = write_exr(tmp_path / "scaled.exr", layers)
+    done = cadtof(*command, path)
+    assert done.status == 1
+    assert f"{path}: damaged maps: their status holds numbers that are no bits" in done.err
+    assert "expected voltages" not in done.out + done.err

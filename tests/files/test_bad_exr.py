@@ -22,7 +22,7 @@ from tests.support.needed import needed_module
 def test_maps_in_an_exr_are_not_a_frame(tmp_path: Path) -> None:
     path = write_exr(tmp_path / "maps.exr", {"direct.depth": np.zeros((5, 7), "f4")})
     text = message(path, kind=NotAFrameError)
-    assert text.startswith(f"{path}: holds the channels direct.depth, expected voltages H1.SC1, H1.SC2")
+    assert text.startswith(f"{path}: holds maps (direct.depth), expected voltages")
 
 
 @pytest.mark.parametrize("missing", ["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"])

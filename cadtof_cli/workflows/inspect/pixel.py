@@ -8,7 +8,7 @@ import numpy as np
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, FrameSource
-from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, require
+from cadtof_cli.errors import CadtofError, SettingsError, require
 from cadtof_cli.files.documents import plain
 from cadtof_cli.files.frames import NotAFrameError
 from cadtof_cli.files.maps import STATUS, DepthMaps
@@ -90,9 +90,8 @@ def _recorded(
     frame: Path, place: int, settings: ResolveSettings
 ) -> tuple[CapturePlan, tuple[FrameSource, ...], tuple[str, ...]]:
     """Return the plan that a run would have for a capture, the frames of one of its maps, and notes on what it assumes."""
+    # one input, without the folders below it, is one capture
     captures = find_captures([frame], overrides=settings.overrides, settings_file=settings.settings_file)
-    if len(captures) > 1:
-        raise CaptureError(f"{frame}: found {len(captures)} captures, expected a frame or one capture")
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     (plan,) = plan_captures(captures, settings, calibration)
     maps = 0

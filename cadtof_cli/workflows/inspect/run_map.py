@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.frames import TRUTH
@@ -14,7 +15,7 @@ from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, UnlistedError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, MAP_SUFFIXES, RAW
 from cadtof_cli.files.layers import read_layers
-from cadtof_cli.files.maps import NotMapsError, is_map_layer
+from cadtof_cli.files.maps import STATUS, DamagedMapsError, NotMapsError, is_map_layer
 from cadtof_cli.files.named_planes import channel_in_words, is_of_a_plane
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
@@ -126,6 +127,9 @@ def _first_sound_layers(files: Sequence[Path], /) -> Layers | None:
             return read_layers(file)
         except NotMapsError:
             return None
+        except DamagedMapsError:
+            # they are maps all the same: who reads them is told what is wrong with them
+            return {STATUS: np.empty((0, 0))}
         except CadtofError:
             continue
     return None
