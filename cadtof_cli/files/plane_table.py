@@ -15,6 +15,8 @@ from cadtof_cli.units import counted
 
 _CHANNEL_LABELS = "CS"
 
+_ONE_PLANE_PER_FILE = '; if each plane has a file of its own, give their names by [layout] pattern, such as "{frame}_h{harmonic}_sc{channel}.tif"'
+
 
 def plane_table(
     labels: str, sizes: Sequence[int], layout: FrameLayout, *, where: str, names: Sequence[str] = ()
@@ -138,7 +140,7 @@ def _frame_count(total: int, layout: FrameLayout, where: str) -> int:
     if rest or not count:
         raise FrameError(
             f"{where}, expected {layout.planes} for one frame ({_names(layout)}), two for each of modulation.periods_ns, or a "
-            "whole multiple for a stack"
+            f"whole multiple for a stack{_ONE_PLANE_PER_FILE if total == 1 else ''}"
         )
     return count
 

@@ -135,6 +135,21 @@ def test_volts_are_refused_under_settings_of_counts(recorded: Path, tmp_path: Pa
     assert "they look like volts already: leave out zero_counts, volts_per_count and saturated_counts" in done.err
 
 
+def test_among_several_captures_the_key_of_the_one_at_fault_is_named_not_only_the_option(
+    recorded: Path, tmp_path: Path
+) -> None:
+    """An option would spoil the other capture: followed for its own capture alone, the advice makes all maps."""
+    millivolts = (tifffile.imread(recorded).astype("f8") - ZERO_COUNTS) * VOLTS_PER_COUNT * 1000
+    folder = _capture(tmp_path / "mv", millivolts.astype("f4"), toml=TOML["exr"])
+    both = ("resolve", recorded.parent, folder, "-o", tmp_path / "maps", "--jobs", "1")
+    told = "; an option holds for all captures of a run, a key in the capture.toml of this capture for it alone"
+    assert cadtof(*both).err.strip().endswith(told)
+    assert "correct --volts-per-count" in cadtof(*both, "--volts-per-count", "0.001").err
+    with (folder / "capture.toml").open("a") as toml:
+        toml.write("[voltage]\nvolts_per_count = 0.001\n")
+    assert cadtof(*both).status == 0
+
+
 def test_a_frame_without_an_answer_is_a_failed_frame(recorded: Path, tmp_path: Path) -> None:
     dark = np.random.default_rng(1).normal(ZERO_COUNTS, 5, (4, 24, 32)).round().astype("u2")
     write_pages(recorded.parent / "frame_1.tif", dark)

@@ -60,6 +60,7 @@ def test_a_frame_without_permission_to_read_it_is_named(tmp_path: Path, monkeypa
     ("pages", "frames", "expected"),
     [
         (3, None, "found 3 pages of 7 × 5 uint16, expected 4 for one frame (H1.SC1, H1.SC2, H2.SC1, H2.SC2)"),
+        (1, None, "; if each plane has a file of its own, give their names by [layout] pattern, such as "),
         (12, None, "if this is a stack of 3 frames, say so: --stack-frames 3, or frames = 3 under [layout]"),
         (12, 2, "found 12 pages of 7 × 5 uint16, expected 8: layout.frames = 2 frames of 4 planes"),
         (4, 2, "; this may be 1 frame: correct it (--stack-frames 1), or move such files into a folder of their own, "),
@@ -76,7 +77,7 @@ def test_a_wrong_number_of_pages_says_what_is_expected(
 ) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((pages, 5, 7), "u2"))
     text = message(path, FrameLayout((1, 2), frames))
-    assert text.startswith(f"{path}: found {pages} pages")
+    assert text.startswith(f"{path}: found {pages} page")
     assert expected in text
 
 

@@ -26,6 +26,8 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 _SLOW_RUN_S = 10.0
 
+_FOR_ALL = "; an option holds for all captures of a run, a key in the capture.toml of this capture for it alone"
+
 
 @dataclass(frozen=True)
 class AppliedCalibration:
@@ -178,7 +180,7 @@ def plan_captures(
             continue
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
-        stored = _plausible_frame(capture, typical.source)
+        stored = _plausible_frame(capture, typical.source, hint="" if len(captures) == 1 else _FOR_ALL)
         doubtful = () if stored is None else doubts_before_run(stored, plan)
         if of_unit := mistaken_unit(plan.metadata, typical.pixels):
             doubtful += (of_unit,)
@@ -195,8 +197,10 @@ def _of_capture(capture: Capture) -> Iterator[None]:
         raise SettingsError(f"{capture.root}: {error}") from error
 
 
-def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
+def _plausible_frame(capture: Capture, typical: FrameSource, *, hint: str = "") -> Stored | None:
     """Return a frame whose stored values can be voltages: the typical one, else the first, middle or last; None: none is read.
+
+    `hint` ends the message of the FrameError.
 
     Raises:
         SettingsError: the values are integers, and nothing says how many volts a count is.
@@ -214,7 +218,7 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
             return stored
         wrong.append(f"{source}: {found}")
     if wrong:
-        raise FrameError(wrong[0])
+        raise FrameError(wrong[0] + hint)
     return None
 
 
