@@ -76,8 +76,8 @@ def hint_of_planes(capture: Capture, /) -> tuple[str, Layout | None] | None:
         keys += ", harmonic = { " + ", ".join(f'"{name}" = {number}' for name, number in guess.harmonic) + " }"
     hint = (
         f"{capture.root}: found {len(capture.frames)} files with one plane each, and nothing says which plane is which; write "
-        f"the pattern of their names under [layout] in capture.toml, {'probably' if guess else 'for example'}: {keys}"
-        f"{'' if guess else _FOLDERS}"
+        f"the pattern of their names under [layout] in {capture.source.file or 'capture.toml'}, "
+        f"{'probably' if guess else 'for example'}: {keys}{'' if guess else _FOLDERS}"
     )
     return hint, guess
 

@@ -15,7 +15,10 @@ from cadtof_cli.units import counted
 
 _CHANNEL_LABELS = "CS"
 
-_ONE_PLANE_PER_FILE = '; if each plane has a file of its own, give their names by [layout] pattern, such as "{frame}_h{harmonic}_sc{channel}.tif"'
+_ONE_PLANE_PER_FILE = (
+    "; if each plane has a file of its own, give their names by [layout] pattern, such as "
+    '"{frame}_h{harmonic}_sc{channel}.tif"'
+)
 
 
 def plane_table(

@@ -2,13 +2,15 @@
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import Capture, FrameSource, read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.toml import FILE_NAME
 from cadtof_cli.doubts.plausible import Copies, require_plausible
-from cadtof_cli.errors import FrameError
+from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.digests import Digest, content_digest
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
@@ -16,6 +18,16 @@ from cadtof_cli.records import dataclass
 
 MOST_READS = 3
 """How many times a frame is read when its files keep changing while they are read."""
+
+
+@contextmanager
+def named(capture: Capture, /) -> Iterator[None]:
+    """Name the capture, and the file that holds its settings, in the message of a SettingsError that is raised in the block."""
+    try:
+        yield
+    except SettingsError as error:
+        file = capture.source.file or FILE_NAME
+        raise SettingsError(f"{capture.root}: {error}".replace(f" in {FILE_NAME}", f" in {file}")) from error
 
 
 @dataclass(frozen=True)

@@ -218,3 +218,18 @@ def test_maps_in_place_of_frames_are_skipped(recorded: Path, tmp_path: Path) -> 
     done = cadtof("resolve", tmp_path / "maps", "-o", tmp_path / "again", "--jobs", "1")
     assert done.status == 1
     assert f"skipped: {tmp_path / 'maps' / 'frame_0.tif'}: holds maps (direct.depth," in done.err
+
+
+@pytest.mark.parametrize("command", ["resolve", "info", "calibrate"])
+def test_the_settings_file_to_be_mended_is_named(command: str, recorded: Path, tmp_path: Path) -> None:
+    """A capture.toml beside the frames has no effect if --settings names another file."""
+    other = tmp_path / "other.toml"
+    other.write_text("[modulation]\nperiods_ns = [40.0, 20.0]\n")
+    words = {
+        "resolve": ("resolve", recorded.parent, "-o", tmp_path / "maps"),
+        "info": ("info", recorded.parent),
+        "calibrate": ("calibrate", "dark", recorded.parent, "-o", tmp_path / "camera"),
+    }
+    done = cadtof(*words[command], "--settings", other)
+    told = f"{recorded.parent}: frames hold whole numbers (uint16), and the volts per count are unknown: set "
+    assert f"{told}volts_per_count and zero_counts under [voltage] in {other}, or --volts-per-count" in done.err

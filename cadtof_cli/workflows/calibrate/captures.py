@@ -31,7 +31,7 @@ from cadtof_cli.phasors.noise import ambient_noise_v
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.recording import FrameReader
+from cadtof_cli.workflows.recording import FrameReader, named
 
 ASSUMED_LENGTH = 1e5
 """Integration length n_av for predicting the noise of a frame if the metadata do not give it."""
@@ -106,7 +106,8 @@ def averaged_captures(
         if taken := capture.source.defaults_in_words():
             progress.say(f"{capture.root}: {taken}")
         frames = _frames(capture, progress, has_light=has_light, of_order=not has_dark)
-        mean = mean_volts(frames, voltage=capture.source.metadata.voltage)
+        with named(capture):
+            mean = mean_volts(frames, voltage=capture.source.metadata.voltage)
         # all captures have the same periods and optics
         of_unit = None if averaged else mistaken_unit(capture.source.metadata, mean.pixels)
         for told in filter(None, (_too_much_scatter(capture, mean), of_unit)):

@@ -27,7 +27,7 @@ from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.resolver.status import StatusBit, why_no_answer
 from cadtof_cli.units import counted, unambiguous_range_m
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.recording import FrameReader
+from cadtof_cli.workflows.recording import FrameReader, named
 
 _LARGEST_RATIO = 2.0
 """Largest ratio between the integration lengths that frames show, up to which they may be the same. Scatter alone makes
@@ -246,9 +246,10 @@ class _LookedInto:
         if n_av is not None:
             facts.noise_mv = 1000.0 * ambient_noise_v(metadata, integration_length=n_av)
         try:
-            FramePlan(metadata=metadata)
-            for dtype in facts.types:
-                volts_per_count(metadata.voltage, np.dtype(dtype))
+            with named(capture):
+                FramePlan(metadata=metadata)
+                for dtype in facts.types:
+                    volts_per_count(metadata.voltage, np.dtype(dtype))
         except CadtofError as error:
-            facts.problems.append(f"{capture.root}: {error}")
+            facts.problems.append(str(error))
         return facts

@@ -3,7 +3,6 @@ applied."""
 
 import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,13 @@ from cadtof_cli.capture.frames import Capture, FrameSource, TypicalFile, file_si
 from cadtof_cli.doubts.frame import doubts_before_run
 from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.plausible import implausible
-from cadtof_cli.errors import CaptureError, FrameError, SettingsError
+from cadtof_cli.errors import CaptureError, FrameError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.recording import FrameReader
+from cadtof_cli.workflows.recording import FrameReader, named
 from cadtof_cli.workflows.resolve.reports import FrameReport, failed_input
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -168,7 +167,7 @@ def plan_captures(
     plans: list[CapturePlan] = []
     for capture in captures:
         typical = capture.typical
-        with _of_capture(capture):
+        with named(capture):
             plan = FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use)
         reader = FrameReader.of(capture)
         if typical is None:
@@ -188,15 +187,6 @@ def plan_captures(
     return plans
 
 
-@contextmanager
-def _of_capture(capture: Capture) -> Iterator[None]:
-    """Name the capture in the message of a SettingsError that is raised in the block."""
-    try:
-        yield
-    except SettingsError as error:
-        raise SettingsError(f"{capture.root}: {error}") from error
-
-
 def _plausible_frame(capture: Capture, typical: FrameSource, *, hint: str = "") -> Stored | None:
     """Return a frame whose stored values can be voltages: the typical one, else the first, middle or last; None: none is read.
 
@@ -209,7 +199,7 @@ def _plausible_frame(capture: Capture, typical: FrameSource, *, hint: str = "") 
     wrong: list[str] = []
     for source in dict.fromkeys((typical, *(capture.frames[place] for place in (0, len(capture.frames) // 2, -1)))):
         try:
-            with _of_capture(capture), open_frames(source, capture.layout) as frames:
+            with named(capture), open_frames(source, capture.layout) as frames:
                 stored = frames.read(0)
                 found = implausible(stored, capture.source.metadata)
         except FrameError:
@@ -247,7 +237,7 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
 
     calibration = current_calibration(folder)
     for capture in captures:
-        with _of_capture(capture):
+        with named(capture):
             calibration.require_match(capture.source.metadata, capture.typical.pixels if capture.typical else None)
     digests = calibration.digests
     parts: dict[str, Mapping[str, Any]] = {
