@@ -332,7 +332,7 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     values = sound_values(some, metadata)
     if not values.size:
         return None
-    for name, outermost in (("smallest", np.min), ("largest", np.max)):
+    for name, outermost, limits in (("smallest", np.min, "{:g},HIGH"), ("largest", np.max, "LOW,{:g}")):
         there = values == outermost(values)
         # nearly all frames end here
         if np.count_nonzero(there) < FEWEST:
@@ -344,6 +344,6 @@ def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
                 return (
                     f"{pixels / values.shape[2]:.1%} of the pixels hold {outermost(values):g}, the {name} stored value; if the "
                     "camera or a program cuts values off there, these pixels are saturated: set saturated_counts under "
-                    "[voltage] in capture.toml, or --saturated-counts"
+                    f"[voltage] in capture.toml, or --saturated-counts {limits.format(outermost(values))}"
                 )
     return None

@@ -47,11 +47,12 @@ def test_values_that_are_cut_off_are_doubted(dtype: type) -> None:
     stored: NDArray[np.generic] = (counts() + np.random.default_rng(1).normal(0.0, 7.0, (2, 2, 4000))).astype(dtype)
     high, low = np.minimum(stored, dtype(9500)), np.maximum(stored, dtype(7000))
     assert str(doubt_of_cutting(high)).endswith(
-        "saturated_counts under [voltage] in capture.toml, or --saturated-counts"
+        "saturated_counts under [voltage] in capture.toml, or --saturated-counts LOW,9500"
     )
     share = (high == 9500).any(axis=(0, 1)).mean()
     assert str(doubt_of_cutting(high)).startswith(f"{share:.1%} of the pixels hold 9500, the largest stored value; ")
     assert " of the pixels hold 7000, the smallest stored value; " in str(doubt_of_cutting(low))
+    assert str(doubt_of_cutting(low)).endswith("--saturated-counts 7000,HIGH")
     known = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(0.0, 9500.0))
     assert doubt_of_cutting(high, known) is None
     assert doubt_of_cutting(low, known) is not None
