@@ -188,6 +188,16 @@ def test_an_array_is_a_frame_as_good_as_a_file(tmp_path: Path) -> None:
     [
         ((3, 2, 4, 4), "uint16", r"shape \(3, 2, 4, 4\), expected \(2, 2, Y, X\)"),
         ((24, 32, 2, 2), "uint16", r"if its axes are Y X H C: stored\.transpose\(2, 3, 0, 1\)"),
+        (
+            (24, 32, 4),
+            "uint16",
+            r"if its axes are Y X 4: stored\.transpose\(2, 0, 1\), then \.reshape\(2, 2, Y, X\) with its",
+        ),
+        (
+            (4, 24, 32),
+            "uint16",
+            r"; planes on one axis: stored\.reshape\(2, 2, Y, X\) with its numbers of rows and columns",
+        ),
         ((2, 2, 4), "uint16", "shape"),
         ((2, 2, 4, 0), "float32", "shape"),
         ((2, 2, 4, 4), "complex128", "type complex128"),

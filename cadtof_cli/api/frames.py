@@ -69,6 +69,10 @@ class Frame:
             raise FrameError(f"{self}: found no array of numbers: {error}") from error
         if stored.ndim != 4 or stored.shape[:2] != (harmonics, CHANNELS) or 0 in stored.shape:
             ways = transpositions(("stored", ""), stored.shape, harmonics)
+            if stored.ndim == len("PYX") and (ways or stored.shape[0] == CHANNELS * harmonics):
+                # the planes on one axis
+                planes = f"({harmonics}, {CHANNELS}, Y, X) with its numbers of rows and columns"
+                ways = f"{ways}, then .reshape{planes}" if ways else f"planes on one axis: stored.reshape{planes}"
             raise FrameError(
                 f"{self}: found an array of shape {stored.shape}, expected ({harmonics}, {CHANNELS}, Y, X): the harmonics "
                 f"of modulation.periods_ns, SC1 and SC2, rows, columns{ways and f'; {ways}'}"

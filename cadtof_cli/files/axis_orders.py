@@ -18,6 +18,10 @@ With two harmonics, H and C have the same length, so two orders are possible.
 """
 
 
+_SHORT = 2
+"""How many times longer rows and columns must be than a last axis that may hold the planes of several frames."""
+
+
 def transpositions(call: tuple[str, str], shape: Sequence[int], harmonics: int, /) -> str:
     """Return, in words for a message, the calls that bring an array of this shape into our order of axes.
 
@@ -27,10 +31,14 @@ def transpositions(call: tuple[str, str], shape: Sequence[int], harmonics: int, 
     can have this shape. `call` is a Python call that saves the array: the parts before and after the place of the
     transposition.
     """
-    lengths = {"H": harmonics, "C": CHANNELS, "P": CHANNELS * harmonics}
+    planes = CHANNELS * harmonics
+    lengths = {"H": harmonics, "C": CHANNELS, "P": planes}
+    if len(shape) == len("YXP") and shape[-1] % planes == 0 and _SHORT * shape[-1] < min(shape[:-1]):
+        # the planes of several frames
+        lengths["P"] = shape[-1]
 
     def may_be(axis: str, size: int) -> bool:
-        return size == lengths[axis] if axis in lengths else size > lengths["P"] or axis == "T"
+        return size == lengths[axis] if axis in lengths else size > planes or axis == "T"
 
     found = [
         (axes, tuple(axes.index(axis) for axis in ours))
@@ -43,8 +51,7 @@ def transpositions(call: tuple[str, str], shape: Sequence[int], harmonics: int, 
     found.sort(key=lambda one: -one[0].index("X"))
     columns_first = [one for one in found if "XY" in one[0] and shape[one[0].index("X")] > shape[one[0].index("Y")]]
     rows_first = [one for one in found if "YX" in one[0]]
-    planes = str(lengths["P"])
     return "; ".join(
-        f"if its axes are {' '.join(axes).replace('P', planes)}: {call[0]}.transpose{order}{call[1]}"
+        f"if its axes are {' '.join(axes).replace('P', str(lengths['P']))}: {call[0]}.transpose{order}{call[1]}"
         for axes, order in columns_first[:_NAMED] + rows_first[:_NAMED]
     )

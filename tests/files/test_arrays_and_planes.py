@@ -84,6 +84,30 @@ def test_npy_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, har
     np.testing.assert_array_equal(_read(path, stack, index=2 if "T" in axes else 0), expected)
 
 
+@pytest.mark.parametrize("axes", ["YXHC", "HYXC", "YXP", "TYXP"])
+def test_tiff_of_an_array_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, tmp_path: Path) -> None:
+    """Pages of 2 or 4 columns would have passed for a stack of dozens of frames, had --stack-frames been given as advised."""
+    path, lengths = tmp_path / "frame.tif", {"T": 3, "H": 2, "C": 2, "P": 4, "Y": 37, "X": 53}
+    ours = "".join(axis for axis in "THCPYX" if axis in axes)
+    recorded = np.random.default_rng(4).integers(0, 2**14, [lengths[axis] for axis in ours], "u2")
+    tifffile.imwrite(path, recorded.transpose([ours.index(axis) for axis in axes]), photometric="minisblack")
+    shown = re.escape(" ".join(axes).replace("P", "4"))
+    (call,) = re.findall(
+        rf"if its axes are {shown}: (tifffile\.imwrite\(PATH, .*?, photometric='minisblack'\))", message(path)
+    )
+    eval(call, {"tifffile": tifffile, "PATH": path})
+    stack = FrameLayout((1, 2), 3) if "T" in axes else LAYOUT
+    np.testing.assert_array_equal(
+        _read(path, stack, index=2 if "T" in axes else 0), recorded.reshape(-1, 2, 2, 37, 53)[-1]
+    )
+
+
+def test_planes_of_several_frames_on_the_last_axis_are_no_stack_of_slender_frames(tmp_path: Path) -> None:
+    path = tmp_path / "frame.npy"
+    np.save(path, np.zeros((36, 53, 12), "u2"))
+    assert message(path).endswith("if its axes are Y X 12: numpy.save(PATH, numpy.load(PATH).transpose(2, 0, 1))")
+
+
 def test_columns_before_rows_are_suggested_only_for_upright_frames(tmp_path: Path) -> None:
     np.save(tmp_path / "landscape.npy", np.zeros((37, 53, 2, 2), "u2"))
     assert "X Y" not in message(tmp_path / "landscape.npy")

@@ -88,7 +88,9 @@ def test_a_number_of_pages_that_is_no_multiple_gets_no_advice(tmp_path: Path) ->
 
 def test_axes_in_an_order_that_could_mean_two_things(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((4, 3, 5, 7), "u2"), metadata={"axes": "QZYX"})
-    assert "in axes Q=4 Z=3, expected 4 planes per frame in the order H1.SC1" in message(path)
+    text = message(path)
+    assert "found an array of 4 × 3 × 5 × 7, expected axes [T] H C Y X" in text
+    assert "if its axes are 4 T Y X: tifffile.imwrite(PATH, tifffile.imread(PATH).transpose(1, 0, 2, 3), " in text
 
 
 def test_pages_that_differ_are_counted_by_their_form(tmp_path: Path) -> None:

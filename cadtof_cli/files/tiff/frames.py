@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.array_frames import lengths_text
+from cadtof_cli.files.axis_orders import transpositions
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error
 from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.files.tiff.images import TiffImages
+
+_MENDED_BY = "tifffile.imwrite(PATH, tifffile.imread(PATH)", ", photometric='minisblack')"
+"""The Python call that saves a file again: the parts before and after the place of the transposition."""
 
 
 class _LastRead(threading.local):
@@ -62,6 +67,12 @@ def _opened(path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.int
         table = plane_table(images.labels, images.sizes, layout, where=images.found, names=images.names)
     except FrameError:
         images.close()
+        # a program that saves arrays makes pages of whatever axes are last
+        shape = (*(size for size in images.sizes if size > 1), *images.plane_shape)
+        if ways := transpositions(_MENDED_BY, shape, len(layout.harmonics)):
+            raise FrameError(
+                f"{path}: found an array of {lengths_text(shape)}, expected axes [T] H C Y X, rows and columns last; {ways}"
+            ) from None
         raise
     if len(table) > 1:
         _last.key, _last.opened = key, (images, table)
