@@ -175,7 +175,7 @@ def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise:
     return LikelyPaths(paths, phase_sigmas(paths, end.matrix), end.cost, converged)
 
 
-def phase_sigmas(paths: Mixture, matrix: Float) -> Float:
+def phase_sigmas(paths: Mixture, matrix: Float, /) -> Float:
     """Return the standard deviations of the phases, from the inverse of the Fisher information in (da, a·dx)."""
     count = len(paths.amplitude)
     variance = inverse_diagonal(cholesky(matrix, 2 * count), 2 * count)[count:]
