@@ -97,6 +97,7 @@ class WhiteFit:
     """The fit with the noise of ambient light alone, which has one weight per harmonic, equal in all directions."""
 
     kind: ClassVar[int] = WHITE
+    response_arrays: ClassVar[tuple[()]] = ()
 
     measured: Measured
     weights: tuple[float, ...]
@@ -138,6 +139,7 @@ class WeightedFit:
     """
 
     kind: ClassVar[int] = WEIGHTED
+    response_arrays: ClassVar[tuple[()]] = ()
 
     measured: Measured
     weights: Float

@@ -7,15 +7,18 @@ and their derivatives in place of exp(ihx).
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor
+from cadtof_cli.resolver.kernels import contiguous
 from cadtof_cli.resolver.likelihood.k_paths import POLISH, SEARCH, LikelyPaths, acceptable_misfit, phase_sigmas
 from cadtof_cli.resolver.likelihood.k_paths import found_paths as paths_of_sine
+from cadtof_cli.resolver.likelihood.kernel import RESPONSE
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, equations_of, moved_paths
 from cadtof_cli.resolver.likelihood.normal_equations import Linearised
 from cadtof_cli.resolver.likelihood.solver import SURELY_MORE
@@ -76,7 +79,7 @@ class Recorded:
         for row, one in enumerate(self.noise.each):
             weights[::2, row] = 1.0 / one.dark_variance
         problem = ResponseFit(self.measured, weights, self.response)
-        end, _ = SEARCH.descended(problem, starts.points, samples=self.noise.samples)
+        end = SEARCH.solve(problem, starts.points, samples=self.noise.samples)
         return Mixture.of_points(end.points), end.cost
 
 
@@ -109,7 +112,7 @@ def most_likely(recorded: Recorded, found: Mixture, /) -> LikelyPaths:
     """Return the maximum of the likelihood next to the paths `found`, with the noise of the light of these paths."""
     measured, noise = recorded.measured, recorded.noise
     problem = ResponseFit(measured, WeightedFit.around(measured, found, noise=noise).weights, recorded.response)
-    best, _ = POLISH.descended(problem, found.points, samples=noise.samples)
+    best = POLISH.solve(problem, found.points, samples=noise.samples)
     paths = Mixture.of_points(best.points)
     fall_off = problem.fall_off(paths, noise=noise) if len(paths.amplitude) == 1 else None
     return LikelyPaths(paths, phase_sigmas(paths, best.matrix), best.cost, best.converged, fall_off)
@@ -118,6 +121,8 @@ def most_likely(recorded: Recorded, found: Mixture, /) -> LikelyPaths:
 @dataclass(frozen=True)
 class ResponseFit:
     """The fit of paths with the full response, a `Problem` of the search; `weights` are those of `WeightedFit`."""
+
+    kind: ClassVar[int] = RESPONSE
 
     measured: Measured
     weights: Float
@@ -132,6 +137,12 @@ class ResponseFit:
 
     def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.measured[chosen], self.weights[:, :, chosen], self.response.block(chosen))
+
+    @property
+    def response_arrays(self) -> tuple[NDArray[Any] | None, ...]:
+        """The tables, (N, ENTRIES, 4), and the own phases of the pixels and their rotors, (N, n) each, if they have any."""
+        tables = np.stack([table.entries for table in self.response.stages[-1]])
+        return tables, *contiguous(self.response.phase_rad, self.response.rotors)
 
     def fall_off(self, path: Mixture, /, *, noise: NoiseModel) -> Float:
         """Return z·|z|, (n,): z is how much the phasors fall off with h² along one path, in standard deviations of the noise."""
