@@ -255,14 +255,22 @@ def triangles() -> None:
 
 def _errors_of(waveform: Waveform, count: int, separation: float) -> tuple[F, F]:
     """Return the errors of direct depths from .3 to 2.5 m, and their sigma, in m."""
+    stored, plan, truth = _recorded_pair(waveform, count, separation, n_av=2e5 / count, pixels=(120, 160))
+    maps = resolve_frame(stored, plan=plan).maps
+    return np.abs(maps.layer(DIRECT_DEPTH) - truth), maps.layer(DIRECT_SIGMA).astype(np.float64)
+
+
+def _recorded_pair(
+    waveform: Waveform, count: int, separation: float, *, n_av: float, pixels: tuple[int, int]
+) -> tuple[NDArray[np.uint16], FramePlan, F]:
+    """Return a frame of two paths, how it is resolved, and the true direct depth, in m."""
     nothing = Defects(phase_rad=(0.0,) * count, gain=(1.0,) * count)
-    seen = camera(nothing, waveform=waveform, harmonics=count, pixels=(120, 160), n_av=2e5 / count)
-    first = np.random.default_rng(1).uniform(0.3, 2.5, seen.pixels)
-    ranges, shares = np.stack([first, first + C_M_PER_NS / 2.0 * separation]), np.array([1.0, 0.3]) / 6.3
+    seen = camera(nothing, waveform=waveform, harmonics=count, pixels=pixels, n_av=n_av)
+    truth = np.random.default_rng(1).uniform(0.3, 2.5, pixels)
+    ranges, shares = np.stack([truth, truth + C_M_PER_NS / 2.0 * separation]), np.array([1.0, 0.3]) / 6.3
     (stored,) = seen.frames(ranges, shares[:, np.newaxis, np.newaxis] * np.ones_like(ranges), count=1, seed=5)
     settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"))
-    maps = resolve_frame(stored, plan=FramePlan(metadata=seen.metadata, settings=settings)).maps
-    return np.abs(maps.layer(DIRECT_DEPTH) - first), maps.layer(DIRECT_SIGMA).astype(np.float64)
+    return stored, FramePlan(metadata=seen.metadata, settings=settings), truth
 
 
 # --- pooling ---------------------------------------------------------------------------------------------------------
@@ -336,6 +344,8 @@ def speed(repeats: int) -> None:
         "likelihood {1,2,3,4}, two paths": _frame(light, (1, 2, 3, 4), discrete),
         "lm {1,2}, two paths": _frame(light, (1, 2), ResolverSettings(solver="lm")),
         "lm {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings(solver="lm")),
+        "triangle waves {1,2}, two paths": _frame_of_triangles(2),
+        "triangle waves {1,2,3}, two paths": _frame_of_triangles(3),
         "three paths, {1,2,3}": _frame(three, (1, 2, 3), ResolverSettings(paths=3)),
         "closed form {1,2}, pooled 5 × 5": _frame(light, (1, 2), discrete, pool=5),
     }
@@ -355,6 +365,11 @@ def _frame(
     stored = np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, 240, 320)
     stored *= plan.metadata.modulation.amplitude_v
     return lambda: by_kernel(kernel, resolve_frame, stored.astype(np.float32), plan=plan)
+
+
+def _frame_of_triangles(count: int) -> Callable[[], object]:
+    stored, plan, _ = _recorded_pair("triangle", count, 11.0, n_av=1e5, pixels=(240, 320))
+    return lambda: resolve_frame(stored, plan=plan)
 
 
 def main() -> None:
