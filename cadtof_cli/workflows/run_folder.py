@@ -83,9 +83,9 @@ class Run:
     def _said(self, fact: str, *, if_missing: str = "") -> str:
         """Return a fact that the headers of all maps agree on; empty if no header has it. Raises SettingsError if they differ.
 
-        A header without the fact counts as one that says `if_missing`; empty: it does not count.
+        A header with other facts alone counts as one that says `if_missing`; empty: it does not count.
         """
-        said = {file: facts.get(fact, if_missing) for file, facts in self._headers.items()}
+        said = {file: facts.get(fact, if_missing) for file, facts in self._headers.items() if facts}
         files = {text: file.name for file, text in said.items() if text}
         if len(files) > 1:
             found = " and ".join(f"{said} ({name})" for said, name in list(files.items())[:2])

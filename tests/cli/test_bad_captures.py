@@ -98,7 +98,8 @@ def test_missing_metadata_is_named_with_the_option_that_gives_it(tmp_path: Path)
     done = cadtof("resolve", counts.folder, "-o", tmp_path / "out", "-j", 1)
     assert done.err == (
         f"Error: {counts.folder}: frames hold whole numbers (uint16), and the volts per count are unknown: "
-        "set volts_per_count and zero_counts under [voltage] in capture.toml, or --volts-per-count and --zero-counts\n"
+        f"set volts_per_count and zero_counts under [voltage] in {counts.folder / 'capture.toml'}, or --volts-per-count and "
+        "--zero-counts\n"
     )
     assert done.status == 2
     volts = record(tmp_path / "volts", form="exr")

@@ -278,7 +278,9 @@ def test_hostile_names_and_given_optics(tmp_path: Path) -> None:
 
 def test_impossible_exports_are_refused(tmp_path: Path) -> None:
     out = _maps(tmp_path)
-    write_exr(tmp_path / "lone.exr", {"direct.depth": np.ones((3, 4), np.float32)})
+    layers = dict.fromkeys(("direct.depth", "direct.amplitude", "direct.sigma", "status"), np.ones((3, 4), np.float32))
+    write_exr(tmp_path / "lone.exr", layers)
+    write_exr(tmp_path / "truth.exr", {"direct.depth": np.ones((3, 4), np.float32)})
     for arguments, message in (
         (
             (out, "-o", tmp_path / "a.obj"),
@@ -290,6 +292,8 @@ def test_impossible_exports_are_refused(tmp_path: Path) -> None:
         ),
         ((out, "-o", tmp_path / "a.ply", "--layer", "path3.depth"), "expected path3.depth"),
         ((tmp_path / "lone.exr", "-o", tmp_path / "a.ply"), "its optics are unknown"),
+        # optics would not help
+        ((tmp_path / "truth.exr", "-o", tmp_path / "a.ply"), "found layers direct.depth; expected direct.amplitude"),
         ((out, "-o", tmp_path / "a.ply", "--focal-length-px", "0"), "optics.focal_length_px"),
         (
             (out, "-o", tmp_path / "a.ply", "--principal-point-px", "1,2,3"),
