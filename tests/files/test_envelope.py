@@ -18,6 +18,7 @@ from cadtof_cli.files.layers import read_layers, stage_maps
 from cadtof_cli.files.maps import DepthMaps, MapHeader
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.files.tiff import layers
+from cadtof_cli.files.tiff.images import TiffImages
 from tests.support.captures import write_maps
 
 LAYOUT = FrameLayout(harmonics=(1, 2))
@@ -194,12 +195,11 @@ def test_only_the_first_map_of_each_of_two_runs_is_read_with_tifffile(
     runs = [named_maps(tmp_path / run, 3) for run in "ab"]
     opened: list[Path] = []
 
-    class Counted(layers.TiffImages):
-        def __init__(self, path: Path, *, voltages: bool = True) -> None:
-            opened.append(path)
-            super().__init__(path, voltages=voltages)
+    def counted(path: Path, *, voltages: bool) -> TiffImages:
+        opened.append(path)
+        return TiffImages(path, voltages=voltages)
 
-    monkeypatch.setattr(layers, "TiffImages", Counted)
+    monkeypatch.setattr(layers, "TiffImages", counted)
     for pair in zip(*runs, strict=True):
         for path in pair:
             found, place = read_layers(path), int(path.stem[-1])

@@ -19,7 +19,7 @@ from cadtof_cli.simulation.scene.exposure import Band, Exposure
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
-from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.progress import Progress, results
 from cadtof_cli.workflows.simulate import record
 from cadtof_cli.workflows.simulate.record import RecordReport, RecordSettings, expose, record_scene, write_capture
 from tests.support.told import Told
@@ -135,11 +135,11 @@ def test_every_step_is_reported(jobs: int, tmp_path: Path) -> None:
 def test_a_process_gets_bands_that_lie_together(monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[tuple[int, ...]] = []
 
-    def results(function: Callable[[Sequence[slice]], list[Band]], shares: Sequence[Sequence[slice]], **_: Any) -> Any:
+    def noted(function: Callable[[Sequence[slice]], list[Band]], shares: Sequence[Sequence[slice]], **_: Any) -> Any:
         given.extend(tuple(rows.start for rows in share) for share in shares)
         return map(function, shares)
 
-    monkeypatch.setattr(record, "results", results)
+    monkeypatch.setattr(record, "results", noted)
     for jobs, rows, shares in ((1, 33, (1, 1, 1, 1, 1)), (2, 33, (3, 2)), (4, 33, (2, 2, 1)), (2, 321, (16, 16, 9))):
         given.clear()
         expose(exposure(camera=Camera(width=2, height=rows)), workers=Workers(jobs=jobs))
@@ -150,12 +150,11 @@ def test_a_process_gets_bands_that_lie_together(monkeypatch: pytest.MonkeyPatch)
 def test_frames_are_recorded_by_as_many_processes_as_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[int, int]] = []
 
-    def results(function: Callable[[Any], Any], tasks: Sequence[Any], *, workers: Workers, progress: Progress) -> Any:
+    def shared(function: Callable[[Any], Any], tasks: Sequence[Any], *, workers: Workers, progress: Progress) -> Any:
         asked.append((len(tasks), workers.jobs))
-        return done(function, tasks, workers=ALONE, progress=progress)
+        return results(function, tasks, workers=ALONE, progress=progress)
 
-    done = record.results
-    monkeypatch.setattr(record, "results", results)
+    monkeypatch.setattr(record, "results", shared)
     recorded(exposure(), tmp_path / "c", jobs=3, frames=5)
     assert asked == [(3, 3), (5, 3)]
     assert len(list((tmp_path / "c").glob("frame_*.tif"))) == 5
