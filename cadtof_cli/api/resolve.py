@@ -79,6 +79,9 @@ def resolve(
     first = frames[0]
     pixels = first.stored.shape[2], first.stored.shape[3]
     settings = _settings(options, average=len(frames))
+    for name, where in (settings.resolver.without_effect | settings.without_effect).items():
+        if name in options:
+            _log.warning(f"{name}: has no effect {where}")
     settings.require_roi_within(pixels, of=str(first))
     loaded, use = None, None
     if calibration is not None:

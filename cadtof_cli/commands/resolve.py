@@ -94,6 +94,8 @@ def resolve(
 
     if settings.workers.scheduler != LOCAL:
         note_given({"jobs", "start_method"}, "with --scheduler, whose workers are started elsewhere")
+    elif settings.workers.jobs == 1 and settings.workers.task_timeout_s is None:
+        note_given({"start_method"}, "with a single process")
     paths = arriving_paths(inputs, null=null)
     # a list of what would be written is complete only if all paths have arrived
     first = tuple(itertools.chain.from_iterable(paths)) if settings.dry_run else next(paths)
