@@ -3,6 +3,7 @@
 import logging
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -81,7 +82,7 @@ def resolve(
     settings = _settings(options, average=len(frames))
     for name, where in (settings.resolver.without_effect | settings.without_effect).items():
         if name in options:
-            _log.warning(f"{name}: has no effect {where}")
+            _log_once(f"{name}: has no effect {where}")
     settings.require_roi_within(pixels, of=str(first))
     loaded, use = None, None
     if calibration is not None:
@@ -94,6 +95,12 @@ def resolve(
     maps, _ = answered_maps(resolved, plan, source=first)
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     return Maps(layers, plan.header.of_frame(str(first)).facts)
+
+
+@cache
+def _log_once(note: str) -> None:
+    """Log a note on options, which are often the same for a thousand frames."""
+    _log.warning(note)
 
 
 def _frames(given: Frame | Sequence[Frame]) -> list[Frame]:
