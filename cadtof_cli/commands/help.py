@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import note
 
 NARROW = 60
 """On terminals with fewer columns, the description of an option stands under its name instead of beside it."""
@@ -63,8 +63,7 @@ class Command(click.Command):
         """Parse the arguments into the parameters of the context, and return what is left of them."""
         _, _, given = self.make_parser(ctx).parse_args(list(args))
         left = super().parse_args(ctx, args)
-        told = not (ctx.params.get("quiet") or ctx.resilient_parsing)
-        for option in dict.fromkeys(given) if told else ():
+        for option in dict.fromkeys(given):
             # a switch that is typed twice does what it says, unless it was turned off in between
             takes_one = isinstance(option, click.Option) and not option.multiple
             if (
@@ -72,7 +71,7 @@ class Command(click.Command):
                 and given.count(option) > 1
                 and (option.secondary_opts or not getattr(option, "is_flag", False))
             ):
-                tell(f"{option.opts[-1]}: given {given.count(option)} times; only the last one has an effect", err=True)
+                note(f"{option.opts[-1]}: given {given.count(option)} times; only the last one has an effect")
         return left
 
 

@@ -179,6 +179,18 @@ def test_quiet_runs_do_not_name_options_without_effect(capture: Path, tmp_path: 
     assert (done.status, done.err) == (0, "")
 
 
+@pytest.mark.parametrize("quiet", [(), ("-q",)])
+def test_the_log_names_options_without_effect(quiet: tuple[str, ...], capture: Path, tmp_path: Path) -> None:
+    log, options = tmp_path / "log", ("--starts", 5, "--pool", 3, "--pool", 1, "-j", 999)
+    assert cadtof("resolve", capture, "-o", tmp_path / "maps", "--log", log, *options, *quiet).status == 0
+    for line in (
+        "--jobs 999: at most ",
+        "--pool: given 2 times; only the last one has an effect",
+        "--starts: has no effect with --solver two-path",
+    ):
+        assert log.read_text().count(f" {line}") == 1
+
+
 def test_info_refuses_out_without_write_settings(capture: Path, tmp_path: Path) -> None:
     """A user who asks for a file would mistake an older file of this name for it."""
     done = cadtof("info", capture, "-o", tmp_path / "new.toml")
