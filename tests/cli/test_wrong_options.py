@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 
 from tests.support.campaign import camera, covered, write
 from tests.support.captures import Form, layers_of, record
@@ -132,6 +133,20 @@ def test_keys_without_effect_are_named(form: Form, text: str, message: str, tmp_
     done = cadtof("resolve", folder, "-o", tmp_path / "maps", "-j", 1)
     assert done.status == 0
     assert f"{folder}: {message}\n" in done.err
+
+
+def test_keys_of_planes_without_effect_are_named(tmp_path: Path) -> None:
+    """A third period that `periods_ns` does not name was left out, though its files had a name in `layout.harmonic`."""
+    capture = record(tmp_path / "capture")
+    planes = tifffile.imread(capture.files[0]).reshape(4, 24, 32)
+    for place, plane in enumerate(planes):
+        tifffile.imwrite(capture.folder / f"a_{'xy'[place // 2]}_{place % 2 + 1}.tif", plane)
+    capture.files[0].unlink()
+    layout = ("--pattern", "{frame}_{harmonic}_{channel}.tif", "--harmonic", "x=1,y=2,z=3", "--stack-frames", 3)
+    done = cadtof("resolve", capture.folder, "-o", tmp_path / "maps", "-j", 1, *layout)
+    assert done.status == 0
+    assert f"{capture.folder}: layout.frames has no effect: TIFF files of one plane are no stacks\n" in done.err
+    assert f"{capture.folder}: layout.harmonic.z has no effect: modulation.periods_ns has no such period\n" in done.err
 
 
 def test_covered_frames_have_no_light_to_be_described(tmp_path: Path) -> None:
