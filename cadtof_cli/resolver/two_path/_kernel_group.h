@@ -7,6 +7,8 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "_arcsine.h"
+
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || \
     defined(__NO_SIGNED_ZEROS__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
 #error "the kernel and its numpy reference give the same bits only without -ffast-math and its parts"
@@ -19,9 +21,6 @@
 #define GROUP 32
 #endif
 #define EACH_PIXEL for (int i = 0; i < GROUP; i++)
-
-#define PI 3.141592653589793
-#define FULL_TURN 6.283185307179586
 
 /* One value per pixel of a group. */
 typedef double Row[GROUP];
