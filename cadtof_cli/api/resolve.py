@@ -22,6 +22,7 @@ from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, SolverName
+from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.resolve.frame_task import answered_maps
 
 _log = logging.getLogger("cadtof_cli")
@@ -93,6 +94,10 @@ def resolve(
     plan = FramePlan(metadata=first.metadata, settings=settings, calibration=use)
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
     maps, _ = answered_maps(resolved, plan, source=first)
+    forced = settings.resolver.mpi_model == "diffuse" and settings.resolver.may_be_diffuse((1, 2))
+    if forced and not (maps.status & np.uint32(StatusBit.DIFFUSE_MPI)).any():
+        dim = "has enough light in too few places; all its MPI is taken for separate paths"
+        _log.warning(f"{first}: mpi_model has no effect, because the frame {dim}")
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     return Maps(layers, plan.header.of_frame(str(first)).facts)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from cadtof_cli import read_frames, resolve
 from tests.support.campaign import camera, covered, write
 from tests.support.captures import Form, layers_of, record
 from tests.support.run_cadtof import cadtof
@@ -187,6 +188,16 @@ def test_optics_that_make_no_point_cloud_are_named(maps: Path, tmp_path: Path) -
     done = cadtof("report", alone, "-o", tmp_path / "page.html", "--principal-point", "3,4")
     assert done.status == 0
     assert "no point cloud is shown: that needs --focal-length-px, and for maps of a --roi also" in done.err
+
+
+def test_frames_too_small_for_a_tail_are_counted(
+    capture: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    done = cadtof("resolve", capture, "-o", tmp_path / "maps", "-j", 1, "--mpi-model", "diffuse")
+    words = "has no effect on 1 frame with enough light in too few places; all MPI there is taken for separate paths"
+    assert (done.status, f"--mpi-model diffuse: {words}\n" in done.err) == (0, True)
+    resolve(next(read_frames(capture)), mpi_model="diffuse")
+    assert "frame_0.tif: mpi_model has no effect, because the frame has enough light in too few places" in caplog.text
 
 
 def test_quiet_runs_do_not_name_options_without_effect(capture: Path, tmp_path: Path) -> None:
