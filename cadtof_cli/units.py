@@ -22,7 +22,7 @@ def size_text(pixels: Sequence[int], /) -> str:
 
 def printable(text: str, /) -> str:
     """Return a text in which characters that are invisible, change the direction of writing or are no Unicode, are escaped."""
-    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
+    return text if text.isprintable() else "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
 def shortened(text: str, most: int, /) -> str:

@@ -119,6 +119,21 @@ def test_a_list_of_frames_is_resolved_as_their_mean(tmp_path: Path) -> None:
         resolve([])
 
 
+def test_options_without_effect_are_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    frame = next(read_frames(record(tmp_path / "capture").folder))
+    for _ in range(2):
+        resolve(frame, order="1", starts=5, returns="last", min_confidence_v=1e-4, false_alarm=0.1)
+    for line in (
+        "starts: has no effect with --solver two-path",
+        "returns: has no effect with one path per pixel",
+        "false_alarm: has no effect with --min-confidence and a given number of paths",
+    ):
+        assert caplog.text.count(line) == 1
+    assert "min_return_ratio" not in caplog.text
+    Frame.from_array(frame.stored, {"layout.frames": 3, "voltage.volts_per_count": 6e-5}, name="live")
+    assert "live: layout.frames has no effect on an array" in caplog.text
+
+
 def test_a_copy_of_a_frame_is_left_out_of_the_mean(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """A driver that fills one buffer again gives the same values under several names; they make no noise smaller."""
     capture = record(tmp_path / "capture", frames=3)

@@ -119,6 +119,8 @@ class Frame:
         path = None if settings_file is None else Path(settings_file)
         known = load_metadata(path, _overrides(metadata))
         made = cls(stored, known.metadata, name)
+        for key in filter(lambda key: key.startswith("layout."), metadata or {}):
+            _log.warning(f"{name}: {key} has no effect on an array")
         _log_notes(made.stored, known, of=name)
         return made
 

@@ -3,6 +3,7 @@
 import logging
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -21,6 +22,7 @@ from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import CalibrationUse, DepthKind, FramePlan, MapSettings
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, SolverName
+from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.resolve.frame_task import answered_maps
 
 _log = logging.getLogger("cadtof_cli")
@@ -79,6 +81,9 @@ def resolve(
     first = frames[0]
     pixels = first.stored.shape[2], first.stored.shape[3]
     settings = _settings(options, average=len(frames))
+    for name, where in (settings.resolver.without_effect | settings.without_effect).items():
+        if name in options:
+            _log_once(f"{name}: has no effect {where}")
     settings.require_roi_within(pixels, of=str(first))
     loaded, use = None, None
     if calibration is not None:
@@ -89,8 +94,18 @@ def resolve(
     plan = FramePlan(metadata=first.metadata, settings=settings, calibration=use)
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
     maps, _ = answered_maps(resolved, plan, source=first)
+    forced = settings.resolver.mpi_model == "diffuse" and settings.resolver.may_be_diffuse((1, 2))
+    if forced and not (maps.status & np.uint32(StatusBit.DIFFUSE_MPI)).any():
+        dim = "has enough light in too few places; all its MPI is taken for separate paths"
+        _log.warning(f"{first}: mpi_model has no effect, because the frame {dim}")
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     return Maps(layers, plan.header.of_frame(str(first)).facts)
+
+
+@cache
+def _log_once(note: str) -> None:
+    """Log a note on options, which are often the same for a thousand frames."""
+    _log.warning(note)
 
 
 def _frames(given: Frame | Sequence[Frame]) -> list[Frame]:

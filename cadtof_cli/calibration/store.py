@@ -249,7 +249,19 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
             f"{path}: does not match its digest {recorded}: it, or the maps beside it, were changed or belong to another "
             f"calibration; repeat `cadtof calibrate {kind}`"
         )
+    if unknown := _unknown_keys(document, _document(part)):
+        raise MetadataError(
+            f"{path}: has the unknown key {unknown[0]}, which has no effect; take it out, or repeat `cadtof calibrate {kind}`"
+        )
     return part
+
+
+def _unknown_keys(document: Mapping[str, Any], known: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return the dotted keys of a file's tables that are not among those of the part that was read from it."""
+    tables = {name: keys if isinstance(keys, dict) else {} for name, keys in document.items()}
+    found = [name for name in tables if name not in known]
+    found += [f"{name}.{key}" for name in known for key in tables.get(name, ()) if key not in known[name]]
+    return [name for name in found if name != "part.digest"]
 
 
 def _origin(document: Mapping[str, Any]) -> Origin:

@@ -10,7 +10,7 @@ import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.map_options import CAPTURE_HEADING, capture_options, settings_option
-from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, input_paths, null_option
+from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, input_paths, note_given, null_option
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import INPUT, PATH
 from cadtof_cli.units import counted
@@ -24,6 +24,9 @@ _COVERED = f"cadtof simulate --scene wall --asr 1e6 {_SMALL} --frames 20 -o cove
 _TARGETS = tuple(
     f"cadtof simulate --scene wall --distance {metres} {_SMALL} --frames 5 -o wall_{metres}m" for metres in (1, 2, 3)
 )
+
+_OF_LIGHT = {"capture_fwhm_ns", "capture_focal_length_px", "capture_principal_point_px", "capture_lamp_offset_m"}
+"""Options that describe light or its way, of which covered frames have none."""
 
 
 class _StepsInOrder(click.Group):
@@ -126,6 +129,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
 @_step()
 def dark(step: _Step) -> None:
     """Measure the offset and noise of each pixel from frames recorded with the lens covered, and find hot and dead pixels."""
+    note_given(_OF_LIGHT, "on a dark calibration")
     step.take(calibrate_dark, _dark_lines)
 
 

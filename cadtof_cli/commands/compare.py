@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import Command, example
 from cadtof_cli.commands.options import note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
@@ -19,12 +19,13 @@ if TYPE_CHECKING:
 
 
 @click.command(
+    cls=Command,
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof resolve sample_data/corner -o separate --mpi-model discrete",
         "cadtof compare maps separate -o differences.png",
         "cadtof compare maps sample_data/corner/truth.exr",
-    )
+    ),
 )
 @click.argument("first", type=PATH, metavar="A")
 @click.argument("second", type=PATH, metavar="B")

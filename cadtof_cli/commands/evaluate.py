@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import Command, example
 from cadtof_cli.commands.options import note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
 
 @click.command(
+    cls=Command,
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof evaluate maps --truth sample_data/corner/truth.exr",
         "cadtof evaluate maps --truth sample_data/corner/truth.exr --max-median 2",
-    )
+    ),
 )
 @click.argument("maps", type=PATH, metavar="OUT")
 @click.option(

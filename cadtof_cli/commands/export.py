@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import Command, example
 from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
@@ -12,11 +12,12 @@ from cadtof_cli.workflows.inspect.export import EXPORTS, ExportSettings, export_
 
 
 @click.command(
+    cls=Command,
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof export maps -o corner.ply",
         "cadtof export maps -o corner.png --layer mpi.depth",
-    )
+    ),
 )
 @click.argument("maps", nargs=-1, required=True, type=PATH, metavar="MAPS...")
 @click.option(

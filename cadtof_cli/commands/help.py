@@ -1,4 +1,5 @@
-"""The layout of help: options under headings, examples at the end, and one column instead of two on narrow terminals.
+"""What all commands share: a note on options that are given twice, and the layout of help, with options under headings,
+examples at the end, and one column instead of two on narrow terminals.
 
 tests/cli/test_examples.py runs all examples, line by line, in a folder that holds sample_data.
 """
@@ -7,6 +8,8 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import click
+
+from cadtof_cli.commands.terminal import note
 
 NARROW = 60
 """On terminals with fewer columns, the description of an option stands under its name instead of beside it."""
@@ -51,13 +54,32 @@ class HelpContext(click.Context):
     formatter_class = _Formatter
 
 
-class SectionedCommand(click.Command):
+class Command(click.Command):
+    """A command that says which options were given several times, as only the last value counts."""
+
+    context_class = HelpContext
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments into the parameters of the context, and return what is left of them."""
+        _, _, given = self.make_parser(ctx).parse_args(list(args))
+        left = super().parse_args(ctx, args)
+        for option in dict.fromkeys(given):
+            # a switch that is typed twice does what it says, unless it was turned off in between
+            takes_one = isinstance(option, click.Option) and not option.multiple
+            if (
+                takes_one
+                and given.count(option) > 1
+                and (option.secondary_opts or not getattr(option, "is_flag", False))
+            ):
+                note(f"{option.opts[-1]}: given {given.count(option)} times; only the last one has an effect")
+        return left
+
+
+class SectionedCommand(Command):
     """A command whose help shows some options under headings of their own, and all others under "Options".
 
     `headings` gives, for each heading, the names of the parameters whose options stand under it.
     """
-
-    context_class = HelpContext
 
     def __init__(self, *args: Any, headings: Mapping[str, Collection[str]], **more: Any) -> None:
         super().__init__(*args, **more)

@@ -34,12 +34,9 @@ def path_options(*without: str) -> RecordOptions:
 
     def settings(**given: Any) -> ResolverSettings:
         made = ResolverSettings(**given)
-        if made.solver != "lm":
-            note_given({"starts", "seed"}.intersection(given), f"with --solver {made.solver}")
-        if not made.may_be_diffuse((1, 2)) and made.mpi_model == "diffuse":
-            note_given({"mpi_model"}, "with a --solver, --order, --paths or --return that asks for separate paths")
-        if made.returns == "strongest":
-            note_given({"min_return_ratio"}, "with --return strongest")
+        for name, where in made.without_effect.items():
+            # `seed` of other commands is a seed of something else
+            note_given({name}.intersection(given), where)
         return made
 
     return RecordOptions("resolver", settings, *own)
@@ -48,7 +45,15 @@ def path_options(*without: str) -> RecordOptions:
 def map_options(*without: str) -> RecordOptions:
     """Return the options that determine the values in maps, except those in `without`; as one record, `maps`."""
     own = (option for name, option in _MAPS.items() if name not in without)
-    return RecordOptions("maps", MapSettings, path_options(), *own)
+
+    def settings(**given: Any) -> MapSettings:
+        made = MapSettings(**given)
+        for name, where in made.without_effect.items():
+            note_given({name}, where)
+        note_given({"capture_distance_m"}, "on maps; `cadtof calibrate` uses it")
+        return made
+
+    return RecordOptions("maps", settings, path_options(), *own)
 
 
 MAP_HEADING = {"Resolving options": ("calibration", *map_options().names())}

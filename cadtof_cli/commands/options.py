@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_h
 import click
 from click.core import ParameterSource
 
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import note
 from cadtof_cli.commands.values import (
     FRAME_RANGE,
     PATH,
@@ -128,11 +128,11 @@ def plain_option(
 def jobs_option(help: str, /) -> Decorator[Any]:
     """Return the option `--jobs`. If a user asks for more processes than are ever started, it says so and lowers the number."""
 
-    def limited(ctx: click.Context, _param: click.Parameter, jobs: int) -> int:
+    def limited(_ctx: click.Context, _param: click.Parameter, jobs: int) -> int:
         # a small number is allowed on every machine, so the cores need not be counted
         most = JOBS_PER_CORE * available_cores() if jobs > JOBS_PER_CORE else jobs
-        if jobs > most and not ctx.params.get("quiet"):
-            tell(f"--jobs {jobs}: at most {most} processes are started, {JOBS_PER_CORE} per core", err=True)
+        if jobs > most:
+            note(f"--jobs {jobs}: at most {most} processes are started, {JOBS_PER_CORE} per core")
         return min(jobs, most)
 
     help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: one for each core that cadtof may use]"
@@ -210,10 +210,8 @@ def given_options(names: Collection[str], /) -> Iterator[str]:
 
 def note_given(names: Collection[str], where: str, /) -> None:
     """Say on stderr which options with these parameters were typed though they have no effect `where`, as "with --solver lm"."""
-    if click.get_current_context().params.get("quiet"):
-        return
     for option in given_options(names):
-        tell(f"{option}: has no effect {where}", err=True)
+        note(f"{option}: has no effect {where}")
 
 
 def refuse_given(names: Collection[str], where: str, /) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import Command, example
 from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
@@ -12,12 +12,13 @@ from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 
 
 @click.command(
+    cls=Command,
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof preview maps -o corner.png --truth sample_data/corner/truth.exr",
         "cadtof preview maps -o mpi.png --layer mpi.depth --range 1.5,3",
         "cadtof preview sample_data/corner/frame_0000.tif -o recorded.png",
-    )
+    ),
 )
 @click.argument("inputs", nargs=-1, required=True, type=PATH, metavar="MAPS...")
 @click.option(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import Command, example
 from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.commands.values import PATH
@@ -13,10 +13,11 @@ from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table,
 
 
 @click.command(
+    cls=Command,
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof profile maps --row 120 --truth sample_data/corner/truth.exr -o profile.png",
-    )
+    ),
 )
 @click.argument("maps", nargs=-1, required=True, type=PATH, metavar="MAPS...")
 @click.option(

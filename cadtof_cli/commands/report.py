@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import Command, example
 from cadtof_cli.commands.options import RecordOptions
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
@@ -12,10 +12,11 @@ from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 
 
 @click.command(
+    cls=Command,
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof report maps -o report.html --truth sample_data/corner/truth.exr",
-    )
+    ),
 )
 @click.argument("maps", type=PATH, metavar="OUT")
 @click.option("-o", "--out", required=True, type=PATH, metavar="PAGE.html", help="Page to write.")

@@ -94,6 +94,8 @@ def resolve(
 
     if settings.workers.scheduler != LOCAL:
         note_given({"jobs", "start_method"}, "with --scheduler, whose workers are started elsewhere")
+    elif settings.workers.jobs == 1 and settings.workers.task_timeout_s is None:
+        note_given({"start_method"}, "with a single process")
     paths = arriving_paths(inputs, null=null)
     # a list of what would be written is complete only if all paths have arrived
     first = tuple(itertools.chain.from_iterable(paths)) if settings.dry_run else next(paths)
@@ -105,6 +107,10 @@ def resolve(
             progress=bar,
             on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=settings.dry_run),
         )
+        resolver, discrete = settings.maps.resolver, totals.ok - totals.diffuse_frames
+        if discrete and resolver.mpi_model == "diffuse" and resolver.may_be_diffuse((1, 2)) and not settings.dry_run:
+            dim = f"{counted(discrete, 'frame')} with enough light in too few places"
+            bar.say(f"--mpi-model diffuse: has no effect on {dim}; all MPI there is taken for separate paths")
         summary = _summary(totals, settings)
         if bar.log:
             bar.log.note(summary)

@@ -7,7 +7,7 @@ import click
 
 from cadtof_cli.capture.metadata import Pulse
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.options import refuse_given
+from cadtof_cli.commands.options import note_given, refuse_given
 from cadtof_cli.commands.scene_options import LightOptions, SceneOptions, light_options, not_of_scene, scene_options
 from cadtof_cli.commands.simulation_options import (
     RESOLVING,
@@ -102,6 +102,8 @@ def simulate(
     if scene == "pixel":
         refuse_given(scene_options.names(), "with --scene pixel (the default)")
         note_unused(trial, followed=out is not None)
+        if light.mpi == 0:
+            note_given({"second_ns"}, "with --mpi 0")
         trials = trial.of(light.condition(trial.fwhm_ns), trial.averaging(light.integration_length))
         _simulate_pixel(trials, out, workers, quiet=quiet, as_json=as_json)
         return

@@ -11,7 +11,6 @@ from cadtof_cli.commands.map_options import path_options
 from cadtof_cli.commands.options import (
     RecordOptions,
     declared_options,
-    given_options,
     jobs_option,
     note_given,
     setting_option,
@@ -81,7 +80,12 @@ further_option = click.option(
 )
 
 quiet_option = click.option(
-    "-q", "--quiet", is_flag=True, help="Print only errors on stderr: no progress bar, notes or summary."
+    "-q",
+    "--quiet",
+    is_flag=True,
+    # `--jobs` asks for it, wherever it stands
+    is_eager=True,
+    help="Print only errors on stderr: no progress bar, notes or summary.",
 )
 
 workers_option = RecordOptions("workers", Workers, jobs_option("Worker processes"))
@@ -131,5 +135,5 @@ def note_unused(trial: TrialOptions, /, *, followed: bool = False) -> None:
         note_given({"f1_hz", "f2_hz"}, "with --stages dc")
         if not (followed or trial.trials["photon_by_photon"]):
             note_given({"cycles", "photons_per_cycle"}, "without --photons")
-    if not any(given_options({"speed_m_s"})):
+    if not trial.motion.speed_m_s:
         note_given({"frame_rate_hz"}, "without --speed")

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.options import setting_option
+from cadtof_cli.commands.options import note_given, setting_option
 from cadtof_cli.commands.simulation_options import (
     RESOLVING,
     TrialOptions,
@@ -85,6 +85,8 @@ def sweep(
     note_unused(trial)
     lengths = grid_from_text(integration_length or "log:1e3:1e5:5", name="--integration-length")
     asrs, ratios = grid_from_text(asr, name="--asr"), grid_from_text(mpi, name="--mpi")
+    if not any(ratios):
+        note_given({"second_ns"}, "with --mpi 0")
     averaging = trial.averaging(None if integration_length is None and trial.capacitors else lengths[0])
     if averaging.capacitors is not None:
         lengths = (averaging.integration_length,)

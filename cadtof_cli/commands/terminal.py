@@ -57,6 +57,19 @@ def tell(*texts: object, err: bool = False, above: "RichProgress | None" = None)
         forget(sys.stderr)
 
 
+_NOTES = "cadtof_cli.notes"
+"""Where the context of a command holds the notes that were told before its log is opened."""
+
+
+def note(line: str, /) -> None:
+    """Tell on stderr what became of an option, unless the command is quiet. Its log gets the line in any case."""
+    context = click.get_current_context()
+    context.meta.setdefault(_NOTES, []).append(line)
+    # a shell that asks for completions shows them in the middle of the line that is typed
+    if not (context.params.get("quiet") or context.resilient_parsing):
+        tell(line, err=True)
+
+
 def _wrapped(line: str) -> str:
     """Return a line of stderr, broken to the width of the terminal. A word, such as a path, stays whole: it can be copied."""
     try:
@@ -200,6 +213,8 @@ def progress_bar(description: str, unit: str, *, quiet: bool = False, log: Path 
                     import shlex
 
                     file.note(shlex.join(["cadtof", *sys.argv[1:]]))
+                    for line in click.get_current_context().meta.get(_NOTES, ()):
+                        file.note(line)
                 yield Bar(quiet, file, drawn)
         except BaseException as error:
             if file:

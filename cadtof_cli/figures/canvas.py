@@ -6,6 +6,7 @@ A user's `matplotlibrc` is ignored: it may ask for other sizes, or for a LaTeX t
 from functools import cache
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -41,7 +42,11 @@ def within(text: str, inches: float, /, *, size: float) -> str:
     """Return a drawable text that is at most `inches` wide at font size `size`; if needed, its middle is left out."""
     text = drawable(text)
     # `$` is replaced, so that the width is that of letters and not of mathematics
-    wide = TextPath((0, 0), text.replace("$", "S"), size=size).get_extents().width / 72 if text.strip() else 0.0
+    path = TextPath((0, 0), text.replace("$", "S"), size=size)
+    # most texts fit; no curve reaches beyond its control points, and these are known without its extrema
+    if not text.strip() or np.ptp(path.vertices[:, 0]) <= 72 * inches:
+        return text
+    wide = path.get_extents().width / 72
     return text if wide <= inches else shortened(text, int(len(text) * inches / wide))
 
 

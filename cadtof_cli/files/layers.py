@@ -33,7 +33,9 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     kind = detect_format(path)
     if kind.layers is None:
         raise NotMapsError(f"{path}: found {kind.title}, expected a format of named maps")
-    layers = {name: _with_quiet_nans(layer) for name, layer in kind.layers().read_layers(path).items()}
+    layers = kind.layers().read_layers(path)
+    for layer in layers.values():
+        _make_nans_quiet(layer)
     status = layers.get(STATUS)
     if status is None:
         return layers
@@ -49,14 +51,12 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     return layers | {STATUS: status.astype(np.uint32, copy=False)}
 
 
-def _with_quiet_nans(layer: NDArray[Any]) -> NDArray[Any]:
-    """Return a layer with quiet NaNs only: signalling NaNs would raise a warning at every conversion."""
-    if layer.dtype.kind != "f":
-        return layer
-    with np.errstate(invalid="ignore"):
-        # multiplied by 1, because adding 0 would turn −0 into 0
-        quiet: NDArray[Any] = layer * layer.dtype.type(1)
-    return quiet
+def _make_nans_quiet(layer: NDArray[Any]) -> None:
+    """Make all NaNs of a layer quiet: signalling NaNs would raise a warning at every conversion."""
+    if layer.dtype.kind == "f":
+        with np.errstate(invalid="ignore"):
+            # multiplied by 1, because adding 0 would turn −0 into 0; in place, because a map is a lot of memory
+            np.multiply(layer, layer.dtype.type(1), out=layer)
 
 
 def read_facts(path: Path, /) -> dict[str, str]:

@@ -66,6 +66,13 @@ class MapSettings:
         least = self.min_confidence_v or 0.0
         require(math.isfinite(least) and least >= 0.0, "--min-confidence", least, "a voltage, 0 or more")
 
+    @property
+    def without_effect(self) -> dict[str, str]:
+        """The fields, besides those that the resolver names, that have no effect beside the others, each with the reason."""
+        if self.min_confidence_v is None or (self.resolver.order == "auto" and self.resolver.max_paths > 1):
+            return {}
+        return {"false_alarm": "with --min-confidence and a given number of paths"}
+
     def require_roi_within(self, pixels: tuple[int, int], /, *, of: str) -> None:
         """Raise SettingsError if the region of interest is not inside the (Y, X) pixels; the message names the frame or
         capture `of`."""

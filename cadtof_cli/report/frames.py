@@ -147,7 +147,7 @@ def planned_page(samples: Sequence[Planes], frames: int, /, *, limit_bytes: floa
     count = shown if shown * full_bytes <= room else max(0, int(0.5 * room / full_bytes))
     count = min(shown, count if whole is None else whole)
     left, others = room - count * full_bytes, shown - count
-    steps = ((step, _bytes_at(samples, step)) for step in range(1, most + 1))
+    steps = ((step, full_bytes if step == 1 else _bytes_at(samples, step)) for step in range(1, most + 1))
     step, each = next(one for one in steps if others * one[1] <= left or one[0] == most)
     if whole is None and step > 1:
         # steps are coarse: the other frames leave room for all pixels of some more frames

@@ -112,6 +112,21 @@ class ResolverSettings:
             return int(self.order)
         return 1 if self.solver == "one-path" else self.paths
 
+    @property
+    def without_effect(self) -> dict[str, str]:
+        """The fields that have no effect beside the others, each with the reason in words, as "with --solver two-path"."""
+        found = dict[str, str]()
+        if self.solver != "lm":
+            found |= dict.fromkeys(("starts", "seed"), f"with --solver {self.solver}")
+        if self.mpi_model == "diffuse" and not self.may_be_diffuse((1, 2)):
+            found["mpi_model"] = "with a --solver, --order, --paths or --return that asks for separate paths"
+        if self.returns == "strongest":
+            found["min_return_ratio"] = "with --return strongest"
+        if self.max_paths == 1:
+            of_paths = "starts", "seed", "returns", "min_return_ratio"
+            found = dict.fromkeys(of_paths, "with one path per pixel") | found
+        return found
+
     def may_be_diffuse(self, harmonics: tuple[int, ...], /) -> bool:
         """Whether a frame's MPI may be taken for diffuse: default solver, paths and order, and not the last return.
 

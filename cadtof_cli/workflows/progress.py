@@ -1,6 +1,6 @@
 """The progress of a workflow, which a command shows and a caller in Python may ignore; and tasks done with progress."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Protocol, TypeVar
 
 from cadtof_cli.errors import CadtofError
@@ -37,7 +37,7 @@ NO_PROGRESS: Progress = _NoProgress()
 
 def results(
     function: Callable[[Task], Result], tasks: Sequence[Task], /, *, workers: Workers, progress: Progress
-) -> Iterator[Result]:
+) -> Generator[Result, None, None]:
     """Yield function(task) for every task, in order, by no more processes than tasks.
 
     Raise CadtofError if the process of a task ended without a result, twice.

@@ -19,6 +19,7 @@ from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError, UnlistedError
+from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.maps import region_of
 from cadtof_cli.files.reading import is_folder, read_bytes
@@ -271,6 +272,8 @@ def read_run(maps: Path, /) -> Run:
     """
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")
+    # the caller reads one map after the other
+    keep_freed_memory()
     closed, others = dict[Path, UnlistedError](), list[Path]()
     files = map_files(maps, on_unlisted=closed.__setitem__, on_run=others.append)
     above = (maps, *maps.parents) if maps.is_dir() else maps.parents

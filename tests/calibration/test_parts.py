@@ -189,6 +189,23 @@ def test_figures_are_read_as_written_and_a_change_of_the_file_is_refused(tmp_pat
         load_calibration(tmp_path)
 
 
+@pytest.mark.parametrize("key", ["k6_m", "coefficients.k6_m", "part.note", "lens.k6_m"])
+def test_an_unknown_key_is_refused(tmp_path: Path, key: str) -> None:
+    """Its value would have no effect, and the digest does not contain it."""
+    save_part(tmp_path, petzval())
+    table, _, name = key.rpartition(".")
+    text, head = (tmp_path / "petzval.toml").read_text(), f"[{table}]\n"
+    if not table:
+        changed = f"{name} = 1\n{text}"
+    elif head in text:
+        changed = text.replace(head, f"{head}{name} = 1\n")
+    else:
+        changed = f"{text}\n{head}{name} = 1\n"
+    (tmp_path / "petzval.toml").write_text(changed)
+    with pytest.raises(MetadataError, match=f"has the unknown key {'lens' if table == 'lens' else key}, which"):
+        load_calibration(tmp_path)
+
+
 def test_the_digest_changes_with_every_change_of_a_part(tmp_path: Path) -> None:
     assert digest_of(dark()) == digest_of(dark())
     assert digest_of(dark()) != digest_of(dark(offset=0.0100001))

@@ -110,8 +110,8 @@ def test_missing_metadata_is_named_with_the_option_that_gives_it(tmp_path: Path)
     assert done.status == 1
     done = cadtof("resolve", volts.folder, "-o", tmp_path / "out", "-j", 1, "--depth", "z")
     assert done.err == (
-        f"Error: {volts.folder}: the optics are unknown: set focal_length_px under [optics] in capture.toml, or "
-        "--focal-length-px\n"
+        f"Error: {volts.folder}: the optics are unknown: set focal_length_px under [optics] in "
+        f"{volts.folder / 'capture.toml'}, or --focal-length-px\n"
     )
     assert done.status == 2
     assert not (tmp_path / "out").exists()

@@ -205,7 +205,7 @@ def test_a_response_with_which_the_solver_cannot_resolve_is_refused_before_anyth
         options = ("--solver", "lm", "--calibration", tmp_path / "camera", *more)
         done = cadtof("resolve", frames, "-o", tmp_path / "maps", *options)
         assert (done.status, done.out) == (2, "")
-        assert done.err.startswith(f"Error: {frames}: found harmonics 1, 2, --solver lm")
+        assert done.err.startswith(f"Error: {frames}: --solver lm: Eq. (9) is that of a sine")
     assert not (tmp_path / "maps").exists()
 
 

@@ -163,6 +163,8 @@ def test_the_same_files_as_without_a_cluster(
     assert done.status == 0, done.err
     assert f"resolved {FRAMES} of {FRAMES} frames" in done.err
     assert contents(tmp_path / "out") == local_run
+    # each worker chooses its own
+    assert run_of(tmp_path / "out")["kernel"] is None
 
 
 def test_a_frame_that_cannot_be_read_fails_alone_with_the_same_message(

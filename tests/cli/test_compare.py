@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.workflows.inspect import compare
 from tests.support.captures import layers_of, record, write_exr
 from tests.support.forward import step_truth
 from tests.support.run_cadtof import cadtof
@@ -72,6 +74,23 @@ def test_truth_is_compared_with_every_frame(runs: tuple[Path, Path], tmp_path: P
         assert (found["frames"], list(found["layers"]), found["status_changed"]) == (3, ["direct.depth"], None)
         assert found["layers"]["direct.depth"]["median_abs"] == pytest.approx(np.median(size), rel=1e-6)
         assert {*found["only_a"]["layers"], *found["only_b"]["layers"]} >= {"other", "mpi.depth", "status"}
+
+
+def test_truth_is_read_once_for_all_frames(
+    runs: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, read = tmp_path / "truth.exr", list[Path]()
+    write_exr(truth, {"direct.depth": step_truth().astype(np.float32)})
+
+    def counted(path: Path) -> dict[str, NDArray[Any]]:
+        read.append(path)
+        return read_layers(path)
+
+    monkeypatch.setattr(compare, "read_layers", counted)
+    pairs = compare.MapPairs(runs[0], truth)
+    for name in pairs.files:
+        pairs.pair(name)
+    assert (len(read), read.count(truth)) == (4, 1)
 
 
 def test_truth_of_0_and_less_is_no_value(runs: tuple[Path, Path], tmp_path: Path) -> None:

@@ -200,6 +200,16 @@ def test_a_calibration_is_drawn_with_all_its_parts(tmp_path: Path) -> None:
     assert titles | {"mV", "cm", "°"} <= _words(tmp_path / "a.svg")
     done = cadtof("preview", tmp_path / "calibration", "-o", tmp_path / "b.png", "--layer", "gain")
     assert (done.status, "a calibration is drawn as one picture" in done.err) == (2, True)
+    done = cadtof("preview", tmp_path / "calibration", "-o", tmp_path / "b.png", "--frame", 1)
+    assert (done.status, "leave out --layer, --range, --cmap, --truth and --frame" in done.err) == (2, True)
+
+
+def test_recorded_frames_have_no_errors(tmp_path: Path) -> None:
+    """The truth was left out, and the command said that it was drawn."""
+    capture, truth = record(tmp_path / "capture", frames=2).folder, tmp_path / "truth.exr"
+    write_exr(truth, {"direct.depth": step_truth().astype(np.float32)})
+    done = cadtof("preview", capture, "-o", tmp_path / "a.png", "--truth", truth)
+    assert done.err == "Error: --truth: found the recorded frame frame_0, expected maps, which have errors\n"
 
 
 def _sequence(folder: Path, count: int) -> Path:

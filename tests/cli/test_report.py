@@ -232,7 +232,8 @@ def test_impossible_pages_are_refused(tmp_path: Path) -> None:
         ((tmp_path / "empty", "-o", tmp_path / "a.html"), "found no maps"),
         ((tmp_path / "nowhere", "-o", tmp_path / "a.html"), "no such file or folder"),
         ((out, "-o", tmp_path / "a.html", "--truth", tmp_path / "small.exr"), "found 32 × 24 pixels, expected 4 × 3"),
-        ((out, "-o", tmp_path / "a.html", "--max-size-mb", "0.5"), "--max-size-mb: found 0.5, expected 1 or more"),
+        ((out, "-o", tmp_path / "a.html", "--max-size-mb", "0.5"), "--max-size-mb: found 0.5, expected 1 to 1000000"),
+        ((out, "-o", tmp_path / "a.html", "--max-size-mb", "inf"), "--max-size-mb: found inf, expected 1 to 1000000"),
         ((out, "-o", tmp_path / "a.html", "--full-frames", "-1"), "--full-frames: found -1, expected 0 or more"),
         ((out, "-o", tmp_path / "a.html", "--principal-point-px", "1"), "found 1, expected 2 values (X,Y)"),
     ):

@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 
-from tests.support.captures import layers_of, record
+from cadtof_cli import read_frames, resolve
+from tests.support.campaign import camera, covered, write
+from tests.support.captures import Form, layers_of, record
 from tests.support.run_cadtof import cadtof
 
 FOCAL = ("--focal-length", "28")
@@ -65,6 +68,40 @@ WITHOUT_EFFECT = [
     ("sweep --asr 5 --mpi 0 --runs 2 --photons-per-cycle 10", "--photons-per-cycle: has no effect without --photons"),
     ("simulate --frame-rate 60", "--frame-rate: has no effect without --speed"),
     ("simulate --scene wall -o new --frame-rate 60", "--frame-rate: has no effect without --speed"),
+    ("simulate --speed 0 --frame-rate 60", "--frame-rate: has no effect without --speed"),
+    ("simulate --mpi 0 --second 20", "--second: has no effect with --mpi 0"),
+    ("sweep --asr 5 --mpi 0 --runs 2 --second 20", "--second: has no effect with --mpi 0"),
+    ("resolve CAPTURE --order 1 --return last", "--return: has no effect with one path per pixel"),
+    ("resolve CAPTURE --solver lm --paths 1 --starts 5", "--starts: has no effect with one path per pixel"),
+    (
+        "inspect CAPTURE --pixel 1,1 --solver one-path --min-return-ratio .2",
+        "--min-return-ratio: has no effect with one path per pixel",
+    ),
+    (
+        "resolve CAPTURE --order 2 --min-confidence .001 --false-alarm .1",
+        "--false-alarm: has no effect with --min-confidence and a given number of paths",
+    ),
+    ("resolve CAPTURE --distance 1", "--distance: has no effect on maps; `cadtof calibrate` uses it"),
+    ("resolve CAPTURE --jobs 1 --start-method spawn", "--start-method: has no effect with a single process"),
+    ("resolve CAPTURE --pool 3 --pool 1", "--pool: given 2 times; only the last one has an effect"),
+    (
+        "profile MAPS --row 1 --first-phasor --no-first-phasor",
+        "--first-phasor: given 2 times; only the last one has an effect",
+    ),
+]
+
+KEYS_WITHOUT_EFFECT: list[tuple[Form, str, str]] = [
+    ("exr", "[layout]\nframes = 3", "layout.frames has no effect: EXR files of this format are no stacks"),
+    (
+        "tif",
+        '[layout.raw]\ndtype = "uint16"\nshape = [2, 2, 24, 32]',
+        "layout.raw_dtype and layout.raw_shape have no effect on TIFF files",
+    ),
+    (
+        "tif",
+        "[optics]\nprincipal_point_px = [3.0, 3.0]",
+        "optics.principal_point_px has no effect on maps without optics.focal_length_px",
+    ),
 ]
 
 
@@ -89,9 +126,95 @@ def test_options_without_effect_are_named(
     assert first_line.startswith(message)
 
 
+@pytest.mark.parametrize(("form", "text", "message"), KEYS_WITHOUT_EFFECT)
+def test_keys_without_effect_are_named(form: Form, text: str, message: str, tmp_path: Path) -> None:
+    folder = record(tmp_path / "capture", form=form).folder
+    known = (folder / "capture.toml").read_text()
+    (folder / "capture.toml").write_text(re.sub(r"\[optics\]\n(.+\n)*", "", known) + "\n" + text)
+    done = cadtof("resolve", folder, "-o", tmp_path / "maps", "-j", 1)
+    assert done.status == 0
+    assert f"{folder}: {message}\n" in done.err
+
+
+def test_keys_of_planes_without_effect_are_named(tmp_path: Path) -> None:
+    """A third period that `periods_ns` does not name was left out, though its files had a name in `layout.harmonic`."""
+    capture = record(tmp_path / "capture")
+    planes = tifffile.imread(capture.files[0]).reshape(4, 24, 32)
+    for place, plane in enumerate(planes):
+        tifffile.imwrite(capture.folder / f"a_{'xy'[place // 2]}_{place % 2 + 1}.tif", plane)
+    capture.files[0].unlink()
+    layout = ("--pattern", "{frame}_{harmonic}_{channel}.tif", "--harmonic", "x=1,y=2,z=3", "--stack-frames", 3)
+    done = cadtof("resolve", capture.folder, "-o", tmp_path / "maps", "-j", 1, *layout)
+    assert done.status == 0
+    assert f"{capture.folder}: layout.frames has no effect: TIFF files of one plane are no stacks\n" in done.err
+    assert f"{capture.folder}: layout.harmonic.z has no effect: modulation.periods_ns has no such period\n" in done.err
+
+
+def test_covered_frames_have_no_light_to_be_described(tmp_path: Path) -> None:
+    dark = write(tmp_path / "dark", camera(), covered(camera(), count=2))
+    done = cadtof("calibrate", "dark", dark, "-o", tmp_path / "calibration", "--fwhm-ns", 2, "--focal-length", 30)
+    assert done.status == 0
+    assert done.err.startswith(
+        "--fwhm: has no effect on a dark calibration\n--focal-length: has no effect on a dark calibration\n"
+    )
+
+
+@pytest.mark.parametrize("order", ["-q -j 99", "-j 99 -q"])
+def test_quiet_is_quiet_wherever_it_stands(order: str) -> None:
+    assert cadtof("simulate", "--runs", 2, *order.split()).err == ""
+
+
+def test_the_kernel_of_a_cluster_is_chosen_where_its_workers_start(
+    capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """This command said that numpy resolved the frames, while the workers used their compiled kernel."""
+    monkeypatch.setenv("CADTOF_KERNEL", "numpy")
+    done = cadtof("resolve", capture, "-o", tmp_path / "maps", "--scheduler", "tcp://127.0.0.1:9")
+    assert "CADTOF_KERNEL: has no effect with --scheduler, whose workers are started elsewhere\n" in done.err
+    assert "by numpy" not in done.err
+
+
+def test_a_first_phasor_that_is_asked_for_and_unknown_is_named(maps: Path, tmp_path: Path) -> None:
+    alone = tmp_path / "frame_0.tif"
+    alone.write_bytes((maps / "frame_0.tif").read_bytes())
+    assert cadtof("profile", alone, "--row", 1).err == ""
+    done = cadtof("profile", alone, "--row", 1, "--first-phasor")
+    assert done.err == "no run.json beside the maps, so the first phasor is left out\n"
+
+
+def test_optics_that_make_no_point_cloud_are_named(maps: Path, tmp_path: Path) -> None:
+    alone = tmp_path / "frame_0.tif"
+    alone.write_bytes((maps / "frame_0.tif").read_bytes())
+    done = cadtof("report", alone, "-o", tmp_path / "page.html", "--principal-point", "3,4")
+    assert done.status == 0
+    assert "no point cloud is shown: that needs --focal-length-px, and for maps of a --roi also" in done.err
+
+
+def test_frames_too_small_for_a_tail_are_counted(
+    capture: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    done = cadtof("resolve", capture, "-o", tmp_path / "maps", "-j", 1, "--mpi-model", "diffuse")
+    words = "has no effect on 1 frame with enough light in too few places; all MPI there is taken for separate paths"
+    assert (done.status, f"--mpi-model diffuse: {words}\n" in done.err) == (0, True)
+    resolve(next(read_frames(capture)), mpi_model="diffuse")
+    assert "frame_0.tif: mpi_model has no effect, because the frame has enough light in too few places" in caplog.text
+
+
 def test_quiet_runs_do_not_name_options_without_effect(capture: Path, tmp_path: Path) -> None:
     done = cadtof("resolve", capture, "-o", tmp_path / "maps", "-j", 1, "-q", "--starts", 5)
     assert (done.status, done.err) == (0, "")
+
+
+@pytest.mark.parametrize("quiet", [(), ("-q",)])
+def test_the_log_names_options_without_effect(quiet: tuple[str, ...], capture: Path, tmp_path: Path) -> None:
+    log, options = tmp_path / "log", ("--starts", 5, "--pool", 3, "--pool", 1, "-j", 999)
+    assert cadtof("resolve", capture, "-o", tmp_path / "maps", "--log", log, *options, *quiet).status == 0
+    for line in (
+        "--jobs 999: at most ",
+        "--pool: given 2 times; only the last one has an effect",
+        "--starts: has no effect with --solver two-path",
+    ):
+        assert log.read_text().count(f" {line}") == 1
 
 
 def test_info_refuses_out_without_write_settings(capture: Path, tmp_path: Path) -> None:

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.layers import read_layers, stage_maps
 from cadtof_cli.files.maps import DepthMaps, MapHeader
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.files.tiff import layers
+from cadtof_cli.files.tiff.images import TiffImages
 from tests.support.captures import write_maps
 
 LAYOUT = FrameLayout(harmonics=(1, 2))
@@ -173,6 +174,49 @@ def test_tifffile_reads_and_writes_the_first_file_of_a_kind_only(
     write_maps(tmp_path / "second.tif", maps(1))
     monkeypatch.undo()
     np.testing.assert_array_equal(read_layers(tmp_path / "second.tif")["confidence"], maps(1).pages[1])
+
+
+def named_maps(folder: Path, count: int) -> list[Path]:
+    """Write maps as a run does: each names its frame, which has the name of the map."""
+    folder.mkdir()
+    paths = [folder / f"frame_<{place}.tif" for place in range(count)]
+    for place, path in enumerate(paths):
+        named_map(path, maps(place), source=path.name)
+    return paths
+
+
+def named_map(path: Path, one: DepthMaps, *, source: str) -> None:
+    stage_maps(path, one, header=MapHeader({"direct.depth": "m"}, {"source": source}), token="")[0].commit()
+
+
+def test_only_the_first_map_of_each_of_two_runs_is_read_with_tifffile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = [named_maps(tmp_path / run, 3) for run in "ab"]
+    opened: list[Path] = []
+
+    def counted(path: Path, *, voltages: bool) -> TiffImages:
+        opened.append(path)
+        return TiffImages(path, voltages=voltages)
+
+    monkeypatch.setattr(layers, "TiffImages", counted)
+    for pair in zip(*runs, strict=True):
+        for path in pair:
+            found, place = read_layers(path), int(path.stem[-1])
+            np.testing.assert_array_equal(found["status"], maps(place).status)
+            np.testing.assert_array_equal(found["confidence"], maps(place).pages[1])
+    assert opened == [run[0] for run in runs]
+
+
+def test_a_map_that_is_not_like_the_last_one_in_its_folder_is_read_as_if_alone(tmp_path: Path) -> None:
+    first, renamed, other, wider = named_maps(tmp_path / "run", 4)
+    renamed.write_bytes(renamed.read_bytes().replace(b"confidence", b"brightness"))
+    named_map(other, maps(2), source="of another name.tif")
+    named_map(wider, maps(3, width=12), source=wider.name)
+    for place, (path, name) in enumerate(((renamed, "brightness"), (other, "confidence"), (wider, "confidence")), 1):
+        read_layers(first)
+        width = 12 if path == wider else 9
+        np.testing.assert_array_equal(read_layers(path)[name], maps(place, width=width).pages[1])
 
 
 def test_maps_whose_pages_lie_in_an_image_have_the_same_bytes(tmp_path: Path) -> None:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cadtof_cli.report import frames as report_frames
 from cadtof_cli.report.colours import Limits, palette, thumbnail, widen
-from cadtof_cli.report.frames import embedded_frame, planned_page, sampled
+from cadtof_cli.report.frames import EmbeddedFrame, Planes, embedded_frame, planned_page, sampled
 
 MB = 1_000_000
 
@@ -32,6 +33,18 @@ def test_frames_that_fit_keep_all_pixels() -> None:
     plan = planned_page([_planes()], 5, limit_bytes=25 * MB, whole=None)
     assert [plan.step_of(place) for place in range(5)] == [1] * 5
     assert plan.thumbnail_px == 80
+
+
+def test_all_pixels_are_compressed_once_to_measure_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps: list[int] = []
+
+    def counted(planes: Planes, *, step: int) -> EmbeddedFrame:
+        steps.append(step)
+        return embedded_frame(planes, step=step)
+
+    monkeypatch.setattr(report_frames, "embedded_frame", counted)
+    planned_page([_planes(layers=1)], 40, limit_bytes=2 * MB, whole=None)
+    assert steps.count(1) == 1
 
 
 @pytest.mark.parametrize(("frames", "limit_mb"), [(40, 10), (500, 25), (2000, 25)])

@@ -1,5 +1,6 @@
 """Captures as files: what other readers find in them; their bytes do not depend on the number of processes."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,14 @@ import tifffile
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import OutputError, SettingsError
-from cadtof_cli.execution.workers import Workers
+from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.simulation.scene.camera import Camera
-from cadtof_cli.simulation.scene.exposure import Exposure
+from cadtof_cli.simulation.scene.exposure import Band, Exposure
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
+from cadtof_cli.workflows.progress import Progress, results
+from cadtof_cli.workflows.simulate import record
 from cadtof_cli.workflows.simulate.record import RecordReport, RecordSettings, expose, record_scene, write_capture
 from tests.support.told import Told
 
@@ -122,10 +125,39 @@ def test_voltages_beyond_the_converter_saturate(tmp_path: Path) -> None:
     assert (stored == 1023).mean() > 0.1
 
 
-def test_every_step_is_reported(tmp_path: Path) -> None:
-    progress = Told()
-    record_scene(exposure(), tmp_path / "c", settings=RecordSettings(frames=3), progress=progress)
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_every_step_is_reported(jobs: int, tmp_path: Path) -> None:
+    progress, settings = Told(), RecordSettings(frames=3)
+    record_scene(exposure(), tmp_path / "c", settings=settings, workers=Workers(jobs=jobs), progress=progress)
     assert (progress.expected, progress.steps) == (3 + 3, 3 + 3)
+
+
+def test_a_process_gets_bands_that_lie_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[int, ...]] = []
+
+    def noted(function: Callable[[Sequence[slice]], list[Band]], shares: Sequence[Sequence[slice]], **_: Any) -> Any:
+        given.extend(tuple(rows.start for rows in share) for share in shares)
+        return map(function, shares)
+
+    monkeypatch.setattr(record, "results", noted)
+    for jobs, rows, shares in ((1, 33, (1, 1, 1, 1, 1)), (2, 33, (3, 2)), (4, 33, (2, 2, 1)), (2, 321, (16, 16, 9))):
+        given.clear()
+        expose(exposure(camera=Camera(width=2, height=rows)), workers=Workers(jobs=jobs))
+        assert tuple(map(len, given)) == shares
+        assert [start for share in given for start in share] == list(range(0, rows, 8))
+
+
+def test_frames_are_recorded_by_as_many_processes_as_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, int]] = []
+
+    def shared(function: Callable[[Any], Any], tasks: Sequence[Any], *, workers: Workers, progress: Progress) -> Any:
+        asked.append((len(tasks), workers.jobs))
+        return results(function, tasks, workers=ALONE, progress=progress)
+
+    monkeypatch.setattr(record, "results", shared)
+    recorded(exposure(), tmp_path / "c", jobs=3, frames=5)
+    assert asked == [(3, 3), (5, 3)]
+    assert len(list((tmp_path / "c").glob("frame_*.tif"))) == 5
 
 
 def test_an_out_that_exists_is_left_alone(tmp_path: Path) -> None:

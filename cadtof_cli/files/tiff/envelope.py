@@ -44,6 +44,10 @@ class Envelope:
         file.seek(first + pixels)
         return cls(head, pixels, file.read())
 
+    def replaced(self, old: bytes, new: bytes, /) -> "Envelope":
+        """Return the envelope with `new` in place of its bytes `old`."""
+        return Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
+
     def read(self, path: Path, /, *, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any] | None:
         """Return the pixels of a file that has this envelope; None: the file has another, or `shape` does not fit."""
         out = np.empty(shape, dtype)
@@ -71,7 +75,8 @@ class Envelope:
         exactly one block and the tail fits behind the pixels, there is one part, a piece of `image`. Otherwise there
         are three parts: head, pixels, tail.
         """
-        head, tail = self.head.replace(old, new), self.tail.replace(old, new)
+        other = self.replaced(old, new)
+        head, tail = other.head, other.tail
         behind = BLOCK_BYTES + self.pixels
         if image is None or len(head) != BLOCK_BYTES or behind + len(tail) > len(image):
             return memoryview(head), pixels.data.cast("B"), memoryview(tail)

@@ -9,7 +9,7 @@ import math
 import os
 import threading
 from collections.abc import Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -25,6 +25,7 @@ from cadtof_cli.files.tiff.images import TiffImages
 from cadtof_cli.files.tiff.names import GDAL_METADATA, PAGE_NAME
 from cadtof_cli.files.tiff.ome import facts_in, ome_xml
 from cadtof_cli.files.tiff.remarks import reading_tiff
+from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
 
 _ASCII = 2
@@ -47,6 +48,46 @@ class _LastWritten(threading.local):
 _last = _LastWritten()
 
 
+@dataclass(frozen=True)
+class _Read:
+    """A file of maps that was read: the stem of its name, and all that another file with the same envelope shares with it."""
+
+    stem: str
+    names: tuple[str, ...]
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    no_data: float
+    envelope: Envelope | None
+
+    def planes_like_it(self, path: Path, /) -> NDArray[Any] | None:
+        """Return the pages of a file that differs from this one only in its pixels and its name; None: it is another file."""
+        if self.envelope is None:
+            return None
+        envelope = self.envelope.replaced(_as_source(self.stem), _as_source(path.stem))
+        # an error is ignored here: reading the file with tifffile finds it too and raises a better message
+        with suppress(OSError, ValueError, MemoryError):
+            return envelope.read(path, shape=self.shape, dtype=self.dtype)
+        return None
+
+
+class _LastRead(threading.local):
+    """The last file of maps that this thread read in each of two folders: `cadtof compare` reads those of two runs in turns."""
+
+    def __init__(self) -> None:
+        self._files = dict[Path, _Read]()
+
+    def get(self, folder: Path, /) -> _Read | None:
+        """Return the last file in a folder."""
+        return self._files.get(folder)
+
+    def keep(self, folder: Path, file: _Read, /) -> None:
+        """Keep a file, and at most one of another folder."""
+        self._files = dict([*self._files.items()][-1:]) | {folder: file}
+
+
+_last_read = _LastRead()
+
+
 def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence[memoryview]:
     """Write the maps to `path`, which is an empty file, or return the parts of the file for the caller to write.
 
@@ -56,15 +97,18 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
     """
     maps.pages[-1] = maps.status
     others = {name: text for name, text in header.facts.items() if name != SOURCE}
-    # the name of the recorded frame as both kinds of XML hold it, with the characters before and after it, which make
-    # it unique
-    name = header.facts.get(SOURCE, "").translate(_REFERENCES)
-    source = f'source">{name}<'.encode("ascii", "xmlcharrefreplace")
+    # with the character after it, which makes it unique
+    source = _as_source(header.facts.get(SOURCE, "")) + b"<"
     kind = (maps.names, maps.pages.shape, others, dict(header.units), len(source))
     if _last.kind == kind and _last.envelope:
         return _last.envelope.around(maps.pages, maps.image, old=_last.source, new=source)
     _last.kind, _last.source, _last.envelope = kind, source, _write_pages(path, maps, header)
     return ()
+
+
+def _as_source(name: str) -> bytes:
+    """Return the name of a recorded frame as both kinds of XML hold it, with the characters before it."""
+    return f'source">{name.translate(_REFERENCES)}'.encode("ascii", "xmlcharrefreplace")
 
 
 def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> Envelope | None:
@@ -132,21 +176,35 @@ def read_facts(path: Path, /) -> dict[str, str]:
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
-    """Return the pages of an OME-TIFF by the names of its channels; NaN where GDAL's value for no data stands for no answer."""
-    with closing(TiffImages(path, voltages=False)) as images:
-        planes = images.planes(np.arange(math.prod(images.sizes)))
-        names = [name for name in images.names if name]
-        no_data = images.no_data
-    if not names or len(names) != len(planes):
-        raise NotMapsError(
-            f"{path}: found {counted(len(planes), 'page')} without the names of maps, expected an OME-TIFF as `cadtof resolve` "
-            "writes it"
-        )
-    require_different_names(path, names)
-    layers = dict(zip(names, planes, strict=True))
-    if planes.dtype.kind == "f" and not math.isnan(no_data):
+    """Return the pages of an OME-TIFF by the names of its channels; NaN where GDAL's value for no data stands for no answer.
+
+    The maps of a run differ only in their pixels and in the name of the recorded frame, which is that of the map. So of the
+    maps in a folder, only the first is read with tifffile and our checks.
+    """
+    last = _last_read.get(path.parent)
+    planes = last.planes_like_it(path) if last else None
+    if last is None or planes is None:
+        last, planes = _read_pages(path)
+        _last_read.keep(path.parent, last)
+    layers = dict(zip(last.names, planes, strict=True))
+    if planes.dtype.kind == "f" and not math.isnan(last.no_data):
         with np.errstate(over="ignore"):
-            absent = planes.dtype.type(no_data)
+            absent = planes.dtype.type(last.no_data)
         for name in layers.keys() - {STATUS}:
             layers[name][layers[name] == absent] = np.nan
     return layers
+
+
+def _read_pages(path: Path) -> tuple[_Read, NDArray[Any]]:
+    """Return what is known of a file for the next one, and its pages."""
+    with closing(TiffImages(path, voltages=False)) as images:
+        places = np.arange(math.prod(images.sizes))
+        planes = images.planes(places)
+        names = tuple(name for name in images.names if name)
+        if not names or len(names) != len(planes):
+            raise NotMapsError(
+                f"{path}: found {counted(len(planes), 'page')} without the names of maps, expected an OME-TIFF as "
+                "`cadtof resolve` writes it"
+            )
+        require_different_names(path, names)
+        return _Read(path.stem, names, planes.shape, planes.dtype, images.no_data, images.envelope(places)), planes

@@ -162,7 +162,8 @@ def time_bounds_ns(mix: PhotonMix, modulation: Modulation, recorded: VoltageStat
     bounds[present] = np.inf
     # a weak path has little information, but this alone does not make the matrix singular
     scale = np.sqrt(np.diag(information))
-    if np.linalg.cond(information / np.outer(scale, scale)) < 1e14:
+    # a path so weak that its information rounds to 0 has none
+    if scale.all() and np.linalg.cond(information / np.outer(scale, scale)) < 1e14:
         bounds[present] = np.sqrt(np.diag(np.linalg.inv(information))[len(present) :])
     return bounds
 

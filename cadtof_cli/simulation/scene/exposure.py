@@ -1,5 +1,6 @@
 """A scene, recorded by a camera: the distribution of every pixel's voltages, made in bands of rows, and frames drawn from it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +82,11 @@ def expose_band(exposure: Exposure, rows: slice, /) -> Band:
     gain = averaging_gain(exposure.integration_length)
     voltages = voltage_statistics(mix, modulation, variance_gain=gain, motion=exposure.motion)
     return Band(voltages, truth)
+
+
+def expose_bands(exposure: Exposure, bands: Sequence[slice], /) -> list[Band]:
+    """Return what `expose_band` returns for each of some bands."""
+    return [expose_band(exposure, rows) for rows in bands]
 
 
 def _check_range(depth_m: Float, limit_m: float) -> None:

@@ -16,6 +16,7 @@ from cadtof_cli.doubts.frame import doubts
 from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CadtofError, no_memory_for
+from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied
 from cadtof_cli.execution.workers import Workers
@@ -186,6 +187,8 @@ class CaptureFacts:
 
 def facts_of_captures(captures: Sequence[Capture], /, *, workers: Workers, progress: Progress) -> list[CaptureFacts]:
     """Return what each capture holds. The same processes read the frames of all captures: there may be thousands of captures."""
+    # forked processes keep it, too
+    keep_freed_memory()
     looked = [_LookedInto(place, capture) for place, capture in enumerate(captures)]
     shared = [part for one in captures for part in (one.layout, one.source.metadata)]
     frames = (look for one in looked for look in one.frames())

@@ -1,6 +1,7 @@
 """`cadtof compare`: what differs between two runs, or between a run and truth, layer by layer and bit by bit."""
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,8 @@ class MapPairs:
 
     def __init__(self, first: Path, second: Path, /) -> None:
         self.a, self.b = read_run(first), read_run(second)
+        # a lone file is one of the last two with every frame
+        self._read = lru_cache(maxsize=2)(_values)
         require_same_depth(self.a, self.b)
         if self.a.roi and self.b.roi:
             require_same_part(self.a, self.b)
@@ -114,7 +117,7 @@ class MapPairs:
         """Return a frame's layers in A and in B; raises CadtofError if they cannot be read, or differ in size."""
         files = self.files[name]
         first, second = (
-            {key: self.b.cropped(self.a.cropped(plane)) for key, plane in _values(file).items()} for file in files
+            {key: self.b.cropped(self.a.cropped(plane)) for key, plane in self._read(file).items()} for file in files
         )
         one, other = (next(iter(layers.values())) for layers in (first, second))
         require_same_size(other, one.shape, files[1], files[0])

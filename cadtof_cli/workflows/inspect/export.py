@@ -145,21 +145,22 @@ def _write_npz(one: _Exported, output: Path) -> None:
 def _write_csv(one: _Exported, output: Path) -> None:
     """Write a line for each pixel: column, row, and the value of every layer; empty if there is no answer."""
     rows, columns = next(iter(one.layers.values())).shape
-    x = np.arange(columns).astype(str)
+    x = [str(column) for column in range(columns)]
     with atomic_write(output) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(("x", "y", *one.layers)) + "\n")
         # row by row, because texts take fifty times the memory of numbers
         for row in range(rows):
             texts = [x, [str(row)] * columns, *(_texts(plane[row]) for plane in one.layers.values())]
-            file.writelines(",".join(values) + "\n" for values in zip(*texts, strict=True))
+            file.writelines(f"{line}\n" for line in map(",".join, zip(*texts, strict=True)))
 
 
-def _texts(values: NDArray[Any]) -> NDArray[np.str_]:
+def _texts(values: NDArray[Any]) -> list[str]:
     """Return each value as the shortest text that is read as the same value; NaN is an empty text."""
     texts = values.astype(str)
     if values.dtype.kind == "f":
         texts[np.isnan(values)] = ""
-    return texts
+    found: list[str] = texts.tolist()
+    return found
 
 
 @dataclass(frozen=True)

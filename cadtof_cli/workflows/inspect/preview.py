@@ -69,6 +69,8 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
     if settings.frame is not None:
         require(settings.frame < len(found), "--frame", settings.frame, f"0 … {len(found) - 1}")
         found = [found[settings.frame]]
+    if settings.truth is not None and found[0].run is None:
+        raise SettingsError(f"--truth: found the recorded frame {found[0].name}, expected maps, which have errors")
     if settings.truth is not None and len(found) > 1 and not film:
         progress.say(f"drawn with truth: the first of {len(found)} frames; --frame N draws another")
         found = found[:1]
@@ -85,10 +87,10 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
 
 
 def _draw_calibration(folder: Path, out: Path, settings: PreviewSettings) -> None:
-    of_layers = settings.layer, settings.limits, settings.colours, settings.truth
-    if any(one is not None for one in of_layers) or out.suffix.lower() in FILMS:
+    of_frames = settings.layer, settings.limits, settings.colours, settings.truth, settings.frame
+    if any(one is not None for one in of_frames) or out.suffix.lower() in FILMS:
         raise SettingsError(
-            f"{folder}: a calibration is drawn as one picture; leave out --layer, --range, --cmap and --truth"
+            f"{folder}: a calibration is drawn as one picture; leave out --layer, --range, --cmap, --truth and --frame"
         )
     calibration = load_calibration(folder)
     parts = ", ".join(f"{kind_of} {digest}" for kind_of, digest in calibration.digests.items())

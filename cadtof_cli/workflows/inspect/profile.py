@@ -43,8 +43,8 @@ class ProfileSettings:
     )
     layer: str = setting(DIRECT_DEPTH, "Layer to show.", metavar="NAME")
     frame: int = setting(0, "Which map of each folder; 0 is the first.")
-    first_phasor: bool = setting(
-        True,
+    first_phasor: bool | None = setting(
+        None,
         "Whether to show the depth of the first phasor alone beside direct.depth.  [default: if the recorded frames are there]",
         option="--first-phasor/--no-first-phasor",
         show_default=False,
@@ -137,7 +137,8 @@ def _curve(
 ) -> Curve:
     """Return a map along the line, whose pixels are `where`; with the first phasor if it is wanted and there is a record."""
     first = None
-    if settings.layer == DIRECT_DEPTH and settings.first_phasor and one.run.record is not None:
+    wanted = one.run.record is not None if settings.first_phasor is None else settings.first_phasor
+    if settings.layer == DIRECT_DEPTH and wanted:
         first = first_phasors(one.run, say).depth(one)
     values = one.layer(settings.layer)[where].astype(np.float64)
     beside = (one.sigma(settings.layer), first)

@@ -35,6 +35,9 @@ SUFFIXES = (".html", ".htm")
 
 BYTES_PER_MB = 1_000_000
 
+MOST_MB = 1_000_000
+"""Largest page that can be asked for, in MB: far more than a browser opens."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReportSettings(GivenOptics):
@@ -58,7 +61,7 @@ class ReportSettings(GivenOptics):
     overwrite: bool = setting(False, "Replace the page if it exists.")
 
     def __post_init__(self) -> None:
-        require(self.max_size_mb >= 1.0, "--max-size-mb", f"{self.max_size_mb:g}", "1 or more")
+        require(1.0 <= self.max_size_mb <= MOST_MB, "--max-size-mb", f"{self.max_size_mb:g}", f"1 to {MOST_MB}")
         require(self.full_frames is None or self.full_frames >= 0, "--full-frames", self.full_frames, "0 or more")
 
 
@@ -85,6 +88,12 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     gathered.gather(progress)
     if run.record is None and not gathered.shown:
         raise FrameError(next(iter(gathered.problems.values())))
+    given = settings.focal_length_px is not None or settings.principal_point_px is not None
+    if given and all(one.optics.focal_length_px is None for one in gathered.shown.values()):
+        progress.say(
+            f"{run.maps}: no point cloud is shown: that needs --focal-length-px, and for maps of a --roi also "
+            "--principal-point-px, counted from the corner of the maps"
+        )
     errors = gathered.against_truth.summary()
     text = page_text(
         run,

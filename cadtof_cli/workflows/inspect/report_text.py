@@ -131,7 +131,7 @@ def _settings(record: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[s
     """Yield tables by their captions: the run's arguments, each capture's metadata, the calibration."""
     if not record:
         return
-    about = {name: record[name] for name in ("cadtof", "kernel", "started", "finished") if name in record}
+    about = {name: record[name] for name in ("cadtof", "kernel", "started", "finished") if record.get(name) is not None}
     arguments = {name: value for name, value in _table(record, "arguments").items() if not name.endswith("_inputs")}
     yield "Run", [(name, _plain(value), "") for name, value in (about | arguments).items()]
     for number, capture in enumerate(record.get("captures", []), start=1):

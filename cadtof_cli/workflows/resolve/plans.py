@@ -14,7 +14,8 @@ from cadtof_cli.doubts.frame import doubts_before_run
 from cadtof_cli.doubts.mistaken_units import mistaken_unit
 from cadtof_cli.doubts.plausible import implausible
 from cadtof_cli.errors import CaptureError, FrameError
-from cadtof_cli.files.formats import map_format
+from cadtof_cli.files.formats import RAW, format_by_suffix, map_format
+from cadtof_cli.files.frames import harmonic_labels
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.pipeline.plan import CalibrationUse, FramePlan
 from cadtof_cli.records import dataclass
@@ -124,11 +125,29 @@ class CapturePlan:
             )
         for doubt in self.doubts:
             yield f"warning: {root}: {doubt}"
+        yield from (f"{root}: {key} {where}" for key, where in self._without_effect())
         resolver, harmonics = self.settings.maps.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
             yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view that is 60° wide"
         if resolver.may_be_diffuse((1, 2)) and not resolver.may_be_diffuse(harmonics):
             yield f"{root}: half of the first period was not recorded, so all MPI is taken for separate paths, in rooms too"
+
+    def _without_effect(self) -> Iterator[tuple[str, str]]:
+        """Yield keys of the metadata that do not change the maps, each with the reason."""
+        metadata = self.capture.source.metadata
+        layout, optics = metadata.layout, metadata.optics
+        form = format_by_suffix(self.typical.source.paths[0]) if self.typical else None
+        if form is not None and layout.frames not in {None, 1} and (layout.pattern or not form.stacks):
+            what = "of one plane" if layout.pattern else "of this format"
+            yield "layout.frames", f"has no effect: {form.title} files {what} are no stacks"
+        if form is not None and layout.raw_shape and form is not RAW:
+            yield "layout.raw_dtype and layout.raw_shape", f"have no effect on {form.title} files"
+        named = dict(layout.harmonic or ())
+        recorded = harmonic_labels(metadata.modulation.harmonics, set(named.values()))
+        if unused := [name for name, number in named.items() if number not in recorded]:
+            yield f"layout.harmonic.{', '.join(unused)}", "has no effect: modulation.periods_ns has no such period"
+        if optics.principal_point_px and optics.focal_length_px is None:
+            yield "optics.principal_point_px", "has no effect on maps without optics.focal_length_px"
 
 
 def captures_in(

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cadtof_cli.capture.frames import Capture
+from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import make_folder, remove_partial_files
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, numpy_note
+from cadtof_cli.resolver.kernels import CHOICE, NUMPY, chosen_kernel, numpy_note
 from cadtof_cli.workflows.resolve.earlier import earlier_run, remove_run
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.ongoing_run import Batch, OngoingRun
@@ -114,7 +115,10 @@ def _notes(
     for one in plans:
         yield from one.notes()
     yield from calibration.notes if calibration else ()
-    if chosen_kernel() == NUMPY:
+    if settings.workers.scheduler != LOCAL:
+        if os.environ.get(CHOICE):
+            yield f"{CHOICE}: has no effect with --scheduler, whose workers are started elsewhere"
+    elif chosen_kernel() == NUMPY:
         yield numpy_note()
     if settings.maps.pool > 1:
         yield from pooling_notes(plans, settings)

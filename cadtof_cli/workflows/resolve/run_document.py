@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.frames import FrameSource
+from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import path_from
 from cadtof_cli.resolver.kernels import chosen_kernel
@@ -99,7 +100,8 @@ def run_document(
             "cadtof": __version__,
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
             "finished": False,
-            "kernel": chosen_kernel(),
+            # the workers of a scheduler choose their own
+            "kernel": chosen_kernel() if settings.workers.scheduler == LOCAL else None,
             "arguments": {
                 **_input_arguments(inputs, settings.out),
                 "out": settings.out.as_posix(),

@@ -1,6 +1,8 @@
-"""Record a simulated scene as a capture: bands of rows in parallel, then frame after frame to disk, with the truth beside."""
+"""Record a simulated scene as a capture: bands of rows in parallel, then frames in parallel to disk, with the truth beside."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,6 +13,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Target, Voltage
 from cadtof_cli.capture.toml import FILE_NAME, toml_text
 from cadtof_cli.errors import require
+from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS, TIFF, format_by_name
@@ -19,11 +22,14 @@ from cadtof_cli.files.layers import write_layers
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.mix import AT_REST, Motion
 from cadtof_cli.simulation.scene.camera import Camera
-from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
+from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_bands, frame_voltages, joined
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import Wall
 from cadtof_cli.version import __version__
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
+
+MOST_BANDS = 16
+"""Most bands that a process gets at once if there are several processes: larger shares would hide the progress."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,27 +96,54 @@ def record_scene(
         whole = expose(exposure, workers=workers, progress=progress)
         seen = np.isfinite(whole.truth["direct.depth"]).any()
         require(bool(seen), "scene", "nothing in view", "a surface there: bring the scene nearer")
-        frames = frames_of(exposure, whole, settings.frames, progress=progress)
         comments = _comments(exposure, settings.frames)
-        write_capture(folder, frames, exposure=exposure, settings=settings, truth=whole.truth, comments=comments)
+        write_capture(folder, (), exposure=exposure, settings=settings, truth=whole.truth, comments=comments)
+        record = partial(_record_frame, _drawing(exposure, whole), partial(_write_frame, folder, exposure, settings))
+        with closing(results(record, range(settings.frames), workers=workers, progress=progress)) as recorded:
+            deque(recorded, maxlen=0)
     depth, ratio = whole.truth["direct.depth"], whole.truth["mpi.ratio"]
     return RecordReport(float(np.nanmedian(ratio)), (float(np.nanmin(depth)), float(np.nanmax(depth))))
 
 
 def expose(exposure: Exposure, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> Band:
-    """Return the voltages and truth of a whole frame. The processes share its bands of rows."""
-    rows = band_rows(exposure.camera.height)
-    bands = results(partial(expose_band, exposure), rows, workers=workers, progress=progress)
-    return joined(list(bands))
+    """Return the voltages and truth of a whole frame. The processes share its bands of rows.
+
+    A process gets bands that lie together, because it keeps light of a room that its next band needs again.
+    """
+    # forked processes keep it, too
+    keep_freed_memory()
+    rows, bands = band_rows(exposure.camera.height), list[Band]()
+    count = min(-(-len(rows) // workers.jobs), MOST_BANDS) if workers.jobs > 1 else 1
+    shares = [rows[first : first + count] for first in range(0, len(rows), count)]
+    for share in results(partial(expose_bands, exposure), shares, workers=workers, progress=NO_PROGRESS):
+        bands += share
+        progress.advance(len(share))
+    return joined(bands)
 
 
-def frames_of(exposure: Exposure, whole: Band, count: int, /, *, progress: Progress = NO_PROGRESS) -> Iterator[Float]:
+def frames_of(exposure: Exposure, whole: Band, count: int, /) -> Iterator[Float]:
     """Yield so many frames, voltages in V (H, 2, Y, X) each, drawn from the distribution of a frame's voltages."""
+    return map(_drawing(exposure, whole), range(count))
+
+
+def _drawing(exposure: Exposure, whole: Band) -> Callable[[int], Float]:
+    """Return the function that draws the frame of an index."""
     camera, harmonics = exposure.camera, len(exposure.metadata.modulation.harmonics)
     offsets = camera.dark_offsets_v(exposure.seed, harmonics) if camera.dark_offset_v > 0 else None
-    for index in range(count):
-        yield frame_voltages(exposure, whole, index, offsets_v=offsets)
-        progress.advance()
+    return partial(frame_voltages, exposure, whole, offsets_v=offsets)
+
+
+def _record_frame(draw: Callable[[int], Float], write: Callable[[int, Float], None], index: int) -> None:
+    write(index, draw(index))
+
+
+def _write_frame(folder: Path, exposure: Exposure, settings: RecordSettings, index: int, voltages_v: Float) -> None:
+    """Write the frame of an index into the folder of its capture."""
+    kind = format_by_name(settings.frame_format)
+    stored = exposure.camera.counts_from_voltages(voltages_v) if kind.recording == "counts" else voltages_v
+    layout = FrameLayout(exposure.metadata.modulation.harmonics)
+    path = folder / f"frame_{index:04d}.{kind.name}"
+    kind.frames().write_frame(path, stored, layout=layout, compress=settings.compress)
 
 
 def _comments(exposure: Exposure, frames: int) -> tuple[str, ...]:
@@ -141,8 +174,5 @@ def write_capture(
     metadata = metadata if kind.recording == "counts" else replace(metadata, voltage=Voltage())
     (folder / FILE_NAME).write_text(toml_text(metadata, comments=comments), encoding="utf-8")
     write_layers(folder / "truth.exr", truth, lossy=True)
-    files, layout = kind.frames(), FrameLayout(metadata.modulation.harmonics)
     for index, voltages_v in enumerate(frames):
-        stored = exposure.camera.counts_from_voltages(voltages_v) if kind.recording == "counts" else voltages_v
-        path = folder / f"frame_{index:04d}.{kind.name}"
-        files.write_frame(path, stored, layout=layout, compress=settings.compress)
+        _write_frame(folder, exposure, settings, index, voltages_v)

@@ -149,6 +149,8 @@ def test_bound_of_weak_mpi_is_finite_and_grows_as_the_mpi_becomes_weaker() -> No
     """With an MPI ratio of 1e-6, both bounds were infinite, as if the paths coincided."""
     weak, weaker = (bounds_ns(paper_mix(1.0, mpi_ratio=ratio)) for ratio in (1e-4, 1e-6))
     np.testing.assert_allclose(weaker, weak * [1.0, 100.0], rtol=1e-3)
+    # its information rounds to 0
+    assert np.isinf(bounds_ns(paper_mix(1.0, mpi_ratio=1e-300))).all()
 
 
 def test_bound_without_any_noise_is_nothing() -> None:
