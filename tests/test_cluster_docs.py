@@ -12,11 +12,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 
 from tests.support.captures import record
 from tests.support.cluster import require_dask
+from tests.support.needed import needed_module
 from tests.support.run_cadtof import ENVIRONMENT, ROOT
 
 PLACE = ROOT / "docs" / "cluster"
@@ -56,8 +56,7 @@ kill -- -$(cat "$JOBS"/job.*)
 
 def require_jobqueue() -> None:
     require_dask()
-    if not os.environ.get("CI"):
-        pytest.importorskip("dask_jobqueue")
+    needed_module("dask_jobqueue")
 
 
 def test_a_run_on_slurm_gets_workers(tmp_path: Path) -> None:
@@ -90,7 +89,7 @@ def test_the_job_for_slurm(tmp_path: Path) -> None:
     require_jobqueue()
     # an environment below a folder whose name has a space
     (tmp_path / "my env").symlink_to(sys.prefix)
-    python = str(tmp_path / "my env" / Path(sys.executable).relative_to(sys.prefix))
+    python = str(tmp_path / "my env" / os.path.relpath(sys.executable, sys.prefix))
     command = [
         python,
         str(PLACE / "slurm.py"),
