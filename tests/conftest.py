@@ -19,12 +19,12 @@ ROOT = Path(__file__).parents[1]
 
 
 def pytest_configure() -> None:
-    """Undo what a user has set for a terminal, dask and warnings of packages, and let programs that tests start be stopped.
+    """Undo what a user has set for kernels, terminals, dask and warnings, and let programs that tests start be stopped.
 
     In the background, shells and `nohup` make programs ignore signals.
     """
     for name in tuple(os.environ):
-        if name in {"COLUMNS", "LINES", "PYTHONWARNINGS"} or name.startswith("DASK_"):
+        if name in {"CADTOF_KERNEL", "COLUMNS", "LINES", "PYTHONWARNINGS"} or name.startswith("DASK_"):
             del os.environ[name]
     for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
         number = getattr(signal, name, None)
