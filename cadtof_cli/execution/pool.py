@@ -195,9 +195,12 @@ class _Pool(Generic[Task, Result]):
                 process.start()
         except (OSError, EOFError) as error:
             # EOFError: the fork server has ended
-            why = error.strerror if isinstance(error, OSError) else error
+            why = (isinstance(error, OSError) and error.strerror) or error
             too_many_files = isinstance(error, OSError) and error.errno in {errno.EMFILE, errno.ENFILE}
             cure = "allow more open files (ulimit -n)" if too_many_files else "try fewer --jobs"
+            if "AF_UNIX" in str(why):
+                # the fork server has a socket in the temporary folder
+                cure = "set TMPDIR to a folder with a shorter path"
             raise WorkersError(f"no worker process can be started ({why}): {cure}") from error
         finally:
             theirs.close()

@@ -39,10 +39,16 @@ def drawable(text: str, /) -> str:
 
 def within(text: str, inches: float, /, *, size: float) -> str:
     """Return a drawable text that is at most `inches` wide at font size `size`; if needed, its middle is left out."""
-    text = drawable(text)
+    shown = text = drawable(text)
+    # the letters that are left may be wider than the others
+    while shown.strip() and len(shown) > 3 and (wide := _inches(shown, size)) > inches:
+        shown = shortened(text, min(int(len(shown) * inches / wide), len(shown) - 1))
+    return shown
+
+
+def _inches(text: str, size: float) -> float:
     # `$` is replaced, so that the width is that of letters and not of mathematics
-    wide = TextPath((0, 0), text.replace("$", "S"), size=size).get_extents().width / 72 if text.strip() else 0.0
-    return text if wide <= inches else shortened(text, int(len(text) * inches / wide))
+    return float(TextPath((0, 0), text.replace("$", "S"), size=size).get_extents().width) / 72
 
 
 def add_title(figure: Figure, title: str, /, *, below: float, size: float = 11) -> None:
