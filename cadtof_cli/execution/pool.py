@@ -188,7 +188,9 @@ class _Pool(Generic[Task, Result]):
         ours, theirs = self._context.Pipe()
         taken = {worker.core for worker in self._workers}
         core = next((core for core in self._cores if core not in taken), None)
-        arguments = (self._function, self._messages, theirs, ours, self._listening, self._held, core)
+        forked = self._context.get_start_method() == "fork"
+        messages = self._messages if forked else None
+        arguments = (self._function, messages, theirs, ours, self._listening, self._held, core)
         process = self._context.Process(target=serve, args=arguments, daemon=True)
         try:
             with current_folder_left_out(), signals_held_back(self._context.get_start_method()):
@@ -204,6 +206,11 @@ class _Pool(Generic[Task, Result]):
             raise WorkersError(f"no worker process can be started ({why}): {cure}") from error
         finally:
             theirs.close()
+        if not forked:
+            # among the arguments, they could fill a pipe of which this process holds both ends until the worker has read it: if
+            # the worker died at once, the wait would never end
+            with suppress(OSError):
+                ours.send_bytes(pickle.dumps(self._messages, pickle.HIGHEST_PROTOCOL))
         worker = _Worker[Task, Result](process, ours, core)
         self._workers.append(worker)
         self._incoming.add(ours, worker)
